@@ -54,11 +54,11 @@ class Choice:
 
 def loops_study(run: Run, choice: Choice) -> None:
     """All results of the study's fit; StudyError without a current one, FitError where no gains keep the limit."""
+    if choice.delay is not None and choice.delay > MAX_DELAY_SAMPLES:
+        raise StudyError(f"--delay {choice.delay}: a controller answers within {MAX_DELAY_SAMPLES} samples")
     run.study.as_robot()
     run.require_stage("fit")
     run.require_result("fit")
-    if choice.delay is not None and choice.delay > MAX_DELAY_SAMPLES:
-        raise StudyError(f"--delay {choice.delay}: a controller answers within {MAX_DELAY_SAMPLES} samples")
     with logged_in(run.folder, run.jobs, run.console):
         result = read_fit(run.path("fit"))
         rate_hz = choice.rate_hz or _own_rate(run)

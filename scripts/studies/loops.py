@@ -18,7 +18,6 @@ three postures; gains with the largest bandwidth at 6 dB are designed at 500 Hz 
 The last line is one JSON object.
 """
 
-# ruff: noqa: E402
 import os
 import tempfile
 

@@ -65,10 +65,11 @@ class Cascade:
         high[3 * n :] = np.minimum(high[3 * n :].reshape(-1, 3), ends[1]).ravel()
         return np.minimum(low, x), np.maximum(high, x)
 
-    def slower(self, factor: float) -> Cascade:
-        """With the frequencies of all loops times a factor; filters stay."""
-        gains = {name: factor * getattr(self, name) for name in ("position_gain", "velocity_gain")}
-        return replace(self, **gains)
+    def slower(self, position: float, velocity: float) -> Cascade:
+        """With the position gains and the velocity gains of all axes times factors; filters stay."""
+        return replace(
+            self, position_gain=position * self.position_gain, velocity_gain=velocity * self.velocity_gain
+        )  # fmt: skip
 
     @property
     def gains(self) -> Gains:

@@ -48,9 +48,11 @@ class Plants:
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
-        z = np.exp(2j * np.pi * freq_hz / self.rate_hz)[:, :, None, None]
-        A, B = self.A[:, None].astype(complex), self.B[:, None].astype(complex)
-        return np.asarray(self.C[:, None] @ np.linalg.solve(z * np.eye(A.shape[-1]) - A, B))
+        unit, responses = np.eye(self.A.shape[-1]), []
+        for A, B, C, own in zip(self.A, self.B, self.C, freq_hz, strict=True):  # all at once take gigabytes
+            z = np.exp(2j * np.pi * own / self.rate_hz)[:, None, None]
+            responses.append(C @ np.linalg.solve(z * unit - A, B.astype(complex)))
+        return np.array(responses)
 
     def to_control(self, i: int) -> Any:
         """Plant i as `control.StateSpace` at the controller's rate."""
