@@ -1,8 +1,8 @@
 r"""A controller on the identified robot: peaks, bandwidths and margins in every posture with 95 % of the draws.
 
-Each peak within half a dB of the largest is traced to the axis that has most of it and to the mode of the robot, its
-motors free, that is nearest; one that is farther than a third from every mode is left to the phase of the loop: to its
-gains at low frequencies, to delay, sampling and filters at high ones.
+Each peak within half a dB of the largest is traced to the axis that has most of it and to the nearest mode of the
+robot, its motors free, that moves the motor of this axis; one that is farther than a third from every mode is left to
+the phase of the loop: to its gains at low frequencies, to delay, sampling and filters at high ones.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from elastid.use.loops.sensitivity import (
     tracking_error,
 )
 
-_NEAR = 1 / 3  # of a frequency, within which a mode may be the cause of a peak
+_NEAR, _MOVED = 1 / 3, 5e-3  # of a frequency within which, and of the motor's motion by which, a mode makes a peak
 _BINDING_DB = 0.5  # of the largest peak, within which another one limits the gains as well
 _SHOWN = 240  # lines of the curves that are kept
 Band: TypeAlias = tuple[FloatArray, FloatArray]
@@ -211,7 +211,8 @@ def _causes(own: Sampled, plants: Plants, q: int, modes: tuple[PlantMode, ...], 
 def _cause(own: Sampled, plants: Plants, q: int, line: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> str:
     root, freq_hz = np.sqrt(plants.inertia[q]), float(own.freq_hz[q, line])
     left, _, right = np.linalg.svd(own.S[q, line] / root[:, None] * root)
-    axis = axes[int(np.abs(left[:, 0] * right[0]).argmax())]
+    i = int(np.abs(left[:, 0] * right[0]).argmax())
+    axis, modes = axes[i], tuple(mode for mode in modes if mode.parts[i] >= _MOVED)
     if not own.stable[q]:
         return f"unstable, at {freq_hz:.3g} Hz in axis {axis}"
     near = min(modes, key=lambda each: abs(np.log(each.freq_hz / freq_hz)), default=None)

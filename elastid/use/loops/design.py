@@ -185,7 +185,8 @@ class _Problem:
 
     def __init__(self, scene: Scene, form: Cascade, limit_db: float):
         self.scene, self.form, self.limit_db = scene, form, limit_db
-        self.known: tuple[bytes, tuple[float, FloatArray, FloatArray, FloatArray]] = (b"", (0.0, *[np.zeros(0)] * 3))
+        none = np.zeros(0)
+        self.known: tuple[bytes, tuple[float, FloatArray, FloatArray, FloatArray]] = (b"", (0.0, none, none, none))
 
     def cost(self, x: FloatArray) -> tuple[float, FloatArray]:
         """-mean ln f_B over the axes, the minimum over postures rounded off."""

@@ -120,9 +120,9 @@ def _from_injected(record: Record) -> Record:
     assert record.r is not None
     places = (*(f"torque of {motor}" for motor in record.inputs), *(f"angle of {motor}" for motor in record.inputs))
     y = np.hstack([np.asarray(record.u), np.asarray(record.y)[:, columns]])
-    quantities: tuple[Motion, ...] = ("position",) * len(places)
+    position: Motion = "position"
     return replace(
-        record, outputs=places, quantities=quantities, u=np.asarray(record.r), y=y, r=None,
+        record, outputs=places, quantities=(position,) * len(places), u=np.asarray(record.r), y=y, r=None,
         hold="band-limited", hold_samples=(), sliding=(),
     )  # fmt: skip
 

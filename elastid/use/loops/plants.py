@@ -72,13 +72,15 @@ class Plants:
 class PlantMode:
     """A mode of the robot with motors that are free: freq_hz, zeta, and the spring with the most strain energy.
 
-    share: of all springs in the strain energy; the rest is gravity's.
+    share: of all springs in the strain energy; the rest is gravity's.  parts (n_u,): by which it moves each motor,
+    over that of the mode that moves it most.
     """
 
     freq_hz: float
     zeta: float
     spring: str
     share: float
+    parts: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,9 +141,15 @@ class PostureFamily:
         point = equilibrium(self.family.model, self.family.theta, own.configuration)
         energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(own, known.shapes))
         strained = np.nan_to_num(energy.share).argmax(axis=0)
+        M = own.matrices(self._theta(own))[0]
+        parts = (
+            np.abs(own.B.T @ known.shapes) ** 2 / np.einsum("im,ij,jm->m", known.shapes.conj(), M, known.shapes).real
+        )
+        parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
+        rows = zip(known.freq_hz, known.zeta, strained, energy.load, parts.T, strict=True)
         return tuple(
-            PlantMode(float(f), float(zeta), energy.springs[i], float(1 - load))
-            for f, zeta, i, load in zip(known.freq_hz, known.zeta, strained, energy.load, strict=True)
+            PlantMode(float(f), float(zeta), energy.springs[i], float(1 - load), tuple(moved.tolist()))
+            for f, zeta, i, load, moved in rows
         )
 
     def _theta(self, own: LinearModel) -> FloatArray:
