@@ -1,4 +1,4 @@
-"""loops: margins of today's joint controllers, and gains of the fitted robot -> loops.html, .yml, .csv, .h5, .png."""
+"""loops: margins of today's joint controllers and gains of the fitted robot, as page, table and section of a study."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ from elastid.use.loops.result import Asked, Loops, Today, design_loops, inertias
 from elastid.use.loops.sensitivity import LIMIT_DB
 from elastid.use.postures import random_postures, read_path
 
+NAME = "loops"
 RESULTS = ("loops.h5", "loops.yml", "loops.csv", "loops.html", "loops.png")
 MOST = 40  # postures of a path; each costs as much time as the others
 _GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")
@@ -69,15 +70,15 @@ def loops_study(run: Run, choice: Choice) -> None:
         postures = _postures(run, result, choice)
         asked = Asked(postures, rate_hz, delay, choice.draws, run.study.seed or 0, robot, name)
         loops = design_loops(
-            run.study.name, result, asked, today, measured, lambda words: run.console.say(f"loops: found {words}")
+            run.study.name, result, asked, today, measured, lambda words: run.console.say(f"{NAME}: found {words}")
         )
         _write(run, loops)
         for table in tables(loops):
             run.console.table(table)
         for line in sentences(loops):
-            run.console.say(f"loops: {line}")
+            run.console.say(f"{NAME}: {line}")
         if result.status not in TRUSTED:
-            run.console.warn(f"loops: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+            run.console.warn(f"{NAME}: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
 
 
 def _own_rate(run: Run) -> float:
@@ -178,7 +179,7 @@ def _write(run: Run, loops: Loops) -> None:
     write_page_of_loops(loops, snippet(loops), run.folder, run.stamps["fit"].shown)
     keep_checksums(run.folder, RESULTS)
     for name in RESULTS:
-        run.console.say(f"loops: {run.folder / name}")
+        run.console.say(f"{NAME}: {run.folder / name}")
 
 
 def snippet(loops: Loops) -> str:

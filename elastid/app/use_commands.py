@@ -105,12 +105,12 @@ def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_m
 @stage_options
 def loops(study: Path, path: Path | None, random: int | None, rate_hz: float | None, delay: int | None, draws: int,
     **options: Any) -> None:  # fmt: skip
-    """Margins of the joint controllers, and gains for the fitted robot: loops.html, loops.yml, .csv, .h5, .png.
+    """Margins of the joint controllers, and gains for the fitted robot: loops.html, loops.csv and a section to paste.
 
     Of today's controller, as the study states it and as its records show it, sensitivity peak, bandwidths and margins;
     and gains of position and velocity, notches and low passes with the largest bandwidth whose sensitivity stays below
-    6 dB in all postures, by default those of the study, and on 95 % of the robots drawn from the fit. loops.yml is the
-    section `controller` of a study.
+    6 dB in all postures, by default those of the study, and on 95 % of the robots drawn from the fit. The gains are
+    written as the section `controller` of a study, too.
     """
     if path is not None and random is not None:
         raise click.UsageError("--path and --random exclude one another; give one of them")

@@ -218,5 +218,6 @@ def _cause(own: Sampled, plants: Plants, q: int, line: int, modes: tuple[PlantMo
     near = min(modes, key=lambda each: abs(np.log(each.freq_hz / freq_hz)), default=None)
     if near is None or abs(near.freq_hz / freq_hz - 1) > _NEAR:
         is_slow = near is not None and freq_hz < near.freq_hz
-        return f"axis {axis} at {freq_hz:.3g} Hz: {'ratio K_p / K_v' if is_slow else 'delay and filters'}, no mode"
+        words = "gains and notches below its modes" if is_slow else "delay and filters above its modes"
+        return f"axis {axis} at {freq_hz:.3g} Hz: {words}"
     return f"axis {axis} at {freq_hz:.3g} Hz: mode at {near.freq_hz:.3g} Hz, {near.spring}"

@@ -130,25 +130,16 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
 
 
 def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
-    """With a shallow notch for the axis that has most of the largest peak, at that peak and at either side of it."""
-    own, line, shares = largest_peak(scene, best)
-    axis, freq_hz = int(shares.argmax()), float(scene.freq_hz[own, line])
-    if best.axes.count(axis) >= MAX_NOTCHES:
-        return
-    for ratio in (0.8, 1.0, 1.25):
-        row = np.array([[min(freq_hz * ratio, HIGHEST * scene.plants.rate_hz), 0.7, 0.7]])
-        yield replace(best, notches=np.vstack([best.notches, row]), axes=(*best.axes, axis))
-
-
-def largest_peak(scene: Scene, cascade: Cascade, plant: int | None = None) -> tuple[int, int, FloatArray]:
-    """Plant and line of M_S, and the share (n_u,) of each axis in it; plant: of this one alone."""
-    S = scaled(scene.sensitivity(cascade)[0], scene.plants.inertia)
-    size = largest_gain(S)
-    own = int(size.max(axis=1).argmax()) if plant is None else plant
-    line = int(size[own].argmax())
-    left, _, right = np.linalg.svd(S[own, line])
-    shares = np.abs(left[:, 0] * right[0])
-    return own, line, shares / shares.sum()
+    """With a shallow notch for each axis that may have one more, below and above the peak that it has most part in."""
+    left, size, right = np.linalg.svd(scaled(scene.sensitivity(best)[0], scene.plants.inertia))
+    parts = np.abs(left[..., 0] * right[..., 0, :]) * size[..., :1]
+    for axis in range(len(best.velocity_gain)):
+        if best.axes.count(axis) >= MAX_NOTCHES:
+            continue
+        freq_hz = scene.freq_hz[np.unravel_index(int(parts[..., axis].argmax()), parts.shape[:2])]
+        for ratio in (0.8, 1.25):
+            row = np.array([[min(freq_hz * ratio, HIGHEST * scene.plants.rate_hz), 0.7, 0.7]])
+            yield replace(best, notches=np.vstack([best.notches, row]), axes=(*best.axes, axis))
 
 
 def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
