@@ -225,43 +225,13 @@ def _notches(loops: Loops, joint: str) -> list[tuple[float, float, float]]:
 def tables(loops: Loops) -> list[list[list[str]]]:
     """Peaks and their causes by posture, of today's controller and of the designed one; gains by axis."""
     by_posture = [["controller", "posture", "sensitivity peak dB", "95 % of draws", "limited by"]]
-    by_posture += [row for state in states(loops) for row in posture_rows(state)]
-    by_posture += [
-        ["measured", own.configuration, f"{number(own.peak_db, 3)}", f"{_interval(own)}", _edge(own)]
-        for own in loops.measured
-    ]
+    by_posture += loops.peak_cells
     gains = [["axis", "K_p 1/s", "K_v", "T_i s", "low pass Hz", "notches Hz", "bandwidth Hz"]]
     rows, designed = gain_rows(loops), loops.designed.bandwidth_hz.min(axis=0)
     for row, f_B in zip(rows[1:], designed, strict=True):
         notches = ", ".join(number(float(each), 3) for each in row[5::3] if each != "")
         gains.append([str(row[0]), *(number(float(each), 4) for each in row[1:5]), notches, number(float(f_B), 3)])
     return [by_posture, gains]
-
-
-def states(loops: Loops) -> tuple[LoopState, ...]:
-    """Today's controller where it is known, and the designed one."""
-    return tuple(state for state in (loops.today, loops.designed) if state is not None)
-
-
-def posture_rows(state: LoopState) -> list[list[str]]:
-    """Cells of each posture."""
-    return [
-        [
-            state.name, posture, number(float(peak), 3) if np.isfinite(peak) else "unstable",
-            f"{number(float(low), 3)} to {number(float(high), 3)}" if np.isfinite(low + high) else "", cause,
-        ]
-        for posture, peak, low, high, cause in zip(
-            state.postures, state.peak_db, state.peak_low, state.peak_high, state.limited_by, strict=True
-        )
-    ]  # fmt: skip
-
-
-def _interval(own: MeasuredLoops) -> str:
-    return f"{number(own.peak_db - 1.96 * own.peak_std, 3)} to {number(own.peak_db + 1.96 * own.peak_std, 3)}"
-
-
-def _edge(own: MeasuredLoops) -> str:
-    return "at an end of the band: the peak may lie beyond" if own.at_edge else ""
 
 
 def sentences(loops: Loops) -> tuple[str, ...]:

@@ -168,6 +168,11 @@ class Family:
     def _loop(self, configuration: Configuration) -> JointLoop:
         given = self.asked.controller
         if hasattr(given, "bandwidth_hz"):
+            if given.delay_samples or (given.gains is not None and (given.gains.notches or given.gains.low_pass_hz)):
+                raise StudyError(
+                    "the controller has filters or a delay, which these equations leave out; give JointLoop(kp, kd, "
+                    "ki) without them, or take `elastid loops`"
+                )
             q = rigid_posture(self.model, configuration, self.theta)
             given = gains_of(self.model, q, given)
         n_u = self.model.n_u

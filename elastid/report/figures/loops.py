@@ -18,14 +18,13 @@ def loops_figure(loops: Loops) -> Figure:
     """Sensitivity, size and phase of the designed loops with 95 % of draws, and steps."""
     figure, axes = style.column(9.0, (1.1, 1.1, 0.9, 1.0), 0.3, sharex=False)
     peaks, sizes, phases, stepped = axes
-    known = [state for state in (loops.today, loops.designed) if state is not None]
-    for state, color in zip(known, COLORS[-len(known) :], strict=True):
+    for state, color in zip(loops.states, COLORS[-len(loops.states) :], strict=True):
         _plot_sensitivity(peaks, state, color)
     for own in loops.measured:
         text = "measured" if own is loops.measured[0] else None
         peaks.plot(own.freq_hz, own.sensitivity_db, color=style.MEASURED, ms=2.5, label=text, **style.DOTS)
     peaks.axhline(LIMIT_DB, color=style.TRUTH, lw=0.8, ls="--")
-    peaks.set_ylim(-30, max(10.0, *(float(state.sensitivity_db.max()) + 2 for state in known)))
+    peaks.set_ylim(-30, max(10.0, *(float(state.sensitivity_db.max()) + 2 for state in loops.states)))
     style.label(peaks, y="sensitivity in dB")
     for i, joint in enumerate(loops.joints):
         color = style.SERIES[i % len(style.SERIES)]

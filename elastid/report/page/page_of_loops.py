@@ -14,7 +14,6 @@ from elastid.base.files import write_whole
 from elastid.report.figures.loops import loops_figure
 from elastid.report.figures.style import own_style
 from elastid.report.page.page import render, rendered
-from elastid.use.loops.assess import LoopState
 from elastid.use.loops.result import Loops
 from elastid.use.loops.sensitivity import LIMIT_DB
 
@@ -41,31 +40,10 @@ class LoopContent:
         )
 
     @property
-    def states(self) -> tuple[LoopState, ...]:
-        """Today's controller where it is known, and the designed one."""
-        return tuple(state for state in (self.loops.today, self.loops.designed) if state is not None)
-
-    @property
-    def peaks(self) -> list[list[str]]:
-        """Cells of each posture of each controller, then of each measured configuration."""
-        rows = []
-        for state in self.states:
-            for q, posture in enumerate(state.postures):
-                ends = [float(state.peak_low[q]), float(state.peak_high[q])]
-                band = " to ".join(number(end, 3) for end in ends) if np.isfinite(ends).all() else ""
-                peak = number(float(state.peak_db[q]), 3) if np.isfinite(state.peak_db[q]) else "unstable"
-                rows.append([state.name, posture, peak, band, state.limited_by[q]])
-        for own in self.loops.measured:
-            band = " to ".join(number(own.peak_db + side * 1.96 * own.peak_std, 3) for side in (-1, 1))
-            edge = "at an end of the band: the peak may lie beyond" if own.at_edge else "measured, no model in it"
-            rows.append(["measured", own.configuration, number(own.peak_db, 3), band, edge])
-        return rows
-
-    @property
     def margins(self) -> list[list[str]]:
         """Cells of each axis of each controller: the smallest over the postures, with the low end of its band."""
         rows = []
-        for state in self.states:
+        for state in self.loops.states:
             for i, axis in enumerate(state.axes):
                 low, own = state.margins_low, state.margins
                 rise = 20 * np.log10(np.array([own.rise[:, i].min(), low.rise[:, i].min()]))

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
+from elastid.base.display import number
 from elastid.base.errors import StudyError
+from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.result import FitResult
 from elastid.linear.equilibrium import equilibrium
@@ -50,6 +52,25 @@ class Loops:
     def controller(self) -> ControllerSpec:
         """The designed one, as a study has it."""
         return self.gains.to_spec(self.joints)
+
+    @property
+    def states(self) -> tuple[LoopState, ...]:
+        """Today's controller where it is known, and the designed one."""
+        return tuple(state for state in (self.today, self.designed) if state is not None)
+
+    @property
+    def peak_cells(self) -> list[list[str]]:
+        """Controller, posture, peak in dB, 95 % and cause of each posture of each controller, then as measured."""
+        rows = []
+        for own in self.states:
+            columns = zip(own.postures, own.peak_db, own.peak_low, own.peak_high, own.limited_by, strict=True)
+            for posture, peak, low, high, cause in columns:
+                rows.append([own.name, posture, _cell(peak), _range(low, high), cause])
+        for each in self.measured:
+            ends = (each.peak_db + side * QUANTILE_95 * each.peak_std for side in (-1, 1))
+            edge = "at an end of the band: the peak may lie beyond" if each.at_edge else "no model in it"
+            rows.append(["measured", each.configuration, _cell(each.peak_db), _range(*ends), edge])
+        return rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +138,14 @@ def design_loops(
         name, joints, units, asked.rate_hz, asked.draws, "" if today is None else today.source, state,
         tuple(measured), designed, found, stepped,
     )  # fmt: skip
+
+
+def _cell(peak: float) -> str:
+    return number(float(peak), 3) if np.isfinite(peak) else "unstable"
+
+
+def _range(low: float, high: float) -> str:
+    return f"{number(float(low), 3)} to {number(float(high), 3)}" if np.isfinite(low + high) else ""
 
 
 def _sprung(modes: tuple[PlantMode, ...], posture: str) -> tuple[PlantMode, ...]:
