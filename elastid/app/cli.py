@@ -21,7 +21,7 @@ from elastid import __version__
 from elastid.app.options import options_of, run_of, stage_options, study_argument
 from elastid.app.signals import insisting, libraries_off_terminal
 from elastid.app.stage_table import helps
-from elastid.app.use_commands import map_command, shape, tune
+from elastid.app.use_commands import loops, map_command, shape, tune
 from elastid.base.errors import ElastidError, StudyError
 from elastid.base.escape import printable
 
@@ -204,7 +204,7 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
     predicting.predict(run_of(study, predicting.on_logs(study, logs, options)), source)
 
 
-for command in (map_command, tune, shape):
+for command in (map_command, tune, loops, shape):
     cli.add_command(command)
 
 
@@ -320,7 +320,7 @@ def explained(error: Exception) -> int:
 
 
 # Commands that write at their end alone.
-WITHOUT_PARTS = {"map", "tune", "shape", "export", "check", "inspect", "new", "predict"}
+WITHOUT_PARTS = {"map", "tune", "loops", "shape", "export", "check", "inspect", "new", "predict"}
 
 
 def interrupted(arguments: Sequence[str]) -> int:

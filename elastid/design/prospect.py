@@ -41,7 +41,7 @@ from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
 from elastid.response import Covariance, FrequencyResponse, MotorMotion
 from elastid.robot import Robot
-from elastid.simulation.controller import tune
+from elastid.simulation.controller import filters_of, gains_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,6 +276,9 @@ class Prospect:
         angles = tuple(configuration.angles.tolist())
         k_p, k_d, k_i = _gains(self.robot, self.model, angles, self.simulated.controller)
         F = (k_p[:, None] + k_d[:, None] * s) * (1 + k_i[:, None] / s)
+        joints, rate_hz = [joint.name for joint in self.robot.driven], self.plan.rate_hz
+        if (filters := filters_of(joints, self.simulated.controller, rate_hz)) is not None:
+            F = F * filters.response(self.plan.freq_hz, rate_hz)[:, :, None]
         difference = np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity]
         sensitivity = np.asarray(np.linalg.inv(difference), dtype=np.complex128)
         return sensitivity, np.asarray((sensitivity @ self.R[..., None])[..., 0])
@@ -329,7 +332,7 @@ def _gains(
     """k_p, k_d and k_i (n_u,) of the simulated joint controller in a configuration."""
     model = Linearisation.of_robot(robot, formulation).model
     q = rigid_posture(model, Configuration("", np.array(angles)))
-    gains = tune(model, q, spec.bandwidth_hz, spec.damping_ratio, spec.velocity_integral_time)
+    gains = gains_of(model, q, spec)
     return gains.kp, gains.kd, gains.ki
 
 

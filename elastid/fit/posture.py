@@ -23,7 +23,7 @@ from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
 from elastid.robot.named_frames import with_frames
-from elastid.simulation.controller import tune
+from elastid.simulation.controller import gains_of
 
 Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float] | FloatArray
 _CHOICES = {"motors": ("held", "free", "controlled"), "axes": ("own", "world")}
@@ -168,8 +168,13 @@ class Family:
     def _loop(self, configuration: Configuration) -> JointLoop:
         given = self.asked.controller
         if hasattr(given, "bandwidth_hz"):
+            if given.delay_samples or (given.gains is not None and (given.gains.notches or given.gains.low_pass_hz)):
+                raise StudyError(
+                    "the controller has filters or a delay, which these equations leave out; give JointLoop(kp, kd, "
+                    "ki) without them, or take `elastid loops`"
+                )
             q = rigid_posture(self.model, configuration, self.theta)
-            given = tune(self.model, q, given.bandwidth_hz, given.damping_ratio, given.velocity_integral_time)
+            given = gains_of(self.model, q, given)
         n_u = self.model.n_u
         kp, kd, ki = (np.broadcast_to(np.asarray(part, float), n_u) for part in (given.kp, given.kd, given.ki))
         return JointLoop(kp, kd, ki)

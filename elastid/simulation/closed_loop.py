@@ -34,6 +34,7 @@ from elastid.simulation.baumgarte import projection
 from elastid.simulation.controller import Gains
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import Contacts, free_acceleration, runge_kutta_step
+from elastid.simulation.filters import Filters
 from elastid.simulation.gear_forces import gear_forces
 
 FLAGS = ["-O1", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"]
@@ -90,20 +91,22 @@ def _loaded(function: ca.Function) -> ca.Function:
 
 
 def sampled_step(
-    model: ElasticModel, contacts: Contacts, rate_hz: float, substeps: int, drives: Drives, of_numbers: bool = False
-) -> ca.Function:
+    model: ElasticModel, contacts: Contacts, rate_hz: float, substeps: int, drives: Drives, of_numbers: bool = False,
+    filters: Filters | None = None,
+) -> ca.Function:  # fmt: skip
     """The states, references, noise, gains and the friction's numbers -> the states one sample later, and u.
 
     substeps: Runge-Kutta steps in a sample.  The loops of a linkage are closed by projection after each sample.
     of_numbers: theta (n_theta,) of the model is a last argument; otherwise its own numbers are inside.
     """
     sizes = {"q": model.n_q, "v": model.n_q, "z": contacts.n_states, "w": drives.n_states}
+    sizes["x"] = 0 if filters is None else len(filters.matrices[0])
     sizes |= dict.fromkeys(("integral", "last", "position", "velocity", "torque", "disturbance", "noise"), model.n_u)
     sizes |= dict.fromkeys(("kp", "kd", "ki"), model.n_u) | {"curves": len(contacts.curves)}
     if of_numbers:
         sizes["theta"] = len(model.theta)
     given = {name: ca.MX.sym(name, size) for name, size in sizes.items()}
-    control, drive = _control(model, drives, rate_hz), _drive(drives, 1 / (rate_hz * substeps))
+    control, drive = _control(model, drives, rate_hz, filters), _drive(drives, 1 / (rate_hz * substeps))
     theta = ca.SX.sym("theta", len(model.theta)) if of_numbers else None
     accelerate, advance = _acceleration(model, contacts, drives, theta), _advance(model, contacts)
     numbers = [given["theta"]] if of_numbers else []
@@ -114,14 +117,14 @@ def sampled_step(
     def advanced(z: ca.MX, v: ca.MX, step: float) -> ca.MX:
         return advance(z, v, given["curves"], step)
 
-    reading, u, integral = control(*(given[name] for name in control.name_in()))
+    reading, u, integral, x = control(*(given[name] for name in control.name_in()))
     q, v, z, w = (given[name] for name in ("q", "v", "z", "w"))
     for _ in range(substeps):
         *torques, w = drive(w, u)
         q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, torques, 1 / (rate_hz * substeps))
     if model.n_c:
         q, v = projection(model, theta)(q, v, *numbers)
-    return ca.Function("sample", [*given.values()], [q, v, z, w, integral, reading, u])
+    return ca.Function("sample", [*given.values()], [q, v, z, w, x, integral, reading, u])
 
 
 def shafts(model: ElasticModel) -> tuple[ca.DM, ca.DM]:
@@ -130,22 +133,27 @@ def shafts(model: ElasticModel) -> tuple[ca.DM, ca.DM]:
     return ca.sparsify(ca.DM(E)), ca.sparsify(ca.DM(np.linalg.inv(E)))
 
 
-def _control(model: ElasticModel, drives: Drives, rate_hz: float) -> ca.Function:
-    """Encoders and controller: the reading, the command u as the drives clip it, and the integral after the sample."""
-    names = ("q", "integral", "last", "position", "velocity", "torque", "noise", "kp", "kd", "ki")
-    given = {name: ca.SX.sym(name, model.n_q if name == "q" else model.n_u) for name in names}
+def _control(model: ElasticModel, drives: Drives, rate_hz: float, filters: Filters | None) -> ca.Function:
+    """Encoders and controller: the reading, the command u as the drives clip it, integral and filters' states after."""
+    names = ("q", "x", "integral", "last", "position", "velocity", "torque", "noise", "kp", "kd", "ki")
+    A, B, C, D = (np.zeros((0, 0)),) * 4 if filters is None else filters.matrices
+    sizes = {"q": model.n_q, "x": len(A)}
+    given = {name: ca.SX.sym(name, sizes.get(name, model.n_u)) for name in names}
     E, E_inverse = shafts(model)
     reading = E_inverse @ drives.reading(E @ ca.DM(model.B).T @ given["q"], given["noise"])
     last, position, velocity = given["last"], given["position"], given["velocity"]
     error = given["kp"] * (position - reading) + given["kd"] * (velocity - (reading - last) * rate_hz)
-    command = given["torque"] + error + given["ki"] * given["integral"]
+    command, x = given["torque"] + error + given["ki"] * given["integral"], given["x"]
+    if filters is not None:
+        feedback = error + given["ki"] * given["integral"]
+        command, x = given["torque"] + ca.DM(C) @ x + ca.DM(D) @ feedback, ca.DM(A) @ x + ca.DM(B) @ feedback
     asked = E_inverse.T @ command
     taken = drives.clipped(asked)
     u = command + E.T @ (taken - asked)
     # A drive at its limit would wind the integral up.
     integral = given["integral"] + ca.if_else(taken == asked, error / rate_hz, 0)
-    results = [*map(ca.densify, (reading, u, integral))]
-    return ca.Function("control", [*given.values()], results, [*names], ["reading", "u", "integral_after"])
+    results = [*map(ca.densify, (reading, u, integral, x))]
+    return ca.Function("control", [*given.values()], results, [*names], ["reading", "u", "integral_after", "x_after"])
 
 
 def _drive(drives: Drives, step: float) -> ca.Function:
@@ -179,6 +187,7 @@ def _advance(model: ElasticModel, contacts: Contacts) -> ca.Function:
 
 # Samples between two checks of the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
 CHUNK_SAMPLES = 1000
+_FILTERS = 4  # place of the filters' states among the arguments
 
 
 @frozen_value(eq=False)
@@ -240,16 +249,17 @@ def closed_loop(
     drives: Drives,
     samples: int = 0,
     of_numbers: bool = False,
+    filters: Filters | None = None,
 ) -> ClosedLoop:
     """Close the loop around a model with its friction and its drives.
 
     substeps: Runge-Kutta steps in a sample.  samples: about how many will be simulated by a compiled step, 0 by an
-    interpreted one.  of_numbers: each run has numbers theta of the model of its own.
+    interpreted one.  of_numbers: each run has numbers theta of the model of its own.  filters: of the feedback.
     """
-    sample = sampled_step(model, contacts, rate_hz, substeps, drives, of_numbers)
-    # Six results of a sample start the next: q, v, states of friction and drives, integral, last reading. A chunk is
-    # four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
-    function = compiled(sample, samples).mapaccum("closed_loop", CHUNK_SAMPLES, 6, {"base": 4})
+    sample = sampled_step(model, contacts, rate_hz, substeps, drives, of_numbers, filters)
+    # Seven results of a sample start the next: q, v, states of friction, drives and filters, integral, last reading. A
+    # chunk is four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
+    function = compiled(sample, samples).mapaccum("closed_loop", CHUNK_SAMPLES, 7, {"base": 4})
     units = tuple(joint.unit for joint in model.robot.driven)
     return ClosedLoop(model.inputs, units, limits, model.B, rate_hz, contacts, drives, function)
 
@@ -278,7 +288,8 @@ def simulate(
     signals += [] if theta is None else [np.broadcast_to(theta, (n, len(theta)))]
     v = np.zeros(len(q0)) if v0 is None else v0
     z = loop.contacts.steady(v, np.atleast_2d(numbers)[0])
-    state = [q0, v, z, loop.drives.start(commands.torque[0]), np.zeros(n_u), loop.B.T @ (q0 - v / loop.rate_hz)]
+    state = [q0, v, z, loop.drives.start(commands.torque[0]), np.zeros(loop.function.size1_in(_FILTERS))]
+    state += [np.zeros(n_u), loop.B.T @ (q0 - v / loop.rate_hz)]
     chunks = []
     for start in range(0, n, CHUNK_SAMPLES):
         block = [signal[start : start + CHUNK_SAMPLES] for signal in signals]

@@ -6,20 +6,23 @@ r"""The sampled joint controller that keeps the robot in its configuration, or o
 y: reading of the motor encoder, u_ff: torque of the rigid robot on its reference, r: the injected multisine. u_k is
 computed from the reading of the same sample and held until the next: there is no delay but that of the hold. With k_i
 this is the cascade of robot controllers: a proportional loop of position, k_p / k_d, around a loop of velocity with
-proportional gain k_d and integral time 1 / k_i.
+proportional gain k_d and integral time 1 / k_i. Filters may follow the feedback, e with its integral.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import field
 from functools import lru_cache
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.model.closed_posture import followed, rates
 from elastid.model.elastic import ElasticModel
+from elastid.simulation.filters import Filters, low_pass, notch
 
 
 @frozen_value(eq=False)
@@ -32,6 +35,63 @@ class Gains:
     kp: FloatArray
     kd: FloatArray
     ki: FloatArray = field(default_factory=lambda: np.zeros(1))
+
+    def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
+        """F (..., n_u), torque over angle of the sampled controller without filters, at freq_hz (...)."""
+        step = 1 - np.exp(-2j * np.pi * np.asarray(freq_hz)[..., None] / rate_hz)
+        return np.asarray((self.kp + self.kd * rate_hz * step) * (1 + self.ki / rate_hz * (1 - step) / step))
+
+
+class Controller(Protocol):
+    """The numbers of `ControllerSpec`: a bandwidth by which gains are found, or gains."""
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Of the position loop."""
+
+    @property
+    def damping_ratio(self) -> float:
+        """Of the position loop."""
+
+    @property
+    def velocity_integral_time(self) -> float | None:
+        """T_i in s, or None without an integral."""
+
+    @property
+    def gains(self) -> Any:
+        """A `GainsSpec`, or None."""
+
+    @property
+    def delay_samples(self) -> int:
+        """Between reading and torque."""
+
+
+def gains_of(model: ElasticModel, q: FloatArray, controller: Controller) -> Gains:
+    """Its own gains, or those of its bandwidth in q (n_q,)."""
+    given = controller.gains
+    if given is None:
+        return tune(
+            model, q, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time
+        )  # fmt: skip
+    position, kd = (np.broadcast_to(part, model.n_u) for part in (given.position_gain, given.velocity_gain))
+    ki = 0.0 if given.integral_time is None else 1 / np.asarray(given.integral_time)
+    return Gains(position * kd, np.asarray(kd, float), np.broadcast_to(ki, model.n_u))
+
+
+def filters_of(joints: Sequence[str], controller: Controller, rate_hz: float) -> Filters | None:
+    """Behind the feedback of the driven joints; None without any."""
+    given = controller.gains
+    sections: dict[str, list[FloatArray]] = {joint: [] for joint in joints}
+    if given is not None:
+        for own in given.notches:
+            sections[own.joint].append(notch(own.freq_hz, own.width, own.depth, rate_hz))
+        corners = () if given.low_pass_hz is None else np.broadcast_to(given.low_pass_hz, len(joints))
+        for joint, corner in zip(joints, corners, strict=False):
+            sections[joint].append(low_pass(corner, rate_hz))
+    if not controller.delay_samples and not any(sections.values()):
+        return None
+    rows = tuple(tuple(tuple(each.tolist()) for each in own) for own in sections.values())
+    return Filters(rows, controller.delay_samples)
 
 
 def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""fit.h5, gears.h5, validation.h5, compare.json, map.h5, tune.h5, shapers.h5: results of a study."""
+"""fit.h5, gears.h5, validation.h5, compare.json, map.h5, tune.h5, shapers.h5, loops.h5: results of a study."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ from elastid.validation.twin_run import NO_TWIN, TwinFindings
 if TYPE_CHECKING:
     from elastid.use.command.shapers import RegionModes, Shaper
     from elastid.use.command.tune import TunedMove
+    from elastid.use.loops.result import Loops
 
-FIT, GEARS, VALIDATION, MAP, TUNE, SHAPERS = "fit", "gears", "validation", "map", "tune", "shapers"
+FIT, GEARS, VALIDATION, MAP = "fit", "gears", "validation", "map"
+TUNE, SHAPERS, LOOPS = "tune", "shapers", "loops"
 # Version of the form of compare.json.
 _SCHEMA = 1
 
@@ -149,6 +151,20 @@ def write_shapers(path: Path | str, modes: RegionModes, shapers: tuple[Shaper, .
 
     parts = {"modes": (modes, RegionModes)} | {shaper.name: (shaper, Shaper) for shaper in shapers}
     write_artefact(path, SHAPERS, stamp, parts)
+
+
+def write_loops(path: Path | str, loops: Loops, stamp: Stamp = NO_STAMP) -> None:
+    """loops.h5: today's and the designed controller with their sensitivities, margins, bands and steps."""
+    from elastid.use.loops.result import Loops
+
+    write_artefact(path, LOOPS, stamp, {"loops": (loops, Loops)})
+
+
+def read_loops(path: Path | str) -> Loops:
+    """The loops in loops.h5."""
+    from elastid.use.loops.result import Loops
+
+    return read_part(path, LOOPS, "loops", Loops)
 
 
 def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:

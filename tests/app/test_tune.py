@@ -7,56 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.arm_study import command
 
-from elastid.app import cli
 from elastid.store.results import read_tune
 from elastid.use.command.tune import IDENTIFIED, RIGID
-
-STUDY = """\
-name: arm
-seed: 1
-robot:
-  name: arm
-  bodies:
-    - name: upper
-      joints: [{name: 1, axis: y, motor: {inertia: 2e-3, ratio: 80, viscous: 1e-3, coulomb: 0.05},
-        spring: {stiffness: 4e4, damping: 80}, limits: {angle: [-90 deg, 90 deg], velocity: 3, torque: 1.5 kN*m}}]
-      mass: 30
-      center_of_mass: [0.4, 0, 0]
-      inertia: 1.5
-    - name: fore
-      parent: upper
-      placement: {xyz: [0.8, 0, 0]}
-      joints: [{name: 2, axis: y, motor: {inertia: 2e-3, ratio: 80, viscous: 1e-3},
-        spring: {stiffness: 2e4, damping: 40}, limits: {angle: [-90 deg, 90 deg], velocity: 3, torque: 800 N*m}}]
-      mass: 20
-      center_of_mass: [0.35, 0, 0]
-      inertia: 1
-  frames: [{name: tool, body: fore, placement: {xyz: [0.6, 0, 0]}}]
-excitation: {rate_hz: 200, period: 2 s, band_hz: [2, 40], torque_rms: 20}
-experiment:
-  configurations: {down: [20 deg, 40 deg], out: [-10 deg, 10 deg]}
-  simulated:
-    truth: {k_1: 3.4e4, k_2: 2.3e4}
-    carrier: {amplitude: 0.5 deg, cycles: 4}
-    noise: {torque_std: 0.2, encoder_counts: 1048576}
-fit: {starts: 1, parameters: {"k_*": {}, "d_*": {}}}
-"""
-
-
-@pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One that has been fitted, in its own folder, with a move."""
-    folder = tmp_path_factory.mktemp("arm")
-    (folder / "study.yml").write_text(STUDY, encoding="utf-8")
-    (folder / "move.csv").write_text("1 deg,2 deg\n-10,30\n25,10\n", encoding="utf-8")
-    for stage in ("design", "measure", "estimate", "fit"):
-        assert command(stage, folder / "study.yml") in (0, 3)
-    return folder / "study.yml"
-
-
-def command(name: str, study: Path, *words: str | Path) -> int:
-    return cli.run_command([name, str(study), *map(str, words), "--run", str(study.parent / "run"), "-q"])
 
 
 @pytest.mark.parametrize("name", ["--time", "--error", "--rate", "--bandwidth"])
@@ -70,8 +24,9 @@ def test_a_number_of_a_move_is_finite_and_positive(
 
 
 @pytest.mark.slow
-def test_a_fitted_study_commands_a_move(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """All files are there and agree; the same bytes again; a wrong cell is refused and nothing is touched."""
+    study = fitted_arm
     run, path = study.parent / "run", study.parent / "move.csv"
     words = ("--path", path, "--time", "0.9", "--draws", "3")
     assert command("tune", study, *words) == 0
@@ -101,8 +56,9 @@ def test_a_fitted_study_commands_a_move(study: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.slow
-def test_a_fitted_study_ranks_shapers_and_compensates_friction(study: Path) -> None:
+def test_a_fitted_study_ranks_shapers_and_compensates_friction(fitted_arm: Path) -> None:
     """The table holds every impulse; the first shaper of the rank suffices."""
+    study = fitted_arm
     run = study.parent / "run"
     assert command("shape", study, "--random", "5", "--payload", "0", "--payload", "5") == 0
     with (run / "shapers.csv").open(encoding="utf-8") as file:

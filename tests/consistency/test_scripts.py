@@ -90,6 +90,16 @@ def test_example_18_commands_a_move_that_the_tool_follows() -> None:
 
 
 @pytest.mark.slow
+def test_example_20_finds_gains_at_their_limit() -> None:
+    """Within 6 dB on the estimate and on 95 % of the draws, at a limit that a mode sets; more gain breaks it."""
+    found = example("ex20_gains_of_joint_loops")
+    assert 5.5 < found["designed"].peak_db.max() <= 6.0
+    assert np.mean(found["peaks_db"] <= 6.0) >= 0.95
+    assert any("mode at" in cause for cause in found["designed"].limited_by)
+    assert found["wild"].peak_db.max() > 7.0
+
+
+@pytest.mark.slow
 def test_example_6_finds_the_friction_of_one_axis() -> None:
     """Coulomb and viscous friction within 0.5 % of the truth, by intervals that are as narrow."""
     found = example("ex06_friction_curve")["found"]

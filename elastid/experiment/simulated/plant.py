@@ -35,7 +35,7 @@ from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
-from elastid.simulation.controller import feed_forward, tune
+from elastid.simulation.controller import feed_forward, filters_of, gains_of
 from elastid.simulation.dynamics import MAX_STEP_RATE, contacts, fastest_rate
 
 # Of a robot that is simulated along its log: each is unrolled in the equations, which take seconds to build beyond.
@@ -80,28 +80,33 @@ def plant_of(
     torque_ripple: tuple[TorqueRippleSpec, ...],
     saturation: bool,
     samples: int,
+    controller: ControllerSpec | None = None,
 ) -> Plant:
     """A plant and its closed loop, built once in a process: CasADi expressions do not pickle.
 
-    samples: about how many the whole plan has, where its step is to be compiled for them.
+    samples: about how many the whole plan has, where its step is to be compiled for them.  controller: has filters.
     """
     model = model_of(robot, equations)
     limits = np.array([joint.limits.angle for joint in robot.driven])
     hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
-    return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples))
+    joints = [joint.name for joint in robot.driven]
+    filters = None if controller is None else filters_of(joints, controller, rate_hz)
+    return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, filters=filters))
 
 
 def true_plant(robot: Robot, spec: SimulatedSpec, rate_hz: float, samples: int, carries: bool = True) -> Plant:
     """The plant of a section `simulated`, with its truth; samples: of the whole plan; carries: its payload."""
     hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
     robot = true_robot(robot, spec.truth).carrying(carries)
-    return plant_of(robot, spec.model, rate_hz, spec.substeps, *hardware, samples if spec.compiled else 0)
+    samples = samples if spec.compiled else 0
+    return plant_of(robot, spec.model, rate_hz, spec.substeps, *hardware, samples, spec.controller)
 
 
 def exact_plant(
-    robot: Robot, equations: ModelSpec, rate_hz: float, start: Configuration, saturation: bool = False
-) -> tuple[Plant, OperatingPoint]:
+    robot: Robot, equations: ModelSpec, rate_hz: float, start: Configuration, saturation: bool = False,
+    controller: ControllerSpec | None = None,
+) -> tuple[Plant, OperatingPoint]:  # fmt: skip
     """A robot with exact encoders and smooth drives, at rest in `start`, with as many steps a sample as it takes.
 
     StudyError where it finds no rest there, and where that is more than MAX_SUBSTEPS.
@@ -116,7 +121,7 @@ def exact_plant(
             f"the fastest motion of robot {robot.name} (a pole of {rate:.4g} 1/s: its stiffest mode, or friction at "
             f"standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are affordable"
         )
-    return plant_of(robot, equations, rate_hz, substeps, 0, (), (), saturation, 0), point
+    return plant_of(robot, equations, rate_hz, substeps, 0, (), (), saturation, 0, controller), point
 
 
 def _least_substeps(rate: float, rate_hz: float) -> int:
@@ -151,14 +156,13 @@ def _closed_loop_response(
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")
     linear = replace(linear, chain=torque_elements(robot.chain), gains=())  # the controller reads motions as they are
     q0 = equilibrium(model, model.theta, configuration).q
-    gains = tune(model, q0, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
     s = 2j * np.pi * freq_hz[:, None, None]
-    z_inverse = np.exp(-s / rate_hz)
     hold = np.exp(-s / (2 * rate_hz)) * np.sinc(freq_hz / rate_hz)[:, None, None]
     P = hold * frequency_response(linear, linear.theta_ref, freq_hz)
-    F = np.diag(gains.kp) + (1 - z_inverse) * rate_hz * np.diag(gains.kd)
-    F = (1 + gains.ki / rate_hz * z_inverse / (1 - z_inverse)) * F
-    torque = np.linalg.inv(np.eye(model.n_u) + F @ P)
+    F = gains_of(model, q0, controller).response(freq_hz, rate_hz)
+    if (filters := filters_of([joint.name for joint in robot.driven], controller, rate_hz)) is not None:
+        F = F * filters.response(freq_hz, rate_hz)
+    torque = np.linalg.inv(np.eye(model.n_u) + F[:, :, None] * P)
     position = P @ torque
     return ClosedLoopResponse(torque, position, s * position, s**2 * position)
 

@@ -39,7 +39,7 @@ from elastid.record import Record
 from elastid.robot import Robot
 from elastid.simulation.baumgarte import violation
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
-from elastid.simulation.controller import Gains, rigid_path, tune
+from elastid.simulation.controller import Gains, gains_of, rigid_path
 
 # Limits of the notes about a simulated run. False-alarm rates: not measured, the signals have no noise.
 MAX_VIOLATION_M = 1e-6  # between the ends of a loop
@@ -125,7 +125,9 @@ class SimulatedRig:
         """
         simulated = replace(self.simulated, noise=NoiseSpec(), warming=None)
         quiet = replace(self, spec=replace(self.spec, simulated=simulated))
-        plant, point = exact_plant(robot, spec, self.plan.rate_hz, experiment.configuration, simulated.saturation)
+        plant, point = exact_plant(
+            robot, spec, self.plan.rate_hz, experiment.configuration, simulated.saturation, simulated.controller
+        )
         run = replace(self._prepared(experiment), plant=plant, point=point, noise=quiet._noise(experiment))
         return quiet._record(run, quiet._moved(run, 1.0, self._end), ())
 
@@ -180,8 +182,7 @@ class SimulatedRig:
         point = equilibrium(plant.model, plant.model.theta, configuration)
         check_steps(plant, point, spec.substeps, rate_hz, "excitation.rate_hz")
         given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), configuration)
-        loop = spec.controller
-        gains = tune(plant.model, point.q, loop.bandwidth_hz, loop.damping_ratio, loop.velocity_integral_time)
+        gains = gains_of(plant.model, point.q, spec.controller)
         return _Run(experiment, plant, point, given, gains, self._noise(experiment))
 
     def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:

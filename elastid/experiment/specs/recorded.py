@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.section import Key, section
-from elastid.base.units import Damping, Frequency, InUnit, JointVelocity, Temperature, Time
+from elastid.base.units import Damping, Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.channels import ChannelSpec, check_rate
+from elastid.experiment.specs.loop_gains import PositionGain
 from elastid.record import Hold
-
-PositionGain = Annotated[float, InUnit("1/s")]
 
 
 @section
@@ -184,9 +183,9 @@ class RecordedSpec:
         "half the rate, a sinc; a misfit that grows so towards the upper edge is its sign (residuals 1.27 times the "
         "noise and a spring off by 13 % in one case). Measured torques have passed a filter, hence the "
         "default.")] = "band-limited"
-    controller: Annotated[CascadeSpec | None, Key("Controller of the robot, in studies of friction whose channels have "
-        "its reference.", "so that validation replays the logs in closed loop; without it the law is judged on torques "
-        "alone.")] = None
+    controller: Annotated[CascadeSpec | None, Key("Controller of the robot, whose margins `elastid loops` states; "
+        "in studies of friction whose channels have its reference.", "so that validation of friction replays the logs "
+        "in closed loop; without it the law is judged on torques alone, and loops finds it in the logs.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:

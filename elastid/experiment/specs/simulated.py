@@ -21,6 +21,7 @@ from elastid.base.units import (
     Time,
 )
 from elastid.experiment.specs.disturbances import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
+from elastid.experiment.specs.loop_gains import MAX_DELAY_SAMPLES, GainsSpec
 from elastid.model.spec import ModelSpec
 from elastid.robot import Robot
 
@@ -79,6 +80,11 @@ class ControllerSpec:
     integral_time: Annotated[Time | None, Key("Integral time of the cascade's velocity loop (default: three times 1 / "
         "(2 pi bandwidth_hz)).", "shorter removes the error of friction and gravity sooner and costs stability: the "
         "study is refused below the limit of Routh's criterion.")] = None
+    gains: Annotated[GainsSpec | None, Key("Gains and filters of the cascade by their numbers, in place of those that "
+        "follow from bandwidth_hz, damping_ratio and integral_time.", "where the drives' parameters are known, or as "
+        "`elastid loops` writes them.")] = None
+    delay_samples: Annotated[int, Key("Samples that pass between the reading of the encoders and the torque that "
+        "answers it.", "1 for most industrial controllers; each takes phase, and bandwidth.")] = 0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -86,6 +92,16 @@ class ControllerSpec:
             raise ValueError("bandwidth_hz and damping_ratio must be positive")
         if self.kind == "pd" and self.integral_time is not None:
             raise ValueError("integral_time belongs to kind: cascade; a pd controller has none")
+        if not 0 <= self.delay_samples <= MAX_DELAY_SAMPLES:
+            raise ValueError(
+                f"delay_samples is {self.delay_samples}; a controller answers within {MAX_DELAY_SAMPLES} samples"
+            )
+        if self.gains is not None:
+            if self.kind == "pd":
+                raise ValueError("gains belong to kind: cascade; a pd controller has bandwidth_hz and damping_ratio")
+            if self.integral_time is not None:
+                raise ValueError("integral_time is one of gains; drop it beside them")
+            return
         # Routh's criterion for J s^3 + k_d s^2 + (k_p + k_d / T_i) s + k_p / T_i.
         omega, zeta = 2 * math.pi * self.bandwidth_hz, self.damping_ratio
         least = (1 - 4 * zeta**2) / (2 * zeta * omega)

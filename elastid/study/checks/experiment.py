@@ -114,6 +114,7 @@ def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]
     robot, carrier = study.as_robot(), simulated.carrier
     for i, output in enumerate(simulated.outputs):
         yield from check_place((*_SIMULATED, "outputs", i), output, robot)
+    yield from _check_controller(study, simulated)
     if simulated.saturation and (refused := saturation_refusal(robot)):
         yield Problem((*_SIMULATED, "saturation"), refused)
     if refused := chain_refusal(robot):
@@ -124,6 +125,18 @@ def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]
         yield from check_units((*_SIMULATED, "carrier", "velocity"), carrier.velocity, robot)
     if simulated.warming is not None:
         yield from _check_temperatures(robot, simulated.warming)
+
+
+def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
+    """Gains and filters that go with robot and rate."""
+    controller, path = simulated.controller, (*_SIMULATED, "controller")
+    if study.friction is not None and (controller.gains is not None or controller.delay_samples):
+        key = "gains" if controller.gains is not None else "delay_samples"
+        yield Problem((*path, key), "the passes of a study of friction are planned with bandwidth_hz; drop this key")
+    elif controller.gains is not None and study.excitation is not None:
+        joints = [joint.name for joint in study.as_robot().driven]
+        for keys, refused in controller.gains.refusals(joints, study.excitation.rate_hz):
+            yield Problem((*path, "gains", *keys), refused)
 
 
 def _check_temperatures(robot: Robot, warming: WarmingSpec) -> Iterator[Problem]:

@@ -26,7 +26,7 @@ def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator
     yield from check_files(study, recorded.files, path, base)
     yield from check_channels(study, recorded.channels, path)
     yield from _check_method(study, recorded)
-    yield from _check_controller(recorded)
+    yield from _check_controller(study, recorded)
     for i in range(len(recorded.files)):
         if refused := recorded.repeat_refusal(i):
             yield Problem((*path, "files", i), refused)
@@ -43,11 +43,12 @@ def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
         )
 
 
-def _check_controller(recorded: RecordedSpec) -> Iterator[Problem]:
-    """A controller is of motions; a multisine is judged under its own torque."""
-    if recorded.controller is not None:
-        advice = "belongs to studies of friction; here the model is simulated under the torque of the log: leave it out"
-        yield Problem((*_RECORDED, "controller"), f"a controller {advice}", at_key=True)
+def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
+    """Gains for each driven joint; `elastid loops` reads them."""
+    if recorded.controller is not None and study.robot is not None:
+        key, refused = recorded.controller.refusal(len(study.as_robot().driven))
+        if refused:
+            yield Problem((*_RECORDED, "controller", key), refused)
 
 
 def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:

@@ -1,0 +1,268 @@
+"""loops: margins of today's joint controllers and gains of the fitted robot, as page, table and section of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.app.identified_robot import with_found_friction
+from elastid.app.run import Run, logged_in
+from elastid.app.stages.fit import TRUSTED
+from elastid.base.display import number
+from elastid.base.errors import StudyError
+from elastid.experiment.simulated.plant import true_robot
+from elastid.experiment.specs.loop_gains import MAX_DELAY_SAMPLES
+from elastid.experiment.specs.recorded import CascadeSpec
+from elastid.fit.posture import Asked as Ports
+from elastid.fit.result import FitResult
+from elastid.record import Configuration
+from elastid.report.page.page_of_loops import write_page_of_loops
+from elastid.robot import Robot
+from elastid.simulation.controller import Gains
+from elastid.store.files import keep_checksums, write_rows, write_text
+from elastid.store.measured import read_friction, read_records
+from elastid.store.results import read_fit, write_loops
+from elastid.study.source import read_source
+from elastid.use.draws import estimated_robot
+from elastid.use.loops.assess import LoopState
+from elastid.use.loops.measured import MeasuredLoops, measured_loops, refusal
+from elastid.use.loops.result import Asked, Loops, Today, design_loops, inertias, with_delay
+from elastid.use.loops.sensitivity import LIMIT_DB
+from elastid.use.postures import random_postures, read_path
+
+NAME = "loops"
+RESULTS = ("loops.h5", "loops.yml", "loops.csv", "loops.html", "loops.png")
+MOST = 40  # postures of a path; each costs as much time as the others
+_GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")
+_POOR = 0.9  # explained part of a measured controller, below which its numbers are not used
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Loops as the command line asks for them; rate_hz and delay None for those of the study."""
+
+    path: Path | None
+    random: int | None
+    rate_hz: float | None
+    delay: int | None
+    draws: int
+
+
+def loops_study(run: Run, choice: Choice) -> None:
+    """All results of the study's fit; StudyError without a current one, FitError where no gains keep the limit."""
+    if choice.delay is not None and choice.delay > MAX_DELAY_SAMPLES:
+        raise StudyError(f"--delay {choice.delay}: a controller answers within {MAX_DELAY_SAMPLES} samples")
+    run.study.as_robot()
+    run.require_stage("fit")
+    run.require_result("fit")
+    with logged_in(run.folder, run.jobs, run.console):
+        result = read_fit(run.path("fit"))
+        rate_hz = choice.rate_hz or _own_rate(run)
+        measured = _measured(run, result, rate_hz)
+        today = _today(run, result, measured)
+        delay = choice.delay if choice.delay is not None else _own_delay(run, measured)
+        robot, name = _judge(run, result)
+        postures = _postures(run, result, choice)
+        asked = Asked(postures, rate_hz, delay, choice.draws, run.study.seed or 0, robot, name)
+        loops = design_loops(
+            run.study.name, result, asked, today, measured, lambda words: run.console.say(f"{NAME}: found {words}")
+        )
+        _write(run, loops)
+        for table in tables(loops):
+            run.console.table(table)
+        for line in sentences(loops):
+            run.console.say(f"{NAME}: {line}")
+        if result.status not in TRUSTED:
+            run.console.warn(f"{NAME}: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+
+
+def _own_rate(run: Run) -> float:
+    study = run.study
+    if study.experiment.simulated is not None and study.excitation is not None:
+        return study.excitation.rate_hz
+    recorded = study.experiment.recorded
+    if recorded is not None and recorded.rate_hz != "unknown":
+        return float(recorded.rate_hz)
+    raise StudyError(f"{run.loaded.path}: the study states no rate of the controller; give --rate")
+
+
+def _own_delay(run: Run, measured: Sequence[MeasuredLoops]) -> int:
+    """As the study states it, else as its records show it."""
+    simulated = run.study.experiment.simulated
+    if simulated is not None:
+        return simulated.controller.delay_samples
+    return max((own.delay for own in measured if own.explained.min() > _POOR), default=0)
+
+
+def _place(run: Run, *keys: str) -> str:
+    """File, line and column of a key of the study, or the nearest above it."""
+    return str(read_source(run.loaded.path, str(run.loaded.path)).place(keys))
+
+
+def _measured(run: Run, result: FitResult, rate_hz: float) -> list[MeasuredLoops]:
+    """Of each configuration whose records hold an injected torque; a warning where they do not."""
+    if "measure" not in run.stages or not run.path("measure").exists():
+        return []
+    measured = []
+    for linear in result.linear:
+        records = list(read_records(run.path("measure"), linear.configuration.name))
+        if refused := refusal(records):
+            run.console.warn(
+                f"{_place(run, 'experiment')}: {refused}, so that today's loops cannot be measured from it; log the "
+                "torque that is added to the controller's, role r, with all motors"
+            )
+            return []
+        J = inertias(result, linear.configuration, rate_hz)
+        measured.append(measured_loops(records, run.study.estimator, J, run.study.seed or 0))
+    return measured
+
+
+def _today(run: Run, result: FitResult, measured: Sequence[MeasuredLoops]) -> Today | None:
+    """As the study states it, else as its records show it; a warning where neither does."""
+    experiment = run.study.experiment
+    n_u = len(run.study.as_robot().driven)
+    if experiment.simulated is not None:
+        return Today("stated in the study", spec=experiment.simulated.controller)
+    if experiment.recorded is not None and experiment.recorded.controller is not None:
+        delay = max((own.delay for own in measured), default=0)
+        gains, filters = with_delay(_stated(experiment.recorded.controller, n_u), delay)
+        return Today("stated in the study", gains, filters)
+    good = [own for own in measured if own.explained.min() > _POOR]
+    if good:
+        mean = Gains(*(np.mean([getattr(own, name) for own in good], axis=0) for name in ("kp", "kd", "ki")))
+        gains, filters = with_delay(mean, good[0].delay)
+        return Today("identified from the records", gains, filters)
+    run.console.warn(
+        f"{_place(run, 'experiment', 'recorded')}: today's controller is not known: the study states none "
+        "(experiment.recorded.controller), and its records show none; gains are designed all the same"
+    )
+    return None
+
+
+def _stated(cascade: CascadeSpec, n_u: int) -> Gains:
+    position, kd = (np.broadcast_to(part, n_u) for part in (cascade.position_gain, cascade.velocity_gain))
+    ki = 0.0 if cascade.integral_time is None else 1 / cascade.integral_time
+    return Gains(position * kd, np.asarray(kd, float), np.full(n_u, ki))
+
+
+def _judge(run: Run, result: FitResult) -> tuple[Robot, str]:
+    """The robot on which steps are simulated."""
+    study = run.study
+    if study.experiment.simulated is not None:
+        return true_robot(study.as_robot(), study.experiment.simulated.truth), "twin with the true numbers"
+    friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
+    return with_found_friction(estimated_robot(result), friction), "twin with the identified numbers"
+
+
+def _postures(run: Run, result: FitResult, choice: Choice) -> tuple[Configuration, ...]:
+    """Those that were fitted, of a path, or at random."""
+    if choice.path is None and choice.random is None:
+        return tuple(linear.configuration for linear in result.linear)
+    family = result.family(Ports())
+    if choice.path is not None:
+        angles = read_path(choice.path, family.robot, family.frame).angles
+        angles = angles[np.unique(np.linspace(0, len(angles) - 1, MOST).astype(int))]
+    else:
+        angles = random_postures(family.robot, choice.random or 1, run.study.seed or 0)
+    return tuple(Configuration(f"posture {i + 1}", each) for i, each in enumerate(angles))
+
+
+def _write(run: Run, loops: Loops) -> None:
+    write_loops(run.folder / RESULTS[0], loops, run.stamps["fit"])
+    write_text(run.folder / RESULTS[1], snippet(loops))
+    write_rows(run.folder / RESULTS[2], gain_rows(loops))
+    write_page_of_loops(loops, snippet(loops), run.folder, run.stamps["fit"].shown)
+    keep_checksums(run.folder, RESULTS)
+    for name in RESULTS:
+        run.console.say(f"{NAME}: {run.folder / name}")
+
+
+def snippet(loops: Loops) -> str:
+    """The designed controller as the section of a study."""
+    from ruamel.yaml import YAML
+
+    spec = loops.controller
+    inner: dict[str, Any] = {name: list(getattr(spec.gains, name)) for name in _GAINS}
+    if spec.gains is not None and spec.gains.notches:
+        inner["notches"] = [asdict(own) for own in spec.gains.notches]
+    content = {"controller": {"kind": spec.kind, "delay_samples": spec.delay_samples, "gains": inner}}
+    yaml, text = YAML(), StringIO()
+    yaml.default_flow_style = None
+    yaml.width = 120
+    yaml.dump(content, text)
+    head = (
+        f"# Gains for {loops.name} by `elastid loops`, at {loops.rate_hz:g} Hz, link side, SI: the section\n"
+        "# experiment.simulated.controller of a study whose excitation.rate_hz is that rate.\n"
+    )
+    return head + text.getvalue()
+
+
+def gain_rows(loops: Loops) -> list[list[str | float]]:
+    """loops.csv: a row for each axis, link side, SI."""
+    gains, most = loops.controller.gains, max((_notches(loops, joint) for joint in loops.joints), key=len)
+    heads: list[str | float] = ["joint", *_GAINS]
+    for i in range(len(most)):
+        heads += [f"notch {i + 1} freq_hz", f"notch {i + 1} width", f"notch {i + 1} depth"]
+    rows = [heads]
+    for i, joint in enumerate(loops.joints):
+        row: list[str | float] = [joint, *(float(getattr(gains, name)[i]) for name in _GAINS)]
+        row += [value for own in _notches(loops, joint) for value in own]
+        rows.append([*row, *[""] * (len(heads) - len(row))])
+    return rows
+
+
+def _notches(loops: Loops, joint: str) -> list[tuple[float, float, float]]:
+    gains = loops.controller.gains
+    assert gains is not None
+    return [(own.freq_hz, own.width, own.depth) for own in gains.notches if own.joint == joint]
+
+
+def tables(loops: Loops) -> list[list[list[str]]]:
+    """Peaks and their causes by posture, of today's controller and of the designed one; gains by axis."""
+    by_posture = [["controller", "posture", "sensitivity peak dB", "95 % of draws", "limited by"]]
+    by_posture += loops.peak_cells
+    gains = [["axis", "K_p 1/s", "K_v", "T_i s", "low pass Hz", "notches Hz", "bandwidth Hz"]]
+    rows, designed = gain_rows(loops), loops.designed.bandwidth_hz.min(axis=0)
+    for row, f_B in zip(rows[1:], designed, strict=True):
+        notches = ", ".join(number(float(each), 3) for each in row[5::3] if each != "")
+        gains.append([str(row[0]), *(number(float(each), 4) for each in row[1:5]), notches, number(float(f_B), 3)])
+    return [by_posture, gains]
+
+
+def sentences(loops: Loops) -> tuple[str, ...]:
+    """Both controllers in words, and what limits the designed one."""
+    lines = []
+    if loops.today is not None:
+        lines.append(f"{loops.today.name}, {loops.source}: {state_words(loops.today)}")
+    designed = loops.designed
+    worst = int(np.argmax(designed.peak_db))
+    lines.append(f"{designed.name}: {state_words(designed)}")
+    lines.append(f"its gain is limited in posture {designed.postures[worst]}: {designed.limited_by[worst]}")
+    if loops.count:
+        kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
+        lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures")
+    overshoot, settled = loops.steps.overshoot.max(), loops.steps.settled_s.max()
+    lines.append(
+        f"steps on the {loops.steps.judge}: {100 * overshoot:.0f} % of overshoot at most, settled in {settled:.2g} s"
+    )
+    return tuple(lines)
+
+
+def state_words(state: LoopState) -> str:
+    """Stability, bandwidths, peak and margins over all postures."""
+    if not np.isfinite(state.peak_db).all():
+        unstable = [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]
+        return f"unstable in posture {', '.join(unstable)}"
+    least = state.bandwidth_hz.min(axis=0)
+    each = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))
+    rise, phase = 20 * np.log10(state.margins.rise.min()), np.degrees(state.margins.phase.min())
+    gain = f"{rise:.3g} dB" if np.isfinite(rise) else "infinite"
+    return (
+        f"bandwidth in Hz {each}; sensitivity peak {number(float(state.peak_db.max()), 3)} dB; gain margin {gain}, "
+        f"phase margin {phase:.3g} deg, delay margin {1e3 * state.margins.delay.min():.3g} ms"
+    )

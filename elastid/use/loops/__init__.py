@@ -1,0 +1,1 @@
+"""Control loops of the identified robot: plants, sensitivities, margins, gains, and what records show of them."""

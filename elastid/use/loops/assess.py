@@ -1,0 +1,223 @@
+r"""A controller on the identified robot: peaks, bandwidths and margins in every posture with 95 % of the draws.
+
+Each peak within half a dB of the largest is traced to the axis that has most of it and to the nearest mode of the
+robot, its motors free, that moves the motor of this axis; one that is farther than a third from every mode is left to
+the phase of the loop: to its gains at low frequencies, to delay, sampling and filters at high ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
+from elastid.simulation.controller import Gains
+from elastid.simulation.filters import Filters
+from elastid.use.loops.margins import Margins, margins
+from elastid.use.loops.plants import PlantMode, Plants
+from elastid.use.loops.sensitivity import (
+    STABLE,
+    bandwidths,
+    closed_loop_poles,
+    controller_response,
+    grid,
+    largest_gain,
+    peaks_db,
+    scaled,
+    sensitivity,
+    tracking_error,
+)
+
+_NEAR, _MOVED = 1 / 3, 5e-3  # of a frequency within which, and of the motor's motion by which, a mode makes a peak
+_BINDING_DB = 0.5  # of the largest peak, within which another one limits the gains as well
+_SHOWN = 240  # lines of the curves that are kept
+Band: TypeAlias = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Loops of N plants at freq_hz (N, F): S (N, F, n_u, n_u), E (N, F, n_u), and which are stable (N,)."""
+
+    freq_hz: FloatArray
+    S: ComplexArray
+    size: FloatArray
+    E: ComplexArray
+    stable: BoolArray
+
+    @classmethod
+    def of(cls, plants: Plants, gains: Gains, filters: Filters | None, lines: int, per_mode: int) -> Sampled:
+        """gains: (n_u,) or (N, n_u)."""
+        freq_hz = grid(plants, lines, per_mode)
+        P = plants.response(freq_hz)
+        each = Gains(*(np.atleast_2d(part)[:, None] for part in (gains.kp, gains.kd, gains.ki)))
+        F, F_r = controller_response(each, filters, freq_hz, plants.rate_hz)
+        S = sensitivity(P, F)
+        poles = np.abs(closed_loop_poles(plants, gains, filters)).max(axis=1)
+        return cls(
+            freq_hz, S, largest_gain(scaled(S, plants.inertia)), tracking_error(P, S, F_r), poles < STABLE
+        )  # fmt: skip
+
+    @property
+    def loops(self) -> ComplexArray:
+        """L_i (N, n_u, F)."""
+        return np.asarray(1 / np.einsum("nfii->nif", self.S) - 1)
+
+    @property
+    def margins(self) -> Margins:
+        """Of every loop while all others are closed."""
+        return margins(self.loops, self.freq_hz[:, None])
+
+    @property
+    def peaks_db(self) -> FloatArray:
+        """M_S (N,) in dB, by a parabola through the largest line and its neighbours."""
+        return peaks_db(self.size, self.freq_hz)
+
+    def shown(self, values: FloatArray, freq_hz: FloatArray) -> FloatArray:
+        """Values (N, F) at lines freq_hz (K,) of their own."""
+        return np.array([np.interp(np.log(freq_hz), np.log(f), v) for f, v in zip(self.freq_hz, values, strict=True)])
+
+
+@frozen_value
+class LoopState:
+    """A controller in Q postures of n_u axes, with the ends of 95 % of the draws (NaN without draws).
+
+    peak_db (Q,): M_S, infinite where a loop is unstable.  peak_hz (Q,), limited_by (Q,): where it is and what makes it.
+    bandwidth_hz (Q, n_u).  stable (Q,): share of the draws whose loops are stable.  drawn_peaks_db (D,): of each draw
+    over all postures.  freq_hz (K,), sensitivity_db (Q, K), loop_db and loop_phase (n_u, Q, K) for figures, with bands.
+    """
+
+    name: str
+    postures: tuple[str, ...]
+    axes: tuple[str, ...]
+    peak_db: FloatArray = labelled("sensitivity peak", "dB", "postures")
+    peak_low: FloatArray = labelled("lower end of 95 % of draws", "dB", "postures")
+    peak_high: FloatArray = labelled("upper end of 95 % of draws", "dB", "postures")
+    peak_hz: FloatArray = labelled("frequency of the peak", "Hz", "postures")
+    limited_by: tuple[str, ...] = labelled("cause of the peak", axes="postures")
+    bandwidth_hz: FloatArray = labelled("bandwidth of each axis", "Hz", "postures axes")
+    bandwidth_low: FloatArray = labelled("lower end of 95 % of draws", "Hz", "postures axes")
+    bandwidth_high: FloatArray = labelled("upper end of 95 % of draws", "Hz", "postures axes")
+    margins: Margins
+    margins_low: Margins
+    margins_high: Margins
+    stable: FloatArray = labelled("share of draws with stable loops", "", "postures")
+    drawn_peaks_db: FloatArray = labelled("sensitivity peak of each draw over all postures", "dB", "draw")
+    freq_hz: FloatArray = labelled("frequency", "Hz")
+    sensitivity_db: FloatArray = labelled("largest sensitivity", "dB", "postures freq_hz")
+    sensitivity_low: FloatArray = labelled("lower end of 95 % of draws", "dB", "postures freq_hz")
+    sensitivity_high: FloatArray = labelled("upper end of 95 % of draws", "dB", "postures freq_hz")
+    loop_db: FloatArray = labelled("size of the loop, others closed", "dB", "axes postures freq_hz")
+    loop_phase: FloatArray = labelled("phase of the loop, others closed", "rad", "axes postures freq_hz")
+    loop_low: FloatArray = labelled("lower end of 95 % of draws", "dB", "axes postures freq_hz")
+    loop_high: FloatArray = labelled("upper end of 95 % of draws", "dB", "axes postures freq_hz")
+
+    @property
+    def quantile_db(self) -> float:
+        """M_S that 95 % of the draws keep in all postures; of the estimate without draws."""
+        if not len(self.drawn_peaks_db):
+            return float(self.peak_db.max())
+        return float(np.quantile(self.drawn_peaks_db, 0.95, method="higher"))
+
+
+def assess(
+    name: str, plants: Plants, drawn: Plants | None, gains: Gains, filters: Filters | None, postures: tuple[str, ...],
+    axes: tuple[str, ...], modes: tuple[tuple[PlantMode, ...], ...],
+) -> LoopState:  # fmt: skip
+    """plants: of Q postures; drawn: D times as many; gains (n_u,) or (Q, n_u); modes: of each posture."""
+    Q = len(plants)
+    own = Sampled.of(plants, gains, filters, 600, 41)
+    rows = np.arange(Q)
+    peak_hz = own.freq_hz[rows, own.size.argmax(axis=1)]
+    freq_hz = np.geomspace(own.freq_hz[:, 0].max(), own.freq_hz[:, -1].min(), _SHOWN)
+    peak = np.where(own.stable, own.peaks_db, np.inf)
+    causes = tuple("; ".join(_causes(own, plants, q, modes[q], axes)) for q in range(Q))
+    loops = own.loops
+    S_db = own.shown(20 * np.log10(own.size), freq_hz)
+    L_db = np.array([own.shown(20 * np.log10(np.abs(loops[:, i])), freq_hz) for i in range(len(axes))])
+    phase = np.array([own.shown(np.unwrap(np.angle(loops[:, i]), axis=1), freq_hz) for i in range(len(axes))])
+    bandwidth = bandwidths(own.E, own.freq_hz)
+    bands = (
+        _Bands.of(drawn, gains, filters, Q, freq_hz) if drawn is not None else _Bands.none(Q, len(axes), len(freq_hz))
+    )
+    return LoopState(
+        name, postures, axes, peak, *bands.peak, peak_hz, causes, bandwidth, *bands.bandwidth, own.margins,
+        *bands.margins, bands.stable, bands.peaks, freq_hz, S_db, *bands.sensitivity, L_db, phase, *bands.loop,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Bands:
+    """Ends of 95 % of the draws of each quantity of a `LoopState`."""
+
+    peak: Band
+    bandwidth: Band
+    margins: tuple[Margins, Margins]
+    stable: FloatArray
+    peaks: FloatArray
+    sensitivity: Band
+    loop: Band
+
+    @classmethod
+    def of(cls, drawn: Plants, gains: Gains, filters: Filters | None, Q: int, freq_hz: FloatArray) -> _Bands:
+        """Of D times Q plants."""
+        D = len(drawn) // Q
+        each = Gains(
+            *(np.tile(np.broadcast_to(part, (Q, drawn.B.shape[2])), (D, 1)) for part in (gains.kp, gains.kd, gains.ki))
+        )
+        own = Sampled.of(drawn, each, filters, 120, 9)
+        peaks = np.where(own.stable, own.peaks_db, np.inf).reshape(D, Q)
+        found, loops = own.margins, own.loops
+        ends = [_ends(getattr(found, name), D) for name in ("rise", "fall", "phase", "delay")]
+        L = [_ends(own.shown(20 * np.log10(np.abs(loops[:, i])), freq_hz), D) for i in range(loops.shape[1])]
+        return cls(
+            _ends(peaks.ravel(), D), _ends(bandwidths(own.E, own.freq_hz), D),
+            (Margins(*(low for low, _ in ends)), Margins(*(high for _, high in ends))),
+            own.stable.reshape(D, Q).mean(axis=0), peaks.max(axis=1),
+            _ends(own.shown(20 * np.log10(own.size), freq_hz), D),
+            (np.array([low for low, _ in L]), np.array([high for _, high in L])),
+        )  # fmt: skip
+
+    @classmethod
+    def none(cls, Q: int, n_u: int, K: int) -> _Bands:
+        """Without draws."""
+
+        def pair(*shape: int) -> Band:
+            return np.full(shape, np.nan), np.full(shape, np.nan)
+
+        empty = Margins(*(np.full((Q, n_u), np.nan) for _ in range(4)))
+        return cls(
+            pair(Q), pair(Q, n_u), (empty, empty), np.full(Q, np.nan), np.zeros(0), pair(Q, K), pair(n_u, Q, K)
+        )  # fmt: skip
+
+
+def _ends(values: FloatArray, D: int) -> Band:
+    """Quantiles of values (D Q, ...) over the draws, which are there with infinities."""
+    sorted_ = np.sort(values.reshape(D, -1, *values.shape[1:]), axis=0)
+    return sorted_[int(0.025 * (D - 1))], sorted_[int(np.ceil(0.975 * (D - 1)))]
+
+
+def _causes(own: Sampled, plants: Plants, q: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> Iterator[str]:
+    """Axis and mode of each peak that limits, by rising frequency."""
+    size = np.pad(own.size[q], 1, constant_values=0.0)
+    peaks = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:]))
+    binding = peaks[own.size[q, peaks] >= own.size[q].max() * 10 ** (-_BINDING_DB / 20)]
+    for line in binding if own.stable[q] else [int(own.size[q].argmax())]:
+        yield _cause(own, plants, q, int(line), modes, axes)
+
+
+def _cause(own: Sampled, plants: Plants, q: int, line: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> str:
+    root, freq_hz = np.sqrt(plants.inertia[q]), float(own.freq_hz[q, line])
+    left, _, right = np.linalg.svd(own.S[q, line] / root[:, None] * root)
+    i = int(np.abs(left[:, 0] * right[0]).argmax())
+    axis, modes = axes[i], tuple(mode for mode in modes if mode.parts[i] >= _MOVED)
+    if not own.stable[q]:
+        return f"unstable, at {freq_hz:.3g} Hz in axis {axis}"
+    near = min(modes, key=lambda each: abs(np.log(each.freq_hz / freq_hz)), default=None)
+    if near is None or abs(near.freq_hz / freq_hz - 1) > _NEAR:
+        is_slow = near is not None and freq_hz < near.freq_hz
+        words = "gains and notches below its modes" if is_slow else "delay and filters above its modes"
+        return f"axis {axis} at {freq_hz:.3g} Hz: {words}"
+    return f"axis {axis} at {freq_hz:.3g} Hz: mode at {near.freq_hz:.3g} Hz, {near.spring}"

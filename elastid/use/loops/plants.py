@@ -1,0 +1,194 @@
+r"""Robots about postures as a sampled controller sees them: torques held from sample to sample, angles of motors read.
+
+.. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k, \qquad P(z) = C\,[z I - A]^{-1} B
+
+A = exp(A_c T_s) and B = int_0^T exp(A_c s) B_c ds are exact; lags of the drives are states, and a torque delay that the
+fit has found is one of whole samples and one of a part of a sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import expm
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.fit.posture import Asked, Family
+from elastid.fit.result import FitResult
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linear_model import DELAY, LinearModel, torque_elements
+from elastid.linear.modes import modes, shapes_of_all, strain_energy
+from elastid.linear.statespace import state_space
+from elastid.record import Configuration
+from elastid.simulation.controller import tune
+from elastid.use.draws import draw_robots
+
+
+@dataclass(frozen=True, eq=False)
+class Plants:
+    """N plants of a robot with n_u motors: A (N, m, m), B (N, m, n_u), C (N, n_u, m); inertia (N, n_u), link side.
+
+    inertia: of the rigid robot at each motor, other motors held.
+    """
+
+    rate_hz: float
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    inertia: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.A)
+
+    def __getitem__(self, which: slice) -> Plants:
+        return Plants(self.rate_hz, self.A[which], self.B[which], self.C[which], self.inertia[which])
+
+    def response(self, freq_hz: FloatArray) -> ComplexArray:
+        """P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
+        unit, responses = np.eye(self.A.shape[-1]), []
+        for A, B, C, own in zip(self.A, self.B, self.C, freq_hz, strict=True):  # all at once take gigabytes
+            z = np.exp(2j * np.pi * own / self.rate_hz)[:, None, None]
+            responses.append(C @ np.linalg.solve(z * unit - A, B.astype(complex)))
+        return np.array(responses)
+
+    def to_control(self, i: int) -> Any:
+        """Plant i as `control.StateSpace` at the controller's rate."""
+        import control  # takes a second or two
+
+        none = np.zeros((self.C.shape[1], self.B.shape[2]))
+        return control.ss(self.A[i], self.B[i], self.C[i], none, 1 / self.rate_hz)
+
+    @classmethod
+    def stacked(cls, plants: Sequence[Plants]) -> Plants:
+        """Those of several values one after the other."""
+        parts = (np.concatenate([getattr(own, name) for own in plants]) for name in ("A", "B", "C", "inertia"))
+        return cls(plants[0].rate_hz, *parts)
+
+
+@dataclass(frozen=True)
+class PlantMode:
+    """A mode of the robot with motors that are free: freq_hz, zeta, and the spring with the most strain energy.
+
+    share: of all springs in the strain energy; the rest is gravity's.  parts (n_u,): by which it moves each motor,
+    over that of the mode that moves it most.
+    """
+
+    freq_hz: float
+    zeta: float
+    spring: str
+    share: float
+    parts: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PostureFamily:
+    """A fitted robot linearised in Q postures, from which plants of any numbers follow."""
+
+    family: Family
+    linear: tuple[LinearModel, ...]
+    inertia: FloatArray
+    rate_hz: float
+
+    @classmethod
+    def of(cls, result: FitResult, postures: Sequence[Configuration], rate_hz: float) -> PostureFamily:
+        """StudyError where a posture has no rest."""
+        motors = result.family(Asked()).robot.motor_locations
+        family = result.family(Asked(inputs=motors, outputs=motors, motors="free"))
+        linear, inertia = [], []
+        for posture in postures:
+            own = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
+            chain = torque_elements(family.robot.chain)
+            linear.append(replace(own, chain=chain, gains=(), hold=None))
+            q = equilibrium(family.model, family.theta, posture).q
+            inertia.append(tune(family.model, q, 1 / (2 * np.pi), 1.0).kp)
+        return cls(family, tuple(linear), np.array(inertia), rate_hz)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the postures."""
+        return tuple(own.configuration.name for own in self.linear)
+
+    def estimate(self) -> Plants:
+        """The Q plants of the fitted numbers."""
+        return self._plants([self._theta(own) for own in self.linear])
+
+    def draws(self, result: FitResult, count: int, seed: int) -> Plants:
+        """count times Q plants of robots drawn from the fit (`draw_robots`), the postures of each robot in a row."""
+        drawn = draw_robots(result, count, seed)
+        late = drawn.names.index(DELAY) if DELAY in drawn.names else None
+        pieces = []
+        for robot, values in zip(drawn.robots, drawn.values, strict=True):
+            table = robot.parameters(robot.on_demand)
+            thetas = []
+            for own in self.linear:
+                theta = self._theta(own).copy()
+                for i, name in enumerate(own.parameters):
+                    if name in table:
+                        theta[i] = table[name][0]
+                    elif name == DELAY and late is not None:
+                        theta[i] = values[late]
+                thetas.append(theta)
+            pieces.append(self._plants(thetas))
+        return Plants.stacked(pieces)
+
+    def modes(self, posture: int) -> tuple[PlantMode, ...]:
+        """Of the fitted robot in a posture, by rising frequency."""
+        own = self.linear[posture]
+        known = modes(own, self._theta(own))
+        point = equilibrium(self.family.model, self.family.theta, own.configuration)
+        energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(own, known.shapes))
+        strained = np.nan_to_num(energy.share).argmax(axis=0)
+        M = own.matrices(self._theta(own))[0]
+        parts = (
+            np.abs(own.B.T @ known.shapes) ** 2 / np.einsum("im,ij,jm->m", known.shapes.conj(), M, known.shapes).real
+        )
+        parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
+        rows = zip(known.freq_hz, known.zeta, strained, energy.load, parts.T, strict=True)
+        return tuple(
+            PlantMode(float(f), float(zeta), energy.springs[i], float(1 - load), tuple(moved.tolist()))
+            for f, zeta, i, load, moved in rows
+        )
+
+    def _theta(self, own: LinearModel) -> FloatArray:
+        known = replace(self.family.estimated, where=own.configuration.name)
+        return known.theta(known.x)
+
+    def _plants(self, thetas: Sequence[FloatArray]) -> Plants:
+        pieces = [_sampled(own, theta, self.rate_hz) for own, theta in zip(self.linear, thetas, strict=True)]
+        A, B, C = (np.array(part) for part in zip(*pieces, strict=True))
+        return Plants(self.rate_hz, A, B, C, self.inertia)
+
+
+def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A, B, C of a robot with the delay of its torque."""
+    system = state_space(linear, theta)
+    n, n_u = system.B.shape
+    samples, part = divmod(max(system.delay, 0.0) * rate_hz, 1.0)
+
+    def over(share: float) -> tuple[FloatArray, FloatArray]:
+        wide = np.zeros((n + n_u, n + n_u))
+        wide[:n] = np.hstack([system.A, system.B])
+        moved = expm(wide * share / rate_hz)
+        return moved[:n, :n], moved[:n, n:]
+
+    A, B = over(1.0)
+    C = system.C
+    if part > 0:  # u_(k - 1) acts for the first part of the sample
+        end, now = over(1 - part)
+        before = end @ over(part)[1]
+        A, B, C = _with_input_states(A, before, now, C)
+    for _ in range(int(samples)):
+        A, B, C = _with_input_states(A, B, np.zeros_like(B), C)
+    return A, B, C
+
+
+def _with_input_states(
+    A: FloatArray, before: FloatArray, now: FloatArray, C: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """x_(k+1) = A x_k + before u_(k-1) + now u_k as a state space of x and u_(k-1)."""
+    n, n_u = before.shape
+    wide = np.block([[A, before], [np.zeros((n_u, n + n_u))]])
+    return wide, np.vstack([now, np.eye(n_u)]), np.hstack([C, np.zeros((len(C), n_u))])

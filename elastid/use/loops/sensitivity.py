@@ -1,0 +1,146 @@
+r"""Sensitivity of joint loops that the arm couples: peaks, bandwidths, poles and limits of a controller on N plants.
+
+.. math:: S(z) = [I + F(z) P(z)]^{-1}, \qquad M_S = \max_\omega \bar\sigma\bigl(J^{-1/2} S(e^{j \omega T_s}) J^{1/2}
+          \bigr), \qquad L_i = 1 / S_{ii} - 1
+
+F: the controllers, filters and delay included, a diagonal matrix; P: from torques to the motors' angles. S is what
+motors give of a torque that is injected: u = S r. J, the inertia of each axis, makes torques of all axes comparable,
+and M_S the same at torques and angles for loops that are alike; no axis has a larger peak |S_ii| (Skogestad and
+Postlethwaite, Multivariable Feedback Control, 2005, section 9.2). L_i is the loop of an axis while all others are
+closed. Bandwidth of an axis: lowest frequency at which the error of its motor behind a reference of its position,
+
+.. math:: E_{ii} = 1 - [P S]_{ii} F_{r,i}, \qquad F_r = k_p (1 + k_i \textstyle\sum)\, H
+
+is -3 dB; the velocity of the reference is not fed forward.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.simulation.controller import Gains
+from elastid.simulation.filters import Filters
+from elastid.use.loops.plants import Plants
+
+LIMIT_DB = 6.0  # of M_S
+THRESHOLD = 10 ** (-3 / 20)  # of |E_ii| at the bandwidth
+STABLE = 1 - 1e-9  # |z| of a pole, which rounding of an integrator at 1 stays outside of
+# Lines of a grid: along the whole band, and about each mode.
+_LINES, _PER_MODE = 220, 13
+
+
+def controller_response(
+    gains: Gains, filters: Filters | None, freq_hz: FloatArray, rate_hz: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """F and F_r (..., n_u) at freq_hz (...)."""
+    H = 1.0 if filters is None else filters.response(freq_hz, rate_hz)
+    of_position = replace(gains, kd=np.zeros_like(gains.kd))
+    return gains.response(freq_hz, rate_hz) * H, of_position.response(freq_hz, rate_hz) * H
+
+
+def grid(plants: Plants, lines: int = _LINES, per_mode: int = _PER_MODE) -> FloatArray:
+    """freq_hz (N, F): logarithmic up to half the rate, and denser about each mode of a plant."""
+    poles = np.linalg.eigvals(plants.A)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.log(poles.astype(complex)) * plants.rate_hz
+    freq_hz, zeta = np.abs(s) / (2 * np.pi), -s.real / np.maximum(np.abs(s), 1e-300)
+    top = 0.499 * plants.rate_hz
+    counts = (s.imag > 1e-6 * np.abs(s)) & (zeta < 0.5) & (zeta > 0) & (freq_hz < top)
+    slowest = freq_hz[counts].min(initial=0.2 * top)
+    base = np.geomspace(max(slowest / 300, top / 5000), top, lines)
+    spread = np.sinh(np.linspace(-3, 3, per_mode)) / np.sinh(3)
+    most = int(counts.sum(axis=1).max(initial=0))
+    rows = []
+    for own, z, keep in zip(freq_hz, zeta, counts, strict=True):
+        centres, widths = own[keep], np.clip(8 * z[keep], 0.02, 0.4)
+        near = (centres[:, None] * (1 + widths[:, None] * spread)).ravel()
+        padding = np.geomspace(base[0], top, (most - len(centres)) * per_mode + 2)[1:-1] * (1 + 1e-6)
+        rows.append(np.sort(np.clip(np.concatenate([base, near, padding]), base[0], top)))
+    return np.array(rows)
+
+
+def sensitivity(P: ComplexArray, F: ComplexArray) -> ComplexArray:
+    """S (..., n_u, n_u) from P (..., n_u, n_u) and F (..., n_u)."""
+    return np.asarray(np.linalg.inv(np.eye(P.shape[-1]) + F[..., :, None] * P))
+
+
+def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:
+    """J^-1/2 S J^1/2 of S (N, F, n_u, n_u) with inertia (N, n_u)."""
+    root = np.sqrt(inertia)[:, None]
+    return np.asarray(S / root[..., :, None] * root[..., None, :])
+
+
+def largest_gain(S: ComplexArray) -> FloatArray:
+    """Largest singular value (...) of matrices (..., n, n)."""
+    squares = np.linalg.eigvalsh(np.swapaxes(S, -1, -2).conj() @ S)[..., -1]
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+
+def peaks_db(size: FloatArray, freq_hz: FloatArray) -> FloatArray:
+    """Largest of sizes (N, F) in dB, by the parabola of ln size over ln freq_hz through its line and its neighbours."""
+    rows, line = np.arange(len(size)), np.clip(size.argmax(axis=1), 1, size.shape[1] - 2)
+    y, x = (np.log(part[rows[:, None], line[:, None] + [-1, 0, 1]]) for part in (size, freq_hz))
+    left, right = x[:, 0] - x[:, 1], x[:, 2] - x[:, 1]
+    down, up = y[:, 0] - y[:, 1], y[:, 2] - y[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        curve = (up / right - down / left) / (right - left)
+        slope = up / right - curve * right
+        rise = np.where((curve < 0) & (down <= 0) & (up <= 0), -(slope**2) / (4 * curve), 0.0)
+    return np.asarray(20 / np.log(10) * np.maximum(y[:, 1] + np.nan_to_num(rise), y.max(axis=1)))
+
+
+def tracking_error(P: ComplexArray, S: ComplexArray, F_r: ComplexArray) -> ComplexArray:
+    """E_ii (..., n_u) from P, S (..., n_u, n_u) and F_r (..., n_u)."""
+    return np.asarray(1 - np.einsum("...ij,...ji->...i", P, S) * F_r)
+
+
+def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
+    """Hz (N, n_u) where |E| of E (N, F, n_u) first rises to -3 dB; the ends of the grid where it lies beyond."""
+    size = np.abs(E)
+    above = size >= THRESHOLD
+    last = np.where(above.any(axis=1), above.argmax(axis=1), size.shape[1] - 1)
+    first = np.maximum(last - 1, 0)
+    rows = np.arange(len(E))[:, None]
+    axes = np.arange(size.shape[2])[None]
+    low, high = np.log(size[rows, first, axes]), np.log(size[rows, last, axes])
+    share = np.clip((np.log(THRESHOLD) - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
+    ends = np.log(freq_hz)[rows, first], np.log(freq_hz)[rows, last]
+    return np.asarray(np.exp(ends[0] + share * (ends[1] - ends[0])))
+
+
+def closed_loop_poles(plants: Plants, gains: Gains, filters: Filters | None) -> ComplexArray:
+    """z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
+    N, m, n_u = plants.B.shape
+    Af, Bf, Cf, Df = (np.zeros((0, 0)), np.zeros((0, n_u)), np.zeros((n_u, 0)), np.eye(n_u))
+    if filters is not None:
+        Af, Bf, Cf, Df = filters.matrices
+    n_f, T = len(Af), 1 / plants.rate_hz
+    kp, kd, ki = (np.broadcast_to(part, (N, n_u)) for part in (gains.kp, gains.kd, gains.ki))
+    # e_k = -(k_p + k_d / T) y_k + k_d / T y_(k-1), the feedback e + k_i i, i its integral; states x, y_(k-1), i, x_f.
+    of_x = -((kp + kd / T)[:, :, None] * plants.C)
+    of_last = (kd / T)[:, :, None] * np.eye(n_u)
+    E = np.concatenate([of_x, of_last, np.zeros((N, n_u, n_u + n_f))], axis=2)
+    V = E.copy()
+    V[:, :, m + n_u : m + 2 * n_u] += ki[:, :, None] * np.eye(n_u)
+    U = Df @ V
+    U[:, :, m + 2 * n_u :] += Cf
+    A = np.zeros((N, m + 2 * n_u + n_f, m + 2 * n_u + n_f))
+    A[:, :m, :m] = plants.A
+    A[:, :m] += plants.B @ U
+    A[:, m : m + n_u, :m] = plants.C
+    A[:, m + n_u : m + 2 * n_u] = T * E
+    A[:, m + n_u : m + 2 * n_u, m + n_u : m + 2 * n_u] += np.eye(n_u)
+    A[:, m + 2 * n_u :] = Bf @ V
+    A[:, m + 2 * n_u :, m + 2 * n_u :] += Af
+    if not np.any(ki):  # an integral that nothing reads
+        kept = np.r_[: m + n_u, m + 2 * n_u : len(A[0])]
+        A = A[:, kept[:, None], kept]
+    return np.asarray(np.linalg.eigvals(A))
+
+
+def is_stable(plants: Plants, gains: Gains, filters: Filters | None) -> bool:
+    """True if all poles of all loops are within the unit circle."""
+    return bool(np.abs(closed_loop_poles(plants, gains, filters)).max() < STABLE)

@@ -1,0 +1,167 @@
+"""Sensitivity, poles, bandwidths and margins of sampled loops against python-control and closed forms."""
+
+from __future__ import annotations
+
+import control
+import numpy as np
+import pytest
+from plants.predicted_arm import result
+
+from elastid.linear.linear_model import DELAY
+from elastid.record import Configuration
+from elastid.simulation.controller import Gains
+from elastid.simulation.filters import Filters
+from elastid.use.loops.cascade import Cascade
+from elastid.use.loops.margins import margins
+from elastid.use.loops.plants import Plants, PostureFamily, _sampled
+from elastid.use.loops.sensitivity import (
+    bandwidths,
+    closed_loop_poles,
+    grid,
+    largest_gain,
+    peaks_db,
+    scaled,
+    sensitivity,
+    tracking_error,
+)
+
+RATE_HZ = 400.0
+CASCADE = Cascade(
+    np.array([8.0, 12.0]), np.array([700.0, 300.0]), np.array([120.0, 90.0]), 1, np.array([[18.0, 0.8, 0.3]]), (1,)
+)  # fmt: skip
+
+
+def plants() -> Plants:
+    """Of two postures."""
+    postures = [Configuration("a", np.array([0.3, 0.5])), Configuration("b", np.array([0.5, -1.2]))]
+    return PostureFamily.of(result(), postures, RATE_HZ).estimate()
+
+
+def controller(cascade: Cascade) -> control.StateSpace:
+    """The cascade by python-control: its integral, its difference, its filters and its delay."""
+    T = 1 / RATE_HZ
+    z = control.tf([1, 0], [1], T)
+    axes = []
+    for i in range(2):
+        p, v = cascade.position_gain[i], cascade.velocity_gain[i]
+        F = v * (p + (1 - 1 / z) / T) * (1 + p * T / (z - 1)) / z**cascade.delay
+        for b0, b1, b2, a0, a1, a2 in cascade.filters(RATE_HZ).sections[i]:
+            F = F * control.tf([b0, b1, b2], [a0, a1, a2], T)
+        axes.append(control.tf2ss(F))
+    return control.append(*axes)
+
+
+def test_poles_and_sensitivity_are_those_of_python_control() -> None:
+    """Of the coupled loops; poles that cancel may differ, the largest does not."""
+    own = plants()
+    freq_hz = np.geomspace(0.3, 190, 40)
+    F, _ = CASCADE.response(np.tile(freq_hz, (2, 1)), RATE_HZ)
+    S = sensitivity(own.response(np.tile(freq_hz, (2, 1))), F)
+    poles = closed_loop_poles(own, CASCADE.gains, CASCADE.filters(RATE_HZ))
+    for i in range(2):
+        closed = control.feedback(
+            control.ss([], [], [], np.eye(2), 1 / RATE_HZ), controller(CASCADE) * own.to_control(i)
+        )
+        np.testing.assert_allclose(closed(np.exp(2j * np.pi * freq_hz / RATE_HZ)).transpose(2, 0, 1), S[i], rtol=1e-6)
+        assert np.abs(poles[i]).max() == pytest.approx(np.abs(closed.poles()).max(), rel=1e-6)
+
+
+def test_margins_are_those_of_python_control() -> None:
+    """Of the loop of an axis while the other is closed."""
+    own = plants()
+    freq_hz = grid(own, 1500, 61)
+    S = sensitivity(own.response(freq_hz), CASCADE.response(freq_hz, RATE_HZ)[0])
+    L = 1 / np.einsum("nfii->nif", S) - 1
+    found = margins(L, freq_hz[:, None])
+    for i in range(2):
+        for axis in range(2):
+            omega = 2 * np.pi * freq_hz[i]
+            keep = np.concatenate([[True], np.diff(omega) > 0])
+            data = control.frd(L[i, axis][keep], omega[keep], smooth=True)
+            gain, phase, _, _, crossing, _ = control.stability_margins(data, returnall=True)
+            assert found.rise[i, axis] == pytest.approx(gain[gain > 1].min(), rel=1e-3)
+            assert np.degrees(found.phase[i, axis]) == pytest.approx(np.abs(phase).min(), abs=0.1)
+            late = np.radians(phase % 360) / crossing
+            assert found.delay[i, axis] == pytest.approx(late.min(), rel=3e-3)
+
+
+def test_a_loop_beyond_its_margins_is_unstable() -> None:
+    """The gain of both axes times a little more, and a little less, than makes a pole leave the unit circle."""
+    own = plants()[:1]
+    filters, F = CASCADE.filters(RATE_HZ), 1.0
+    lone = Gains(CASCADE.gains.kp * [1, 0], CASCADE.gains.kd * [1, 0], CASCADE.gains.ki * [1, 0])
+    freq_hz = grid(own, 1500, 61)
+    L = (
+        own.response(freq_hz)[:, :, 0, 0]
+        * (lone.response(freq_hz, RATE_HZ) * filters.response(freq_hz, RATE_HZ))[..., 0]
+    )
+    rise = float(margins(L, freq_hz).rise[0])
+    for F, is_stable in ((0.999 * rise, True), (1.001 * rise, False)):
+        gains = Gains(F * lone.kp, F * lone.kd, lone.ki)
+        poles = closed_loop_poles(own, gains, filters)[0]
+        swinging = np.abs(poles[np.abs(np.angle(poles)) > 0.05]).max()
+        assert (swinging < 1) == is_stable
+
+
+def test_an_ideal_cascade_has_the_bandwidth_of_its_position_gain() -> None:
+    """E = s / (s + K_p) of a motor alone whose velocity loop is fast: -3 dB at K_p / 2 pi."""
+    rate, J, K_p = 2e4, 3.0, 5.0
+    A, B = np.array([[1, 1 / rate], [0, 1]]), np.array([[0.5 / rate**2], [1 / rate]]) / J
+    motor = Plants(rate, A[None], B[None], np.array([[[1.0, 0.0]]]), np.array([[J]]))
+    freq_hz = np.geomspace(0.05, 500, 2000)[None]
+    gains = Gains(np.array([K_p * 2e3]), np.array([2e3]), np.zeros(1))
+    P = motor.response(freq_hz)
+    S = sensitivity(P, gains.response(freq_hz, rate))
+    F_r = Gains(gains.kp, np.zeros(1), gains.ki).response(freq_hz, rate)
+    E = tracking_error(P, S, F_r)
+    assert bandwidths(E, freq_hz)[0, 0] == pytest.approx(K_p / (2 * np.pi), rel=0.02)
+
+
+def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units() -> None:
+    """Torques of a sliding axis in kN instead of N change the singular values of S, not of the scaled one."""
+    own = plants()
+    freq_hz = grid(own)
+    S = sensitivity(own.response(freq_hz), CASCADE.response(freq_hz, RATE_HZ)[0])
+    size = largest_gain(scaled(S, own.inertia))
+    assert np.all(size[..., None] >= np.abs(np.einsum("nfii->nfi", S)) * (1 - 1e-9))
+    unit = np.array([1.0, 1e-3])
+    other = S * unit[:, None] / unit
+    np.testing.assert_allclose(largest_gain(scaled(other, own.inertia * unit**2)), size, rtol=1e-8)
+    assert np.abs(largest_gain(other) / largest_gain(S) - 1).max() > 0.1
+
+
+def test_a_peak_between_lines_is_found() -> None:
+    """Of a parabola in ln size over ln frequency exactly; at an end the end."""
+    f = np.geomspace(1, 10, 12)[None]
+    curve = np.exp(0.7 - 2 * (np.log(f) - np.log(3.3)) ** 2)
+    assert peaks_db(curve, f)[0] == pytest.approx(0.7 * 20 / np.log(10), rel=1e-9)
+    assert peaks_db(f, f)[0] == pytest.approx(20, rel=1e-9)
+
+
+@pytest.mark.parametrize("delay_s", [0.0013, 0.0025, 0.006])
+def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None:
+    """Of half a sample and of more than two: as the difference of two held torques, and late by whole samples."""
+    own = PostureFamily.of(result(), [Configuration("a", np.array([0.3, 0.5]))], RATE_HZ)
+    linear = own.linear[0]
+    theta = own._theta(linear).copy()
+    theta[list(linear.parameters).index(DELAY)] = delay_s
+    A, B, C = _sampled(linear, theta, RATE_HZ)
+    whole = round(delay_s * RATE_HZ * 1000)
+    fine = _sampled(linear, own._theta(linear), RATE_HZ * 1000)
+    n = 12
+    u = np.repeat([1.0] + [0.0] * (n - 1), 1000)
+    x, y = np.zeros(len(fine[0])), []
+    late = np.concatenate([np.zeros(whole), u])[: len(u)]
+    for k, torque in enumerate(late):
+        if k % 1000 == 0:
+            y.append(fine[2][0] @ x)
+        x = fine[0] @ x + fine[1][:, 0] * torque
+    x, sampled = np.zeros(len(A)), []
+    for k in range(n):
+        sampled.append(C[0] @ x)
+        x = A @ x + B[:, 0] * (k == 0)
+    np.testing.assert_allclose(sampled, y, rtol=1e-6, atol=1e-12 * np.abs(y).max())
+
+
+def test_a_filter_of_one_axis_leaves_the_other() -> None:
+    assert Filters(((), ()), 2).response(np.array([10.0]), RATE_HZ)[0, 0] == pytest.approx(np.exp(-0.1j * np.pi))
