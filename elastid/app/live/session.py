@@ -25,8 +25,7 @@ from elastid.base.workers import lasting_workers
 from elastid.design.goal import Goal, read_goal
 from elastid.design.next_experiment import Known, NextExperiment, next_experiment
 from elastid.design.problem import DesignProblem
-from elastid.design.spec import CandidateSpec, DesignSpec, unit_time_s
-from elastid.excitation.spec import MultisineSpec
+from elastid.design.spec import CandidateSpec, DesignSpec, LevelSpec, unit_time_s
 from elastid.experiment.plan.movement import reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
@@ -35,6 +34,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult
+from elastid.friction.robot_friction import coulomb_levels
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.places import on_shafts, shaft_couplings
 from elastid.nonlinear.take_out import estimate_without_friction
@@ -54,6 +54,7 @@ from elastid.use.draws import draw_robots, estimated_robot
 
 # Springs of a robot that was not measured yet may be off by this factor; data sheets are by 1.2 to 1.5.
 FACTOR = 1.5
+DISTORTION = 0.03  # by friction in one realisation, relative to |G|, before any log shows it
 DRAWS = 2  # robots at twice the deviations of the fit, on which the limits are kept, too
 
 
@@ -91,6 +92,7 @@ class Session:
     folder: LiveFolder
     problem: DesignProblem
     records: dict[str, Record] = field(default_factory=dict)
+    responses: dict[int, list[FrequencyResponse]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Run, asked: Asked) -> Session:
@@ -114,12 +116,12 @@ class Session:
         goal = read_goal(asked.goals, choose(study.fit, robot).free_names)
         folder = LiveFolder(run.folder / "live", robot, outputs)
         candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)
-        design = DesignSpec(count=1, candidates=candidates, parameters=tuple(goal.widths))
+        noise = study.design.noise if study.design else LevelSpec(distortion=DISTORTION * coulomb_levels(robot).any())
+        design = DesignSpec(count=1, candidates=candidates, parameters=tuple(goal.widths), noise=noise)
         experiment = replace(study.experiment, configurations={}, without_payload=())
         problem = DesignProblem(
-            robot, informed(study.excitation, experiment.runs(len(robot.driven)), len(robot.driven)), experiment,
-            study.seeded_fit, study.estimator.quantity, study.seed, design, model=study.model,
-            friction=study.estimator.friction,
+            robot, study.excitation, experiment, study.seeded_fit, study.estimator.quantity, study.seed, design,
+            model=study.model, friction=study.estimator.friction,
         )  # fmt: skip
         return cls(run, asked, goal, folder, problem)
 
@@ -173,6 +175,18 @@ class Session:
         values = tuple((p.name, result.values[p.name]) for p in result.parameters.asked)
         return replace(self.problem, robot=estimated_robot(result), fitted_values=values)
 
+    def _design(self, plans: Sequence[Plan]) -> DesignSpec:
+        """Candidates, and the distortion that the logs so far show, which longer experiments do not lower."""
+        design = self.problem.design
+        assert design is not None
+        if not plans or design.noise.frf or design.noise.absolute is not None:
+            return design
+        with self._execution("distortion") as execution:
+            measured = [r for r in self._responses(plans, execution) if r.distortion is not None]
+        shares = [np.median(r.distortion.variance / np.abs(r.G) ** 2) for r in measured if r.distortion is not None]
+        level = math.sqrt(np.mean(shares)) if shares else design.noise.distortion
+        return replace(design, noise=replace(design.noise, distortion=level))
+
     def _planned(self, plans: Sequence[Plan], result: FitResult | None) -> Plan | str:
         """The next plan, as it was written or now; a sentence where no further one leads to the goal."""
         step = len(plans) + 1
@@ -181,7 +195,7 @@ class Session:
             self._check_is_of_study(path)
             plan = read_plan(path)
         else:
-            known = Known.before(problem)
+            problem, known = replace(problem, design=self._design(plans)), Known.before(problem)
             if result is not None:
                 measured = tuple((plan.configurations[0], plan.periods) for plan in plans)
                 known = Known(result.parameters, result.x, result.covariance, measured)
@@ -308,6 +322,8 @@ class Session:
 
     def _responses(self, plans: Sequence[Plan], execution: Execution) -> list[FrequencyResponse]:
         """One of each experiment, the friction of the motors taken out, as the stage `estimate` has them."""
+        if len(plans) in self.responses:
+            return self.responses[len(plans)]
         robot, estimator = self.folder.robot, self.run.study.estimator
         configurations = {c.name: tuple(c.angles.tolist()) for plan in plans for c in plan.configurations}
         experiment = ExperimentSpec(configurations, recorded=self.folder.recorded(plans))
@@ -321,7 +337,8 @@ class Session:
             friction = find_friction(
                 [[on_shafts(each, E) for each in own] for own in records], estimator, None, execution
             )
-        return [estimate_without_friction(own, friction, estimator, None, E) for own in records]
+        self.responses[len(plans)] = [estimate_without_friction(own, friction, estimator, None, E) for own in records]
+        return self.responses[len(plans)]
 
     def _say_plan(self, proposal: NextExperiment, step: int) -> None:
         plan = proposal.plan
@@ -365,9 +382,3 @@ def planned_time_s(run: Run) -> float:
         return float(design.robot_time)
     count = len(experiment.configurations) + (0 if design is None else design.count or 0)
     return count * unit_time_s(study.excitation, experiment, n_u, experiment.periods)
-
-
-def informed(excitation: MultisineSpec, runs: int, n_u: int) -> MultisineSpec:
-    """The excitation with the spectrum of the most information, where its study leaves the spectrum open."""
-    is_open = excitation.flat == "torque" and not excitation.power and not excitation.spectrum
-    return replace(excitation, flat="information") if is_open and runs >= n_u else excitation
