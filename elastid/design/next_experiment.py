@@ -1,10 +1,11 @@
 r"""The next experiment towards a goal: posture, spectrum and length of the largest gain for each second of the robot.
 
-.. math:: \Phi(M) = \sum_p \ln(1 + r_p^2), \qquad \max_{c, P}\ \frac{\Phi(M_0) - \Phi(M_0 + \kappa H_{cP})}{T_P}
+.. math:: \Phi(M) = 1 \Big/ \sum_p r_p^2, \qquad \max_{c, P}\ \frac{\Phi(M_0 + \kappa H_{cP}) - \Phi(M_0)}{T_P}
 
 M_0: the information of the fit so far, H: of a configuration c in P periods, which take T_P; r_p: the part of the goal
-that its interval uses (`design.goal`), so that what is reached no longer counts. Where one experiment reaches the goal,
-the shortest such. kappa: the information that the experiments so far have brought, relative to what was expected.
+that its interval uses (`design.goal`), so that what is reached hardly counts. Phi doubles with twice the information.
+Where one experiment reaches the goal, the shortest such is best. kappa: the information that the experiments so far
+have brought, relative to what was expected.
 """
 
 from __future__ import annotations
@@ -203,7 +204,7 @@ def _option(
     most = used(repeats)
     floor = [*goal.widths][int(np.argmax(most))], float(most.max())
     more_s = repeats * time_s if floor[1] <= 1 else math.inf
-    gain = float(np.sum(np.log1p(before**2) - np.log1p(after**2)))
+    gain = float(1 / np.sum(after**2) - 1 / np.sum(before**2))
     expected = dict(zip(goal.widths, after.tolist(), strict=True))
     return _Option(configuration, periods, expected, bool(after.max() <= SAFE), gain, time_s, more_s, floor)
 
