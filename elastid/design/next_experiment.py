@@ -74,9 +74,10 @@ def _prior_information(parameters: ParameterSet) -> FloatArray:
 class NextExperiment:
     """A plan of one configuration, within the limits of every robot that the fit allows.
 
-    used: parts of the goal that intervals are expected to use after it.  robot_time_s: of it.  more_s: of such
-    experiments until the goal is reached, infinite where they never do.  limit_use: of the robot that comes closest to
-    a limit.  refused: configurations that were better, and why the envelope excluded them.
+    used: parts of the goal that intervals are expected to use after it.  more_s: robot time of such experiments until
+    the goal is reached, infinite where they never do.  floor: the parameter that then uses most of the goal, and its
+    part.  limit_use: of the robot that comes closest to a limit.  refused: configurations that were better, and why
+    the envelope excluded them.
     """
 
     plan: Plan
@@ -101,14 +102,17 @@ def next_experiment(
     name: str,
     phase_seed: int,
     execution: Execution,
+    left_s: float = math.inf,
 ) -> NextExperiment:
     """The experiment of the largest gain for each second, called `name`, its multisine drawn from phase_seed.
 
     problem: at the values of the fit, with a section `design` whose candidates are those.  robots: within the interval
-    of the fit, on each of which the limits are kept.  StudyError where no candidate has an experiment within limits.
+    of the fit, on each of which the limits are kept.  left_s: robot time that is left; a longer experiment is proposed
+    only where none is so short.  StudyError where no candidate has an experiment within limits.
     """
     settled = with_friction_damping(with_typical_spectrum(with_torques(problem), problem.excitation.torque_rms))
     options = _ranked(settled, candidates, known, goal, execution)
+    options = [option for option in options if option.time_s <= left_s] or options
     refused: list[str] = []
     for option in options[:TRIED]:
         drawn = replace(settled, seed=phase_seed)

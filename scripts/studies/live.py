@@ -3,7 +3,7 @@
     python scripts/studies/live.py [--quick]
 
 The demo's arm (390 s of the robot's time, five postures) and a six-axis arm with ten springs (five postures, 420 s) are
-identified by their own plans, and live with the simulated rig in the robot's place, from 200 candidate postures above
+identified by their own plans, and live with the simulated rig in the robot's place, from 60 candidate postures above
 the floor; each seed has phases and noise of its own.
 
 - with the goal `k_*: 1 %` live takes at most 0.4 of the time of the plan, on the arm (--quick: once) and on six axes;
@@ -35,7 +35,7 @@ from elastid.store.results import read_fit
 from elastid.study import load
 from elastid.study.robots import robot_text
 
-CANDIDATES = "design={count: 1, candidates: {random: 200, floor: 0, clearance: 100 mm}}"
+CANDIDATES = "design={count: 1, candidates: {random: 60, floor: 0, clearance: 100 mm}}"
 WIDE, COARSE = 0.6, 0.4
 
 SIX_AXES = """\
@@ -153,14 +153,6 @@ def main(quick: bool, seeds: int) -> dict[str, Any]:
         assert coarse.ratio <= COARSE
         held, logs = inside(arm, coarse.result), coarse.logs
         found: dict[str, Any] = {"arm 1 %": round(coarse.ratio, 3)}
-        for seed in range(1, 1 + (0 if quick else seeds)):
-            width = widest(by_plan(arm, base / f"plan{seed}", seed))
-            ended = lived(arm, base / f"live{seed}", f"k_*: {width:.4g} %", seed)
-            say(f"arm, {width:.3g} %, seed {seed}", ended)
-            assert ended.reached
-            ratios.append(ended.ratio)
-            held += inside(arm, ended.result)
-            logs += ended.logs
         if not quick:
             (base / "six").mkdir()
             (base / "six" / "robot.yml").write_text(robot_text(six_axes()), encoding="utf-8")
@@ -171,7 +163,17 @@ def main(quick: bool, seeds: int) -> dict[str, Any]:
             assert six.ratio <= COARSE
             held += inside(base / "six" / "study.yml", six.result)
             logs += six.logs
-            found |= {"six axes 1 %": round(six.ratio, 3), "as the plan": [round(ratio, 3) for ratio in ratios]}
+            found["six axes 1 %"] = round(six.ratio, 3)
+        for seed in range(1, 1 + (0 if quick else seeds)):
+            width = widest(by_plan(arm, base / f"plan{seed}", seed))
+            ended = lived(arm, base / f"live{seed}", f"k_*: {width:.4g} %", seed)
+            say(f"arm, {width:.3g} %, seed {seed}", ended)
+            assert ended.reached
+            ratios.append(ended.ratio)
+            held += inside(arm, ended.result)
+            logs += ended.logs
+        if ratios:
+            found["as the plan"] = [round(ratio, 3) for ratio in ratios]
             assert np.median(ratios) <= WIDE
     found |= {"truths inside": f"{sum(held)} of {len(held)}", "contradictions": f"0 of {logs}"}
     assert np.mean(held) >= 0.85

@@ -78,6 +78,16 @@ def test_example_18_commands_a_move_that_the_tool_follows() -> None:
 
 
 @pytest.mark.slow
+def test_example_20_measures_until_the_springs_are_known() -> None:
+    """In half the time of the plan, with the truth in intervals that are as narrow as was asked for."""
+    live = example("ex20_live_identification")
+    assert live["reached"]
+    assert live["share"] == pytest.approx(0.5)
+    assert all(live["inside"].values())
+    assert all(widths[-1] <= 0.04 < widths[0] for widths in live["half_widths"].values())
+
+
+@pytest.mark.slow
 def test_example_6_finds_the_friction_of_one_axis() -> None:
     """Coulomb and viscous friction within 0.5 % of the truth, by intervals that are as narrow."""
     found = example("ex06_friction_curve")["found"]

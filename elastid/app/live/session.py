@@ -202,8 +202,9 @@ class Session:
             assert problem.design is not None
             candidates, robots = problem.candidates(problem.design), self._robots(result, step)
             with self._execution(f"plan of x{step}") as execution:
+                left_s = self.budget_s * (1 + 1e-9) - sum(plan.robot_time_s for plan in plans)
                 proposal = next_experiment(
-                    problem, candidates, known, self.goal, robots, f"x{step}", self._seed(step), execution
+                    problem, candidates, known, self.goal, robots, f"x{step}", self._seed(step), execution, left_s
                 )
             if words := self._refusal(proposal, plans, result):
                 return words
