@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elastid import __version__
+from elastid.app.live.command import live
 from elastid.app.options import options_of, run_of, stage_options, study_argument
 from elastid.app.signals import insisting, libraries_off_terminal
 from elastid.app.stage_table import helps
@@ -204,7 +205,7 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
     predicting.predict(run_of(study, predicting.on_logs(study, logs, options)), source)
 
 
-for command in (map_command, tune, loops, shape):
+for command in (map_command, tune, loops, shape, live):
     cli.add_command(command)
 
 

@@ -13,6 +13,7 @@ from elastid.app.stages.fit import TRUSTED
 from elastid.base.display import number
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
+from elastid.export.fmu import write_move_fmu
 from elastid.export.move import write_move
 from elastid.fit.posture import Asked
 from elastid.report.figures.shapers import shaper_figure
@@ -58,7 +59,7 @@ def tune_study(run: Run, asked: Command) -> None:
         move = read_move(asked.path, given.identified, given.frame, 0.0 if asked.fastest else asked.duration)
         with run.console.progress("tune") as progress:
             tuned = tune_move(given, move, run.study.name, progress)
-        _write(run, tuned)
+        _write(run, tuned, given.identified)
         run.console.table(table(tuned))
         for line in sentences(tuned):
             run.console.say(f"tune: {line}")
@@ -143,12 +144,13 @@ def _given(run: Run, asked: Command) -> Given:
     )  # fmt: skip
 
 
-def _write(run: Run, tuned: TunedMove) -> None:
+def _write(run: Run, tuned: TunedMove, identified: Robot) -> None:
     write_tune(run.folder / "tune.h5", tuned, run.stamps["fit"])
     write_table(run.folder / "tune.csv", tuned)
     write_page_of_move(tuned, run.folder, run.stamps["fit"].shown)
     keep_checksums(run.folder, RESULTS)
-    files = write_move(clear_folder(run.folder, "tune"), tuned)
+    folder = clear_folder(run.folder, "tune")
+    files = (*write_move(folder, tuned), *write_move_fmu(folder, identified, tuned))
     for path in (*(run.folder / name for name in RESULTS), *files):
         run.console.say(f"tune: {path}")
 

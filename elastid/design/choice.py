@@ -48,7 +48,7 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     low, high = _range(robot, swing)
     names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
     reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
-    reasons += list(_obstacles(spec, robot, angles))
+    reasons += list(obstacles(spec, robot, angles))
     if spec.singular > 0 and len(robot.driven) > 1:
         singular = dexterity(robot, angles) < spec.singular
         reasons.append((f"are singular (inverse condition below {spec.singular:g})", singular))
@@ -112,7 +112,7 @@ def _proposed(
     return [f"candidate{i + 1}" for i in range(len(angles))], angles
 
 
-def _obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
+def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
     """Candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
     known = [body.name for body in robot.bodies]
     for name in spec.points:

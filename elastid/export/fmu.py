@@ -33,18 +33,24 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.files import replacing
 from elastid.export.code import c_sources, dense
+from elastid.export.move import move_sources
 from elastid.export.numbers import HELD, c_row, known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.friction.static import CURVE
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import formulate
 from elastid.model.frame_tree import position, tree, turns
+from elastid.record import Configuration
 from elastid.robot import TOOL, Robot
 from elastid.robot.named_frames import with_frames
 from elastid.simulation.baumgarte import projection
+from elastid.simulation.controller import tune
 from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration
 from elastid.simulation.gear_forces import gear_forces
+from elastid.use.command.replay import DAMPING_RATIO
+from elastid.use.command.tune import TunedMove
 
 Causality: TypeAlias = Literal["independent", "input", "output", "parameter"]
 Variability: TypeAlias = Literal["continuous", "discrete", "tunable", "fixed"]
@@ -69,18 +75,51 @@ class Layout:
     places: dict[str, int]
 
 
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A robot as a unit: its equations, the postures of its start, and what is known of its numbers, in words.
+
+    move: references and torques that its controller has inside, and the gains (n_u,) of angles and speeds with them.
+    """
+
+    name: str
+    model: ElasticModel
+    postures: tuple[Configuration, ...]
+    known: Mapping[str, str]
+    move: TunedMove | None = None
+    kp: FloatArray | None = None
+    kd: FloatArray | None = None
+
+    @classmethod
+    def fitted(cls, model: FittedRobot) -> Subject:
+        """A fitted robot, in the configurations that were measured."""
+        postures = tuple(linear.configuration for linear in model.linear)
+        known = {number.name: number.words for number in known_numbers(model)}
+        return cls(model.name or model.robot.name, model.model, postures, known)
+
+    @classmethod
+    def moving(cls, robot: Robot, tuned: TunedMove) -> Subject:
+        """A robot at the start of a move, in the loops that the move was judged in."""
+        model, start = formulate(robot), Configuration("start of the move", tuned.position[0])
+        gains = tune(model, equilibrium(model, model.theta, start).q, tuned.bandwidth_hz, DAMPING_RATIO)
+        return cls(tuned.name, model, (start,), {}, tuned, gains.kp, gains.kd)
+
+
 def layout(
-    model: FittedRobot, contacts: Contacts, points: tuple[OperatingPoint, ...], rate_hz: float, step_s: float
+    subject: Subject, contacts: Contacts, points: tuple[OperatingPoint, ...], rate_hz: float, step_s: float
 ) -> Layout:
     """The variables of a robot that starts at rest in the first of its configurations."""
-    equations = model.model
+    equations, moves = subject.model, subject.move is not None
     motors, joints = equations.inputs, [joint.name for joint in equations.robot.joints]
-    position = equations.B.T @ points[0].q
+    position = equations.B.T @ points[0].q * (not moves)
+    beside = " beside the move" * moves
     groups: dict[str, list[Variable]] = {
         "TIME": [Variable("time", "independent", "continuous", "Time, s", 0.0)],
-        "TORQUE": _of(motors, "torque", "input", "link-side torque added to the feedback", points[0].u),
-        "POSITION": _of(motors, "reference", "input", "angle that the controller aims at", position),
-        "VELOCITY": _of(motors, "reference_speed", "input", "speed that the controller aims at"),
+        "TORQUE": _of(
+            motors, "torque", "input", f"link-side torque added to the feedback{beside}", points[0].u * (not moves)
+        ),
+        "POSITION": _of(motors, "reference", "input", f"angle that the controller aims at{beside}", position),
+        "VELOCITY": _of(motors, "reference_speed", "input", f"speed that the controller aims at{beside}"),
         "FORCE": _at_frames(equations.robot, "force", "input", "force on it in N, along {axis} of the base"),
         "ANGLE": _of(motors, "angle", "output", "angle over its gear ratio"),
         "SPEED": _of(motors, "speed", "output", "speed over its gear ratio"),
@@ -88,10 +127,10 @@ def layout(
         "HOLDING": _of(motors, "holding", "output", "torque that holds the posture of the start"),
         "JOINT": _of([f"joint {name}" for name in joints], "angle", "output", "angle"),
         "PLACE": _at_frames(equations.robot, "position", "output", "{axis} of its origin in m, axes of the base"),
-        "THETA": _stiffnesses(model),
+        "THETA": _stiffnesses(subject),
         "FRICTION": _friction(contacts),
-        "KP": _of(motors, "kp", "parameter", "feedback of its angle, N*m/rad of the link side"),
-        "KD": _of(motors, "kd", "parameter", "feedback of its speed, N*m*s/rad of the link side"),
+        "KP": _of(motors, "kp", "parameter", "feedback of its angle, N*m/rad of the link side", subject.kp),
+        "KD": _of(motors, "kd", "parameter", "feedback of its speed, N*m*s/rad of the link side", subject.kd),
         "KI": _of(motors, "ki", "parameter", "integral of the feedback, 1/s"),
         "RATE": [Variable("controller_rate", "parameter", "fixed", "Rate of the controller, Hz", rate_hz)],
         "STEP": [Variable("largest_step", "parameter", "fixed", "Longest step of integration, s", step_s)],
@@ -130,14 +169,13 @@ def _at_frames(robot: Robot, name: str, causality: Causality, text: str) -> list
     ]  # fmt: skip
 
 
-def _stiffnesses(model: FittedRobot) -> list[Variable]:
+def _stiffnesses(subject: Subject) -> list[Variable]:
     """The parameters of the equations: stiffnesses, dampings, masses and so on, with what the fit knows of them."""
-    units = {name: unit for name, (_, unit) in model.robot.parameters().items()}
-    known = {number.name: number.words for number in known_numbers(model)}
-    texts = {name: f"{name} of the robot, {units.get(name, 'SI')}; {known.get(name, HELD)}" for name in units}
+    units = {name: unit for name, (_, unit) in subject.model.robot.parameters().items()}
+    texts = {name: f"{name} of the robot, {units.get(name, 'SI')}; {subject.known.get(name, HELD)}" for name in units}
     return [
         Variable(name, "parameter", "tunable", texts.get(name, name), float(value))
-        for name, value in zip(model.model.parameters, model.model.theta, strict=True)
+        for name, value in zip(subject.model.parameters, subject.model.theta, strict=True)
     ]
 
 
@@ -151,12 +189,16 @@ def _friction(contacts: Contacts) -> list[Variable]:
 
 IDENTIFIER = "robot"
 OWN = ("robot.h", "robot.c", "fmi2.c", "fmi3.c")
-SOURCES = {2: ("fmi2.c", "robot.c", "equations.c"), 3: ("fmi3.c", "robot.c", "equations.c")}
+
+
+def _compiled_sources(version: int, moves: bool) -> tuple[str, ...]:
+    return (f"fmi{version}.c", "robot.c", "equations.c", *["move.c"] * moves)
 
 
 def description(
-    version: int, name: str, token: str, layout: Layout, configurations: tuple[str, ...], step_s: float
-) -> str:
+    version: int, sources: Sequence[str], name: str, token: str, layout: Layout, configurations: tuple[str, ...],
+    step_s: float,
+) -> str:  # fmt: skip
     """modelDescription.xml of FMI 2.0 or 3.0."""
     is_2, state = version == 2, "FMUstate" if version == 2 else "FMUState"
     head = {"fmiVersion": f"{version}.0", "modelName": name, "guid" if is_2 else "instantiationToken": token}
@@ -166,7 +208,7 @@ def description(
     simulation = ET.SubElement(root, "CoSimulation", {"modelIdentifier": IDENTIFIER} | dict.fromkeys(can, "true"))
     if is_2:
         files = ET.SubElement(simulation, "SourceFiles")
-        for source in SOURCES[2]:
+        for source in sources:
             ET.SubElement(files, "File", name=source)
     ET.SubElement(ET.SubElement(root, "LogCategories"), "Category", name="logStatusError")
     ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize=repr(step_s))
@@ -202,12 +244,12 @@ def _describe_3(variables: ET.Element, structure: ET.Element, layout: Layout, na
                 ET.SubElement(structure, part, valueReference=str(reference))
 
 
-def build_description() -> str:
+def build_description(sources: Sequence[str]) -> str:
     """sources/buildDescription.xml of FMI 3.0."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=IDENTIFIER)
     files = ET.SubElement(build, "SourceFileSet", language="C99")
-    for source in SOURCES[3]:
+    for source in sources:
         ET.SubElement(files, "SourceFile", name=source)
     return _text(root)
 
@@ -274,50 +316,64 @@ _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": 
 
 def write_fmu(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """robot_fmi2.fmu and robot_fmi3.fmu; StudyError where a configuration has no rest."""
-    sources, described = unit_sources(model)
+    return write_units(folder, Subject.fitted(model), IDENTIFIER)
+
+
+def write_move_fmu(folder: Path, robot: Robot, tuned: TunedMove) -> tuple[Path, ...]:
+    """robot_with_move_fmi2.fmu and ..._fmi3.fmu: a robot whose controller has a tuned move inside, from time 0 on."""
+    return write_units(folder, Subject.moving(robot, tuned), "robot_with_move")
+
+
+def write_units(folder: Path, subject: Subject, stem: str) -> tuple[Path, ...]:
+    """<stem>_fmi2.fmu and <stem>_fmi3.fmu of a robot; StudyError where a posture of its start has no rest."""
+    sources, described = unit_sources(subject)
     compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
-    paths = tuple(folder / f"robot_fmi{version}.fmu" for version in (2, 3))
+    paths = tuple(folder / f"{stem}_fmi{version}.fmu" for version in (2, 3))
     for version, path in zip((2, 3), paths, strict=True):
         other = "fmi3.c" if version == 2 else "fmi2.c"
+        names = _compiled_sources(version, subject.move is not None)
         content: dict[str, str | bytes] = {f"sources/{name}": text for name, text in sources.items() if name != other}
         content["modelDescription.xml"] = described[version]
         if version == 3:
-            content["sources/buildDescription.xml"] = build_description()
+            content["sources/buildDescription.xml"] = build_description(names)
         if compiler is not None:
-            content[_library_path(version)] = compiled(compiler, sources, version)
+            content[_library_path(version)] = compiled(compiler, sources, names)
         _pack(path, content)
     return paths
 
 
-def unit_sources(model: FittedRobot) -> tuple[dict[str, str], dict[int, str]]:
+def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
     """The text of all sources by name, and the descriptions of both versions."""
-    equations_of = model.model
-    sliding = contacts(equations_of, frictions(model.robot))
-    points = tuple(equilibrium(equations_of, model.theta[:-1], linear.configuration) for linear in model.linear)
-    rate_hz = 1000.0  # of the controller, until it is set
+    equations_of, move = subject.model, subject.move
+    sliding = contacts(equations_of, frictions(equations_of.robot))
+    points = tuple(equilibrium(equations_of, equations_of.theta, posture) for posture in subject.postures)
+    rate_hz = 1000.0 if move is None else move.references.rate_hz  # of the controller, until it is set
     fastest = max(fastest_rate(equations_of, sliding, point.q) for point in points)
     step_s = 1 / (rate_hz * max(2, int(np.ceil(fastest / rate_hz / MAX_STEP_RATE))))
-    variables = layout(model, sliding, points, rate_hz, step_s)
+    variables = layout(subject, sliding, points, rate_hz, step_s)
     functions = equations(equations_of, sliding)
     sources = {name: (files(__package__) / "fmu_sources" / name).read_text("utf-8") for name in OWN}
     sources |= c_sources("equations", functions)
     sources["start.h"] = _start(variables, points)
-    sizes = _sizes(model, sliding.n_states, functions, variables, len(points))
+    if move is not None:
+        sources |= move_sources(move)
+    sizes = _sizes(subject, sliding.n_states, functions, variables)
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, ''.join([*sources.values(), sizes]))}}}"
     sources["sizes.h"] = sizes + f'#define GUID "{token}"\n'
     names = tuple(point.configuration.name for point in points)
-    described = (model.name or model.robot.name, token, variables, names, 1 / rate_hz)
-    return sources, {version: description(version, *described) for version in (2, 3)}
+    described = (subject.name, token, variables, names, 1 / rate_hz)
+    needed = {version: _compiled_sources(version, move is not None) for version in (2, 3)}
+    return sources, {version: description(version, needed[version], *described) for version in (2, 3)}
 
 
-def compiled(compiler: str, sources: Mapping[str, str], version: int) -> bytes:
+def compiled(compiler: str, sources: Mapping[str, str], names: Sequence[str]) -> bytes:
     """The library for this system; StudyError with the compiler's words where it fails."""
     with tempfile.TemporaryDirectory() as temporary:
         for name, text in sources.items():
             (Path(temporary) / name).write_text(text, encoding="utf-8", newline="\n")
         library = Path(temporary) / f"{IDENTIFIER}.library"
         command = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-o", str(library)]
-        command += [*SOURCES[version], "-lm"]
+        command += [*names, "-lm"]
         done = subprocess.run(command, cwd=temporary, capture_output=True, encoding="utf-8", errors="replace")
         if done.returncode:
             raise StudyError(f"export to fmu: {compiler} cannot compile the unit: {done.stderr.strip()[:400]}")
@@ -332,11 +388,12 @@ def _library_path(version: int) -> str:
     return f"binaries/{machine}-{'windows' if system == 'win' else system}/{IDENTIFIER}{suffix}"
 
 
-def _sizes(model: FittedRobot, n_z: int, functions: tuple[ca.Function, ...], variables: Layout, postures: int) -> str:
-    equations_of = model.model
+def _sizes(subject: Subject, n_z: int, functions: tuple[ca.Function, ...], variables: Layout) -> str:
+    equations_of = subject.model
     numbers = {"N_Q": equations_of.n_q, "N_U": equations_of.n_u, "N_L": len(equations_of.robot.joints), "N_Z": n_z}
     numbers["N_P"] = 3 * len(framed(equations_of.robot).frames)
-    numbers |= {"N_POSTURES": postures, "N_VALUES": len(variables.variables), "HAS_LOOPS": int(equations_of.n_c > 0)}
+    numbers |= {"N_POSTURES": len(subject.postures), "N_VALUES": len(variables.variables)}
+    numbers |= {"HAS_LOOPS": int(equations_of.n_c > 0), "HAS_MOVE": int(subject.move is not None)}
     numbers |= {f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")}
     places = {"OUTPUTS": variables.places["ANGLE"], **variables.places}
     numbers |= {f"OF_{name}": place for name, place in places.items()}

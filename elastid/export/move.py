@@ -87,6 +87,14 @@ def interpolated(tuned: TunedMove, t: FloatArray) -> tuple[FloatArray, FloatArra
 
 def write_move_c(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
     """move.c and move.h: `move_at(t, q, v, u)`, which returns 1 from the last sample on."""
+    texts = move_sources(tuned)
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return tuple(folder / name for name in texts)
+
+
+def move_sources(tuned: TunedMove) -> dict[str, str]:
+    """The text of move.c and move.h."""
     n, m, step = len(tuned.time_s), len(tuned.joints), float(np.diff(tuned.time_s).mean())
     lines = [f"{tuned.name}: a move of {tuned.duration:.6g} s, link side, SI, t in s from its first sample.", ""]
     lines += [f"Entries: {', '.join(f'[{i}] motor {name} ({unit})' for i, (name, unit) in _named(tuned))}"]
@@ -94,10 +102,8 @@ def write_move_c(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
     lines += ["Torque on the motor's side is u over the gear ratio, position and velocity times it."]
     comment = c_comment(lines)
     rows = {name: _rows(getattr(tuned, name)) for name in ("position", "velocity", "torque")}
-    source, header = folder / "move.c", folder / "move.h"
-    write_text(source, _C.format(comment=comment, n=n, m=m, step=step, last=float(n - 1), cells=n - 1, **rows))
-    write_text(header, _H.format(comment=comment, m=m, duration=float(step * (n - 1))))
-    return source, header
+    source = _C.format(comment=comment, n=n, m=m, step=step, last=float(n - 1), cells=n - 1, **rows)
+    return {"move.c": source, "move.h": _H.format(comment=comment, m=m, duration=float(step * (n - 1)))}
 
 
 def _named(tuned: TunedMove) -> list[tuple[int, tuple[str, str]]]:
@@ -147,5 +153,5 @@ def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
 
 
 def write_move(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """The move for C, ROS 2 and MATLAB."""
+    """The move for C, ROS 2 and MATLAB; `export.fmu` has it in a robot."""
     return (*write_move_c(folder, tuned), *write_move_ros2(folder, tuned), *write_move_matlab(folder, tuned))

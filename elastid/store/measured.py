@@ -87,6 +87,19 @@ def write_movement(path: Path, reference: Reference, inputs: tuple[str, ...], sl
     _write_csv(path, ["time_s", "torque scale", *columns], rows, reference.rate_hz, reference.first_sample)
 
 
+def write_run(path: Path, reference: Reference, plan: Plan, experiment: Experiment) -> None:
+    """A whole run as CSV: the movement of each motor, and the torque to inject on top; the periods begin at time 0."""
+    parts = [(name, unit, getattr(reference, name)) for name, unit in _MOTION]
+    parts.append(("injected torque", "N*m", reference.injected(plan.torque(experiment))))
+    columns = [
+        f"{name} of {place} ({of_translation(unit) if place in plan.sliding else unit}, link side)"
+        for name, unit, _ in parts
+        for place in plan.inputs
+    ]
+    rows = np.hstack([signal for _, _, signal in parts])
+    _write_csv(path, ["time_s", *columns], rows, reference.rate_hz, reference.first_sample)
+
+
 def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
     """One period of the torques to inject as CSV, repeated from time 0 of the movement on, and backwards before it."""
     columns = [f"{place} ({'N' if place in plan.sliding else 'N*m'}, link side)" for place in plan.inputs]

@@ -184,6 +184,11 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     return _load(Path(path), (overrides,) if isinstance(overrides, str) else tuple(overrides))[0]
 
 
+def study_data(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """The keys of a study as its file and overrides have them, for a study that is made of another."""
+    return dict(_read(Path(path), tuple(overrides))[0].data)
+
+
 def load_with_logs(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     """The same with its logs opened; StudyError also where they contradict the study, see `study.checks.logs`."""
     loaded, source = _load(Path(path), tuple(overrides))

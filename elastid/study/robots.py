@@ -76,11 +76,16 @@ def _validated(source: YamlSource, kind: type) -> Any:
 
 def robot_text(robot: Robot, comments: tuple[str, ...] = ()) -> str:
     """YAML of a robot, in SI, keys at their defaults left out; comments: lines at its head."""
+    return yaml_text(robot, comments)
+
+
+def yaml_text(value: Any, comments: tuple[str, ...] = ()) -> str:
+    """The same of any section of a study, or of a mapping with such sections and plain data."""
     yaml = YAML()
     yaml.width = 100_000
     yaml.indent(mapping=2, sequence=4, offset=2)
     stream = io.StringIO()
-    yaml.dump(_plain(robot), stream)
+    yaml.dump(_plain(value), stream)
     return "".join(comment_lines(line, "# ") for line in comments) + stream.getvalue()
 
 
@@ -96,13 +101,15 @@ def _plain(value: Any) -> Any:
             if own is not None and (default is MISSING or own != default) and not is_unlimited:
                 entries[field.name] = _plain(own)
         return entries
-    if isinstance(value, tuple):
+    if isinstance(value, dict):
+        return {key: _plain(own) for key, own in value.items()}
+    if isinstance(value, tuple | list):
         inner = CommentedSeq(map(_plain, value))
         if all(not isinstance(each, dict) for each in inner):
             inner.fa.set_flow_style()
         return inner
     if isinstance(value, str) and value.lower() in _YAML_1_1_WORDS:
         return SingleQuotedScalarString(value)
-    if isinstance(value, bool | int | str):
+    if isinstance(value, bool | int | str | None):
         return value
     return float(value)

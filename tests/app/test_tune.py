@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.Capture
     words = ("--path", path, "--time", "0.9", "--draws", "3")
     assert command("tune", study, *words) == 0
     files = {"move.c", "move.h", "trajectory.yaml", "move.mat", "load_move.m"}
+    files |= {"robot_with_move_fmi2.fmu", "robot_with_move_fmi3.fmu"}
     assert {each.name for each in (run / "tune").iterdir()} == files
     assert (run / "tune.html").stat().st_size > 10_000
     tuned = read_tune(run / "tune.h5")
@@ -53,6 +55,29 @@ def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.Capture
     assert command("tune", study, *words, "--fastest") == 2
     assert command("tune", study, "--path", path) == 1
     assert "--fastest" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm: Path, version: int) -> None:
+    """In another program, with nothing set: as exactly as planned, and not at all with the path of another time."""
+    study = fitted_arm
+    fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed (group oracles)")
+    validation = pytest.importorskip("fmpy.validation")
+    run = study.parent / "run"
+    assert command("tune", study, "--path", study.parent / "move.csv", "--time", "0.9", "--draws", "0") == 0
+    unit, tuned = str(run / "tune" / f"robot_with_move_fmi{version}.fmu"), read_tune(run / "tune.h5")
+    assert validation.validate_fmu(unit) == []
+    t = tuned.time_s - tuned.time_s[0]
+    places = [f"position {axis} of frame tool" for axis in "xyz"]
+    out = fmpy.simulate_fmu(unit, stop_time=t[-1], step_size=t[1], output_interval=t[1], output=places)
+    tool = np.stack([np.interp(t, out["time"], out[place]) for place in places], axis=1)
+    error = np.linalg.norm(tool - tuned.target, axis=1)
+    travel = np.linalg.norm(tuned.target - tuned.target[0], axis=1).max()
+    assert error.max() < tuned.planned.max() + 2e-4
+    assert error.max() < 2e-3 * travel
+    assert np.linalg.norm(np.roll(tool, 10, axis=0)[10:] - tuned.target[10:], axis=1).max() > 20 * error.max()
 
 
 @pytest.mark.slow

@@ -6,11 +6,12 @@ import re
 from pathlib import Path
 
 import pytest
-from plants import advice_of_changes, advice_of_fits, advice_of_logs, advice_of_studies
+from plants import advice_of_changes, advice_of_fits, advice_of_logs, advice_of_sessions, advice_of_studies
 from plants.advice import CASES, GAP, Case, Desk, advices, keys
 
 # Each registers its cases.
 assert advice_of_fits, advice_of_logs
+assert advice_of_sessions
 assert advice_of_studies
 NOT_FOLLOWED = advice_of_changes.NOT_FOLLOWED
 

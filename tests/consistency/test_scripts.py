@@ -90,13 +90,23 @@ def test_example_18_commands_a_move_that_the_tool_follows() -> None:
 
 
 @pytest.mark.slow
-def test_example_20_finds_gains_at_their_limit() -> None:
+def test_example_22_finds_gains_at_their_limit() -> None:
     """Within 6 dB on the estimate and on 95 % of the draws, at a limit that a mode sets; more gain breaks it."""
-    found = example("ex20_gains_of_joint_loops")
+    found = example("ex22_gains_of_joint_loops")
     assert 5.5 < found["designed"].peak_db.max() <= 6.0
     assert np.mean(found["peaks_db"] <= 6.0) >= 0.95
     assert any("mode at" in cause for cause in found["designed"].limited_by)
     assert found["wild"].peak_db.max() > 7.0
+
+
+@pytest.mark.slow
+def test_example_21_measures_until_the_springs_are_known() -> None:
+    """In half the time of the plan, with the truth in intervals that are as narrow as was asked for."""
+    live = example("ex21_live_identification")
+    assert live["reached"]
+    assert live["share"] == pytest.approx(0.5)
+    assert all(live["inside"].values())
+    assert all(widths[-1] <= 0.04 < widths[0] for widths in live["half_widths"].values())
 
 
 @pytest.mark.slow

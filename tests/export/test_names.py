@@ -21,7 +21,7 @@ from elastid.base.errors import StudyError
 from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control, write_responses_control
 from elastid.export.csv import write_csv, write_responses_csv
-from elastid.export.fmu import unit_sources, write_fmu
+from elastid.export.fmu import Subject, unit_sources, write_fmu
 from elastid.export.matlab import write_matlab, write_responses_matlab
 from elastid.export.mujoco import write_mujoco
 from elastid.export.numbers import interval_lines
@@ -83,7 +83,7 @@ def test_urdf_and_mjcf_have_the_names(model: FittedRobot, tmp_path: Path) -> Non
 
 def test_units_have_the_names(model: FittedRobot) -> None:
     """Both descriptions are XML, whose names of variables differ."""
-    sources, described = unit_sources(model)
+    sources, described = unit_sources(Subject.fitted(model))
     for text in described.values():
         root = ET.fromstring(text)
         names = [each.get("name") for each in root.findall("ModelVariables/*")]

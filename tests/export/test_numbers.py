@@ -14,7 +14,7 @@ from elastid.app.identified_robot import robot_of_fit
 from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control
 from elastid.export.csv import write_csv
-from elastid.export.fmu import unit_sources
+from elastid.export.fmu import Subject, unit_sources
 from elastid.export.matlab import write_matlab
 from elastid.export.mujoco import write_mujoco
 from elastid.export.numbers import HELD, interval_lines, known_numbers
@@ -54,7 +54,7 @@ def test_heads_of_text_files_have_the_interval(fitted: FittedRobot, tmp_path: Pa
 def test_units_say_what_is_known_of_each_parameter(fitted: FittedRobot) -> None:
     """In the description of the variable, of both versions of FMI."""
     known = {number.name: number.words for number in known_numbers(fitted)}
-    for text in unit_sources(fitted)[1].values():
+    for text in unit_sources(Subject.fitted(fitted))[1].values():
         described = {each.get("name"): each.get("description", "") for each in ET.fromstring(text).iter()}
         assert described[SPRING].endswith(known[SPRING])
         assert described["Jm_1"].endswith(HELD)

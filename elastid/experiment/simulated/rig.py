@@ -141,9 +141,16 @@ class SimulatedRig:
         """The samples of a run in the measured periods."""
         return slice(self._end - self.plan.periods * self.plan.period_samples, self._end)
 
-    def _record(self, run: _Run, trajectory: Trajectory, notes: tuple[Note, ...]) -> Record:
-        plan, end, measured = self.plan, self._end, self.measured
-        experiment, noise, given, robot = run.experiment, run.noise, run.given, run.plant.model.robot
+    def log(self, experiment: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Injected torque and the sensors' torques (n, n_u) and outputs (n, n_y) of a whole run, ramps included."""
+        run = self._prepared(experiment)
+        injected = run.given.injected(self.plan.torque(experiment))
+        return injected, *self._sensed(run, self._moved(run, 1.0, self.plan.run_samples))
+
+    def _sensed(self, run: _Run, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
+        """u (n, n_u) and y (n, n_y) of the n samples of a trajectory, with noise, filters and gains of the sensors."""
+        plan, end, experiment = self.plan, len(trajectory.u), run.experiment
+        noise, given, robot = run.noise, run.given, run.plant.model.robot
         setup = (run.plant.model, run.point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
         y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
@@ -151,8 +158,13 @@ class SimulatedRig:
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
             moved = given.position[:end] - experiment.configuration.angles
             u, y = u - given.feed_forward[:end], y - sense_movement(moved, *setup)
-        u = u[measured] * [robot.chain.gain("u", place) for place in plan.inputs]
-        y = y[measured] * [robot.chain.gain("y", place) for place in self.outputs]
+        gains_u = [robot.chain.gain("u", place) for place in plan.inputs]
+        gains_y = [robot.chain.gain("y", place) for place in self.outputs]
+        return u * gains_u, y * gains_y
+
+    def _record(self, run: _Run, trajectory: Trajectory, notes: tuple[Note, ...]) -> Record:
+        plan, experiment = self.plan, run.experiment
+        u, y = (signal[self.measured] for signal in self._sensed(run, trajectory))
         r = np.tile(plan.torque(experiment), (plan.periods, 1))
         names = experiment.name, experiment.configuration, experiment.realisation, experiment.experiment
         timing, places = (plan.rate_hz, plan.period_samples), (plan.inputs, self.outputs)

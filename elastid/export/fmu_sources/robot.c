@@ -6,6 +6,9 @@
 
 #include "equations.h"
 #include "start.h" /* START_VALUES, START_POSTURES, START_TORQUES */
+#if HAS_MOVE
+#include "move.h"
+#endif
 
 /* A sample that is nearer than this part of its period is due now. */
 #define DUE 1e-9
@@ -88,15 +91,32 @@ static void read_angles(const Robot *robot, double *angle, double *speed, double
   call(readings, arg, res);
 }
 
-/* The feedback of a sample, held until the next. */
+/* Angles, speeds and torques of the move inside at a sample, from the first on; zero where there is none. The speed is
+   the difference of angles, as the feedback takes that of its readings. */
+static void move_inside(long long samples, double rate, double *angle, double *speed, double *torque) {
+#if HAS_MOVE
+  double before[N_U], unused[N_U];
+  move_at((double)(samples - 1) / rate, before, speed, unused);
+  move_at((double)samples / rate, angle, speed, torque);
+  for (int i = 0; i < N_U; i++) speed[i] = (angle[i] - before[i]) * rate;
+#else
+  (void)samples;
+  (void)rate;
+  for (int i = 0; i < N_U; i++) angle[i] = speed[i] = torque[i] = 0;
+#endif
+}
+
+/* The torque of a sample, held until the next: feedback, and that of the move inside. */
 static void sample(Robot *robot) {
   const double *value = robot->value, rate = value[OF_RATE];
-  double angle[N_U], speed[N_U], joint[N_L], place[N_P];
+  double angle[N_U], speed[N_U], joint[N_L], place[N_P], move[N_U], moving[N_U], torque[N_U];
   read_angles(robot, angle, speed, joint, place);
+  move_inside(robot->samples, rate, move, moving, torque);
   for (int i = 0; i < N_U; i++) {
-    const double error = value[OF_KP + i] * (value[OF_POSITION + i] - angle[i]) +
-                         value[OF_KD + i] * (value[OF_VELOCITY + i] - (angle[i] - robot->last[i]) * rate);
-    robot->held[i] = error + value[OF_KI + i] * robot->integral[i];
+    const double aim = value[OF_POSITION + i] + move[i], aim_speed = value[OF_VELOCITY + i] + moving[i];
+    const double error = value[OF_KP + i] * (aim - angle[i]) +
+                         value[OF_KD + i] * (aim_speed - (angle[i] - robot->last[i]) * rate);
+    robot->held[i] = torque[i] + error + value[OF_KI + i] * robot->integral[i];
     robot->integral[i] += error / rate;
     robot->last[i] = angle[i];
   }

@@ -43,9 +43,16 @@ XML = """
 """
 
 
-def errors(references: References, gains: Gains, target: FloatArray) -> FloatArray:
+# What the model of the command lacks: friction, half of it dry, and a base that tilts.
+RUBBING = XML.replace('damping="10"', 'damping="15" frictionloss="3"')
+TILTING = XML.replace(
+    '<joint name="q1"', '<joint name="q0" type="hinge" axis="1 0 0" stiffness="4e5" damping="300"/><joint name="q1"'
+)
+
+
+def errors(xml: str, references: References, gains: Gains, target: FloatArray) -> FloatArray:
     """Distance (N,) of the tool from its path, from the rest into which the loops have let it settle."""
-    model = mujoco.MjModel.from_xml_string(XML)
+    model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     names = ("m1", "m2")
     dof = [model.joint(name).dofadr[0] for name in names]
@@ -66,8 +73,9 @@ def errors(references: References, gains: Gains, target: FloatArray) -> FloatArr
 
 
 @pytest.mark.slow
-def test_another_engine_follows_ten_times_as_exactly_as_with_rigid_feedforward() -> None:
-    """Largest error in the move, and vibration after it."""
+@pytest.mark.parametrize(("xml", "gain", "calmer"), [(XML, 10, 3), (RUBBING, 4, 1.2), (TILTING, 10, 3)])
+def test_another_engine_follows_more_exactly_than_with_rigid_feedforward(xml: str, gain: float, calmer: float) -> None:
+    """Largest error in the move, and vibration after it; on the robot of the model, and on two that it is not."""
     own = move(0.8)
     true: Robot = arm(stiffness=0.8, friction=0.0)
     commanded = CommandedRobot.of(true, "tool", own.ends[0])
@@ -76,7 +84,7 @@ def test_another_engine_follows_ten_times_as_exactly_as_with_rigid_feedforward()
     rigid = rigid_references(true, commanded, own, elastic.time_s)
     target = commanded.poses(commanded.rigid(own, elastic.time_s)[0]).position
     gains = tune(commanded.model, commanded.rigid_posture(own.ends[0]), 4.0, 0.7)
-    by_rigid, by_elastic = (errors(each, gains, target) for each in (rigid, elastic))
+    by_rigid, by_elastic = (errors(xml, each, gains, target) for each in (rigid, elastic))
     after = elastic.time_s > own.duration
-    assert by_elastic.max() < by_rigid.max() / 10
-    assert np.ptp(by_elastic[after]) < np.ptp(by_rigid[after]) / 3
+    assert by_elastic.max() < by_rigid.max() / gain
+    assert np.ptp(by_elastic[after]) < np.ptp(by_rigid[after]) / calmer

@@ -1,0 +1,1 @@
+"""live: experiment by experiment towards a goal, references out and logs in as files."""

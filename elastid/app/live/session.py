@@ -1,0 +1,385 @@
+"""The loop of `live`: fit the logs so far, plan the next experiment, hand it out, check its logs, until the goal."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+
+from elastid.app.live.folder import POLL_S, LiveFolder, wait_until_whole, write_simulated_log
+from elastid.app.run import Run, logged_in, run_all
+from elastid.app.stage_table import SIMULATED
+from elastid.app.stages.fit import TRUSTED
+from elastid.app.work import file_hash, hash_of
+from elastid.app.work import stamps as stamps_of
+from elastid.base.display import degrees, number
+from elastid.base.errors import DataError, FitError, StudyError
+from elastid.base.execution import Execution
+from elastid.base.workers import lasting_workers
+from elastid.design.goal import Goal, read_goal
+from elastid.design.next_experiment import Known, NextExperiment, next_experiment
+from elastid.design.problem import DesignProblem
+from elastid.design.spec import CandidateSpec, DesignSpec, LevelSpec, unit_time_s
+from elastid.experiment.plan.movement import reference
+from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.simulated.plant import feed_forward_of, model_of
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.fit.identify import identify
+from elastid.fit.parameter_choice import choose
+from elastid.fit.result import FitResult
+from elastid.friction.robot_friction import coulomb_levels
+from elastid.nonlinear.find import find_friction
+from elastid.nonlinear.places import on_shafts, shaft_couplings
+from elastid.nonlinear.take_out import estimate_without_friction
+from elastid.record import Record
+from elastid.recorded.planned_run import PlannedRun, contradiction
+from elastid.recorded.rig import RecordedRig
+from elastid.response import FrequencyResponse
+from elastid.robot import Robot
+from elastid.robot.tolerances import EXACT
+from elastid.store.artefacts import Stamp, read_stamp
+from elastid.store.files import remove_leftovers
+from elastid.store.measured import read_plan, write_plan
+from elastid.store.results import read_fit, write_fit
+from elastid.study import load
+from elastid.study.loading import study_data
+from elastid.use.draws import draw_robots, estimated_robot
+
+# Springs of a robot that was not measured yet may be off by this factor; data sheets are by 1.2 to 1.5.
+FACTOR = 1.5
+DISTORTION = 0.03  # by friction in one realisation, relative to |G|, before any log shows it
+DRAWS = 2  # robots at twice the deviations of the fit, on which the limits are kept, too
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the command line asks for; robot_time in s."""
+
+    goals: tuple[str, ...]
+    simulate: bool = False
+    robot_time: float | None = None
+
+
+def live_study(run: Run, folder: Path, asked: Asked) -> None:
+    """DIR/live and the run folder of its logs; FitError where the goal is not reached, with what limits it.
+
+    StudyError for a study without a plan, or a folder of another study; DataError for a log that contradicts its plan.
+    """
+    session = Session.of(replace(run, folder=folder), asked)
+    with logged_in(folder, run.jobs, run.console), lasting_workers():
+        plans, reached, words = session.work()
+        study = session.folder.write_study(study_data(run.loaded.path, run.loaded.overrides), plans)
+        run.console.say(f"live: {words}")
+    run_all(Run(load(study), folder, run.jobs, run.console))
+    if not reached:
+        raise FitError(f"the goal is not reached: {words}")
+
+
+@dataclass(frozen=True)
+class Session:
+    """A live identification: run: of the study that was asked for, in the folder of the results."""
+
+    run: Run
+    asked: Asked
+    goal: Goal
+    folder: LiveFolder
+    problem: DesignProblem
+    records: dict[str, Record] = field(default_factory=dict)
+    responses: dict[int, list[FrequencyResponse]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, run: Run, asked: Asked) -> Session:
+        """The session of a study; StudyError for one that has no plan, and for a goal that names no parameter."""
+        study, robot = run.study, run.study.as_robot()
+        if study.kind != SIMULATED or study.excitation is None:
+            raise StudyError(
+                f"{run.loaded.path}: live plans experiments, which needs the sections excitation and "
+                "experiment.simulated, whose controller and noise are those of the robot; a study of logs has none"
+            )
+        simulated = study.experiment.as_simulated()
+        outputs = simulated.outputs or robot.motor_locations
+        if missing := sorted({*robot.motor_locations} - {*outputs}):
+            raise StudyError(f"experiment.simulated.outputs: live needs the position of {', '.join(missing)}; add it")
+        if simulated.carrier is not None and simulated.carrier.kind == "offset":
+            raise StudyError("experiment.simulated.carrier: live has none of constant velocity; take sine or square")
+        if study.fit.robots:
+            raise StudyError("fit.robots: live identifies one robot; give each a study of its own")
+        if asked.simulate and robot.tolerances is None:
+            robot = replace(robot, tolerances=EXACT)  # a simulated rig is as exact as its file
+        goal = read_goal(asked.goals, choose(study.fit, robot).free_names)
+        folder = LiveFolder(run.folder / "live", robot, outputs)
+        candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)
+        noise = study.design.noise if study.design else LevelSpec(distortion=DISTORTION * coulomb_levels(robot).any())
+        design = DesignSpec(count=1, candidates=candidates, parameters=tuple(goal.widths), noise=noise)
+        experiment = replace(study.experiment, configurations={}, without_payload=())
+        problem = DesignProblem(
+            robot, study.excitation, experiment, study.seeded_fit, study.estimator.quantity, study.seed, design,
+            model=study.model, friction=study.estimator.friction,
+        )  # fmt: skip
+        return cls(run, asked, goal, folder, problem)
+
+    @property
+    def budget_s(self) -> float:
+        """The robot time that may be used: what was asked for, or that of the study's own plan."""
+        return self.asked.robot_time or planned_time_s(self.run)
+
+    @cached_property
+    def stamp(self) -> Stamp:
+        """Of all files of the session: the values of the study that a plan depends on."""
+        return replace(stamps_of(self.run.loaded)["design"], study="")
+
+    def work(self) -> tuple[list[Plan], bool, str]:
+        """The plans that were carried out, True where the goal is reached, and how it ended."""
+        self.folder.path.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(self.folder.path)
+        plans: list[Plan] = []
+        result: FitResult | None = None
+        while True:
+            if result is not None:
+                used = self.goal.reached(result)
+                self._report(plans, result, used)
+                if result.status not in TRUSTED:
+                    return plans, False, f"the model does not describe the logs: {result.message}"
+                if max(used.values()) <= 1:
+                    return plans, True, self._reached(plans)
+            plan = self._planned(plans, result)
+            if isinstance(plan, str):
+                if not plans:
+                    raise StudyError(f"--goal: {plan}")
+                return plans, False, plan
+            self._measured(plan, len(plans) + 1, result)
+            plans.append(plan)
+            result = self._fitted(plans)
+
+    def _execution(self, title: str) -> AbstractContextManager[Execution]:
+        """Processes, and progress under a title."""
+
+        @contextmanager
+        def shown() -> Iterator[Execution]:
+            with self.run.console.progress(f"live: {title}") as progress:
+                yield Execution(self.run.jobs, progress)
+
+        return shown()
+
+    def _at(self, result: FitResult | None) -> DesignProblem:
+        """The problem at the values of a fit."""
+        if result is None:
+            return self.problem
+        values = tuple((p.name, result.values[p.name]) for p in result.parameters.asked)
+        return replace(self.problem, robot=estimated_robot(result), fitted_values=values)
+
+    def _design(self, plans: Sequence[Plan]) -> DesignSpec:
+        """Candidates, and the distortion that the logs so far show, which longer experiments do not lower."""
+        design = self.problem.design
+        assert design is not None
+        if not plans or design.noise.frf or design.noise.absolute is not None:
+            return design
+        with self._execution("distortion") as execution:
+            measured = [r for r in self._responses(plans, execution) if r.distortion is not None]
+        shares = [np.median(r.distortion.variance / np.abs(r.G) ** 2) for r in measured if r.distortion is not None]
+        level = math.sqrt(np.mean(shares)) if shares else design.noise.distortion
+        return replace(design, noise=replace(design.noise, distortion=level))
+
+    def _planned(self, plans: Sequence[Plan], result: FitResult | None) -> Plan | str:
+        """The next plan, as it was written or now; a sentence where no further one leads to the goal."""
+        step = len(plans) + 1
+        path, problem = self.folder.plan(step), self._at(result)
+        if path.is_file():
+            self._check_is_of_study(path)
+            plan = read_plan(path)
+        else:
+            problem, known = replace(problem, design=self._design(plans)), Known.before(problem)
+            if result is not None:
+                measured = tuple((plan.configurations[0], plan.periods) for plan in plans)
+                known = Known(result.parameters, result.x, result.covariance, measured)
+            assert problem.design is not None
+            candidates, robots = problem.candidates(problem.design), self._robots(result, step)
+            with self._execution(f"plan of x{step}") as execution:
+                left_s = self.budget_s * (1 + 1e-9) - sum(plan.robot_time_s for plan in plans)
+                proposal = next_experiment(
+                    problem, candidates, known, self.goal, robots, f"x{step}", self._seed(step), execution, left_s
+                )
+            if words := self._refusal(proposal, plans, result):
+                return words
+            plan = proposal.plan
+            self._say_plan(proposal, step)
+            write_plan(path, plan, self.stamp, peaks=proposal.limit_use)
+        model = model_of(problem.robot.carrying(True))
+        carrier = problem.simulated.carrier
+        self.folder.write_references(plan, reference(plan, carrier, feed_forward_of(model), plan.configurations[0]))
+        return plan
+
+    def _seed(self, step: int) -> int:
+        """Of the phases and the noise of one experiment."""
+        return int(np.random.SeedSequence([self.problem.seed, step]).generate_state(1)[0])
+
+    def _check_is_of_study(self, path: Path) -> None:
+        """StudyError where a plan belongs to another study: no log is to be fitted with a robot it was not made for."""
+        stamp = read_stamp(path)
+        if stamp is None or stamp.inputs != self.stamp.inputs:
+            raise StudyError(
+                f"{path} was planned for another study, other data or other options; give another folder with --run, "
+                f"or remove {path.parent} to begin again"
+            )
+
+    def _robots(self, result: FitResult | None, step: int) -> tuple[Robot, ...]:
+        """Robots at the ends of the interval of a fit, or of a data sheet, on which the limits are kept as well."""
+        if result is not None:
+            doubled = replace(result, covariance=4 * result.covariance)
+            return draw_robots(doubled, DRAWS, self._seed(step)).robots
+        springs = {p.name: p.value for p in self.problem.parameters.free if p.name.startswith("k")}
+        ends = [{name: k * factor for name, k in springs.items()} for factor in (1 / FACTOR, FACTOR)] if springs else []
+        return tuple(map(self.problem.robot.with_parameters, ends))
+
+    def _refusal(self, proposal: NextExperiment, plans: Sequence[Plan], result: FitResult | None) -> str:
+        """Why no further experiment leads to the goal; empty where one may."""
+        spent = sum(plan.robot_time_s for plan in plans)
+        if math.isinf(proposal.more_s):
+            name, share = proposal.floor
+            return self._out_of_reach(name, share * self.goal.widths[name], result)
+        if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
+            return ""
+        more = spent + max(proposal.more_s, proposal.plan.robot_time_s)
+        left = "" if result is None else f"{self._worst(self.goal.reached(result))}; "
+        return (
+            f"{left}{spent:.4g} s of {self.budget_s:.4g} s of the robot's time are used, and the next experiment takes "
+            f"{proposal.plan.robot_time_s:.4g} s; about {more:.3g} s in all reach the goal: give --robot-time "
+            f"{math.ceil(more / 10) * 10}"
+        )
+
+    def _out_of_reach(self, name: str, width: float, result: FitResult | None) -> str:
+        """Whatever is measured further, a parameter keeps such a width."""
+        words = f"whatever is measured further, {name} stays at {100 * width:.2g} % (goal {self._goal_of(name)})"
+        by_file = 0.0 if result is None else result.std_by_file[name] / result.std[name]
+        if by_file > 0.5 or (result is None and self.problem.robot.tolerances != EXACT):
+            return f"{words} by the tolerances of the robot's file: measure its parts and state it in robot.tolerances"
+        return (
+            f"{words}: no posture among the candidates shows it better; add some in design.candidates, log more places "
+            "(experiment.simulated.outputs), or fix a parameter that is correlated with it"
+        )
+
+    def _measured(self, plan: Plan, step: int, result: FitResult | None) -> None:
+        """Wait for the logs of a plan, or simulate them; DataError for one that contradicts it."""
+        problem, logs = self._at(result), self.folder.path / "logs"
+        logs.mkdir(exist_ok=True)
+        missing = [run for run in plan.experiments if self.folder.log(run) is None]
+        if not missing and self.folder.fit(step).is_file():
+            return  # they were checked before they were fitted
+        with self._execution(f"rehearsal of x{step}") as execution:
+            rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
+        if self.asked.simulate:
+            true = replace(problem.experiment, simulated=self.run.study.experiment.simulated)
+            rig = SimulatedRig(self.run.study.as_robot(), true, plan, self._seed(step))
+            with self._execution(f"x{step}") as execution:
+                execution.ordered(partial(write_simulated_log, logs, rig), missing)
+        elif missing:
+            self.run.console.say(
+                f"live: run {self.folder.path / 'references'}/x{step}-*.csv and put the logs of the whole runs into "
+                f"{logs} under the same names; columns: {', '.join(c.channel for c in self.folder.channels)}"
+            )
+        model, carrier = model_of(problem.robot.carrying(True)), problem.simulated.carrier
+        given = reference(plan, carrier, feed_forward_of(model), plan.configurations[0])
+        for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
+            path = self._awaited(run)
+            planned = PlannedRun(plan, run, given, rehearsal, problem.robot, carrier is not None)
+            if words := contradiction(planned, *self.folder.signals(plan, run)):
+                raise DataError(
+                    f"{path} contradicts its plan: {words}. Put the right log in its place and give the same command; "
+                    "all logs before it are kept"
+                )
+
+    def _awaited(self, run: Experiment) -> Path:
+        """The log of a run once it is there, and whole."""
+        while (path := self.folder.log(run)) is None:
+            time.sleep(POLL_S)
+        if not self.asked.simulate:
+            wait_until_whole(path)
+        return path
+
+    def _fitted(self, plans: Sequence[Plan]) -> FitResult:
+        """The fit of all logs so far, kept until one of them changes."""
+        logs = [file_hash(path) for plan in plans for run in plan.experiments if (path := self.folder.log(run))]
+        stamp = replace(self.stamp, inputs=hash_of([self.stamp.inputs, logs]))
+        path = self.folder.fit(len(plans))
+        known = read_stamp(path)
+        if known is not None and known.is_of(stamp):
+            return read_fit(path)
+        with self._execution(f"fit of {len(plans)} experiments") as execution:
+            responses = self._responses(plans, execution)
+            spec = replace(self.problem.fit, profile=(), bootstrap=0)
+            fit = partial(identify, responses, self.folder.robot, model=self.problem.model, execution=execution)
+            result = fit(replace(spec, starts=1))
+            if result.status not in TRUSTED and spec.starts > 1:  # a first start may end in a false valley
+                result = fit(spec)
+        write_fit(path, result, stamp)
+        return result
+
+    def _responses(self, plans: Sequence[Plan], execution: Execution) -> list[FrequencyResponse]:
+        """One of each experiment, the friction of the motors taken out, as the stage `estimate` has them."""
+        if len(plans) in self.responses:
+            return self.responses[len(plans)]
+        robot, estimator = self.folder.robot, self.run.study.estimator
+        configurations = {c.name: tuple(c.angles.tolist()) for plan in plans for c in plan.configurations}
+        experiment = ExperimentSpec(configurations, recorded=self.folder.recorded(plans))
+        rig = RecordedRig(robot, experiment, self.folder.path)
+        new = [run for run in rig.experiments if run.name not in self.records]
+        self.records.update(zip((run.name for run in new), execution.ordered(rig.measure, new), strict=True))
+        E = shaft_couplings(robot)
+        records = [tuple(self.records[run.name] for run in plan.experiments) for plan in plans]
+        friction = None
+        if estimator.friction != "none":
+            friction = find_friction(
+                [[on_shafts(each, E) for each in own] for own in records], estimator, None, execution
+            )
+        self.responses[len(plans)] = [estimate_without_friction(own, friction, estimator, None, E) for own in records]
+        return self.responses[len(plans)]
+
+    def _say_plan(self, proposal: NextExperiment, step: int) -> None:
+        plan = proposal.plan
+        for words in proposal.refused:
+            self.run.console.detail(f"live: not {words}")
+        self.run.console.say(
+            f"live: x{step} at {degrees(plan.configurations[0].angles.tolist())}, {len(plan.experiments)} runs of "
+            f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
+        )
+
+    def _report(self, plans: Sequence[Plan], result: FitResult, used: Mapping[str, float]) -> None:
+        spent = sum(plan.robot_time_s for plan in plans)
+        reached = sum(share <= 1 for share in used.values())
+        self.run.console.say(
+            f"live: after x{len(plans)}, {spent:.4g} s: {reached} of {len(used)} reached, {self._worst(used)}"
+        )
+
+    def _worst(self, used: Mapping[str, float]) -> str:
+        name = max(used, key=lambda each: used[each])
+        return (
+            f"{name} is known to {number(100 * used[name] * self.goal.widths[name], 2)} % (goal {self._goal_of(name)})"
+        )
+
+    def _goal_of(self, name: str) -> str:
+        return f"{100 * self.goal.widths[name]:.3g} %"
+
+    def _reached(self, plans: Sequence[Plan]) -> str:
+        spent, whole = sum(plan.robot_time_s for plan in plans), planned_time_s(self.run)
+        return (
+            f"the goal is reached after {len(plans)} experiments and {spent:.4g} s of the robot's time, "
+            f"{100 * spent / whole:.0f} % of the {whole:.4g} s of the study's own plan"
+        )
+
+
+def planned_time_s(run: Run) -> float:
+    """Robot time of the plan that the study itself asks for."""
+    study = run.study
+    assert study.excitation is not None
+    n_u, experiment, design = len(study.as_robot().driven), study.experiment, study.design
+    if design is not None and design.robot_time is not None:
+        return float(design.robot_time)
+    count = len(experiment.configurations) + (0 if design is None else design.count or 0)
+    return count * unit_time_s(study.excitation, experiment, n_u, experiment.periods)

@@ -1,0 +1,238 @@
+r"""The next experiment towards a goal: posture, spectrum and length of the largest gain for each second of the robot.
+
+.. math:: \Phi(M) = 1 \Big/ \sum_p r_p^2, \qquad \max_{c, P}\ \frac{\Phi(M_0 + \kappa H_{cP}) - \Phi(M_0)}{T_P}
+
+M_0: the information of the fit so far, H: of a configuration c in P periods, which take T_P; r_p: the part of the goal
+that its interval uses (`design.goal`), so that what is reached hardly counts. Phi doubles with twice the information.
+Where one experiment reaches the goal, the shortest such is best. kappa: the information that the experiments so far
+have brought, relative to what was expected.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.base.execution import Execution
+from elastid.design.choice import Candidates, informations, obstacles
+from elastid.design.design import with_friction_damping
+from elastid.design.forecast import LimitUse
+from elastid.design.goal import Goal
+from elastid.design.limits import within_limits
+from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
+from elastid.design.prospect import Prospect
+from elastid.design.spec import DesignSpec, unit_time_s
+from elastid.experiment.plan.plan import ChosenConfiguration, Plan
+from elastid.fit.tolerances import with_tolerances
+from elastid.parameters import ParameterSet
+from elastid.record import Configuration
+from elastid.robot import Robot
+
+SAFE = 0.9  # part of the goal that an experiment must be expected to use at most, to count as reaching it
+VAGUE = 1.0  # std of a parameter before any data, of ln p or as a part of a linear one's size
+TRIED = 8  # configurations whose other lengths are compared, and that are tried where limits refuse the best
+MOST_REPEATS = 4096  # of one experiment, beyond which a goal counts as out of reach
+
+
+@dataclass(frozen=True)
+class Known:
+    """Values and covariance (n_x, n_x) of x so far, and configurations and periods of the experiments behind them."""
+
+    parameters: ParameterSet
+    x: FloatArray
+    covariance: FloatArray
+    measured: tuple[tuple[Configuration, int], ...] = ()
+
+    @classmethod
+    def before(cls, problem: DesignProblem) -> Known:
+        """What the study says before any data: starts, priors and tolerances."""
+        parameters = with_tolerances(problem.parameters, problem.robot, problem.fit)
+        return cls(parameters, parameters.x, np.asarray(np.linalg.inv(_prior_information(parameters))))
+
+    @property
+    def information(self) -> FloatArray:
+        """M_0 (n_x, n_x); what the data do not reach is known vaguely."""
+        reached, M = np.isfinite(np.diag(self.covariance)), _prior_information(self.parameters)
+        M[np.ix_(reached, reached)] = np.linalg.inv(self.covariance[np.ix_(reached, reached)])
+        return M
+
+
+def _prior_information(parameters: ParameterSet) -> FloatArray:
+    """Information (n_x, n_x) of priors, and of vague ones where there are none."""
+    free = parameters.free
+    stds = [p.prior.std if p.prior else VAGUE * (1.0 if p.log else abs(p.value) or 1.0) for p in free]
+    return np.diag(1 / np.square(stds))
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """A plan of one configuration, within the limits of every robot that the fit allows.
+
+    used: parts of the goal that intervals are expected to use after it.  more_s: robot time of such experiments until
+    the goal is reached, infinite where they never do.  floor: the parameter that then uses most of the goal, and its
+    part.  limit_use: of the robot that comes closest to a limit.  refused: configurations that were better, and why
+    the envelope excluded them.
+    """
+
+    plan: Plan
+    used: dict[str, float]
+    more_s: float
+    floor: tuple[str, float]
+    limit_use: LimitUse
+    refused: tuple[str, ...] = ()
+
+    @property
+    def configuration(self) -> Configuration:
+        """The one that it measures."""
+        return self.plan.configurations[0]
+
+
+def next_experiment(
+    problem: DesignProblem,
+    candidates: Candidates,
+    known: Known,
+    goal: Goal,
+    robots: Sequence[Robot],
+    name: str,
+    phase_seed: int,
+    execution: Execution,
+    left_s: float = math.inf,
+) -> NextExperiment:
+    """The experiment of the largest gain for each second, called `name`, its multisine drawn from phase_seed.
+
+    problem: at the values of the fit, with a section `design` whose candidates are those.  robots: within the interval
+    of the fit, on each of which the limits are kept.  left_s: robot time that is left; a longer experiment is proposed
+    only where none is so short.  StudyError where no candidate has an experiment within limits.
+    """
+    settled = with_friction_damping(with_typical_spectrum(with_torques(problem), problem.excitation.torque_rms))
+    options = _ranked(settled, candidates, known, goal, execution)
+    options = [option for option in options if option.time_s <= left_s] or options
+    refused: list[str] = []
+    for option in options[:TRIED]:
+        drawn = replace(settled, seed=phase_seed)
+        experiment = replace(settled.experiment, periods=option.periods)
+        configuration = replace(option.configuration, name=name)
+        chosen = [ChosenConfiguration(configuration, experiment.realisations)]
+        try:
+            spectra = best_spectra_of(settled, experiment, chosen, problem.excitation.torque_rms)
+            plan = replace(drawn, excitation=problem.excitation).plan(experiment, chosen, spectra)
+            plan, use = _within_envelope(problem, plan, robots, execution)
+        except StudyError as error:
+            refused.append(f"{option.configuration.name}: {error}")
+            continue
+        if hit := _hit(problem.design, problem.robot, configuration, use):
+            refused.append(f"{option.configuration.name}: {hit}")
+            continue
+        return NextExperiment(plan, option.used, option.more_s, option.floor, use, tuple(refused))
+    raise StudyError(f"no experiment keeps the limits of the robot: {refused[0]}")
+
+
+@dataclass(frozen=True)
+class _Option:
+    configuration: Configuration
+    periods: int
+    used: dict[str, float]
+    reaches: bool
+    gain: float
+    time_s: float
+    more_s: float
+    floor: tuple[str, float]
+
+    @property
+    def order(self) -> tuple[bool, float, float]:
+        """Those that reach the goal first, the shortest of them; else by the gain for each second."""
+        return (False, self.time_s, -self.gain) if self.reaches else (True, -self.gain / self.time_s, self.time_s)
+
+
+def _ranked(
+    problem: DesignProblem, candidates: Candidates, known: Known, goal: Goal, execution: Execution
+) -> list[_Option]:
+    """Options, the best first: all candidates at the study's length, and the best of them at others."""
+    lengths = sorted({2, problem.experiment.periods, 2 * problem.experiment.periods})
+    usual = problem.experiment.periods
+    kappa = _yield(problem, known, goal)
+
+    def at(periods: int, configurations: Sequence[Configuration]) -> list[_Option]:
+        prospect = _prospect(problem, known, periods)
+        H, rows = informations(prospect, configurations, known.x[None], execution)
+        n_u = len(problem.robot.driven)
+        time_s = unit_time_s(problem.excitation, problem.experiment, n_u, periods)
+        places = zip(kappa * H[0], rows.tolist(), strict=True)
+        return [_option(known, goal, own, configurations[i], periods, time_s) for own, i in places]
+
+    options = sorted(at(usual, candidates.configurations), key=lambda option: option.order)
+    best = [option.configuration for option in options[:TRIED]]
+    for periods in lengths:
+        options += at(periods, best) if periods != usual else []
+    return sorted(options, key=lambda option: option.order)
+
+
+def _prospect(problem: DesignProblem, known: Known, periods: int) -> Prospect:
+    problem = replace(problem, experiment=replace(problem.experiment, periods=periods))
+    probe = problem.probe(problem.experiment)
+    return replace(problem.prospect(probe, len(probe.configurations) - 1), parameters=known.parameters)
+
+
+def _yield(problem: DesignProblem, known: Known, goal: Goal) -> float:
+    """kappa: the goal's parameters are known with kappa times the information that was expected; at most 1."""
+    places = [known.parameters.free_names.index(name) for name in goal.widths]
+    found = known.covariance[np.ix_(places, places)]
+    if not known.measured or not np.isfinite(found).all():
+        return 1.0
+    M = _prior_information(known.parameters)
+    for configuration, periods in known.measured:
+        M = M + _prospect(problem, known, periods).information(configuration, known.x[None])[0]
+    foreseen = np.linalg.inv(M)[np.ix_(places, places)]
+    ratio = np.linalg.slogdet(foreseen)[1] - np.linalg.slogdet(found)[1]
+    return float(min(1.0, np.exp(ratio / len(places))))
+
+
+def _option(
+    known: Known, goal: Goal, H: FloatArray, configuration: Configuration, periods: int, time_s: float
+) -> _Option:
+    """An experiment of information H (n_x, n_x)."""
+    M = known.information
+
+    def used(repeats: int) -> FloatArray:
+        return goal.used(known.parameters, known.x, np.asarray(np.linalg.inv(M + repeats * H)))
+
+    before, after, repeats = used(0), used(1), 1
+    while repeats < MOST_REPEATS and used(repeats).max() > 1:
+        repeats *= 2
+    most = used(repeats)
+    floor = [*goal.widths][int(np.argmax(most))], float(most.max())
+    more_s = repeats * time_s if floor[1] <= 1 else math.inf
+    gain = float(1 / np.sum(after**2) - 1 / np.sum(before**2))
+    expected = dict(zip(goal.widths, after.tolist(), strict=True))
+    return _Option(configuration, periods, expected, bool(after.max() <= SAFE), gain, time_s, more_s, floor)
+
+
+def _within_envelope(
+    problem: DesignProblem, plan: Plan, robots: Sequence[Robot], execution: Execution
+) -> tuple[Plan, LimitUse]:
+    """The plan scaled until all robots keep the margin of their limits, and the use by that which comes closest."""
+    plan, closest = within_limits(problem.rig(plan), problem.excitation, execution)
+    lowered = replace(problem.excitation, torque_rms=1.0)  # a number: amplitudes are never raised for a drawn robot
+    for robot in robots:
+        # Realisations differ by less than the margin; one of them shows how another robot moves.
+        first = replace(problem, robot=robot).rig(replace(plan, R=plan.R[:, :1]))
+        _, use = within_limits(first, lowered, execution)
+        plan = replace(plan, R=plan.R * use.factor[:, None, None, None, :])
+        closest = max(closest, use, key=lambda each: float(each.used.max()))
+    return plan, closest
+
+
+def _hit(design: DesignSpec | None, robot: Robot, configuration: Configuration, use: LimitUse) -> str:
+    """The obstacle that the robot reaches while it is shaken, at the corners of its motors' excursions; '' for none."""
+    assert design is not None
+    swing = np.minimum(use.peak[0, 1], np.pi)
+    corners = np.array([np.zeros(len(swing)), *product((-1, 1), repeat=len(swing))])
+    angles = configuration.angles + swing * corners
+    reached = [reason for reason, bad in obstacles(design.candidates, robot, angles) if bad.any()]
+    return f"while it is shaken, parts of it {reached[0]}" if reached else ""

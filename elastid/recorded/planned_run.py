@@ -1,0 +1,228 @@
+"""A log against the plan that it was measured by: length, excitation, posture, channels, saturation, payload.
+
+The plan was rehearsed on the robot as it is known so far, which may be off by a third in its stiffnesses: signals are
+compared by their correlation over the excited lines, means by what hold the robot up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.display import number
+from elastid.experiment.plan.movement import Reference, Rehearsal
+from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.friction.robot_friction import coulomb_levels
+from elastid.model.kinematics import tool_jacobian
+from elastid.record import drive_unit
+from elastid.robot import Robot
+
+
+@dataclass(frozen=True)
+class PlanLimits:
+    """Limits of what contradicts a plan. False alarms of 100 clean logs: 0 (`scripts/studies/live.py`)."""
+
+    same_excitation: float = 0.98  # correlation of the injected torque with the plan
+    late_s: float = 0.02  # by which a log may begin before or after the plan
+    excitation_gain: float = 0.02  # relative error of the injected torque
+    posture: float = 0.01  # rad or m, of the mean position
+    exchanged: float = 0.7  # correlation with another channel's plan, from which on two are exchanged
+    exchanged_lead: float = 0.2  # by which it exceeds that with the own plan
+    mirrored: float = -0.5
+    unit: float = 3.0  # ratio of a signal's size to the expected one, to either side
+    torque_limit: float = 0.98  # part of a limit that counts as the limit
+    flat_share: float = 0.01  # of samples within 1 % of the peak, of a signal that is clipped
+    flat_ratio: float = 5.0  # by which that share exceeds the one of the rehearsal
+    holding: float = 0.2  # relative error of a holding torque
+    explained: float = 0.8  # share of the power of such errors that a mass at the tool explains
+
+
+LIMITS = PlanLimits()
+
+
+@frozen_value
+class PlannedRun:
+    """A run of a plan: its reference, its rehearsal on the robot as it is known, and that robot, which carries."""
+
+    plan: Plan
+    experiment: Experiment
+    reference: Reference
+    rehearsal: Rehearsal
+    robot: Robot
+    has_carrier: bool
+
+    @property
+    def measured(self) -> slice:
+        """Samples of the whole run in the measured periods."""
+        first = self.plan.first_sample + self.plan.transient_periods * self.plan.period_samples
+        return slice(first, first + self.plan.periods * self.plan.period_samples)
+
+    def lines(self, signal: FloatArray) -> ComplexArray:
+        """Amplitudes (F, n_u) at the excited lines of the mean measured period of a whole run (n, n_u)."""
+        periods = signal[self.measured].reshape(self.plan.periods, self.plan.period_samples, -1)
+        return np.asarray(np.fft.rfft(periods.mean(axis=0), axis=0)[self.plan.lines])
+
+
+def contradiction(run: PlannedRun, r: FloatArray, u: FloatArray, y: FloatArray) -> str:
+    """What in a log contradicts its plan; an empty text where nothing does.
+
+    r, u, y (n, n_u): injected torque, acting torque and position of the motors over the whole run, link side, SI.
+    """
+    if words := _length(run.plan, len(r)):
+        return words
+    missing = [name for name, signal in (("r", r), ("u", u), ("y", y)) if not np.isfinite(signal).all()]
+    if missing:
+        return f"{missing[0]} has samples that are no finite numbers; measure it again"
+    return (
+        _excitation(run, r)
+        or _posture(run, y)
+        or _exchange(run, "acting torques (u)", u, run.rehearsal.torque)
+        or _exchange(run, "positions (y)", y, run.rehearsal.position)
+        or _saturation(run, u)
+        or _holding_torque(run, u)
+    )
+
+
+def _length(plan: Plan, n: int) -> str:
+    if n == plan.run_samples:
+        return ""
+    return (
+        f"it has {n} samples, and the planned run has {plan.run_samples} ({plan.run_samples / plan.rate_hz:g} s at "
+        f"{plan.rate_hz:g} Hz, from standstill to standstill): log each sample of the whole run, and no more"
+    )
+
+
+def _correlation(a: FloatArray | ComplexArray, b: FloatArray | ComplexArray) -> FloatArray:
+    """Correlations (n_a, n_b) of the columns of a and b; 0 where one is still."""
+    size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
+    product = np.real(np.swapaxes(a.conj(), 0, 1) @ b)
+    return np.asarray(np.divide(product, size, out=np.zeros_like(product), where=size > 0))
+
+
+def _excitation(run: PlannedRun, r: FloatArray) -> str:
+    """The injected torque is another than the planned one."""
+    plan = run.plan
+    planned = run.reference.injected(plan.torque(run.experiment))
+    own = np.diag(_correlation(r, planned))
+    if own.min() < LIMITS.same_excitation:
+        return _other_excitation(run, r, planned)
+    gain = np.sum(r * planned, axis=0) / np.sum(planned**2, axis=0)
+    worst = int(np.argmax(np.abs(gain - 1)))
+    if abs(gain[worst] - 1) <= LIMITS.excitation_gain:
+        return ""
+    return (
+        f"the injected torque of {plan.inputs[worst]} is {gain[worst]:.3g} times the planned one: its unit or its side "
+        "of the gear is another"
+    )
+
+
+def _other_excitation(run: PlannedRun, r: FloatArray, planned: FloatArray) -> str:
+    plan = run.plan
+    if words := _exchanged_names(plan.inputs, _correlation(r, planned), 1 - LIMITS.same_excitation):
+        return f"the injected torques (r) of {words}"
+    for other in plan.experiments:
+        if np.diag(_correlation(r, run.reference.injected(plan.torque(other)))).min() >= LIMITS.same_excitation:
+            return f"its injected torque is that of {other.name}: the logs, or the references, were exchanged"
+    spectrum = np.fft.rfft(r, 2 * len(r), axis=0) * np.fft.rfft(planned, 2 * len(r), axis=0).conj()
+    lag = int(np.argmax(np.fft.irfft(spectrum.sum(axis=1))))
+    lag -= 2 * len(r) if lag > len(r) else 0
+    late = lag / plan.rate_hz
+    shifted = np.diag(_correlation(np.roll(r, -lag, axis=0), planned))
+    if abs(late) > 0 and shifted.min() >= LIMITS.same_excitation:
+        if abs(late) <= LIMITS.late_s:
+            return ""
+        side = "before" if late > 0 else "after"
+        return f"it begins {abs(late):.3g} s {side} the planned run: log from its first sample"
+    worst = int(np.argmin(np.diag(_correlation(r, planned))))
+    return (
+        f"the injected torque of {plan.inputs[worst]} is not the planned one (correlation "
+        f"{_correlation(r, planned)[worst, worst]:.2f}): another reference was played, or the channel is another"
+    )
+
+
+def _exchanged_names(names: Sequence[str], C: FloatArray, lead: float) -> str:
+    """The places whose channels fit one another's plans; empty where each fits its own best.  C: log by plan."""
+    rows, columns = linear_sum_assignment(-np.abs(C))
+    moved = [i for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if i != j]
+    if not moved or any(abs(C[i, columns[i]]) < max(LIMITS.exchanged, abs(C[i, i]) + lead) for i in moved):
+        return ""
+    return f"{' and '.join(names[i] for i in moved)} are exchanged: each fits the plan of the other"
+
+
+def _exchange(run: PlannedRun, what: str, signal: FloatArray, expected: FloatArray) -> str:
+    X, planned = run.lines(signal), run.lines(expected)
+    C = _correlation(X, planned)
+    if words := _exchanged_names(run.plan.inputs, C, LIMITS.exchanged_lead):
+        return f"the {what} of {words}"
+    for i, place in enumerate(run.plan.inputs):
+        if C[i, i] < LIMITS.mirrored:
+            return f"the {what} of {place} move against the plan (correlation {C[i, i]:.2f}): their sign is the other"
+    size = np.linalg.norm(X, axis=0) / np.linalg.norm(planned, axis=0)
+    worst = int(np.argmax(np.abs(np.log(np.maximum(size, 1e-300)))))
+    if 1 / LIMITS.unit <= size[worst] <= LIMITS.unit:
+        return ""
+    return (
+        f"the {what} of {run.plan.inputs[worst]} are {number(float(size[worst]), 3)} times the expected ones: their "
+        "unit or their side of the gear is another"
+    )
+
+
+def _posture(run: PlannedRun, y: FloatArray) -> str:
+    """Another posture than the planned one, or positions that are exchanged."""
+    mean, planned = y[run.measured].mean(axis=0), run.rehearsal.position[run.measured].mean(axis=0)
+    off = mean - planned
+    if np.abs(off).max() <= LIMITS.posture:
+        return ""
+    names, joints = run.plan.inputs, run.robot.driven
+    rows, columns = linear_sum_assignment(np.abs(mean[:, None] - planned[None]))
+    moved = [i for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if i != j]
+    if moved and np.abs(mean - planned[columns]).max() <= LIMITS.posture:
+        exchanged = " and ".join(names[i] for i in moved)
+        return f"the positions (y) of {exchanged} are exchanged: each is where the other is planned"
+    i = int(np.argmax(np.abs(off)))
+    return (
+        f"it was measured in another posture: joint {joints[i].name} was at {mean[i]:.4g} {joints[i].unit}, planned is "
+        f"{planned[i]:.4g} {joints[i].unit} (configuration {run.experiment.configuration.name})"
+    )
+
+
+def _saturation(run: PlannedRun, u: FloatArray) -> str:
+    """A torque that is at its limit, or flat at its peak."""
+    own, planned = u[run.measured], run.rehearsal.torque[run.measured]
+    for i, joint in enumerate(run.robot.driven):
+        peak, unit = float(np.abs(own[:, i]).max()), drive_unit(joint.slides)
+        flat, usual = (float(np.mean(np.abs(x[:, i]) > 0.99 * np.abs(x[:, i]).max())) for x in (own, planned))
+        is_flat = flat > LIMITS.flat_share and flat > LIMITS.flat_ratio * usual
+        if is_flat or peak >= LIMITS.torque_limit * joint.limits.torque:
+            return (
+                f"the torque of {run.plan.inputs[i]} is saturated at {peak:.4g} {unit} ({flat:.1%} of the samples), "
+                "so that the response is not that of the robot: correct limits.torque in the robot's file to what the "
+                "drive allows, or lower excitation.torque_rms"
+            )
+    return ""
+
+
+def _holding_torque(run: PlannedRun, u: FloatArray) -> str:
+    """Torques that hold up another mass than the planned one."""
+    mean, planned = u[run.measured].mean(axis=0), run.rehearsal.torque[run.measured].mean(axis=0)
+    # Under a carrier friction changes sign and cancels; at rest it holds a part of the weight.
+    friction = coulomb_levels(run.robot) * (0.2 if run.has_carrier else 1.2)
+    injected = np.sqrt(np.mean(run.reference.injected(run.plan.torque(run.experiment))[run.measured] ** 2, axis=0))
+    off, weight = mean - planned, np.abs(planned).max()
+    allowed = LIMITS.holding * np.maximum(np.abs(planned), 0.25 * weight) + friction + 0.1 * injected
+    if np.all(np.abs(off) <= allowed):
+        return ""
+    angles = run.experiment.configuration.angles
+    per_mass = -tool_jacobian(run.robot, angles[None])[0, :3].T @ np.array(run.robot.gravity)
+    mass = float(off @ per_mass / max(per_mass @ per_mass, 1e-300))
+    i = int(np.argmax(np.abs(off) / allowed))
+    unit = drive_unit(run.robot.driven[i].slides)
+    torque = f"{run.plan.inputs[i]} holds {mean[i]:.4g} {unit}, and {planned[i]:.4g} {unit} are planned"
+    if np.sum((off - mass * per_mass) ** 2) <= (1 - LIMITS.explained) * np.sum(off**2):
+        carries = f"{abs(mass):.3g} kg {'more' if mass > 0 else 'less'} at the tool than the robot's file says"
+        return f"it carries another payload: {torque}, as with {carries}"
+    return f"{torque}: the payload, the posture or the scale of the torque is another"

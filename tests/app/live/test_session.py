@@ -1,0 +1,170 @@
+"""A live identification from the command line: to its goal, killed and begun again, and with logs that are wrong."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.live_arm import GOAL, STUDY, TRUTH
+
+from elastid.app import cli
+from elastid.app.console import Console
+from elastid.app.live.session import Asked, Session
+from elastid.app.run import Run
+from elastid.design.goal import read_goal
+from elastid.store.measured import read_plan
+from elastid.store.results import read_fit
+from elastid.study import load
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("arm") / "study.yml"
+    path.write_text(STUDY, encoding="utf-8")
+    return path
+
+
+def session(study: Path, folder: Path, *goals: str, jobs: int = 1, robot_time: float | None = None) -> Session:
+    return Session.of(Run(load(study), folder, jobs, Console(-2)), Asked(goals or (GOAL,), True, robot_time))
+
+
+@pytest.fixture(scope="module")
+def measured(study: Path) -> Path:
+    """The folder of a session that has reached its goal, its final results not yet made."""
+    folder = study.parent / "measured"
+    _, reached, words = session(study, folder).work()
+    assert reached, words
+    return folder
+
+
+def command(study: Path, folder: Path, *words: str) -> int:
+    return cli.run_command(["live", str(study), "--run", str(folder), "--jobs", "1", "-q", *words])
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted((folder / "live").rglob("*"))
+        if path.suffix in (".csv", ".h5")
+    }
+
+
+@pytest.mark.slow
+def test_the_goal_is_reached_in_less_time_than_the_plan_takes(study: Path, measured: Path) -> None:
+    """The folder is that of an ordinary run, whose intervals are as narrow as was asked for and hold the truth."""
+    folder = study.parent / "finished"
+    shutil.copytree(measured, folder)
+    assert command(study, folder, "--goal", GOAL, "--simulate") == 0
+    result = read_fit(folder / "fit.h5")
+    assert max(read_goal([GOAL], result.parameters.free_names).reached(result).values()) <= 1
+    for name, value in TRUTH.items():
+        low, high = result.interval(name)
+        assert low < value < high
+    plans = [read_plan(path) for path in sorted((folder / "live").glob("x?.h5"))]
+    # Three configurations, two realisations, two experiments of a period of transient, two periods and two ramps.
+    assert sum(plan.robot_time_s for plan in plans) <= 0.67 * 3 * 2 * 2 * (3 * 1 + 2 * 0.5)
+    assert (folder / "report.html").is_file()
+    before = (folder / "fit.h5").stat().st_mtime_ns
+    assert cli.run_command(["run", str(folder / "live" / "study.yml"), "--run", str(folder), "-q"]) == 0
+    assert (folder / "fit.h5").stat().st_mtime_ns == before
+
+
+@pytest.mark.slow
+def test_a_session_that_was_killed_ends_with_the_same_bytes(study: Path, measured: Path) -> None:
+    """Whatever was there when it was killed, and however many processes it has."""
+    folder = study.parent / "killed"
+    shutil.copytree(measured, folder)
+    last = max(int(path.stem[1:]) for path in (folder / "live").glob("x?.h5"))
+    for path in (folder / "live").glob(f"x{last}*"):
+        path.unlink()
+    (folder / "live" / "logs" / f"x{last}-r1-e1.csv").unlink()
+    (folder / "live" / ".x9.h5.unfinished").write_bytes(b"half")
+    session(study, folder, jobs=2).work()
+    assert contents(folder) == contents(measured)
+
+
+def spoilt(measured: Path, folder: Path, spoil: Callable[[Path], None]) -> Path:
+    """A session whose first logs are yet to be fitted, the first of them spoilt."""
+    shutil.copytree(measured, folder)
+    for path in (folder / "live").glob("x1-fit.h5"):
+        path.unlink()
+    spoil(folder / "live" / "logs" / "x1-r0-e0.csv")
+    return folder
+
+
+def change(path: Path, rows: Callable[[np.ndarray], np.ndarray]) -> None:
+    values = np.loadtxt(path, delimiter=",", skiprows=1)
+    head = path.read_text().partition("\n")[0]
+    np.savetxt(path, rows(values), fmt="%.12g", delimiter=",", header=head, comments="")
+
+
+# Columns: time_s, r 1, r 2, u 1, u 2, y 1, y 2.
+FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
+    "length": (lambda path: change(path, lambda x: x[:-5]), "795 samples"),
+    "posture": (lambda path: change(path, lambda x: x + np.eye(7)[6] / 10), "another posture: joint 2"),
+    "exchanged": (lambda path: change(path, lambda x: x[:, [0, 1, 2, 4, 3, 5, 6]]), "exchanged"),
+    "another run": (lambda path: shutil.copy(path.with_name("x1-r1-e0.csv"), path), "that of x1-r1-e0"),
+    "no column": (lambda path: path.write_text(path.read_text().replace("u motor 1", "torque_1")), "u motor 1"),
+    "no log": (lambda path: path.write_bytes(b"\x00\x01"), "x1-r0-e0.csv"),
+    "two logs": (lambda path: shutil.copy(path, path.with_suffix(".txt")), "logs of one run"),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_log_that_contradicts_its_plan_ends_the_command(
+    fault: str, study: Path, measured: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil, words = FAULTS[fault]
+    folder = spoilt(measured, study.parent / fault.replace(" ", "-"), spoil)
+    assert command(study, folder, "--goal", GOAL) == 1
+    message = capsys.readouterr().err
+    assert words in message
+    assert "x1-r0-e0" in message
+    assert not (folder / "fit.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--goal", "k_*"), "give parameters and the half width"),
+        (("--goal", "k_*: 1"), "'1' is no width"),
+        (("--goal", "k_*: -1 %"), "is no width"),
+        (("--goal", "m_*: 1 %"), "the fit does not identify 'm_*'"),
+        (("--goal", GOAL, "--robot-time", "3"), "the next experiment takes 16 s"),
+        (("--goal", GOAL, "--set", "experiment.simulated.carrier={kind: offset, velocity: 0.1}"), "constant velocity"),
+        (("--goal", GOAL, "--set", "experiment.simulated.outputs=[motor 1]"), "position of motor 2"),
+        (("--goal", GOAL, "--set", "fit.robots={A: [down, out, up]}"), "one robot"),
+    ],
+)
+def test_what_cannot_be_done_is_said_before_the_robot_moves(
+    words: tuple[str, ...], message: str, study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command(study, tmp_path / "run", *words) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.rglob("references/*"))
+
+
+@pytest.mark.slow
+def test_a_goal_out_of_reach_ends_with_a_sentence(study: Path, measured: Path) -> None:
+    """By the robot's time; and by what no measurement can show."""
+    folder = study.parent / "narrow"
+    shutil.copytree(measured, folder)
+    _, reached, words = session(study, folder, "k_*: 0.02 %").work()
+    assert not reached
+    assert "s of the robot's time are used" in words
+    assert "--robot-time" in words
+    _, reached, words = session(study, folder, "k_*: 0.00001 %").work()
+    assert not reached
+    assert "whatever is measured further" in words
+
+
+@pytest.mark.slow
+def test_the_folder_of_another_study_is_refused(
+    study: Path, measured: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command(study, measured, "--goal", GOAL, "--set", "seed=2") == 2
+    assert "planned for another study" in capsys.readouterr().err

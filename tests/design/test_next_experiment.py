@@ -1,0 +1,133 @@
+"""The next experiment informs what the goal still lacks, keeps all limits, and says where none leads to the goal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.limited_arm import LIMITS, arm, experiment
+
+from elastid.base.errors import StudyError
+from elastid.base.execution import Execution
+from elastid.design.design import design
+from elastid.design.goal import Goal
+from elastid.design.next_experiment import Known, NextExperiment, next_experiment
+from elastid.design.problem import DesignProblem
+from elastid.design.spec import BoxSpec, CandidateSpec, DesignSpec
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.specs.simulated import CarrierSpec
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.robot import Robot
+from elastid.robot.simplified import without_dry_friction
+
+EXCITATION = MultisineSpec(rate_hz=500.0, period=1.0, band_hz=(2.0, 60.0), torque_rms=(60.0, 50.0))
+# Upright, the beam loads the spring of axis 1 with its smallest inertia; level, with its largest.
+GIVEN = {"upright": (0.0, 0.0), "level": (0.0, 1.4)}
+
+
+def problem(robot: Robot | None = None, excitation: MultisineSpec = EXCITATION, **candidates: object) -> DesignProblem:
+    spec = FitSpec(parameters={name: ParameterSpec() for name in ("k_*", "d_*")})
+    chosen = DesignSpec(count=1, candidates=CandidateSpec(given=GIVEN, singular=0.0, **candidates))  # type: ignore[arg-type]
+    own = experiment(CarrierSpec(amplitude=0.01), configurations={}, ramp=0.25)
+    return DesignProblem(robot or arm(), excitation, own, spec, "acceleration", 1, chosen)
+
+
+def proposed(
+    asked: DesignProblem, goal: Goal, known: Known | None = None, robots: tuple[Robot, ...] = ()
+) -> NextExperiment:
+    assert asked.design is not None
+    how = asked.candidates(asked.design), known or Known.before(asked), goal, robots
+    return next_experiment(asked, *how, "x1", 7, Execution())
+
+
+def deviations(asked: DesignProblem, name: str) -> dict[str, float]:
+    """Of the stiffnesses, as the design of one posture by itself expects them."""
+    own = replace(asked, design=None, experiment=replace(asked.experiment, configurations={name: GIVEN[name]}))
+    forecast = design(own).forecast
+    return dict(zip(forecast.parameters, np.sqrt(np.diag(forecast.covariance)).tolist(), strict=True))
+
+
+@pytest.mark.slow
+def test_the_posture_is_that_which_informs_the_goal() -> None:
+    """Each spring by itself, against the forecast of both postures as plans of their own."""
+    asked = problem()
+    expected = {name: deviations(asked, name) for name in GIVEN}
+    for spring in ("k_1", "k_2"):
+        best = min(GIVEN, key=lambda name: expected[name][spring])
+        found = proposed(asked, Goal({spring: 1e-9}))
+        np.testing.assert_allclose(found.configuration.angles, GIVEN[best])
+
+
+@pytest.mark.slow
+def test_the_shortest_experiment_that_reaches_the_goal_is_taken() -> None:
+    """For a fine goal long ones pay where noise limits, short ones where friction does, the same in all periods."""
+    smooth = without_dry_friction(arm())
+    coarse, fine = Goal({"k_1": 0.05, "k_2": 0.05}), Goal({"k_1": 1e-6, "k_2": 1e-6})
+    for robot, best in ((smooth, 8), (arm(), 2)):
+        asked = problem(robot)
+        asked = replace(asked, experiment=replace(asked.experiment, periods=4))
+        found = proposed(asked, coarse)
+        assert found.plan.periods == 2
+        assert max(found.used.values()) <= 1
+        found = proposed(asked, fine)
+        assert found.plan.periods == best
+        assert found.more_s > found.plan.robot_time_s
+
+
+def test_a_parameter_that_is_known_no_longer_counts() -> None:
+    """Where the fit knows one spring a hundred times better than asked, the posture is that of the other."""
+    asked = problem()
+    before = Known.before(asked)
+    i = before.parameters.free_names.index("k_1")
+    covariance = before.covariance.copy()
+    covariance[i, i] = 1e-12
+    goal = Goal({"k_1": 1e-4, "k_2": 1e-9})
+    found = proposed(asked, goal, replace(before, covariance=covariance))
+    alone = proposed(asked, Goal({"k_2": 1e-9}))
+    np.testing.assert_array_equal(found.configuration.angles, alone.configuration.angles)
+
+
+@pytest.mark.slow
+def test_limits_are_kept_on_every_robot_that_the_fit_allows() -> None:
+    """Lighter rotors are faster: amplitudes fall until these, too, keep the margin."""
+    asked = problem(excitation=replace(EXCITATION, torque_rms="limits"))
+    light = arm().with_parameters({"Jm_1": 1e-3, "Jm_2": 1e-3})
+    goal = Goal({"k_1": 1e-3, "k_2": 1e-3})
+    alone, both = proposed(asked, goal), proposed(asked, goal, robots=(light,))
+    assert alone.limit_use.used.max() > 0.8
+    assert np.abs(both.plan.R).max() < 0.9 * np.abs(alone.plan.R).max()
+    limits = np.array([LIMITS.torque, 1.5 - 1.4, LIMITS.velocity, LIMITS.acceleration])
+    for run in both.plan.experiments:
+        peaks = np.abs(replace(asked, robot=light).rig(both.plan).rehearse(run).signals).max(axis=(1, 2))
+        assert np.all(peaks <= limits * (1 - EXCITATION.margin) * 1.001)
+
+
+@pytest.mark.slow
+def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
+    """A box a millimetre off the beam when it is level: free as a posture, and touched by its swing."""
+    tip = problem().robot.bodies[-1].name
+    points = {tip: ((0.0, 0.0, 0.5),)}
+    x, z = 0.1 + 0.5 * np.sin(1.4), 0.4 + 0.5 * np.cos(1.4)
+    box = BoxSpec("table", (x - 0.3, -0.5, z - 0.4), (x + 0.2, 0.5, z - 0.12))
+    free = problem(points=points)
+    goal = Goal({"k_1": 1e-9})
+    assert proposed(free, goal).configuration.angles[1] in (0.0, 1.4)
+    near = problem(points=points, boxes=(replace(box, upper=(x + 0.2, 0.5, z - 0.001)),))
+    assert near.design is not None
+    assert len(near.candidates(near.design).configurations) <= 2
+    found = proposed(near, goal)
+    assert found.configuration.angles[1] == 0.0
+
+
+def test_where_no_posture_shows_a_parameter_more_time_never_helps() -> None:
+    """More of the same cannot reach a goal a millionth as wide as one experiment: it is said so."""
+    found = proposed(problem(), Goal({"k_1": 1e-12}))
+    assert found.more_s == np.inf
+    assert found.floor[0] == "k_1"
+    assert found.floor[1] > 1
+
+
+def test_a_robot_without_room_for_any_excitation_is_refused() -> None:
+    with pytest.raises(StudyError, match="no experiment keeps the limits"):
+        proposed(problem(arm(replace(LIMITS, velocity=1e-3))), Goal({"k_1": 0.01}))
