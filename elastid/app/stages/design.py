@@ -8,9 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
+
 from elastid.app.console import Console, forecast_table
 from elastid.app.work import Artefacts, Work
 from elastid.base.errors import StudyError
+from elastid.base.note import Note
 from elastid.design.design import design as design_experiments
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import DesignSpec
@@ -23,6 +26,7 @@ from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -44,6 +48,7 @@ def design(
     quantity: Motion,
     friction: Friction,
     left_out: tuple[str, ...],
+    gears: GearsSpec | None,
     files: Path,
     work: Work,
 ) -> Artefacts:
@@ -76,11 +81,23 @@ def design(
             console.say(f"design: {forecast.choice}")
         console.table(forecast_table(forecast))
         console.notes(forecast.notes)
+        console.notes(_one_amplitude(plan) if gears is not None and len(excitation.levels) == 1 else ())
 
     def write(path: Path, stamp: Stamp) -> None:
         write_plan(path, plan, stamp, movements, limit_use, forecast, designed.nearest)
 
     return Artefacts({"references": partial(_write_references, plan, movements, work), "plan.h5": write}, report)
+
+
+def _one_amplitude(plan: Plan) -> tuple[Note, ...]:
+    """A note that proposes a second amplitude where gears are laid open, with numbers to paste."""
+    rms = np.sqrt(np.sum(np.abs(plan.R) ** 2, axis=3) / 2).max(axis=(0, 1, 2))
+    levels = ", ".join(f"[{', '.join(f'{factor * torque:.3g}' for torque in rms)}]" for factor in (1.0, 0.5))
+    text = (
+        "one amplitude tells a bent spring from friction by the shape of the distortion alone, two also by how it "
+        f"grows; for the gears give torque_rms: [{levels}], which takes twice the robot's time at as many realisations"
+    )
+    return (Note("one-amplitude", text, "excitation", severity="information"),)
 
 
 def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
