@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.fit.result import FitResult
@@ -25,6 +25,8 @@ COARSE = 0.1
 UNSETTLED = 1e-2
 # Names of modification indices that make a channel late.
 _LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
+# Code of the note on a gear that never crosses its lost motion.
+PRELOADED = "gear-preloaded"
 LOST = "stiffness, damping and friction stay those of the linear fit"
 
 
@@ -114,6 +116,28 @@ def deflections(lines: PeriodLines, drive: DriveLines, j: int) -> ComplexArray:
     """Deflection (F, M) of a gear by the linear model."""
     q = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U))
     return np.asarray(np.tensordot(drive.directions("gear", j), q, axes=(0, 1)))
+
+
+def gear_torque(lines: PeriodLines, drive: DriveLines, j: int) -> FloatArray:
+    """Torque (M, n) of a gear on the fine grid by the linear model, with that at rest."""
+    of_motion = (drive.k[j] + lines.s * drive.d[j]) * deflections(lines, drive, j).T
+    return np.asarray(lines.fine(of_motion) + drive.torque[j])
+
+
+def preloads(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: Sequence[str]) -> list[Note]:
+    """Joints whose gear never changes the sign of its torque, so that it never crosses its lost motion."""
+    notes = []
+    for j, joint in enumerate(joints):
+        torques = [gear_torque(lines, drive, j) for lines, drive in zip(data, drives, strict=True)]
+        low, high = min(float(tau.min()) for tau in torques), max(float(tau.max()) for tau in torques)
+        if all(tau.min() > 0 or tau.max() < 0 for tau in torques):
+            text = (
+                f"gravity preloads its gear, whose torque goes from {low:.3g} to {high:.3g} N*m in the records, never "
+                "through 0 in one of them, where lost motion shows: it is neither found nor bounded; measure a posture "
+                "in which gravity loads the joint less, or with more torque"
+            )
+            notes.append(Note(PRELOADED, text, f"joint {joint}"))
+    return notes
 
 
 def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: Sequence[str]) -> list[Note]:

@@ -33,7 +33,7 @@ from elastid.nonlinear.gear.find import find_gear_effects
 from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.nonlinear.gear_bounds import family_of, level_bounds
-from elastid.nonlinear.gear_limits import LOST, coarse_encoders, deflections, drives_of, left, refusal
+from elastid.nonlinear.gear_limits import LOST, coarse_encoders, drives_of, gear_torque, left, preloads, refusal
 from elastid.nonlinear.gear_result import BENT_STILL, GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
@@ -80,9 +80,12 @@ def open_gears(
         measured, responses, result, robot, spec, model=model, planned=planned, orders=gears.orders
     )
     execution.progress(2, 3)  # the search takes about two thirds of the time
-    bounds = level_bounds(data, responses, linearisation, found, gears.orders)
-    execution.progress(3, 3)
     joints, _ = joints_of(linearisation)
+    preloaded = preloads(data, found.drives, joints)
+    hidden = [note.place.removeprefix("joint ") for note in preloaded]
+    every = level_bounds(data, responses, linearisation, found, gears.orders).items()
+    bounds = {group: bound for group, bound in every if group[0].kind != "gap" or group[0].joint not in hidden}
+    execution.progress(3, 3)
     sheets = tuple(
         sheet_of(JointLevels(found, robot, joint, i, _peak(data, found.drives, i)), result, bounds)
         for i, joint in enumerate(joints)
@@ -90,6 +93,7 @@ def open_gears(
     pairs = list(zip(data, drives, strict=True))
     notes = (
         *coarse_encoders(data, drives, joints),
+        *preloaded,
         *_bent_notes(responses, found),
         *_off_notes(result, found),
         *_same_notes(found),
@@ -102,11 +106,7 @@ def open_gears(
 
 def _peak(data: Sequence[PeriodLines], drives: Sequence[DriveLines], j: int) -> float:
     """Largest torque of a gear in the records, by the linear model."""
-    peaks = []
-    for lines, drive in zip(data, drives, strict=True):
-        torque = lines.fine((drive.k[j] + lines.s * drive.d[j]) * deflections(lines, drive, j).T)
-        peaks.append(float(np.abs(torque + drive.torque[j]).max()))
-    return max(peaks)
+    return max(float(np.abs(gear_torque(*pair, j)).max()) for pair in zip(data, drives, strict=True))
 
 
 @dataclass(frozen=True, eq=False)

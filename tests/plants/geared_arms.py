@@ -12,8 +12,8 @@ of fourth order for all of it, experiments side by side. A sign turns over a sma
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -71,7 +71,6 @@ class Arm:
     n_l: int
     rest: FloatArray | None = None
     free: tuple[str, ...] = ("k_*", "d_*", "fm_*")
-    extra: dict[str, Any] = field(default_factory=dict)
 
 
 def measure(arm: Arm, posture: str, *, realisations: int = 2, factor: float = 1.0, seed: int = 1) -> tuple[Record, ...]:
@@ -338,6 +337,21 @@ def parallel_linkage() -> Arm:
     return Arm(robot, links, plain, postures, np.array([400.0, 350.0]), np.array([1e-3, 1e-3]), 2)
 
 
+def preloaded(torque: float = 98.1, gap: float = 1e-4) -> Arm:
+    """One axis with lost motion in its gear, which a weight bends by a torque (Nm) at rest."""
+    mass, c, inertia = 20.0, torque / (20.0 * 9.81), 15.0
+    body = Body("link", joints=(_joint("1", "y", 10.0, 2e5, 60.0, 15.0),), mass=mass, center_of_mass=(c, 0.0, 0.0),
+                inertia=(inertia, inertia, inertia))  # fmt: skip
+
+    def links(link: FloatArray, velocity: FloatArray, on_link: FloatArray) -> FloatArray:
+        return np.asarray((on_link + torque * np.cos(link)) / (inertia + mass * c**2))
+
+    robot = Robot("preloaded", (body,))
+    drives = _drives(robot, (15.0,), (10.0,), gap=np.array([gap]))
+    return Arm(robot, links, drives, {"level": (0.0,)}, np.array([200.0]), np.array([1e-3]), 1)
+
+
 ARMS: dict[str, Callable[[], Arm]] = {
     "coupled motors": wrist, "extended joints": extended, "six axes": six_axes, "linkage": parallel_linkage,
+    "gap under gravity": preloaded,
 }  # fmt: skip
