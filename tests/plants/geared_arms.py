@@ -11,9 +11,10 @@ of fourth order for all of it, experiments side by side. A sign turns over a sma
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import cache
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -65,12 +66,21 @@ class Arm:
     robot: Robot
     links: Links
     drives: Drives
-    postures: dict[str, tuple[float, ...]]
+    postures: Mapping[str, tuple[float, ...]]
     rms: FloatArray
     turn: FloatArray
     n_l: int
-    rest: FloatArray | None = None
     free: tuple[str, ...] = ("k_*", "d_*", "fm_*")
+
+    @property
+    def truth(self) -> dict[tuple[str, str], float]:
+        """Kind and joint of each effect of its gears to its level."""
+        drives, levels = self.drives, {}
+        lost = (1 - drives.loose) * drives.k * (drives.gap > 0)
+        for i, joint in enumerate(self.robot.driven):
+            of_joint = {"friction": drives.F_m[i], "behind": drives.F_l[i], "gap": lost[i]}
+            levels |= {(kind, joint.name): float(level) for kind, level in of_joint.items() if level}
+        return levels
 
 
 def measure(arm: Arm, posture: str, *, realisations: int = 2, factor: float = 1.0, seed: int = 1) -> tuple[Record, ...]:
@@ -94,7 +104,7 @@ def measure(arm: Arm, posture: str, *, realisations: int = 2, factor: float = 1.
     q = q + 2e-7 * rng.standard_normal(q.shape)
     places = arm.robot.motor_locations
     quantities = ("position",) * n_u
-    configuration = Configuration(posture, arm.postures[posture])
+    configuration = Configuration(posture, np.array(arm.postures[posture]))
     return tuple(
         Record(f"{posture}-r{i // n_u}-e{i % n_u}", configuration, i // n_u, i % n_u, RATE_HZ, SAMPLES, places, places,
                quantities, u[:, i].T, q[:, i].T)
@@ -147,7 +157,7 @@ def _simulated(
 def _at_rest(arm: Arm, angles: FloatArray, m: int) -> tuple[FloatArray, FloatArray]:
     """Links (n_l, m) and holding torques (n_u, m) with the motors at their angles, by Newton's method."""
     drives, driven = arm.drives, list(arm.drives.driven)
-    link = np.zeros(arm.n_l) if arm.rest is None else arm.rest.copy()
+    link = np.zeros(arm.n_l)
     link[driven] = angles
 
     def force(link: FloatArray) -> FloatArray:
@@ -165,13 +175,16 @@ def _at_rest(arm: Arm, angles: FloatArray, m: int) -> tuple[FloatArray, FloatArr
 
 def in_mujoco(robot: Robot) -> Links:
     """Links of a serial robot by MuJoCo's equations, with the springs of joints that no motor drives."""
-    import mujoco
 
-    model = mujoco.MjModel.from_xml_string(_mjcf(robot))
-    data = mujoco.MjData(model)
+    @cache
+    def engine() -> tuple[Any, Any, Any]:
+        import mujoco
+
+        model = mujoco.MjModel.from_xml_string(_mjcf(robot))
+        return mujoco, model, mujoco.MjData(model)
 
     def accelerations(link: FloatArray, velocity: FloatArray, torque: FloatArray) -> FloatArray:
-        out = np.empty_like(link)
+        (mujoco, model, data), out = engine(), np.empty_like(link)
         for i in range(link.shape[1]):
             data.qpos[:], data.qvel[:], data.qfrc_applied[:] = link[:, i], velocity[:, i], torque[:, i]
             mujoco.mj_forward(model, data)
