@@ -264,15 +264,15 @@ def extended() -> Arm:
     robot = Robot(
         "extended",
         (
-            Body("lower", joints=(_joint("1", "z", 10.0, 2e5, 60.0, 15.0), Joint("tilt", "x", Spring(6e5, 150.0))),
+            Body("lower", joints=(_joint("1", "z", 10.0, 2e5, 60.0, 15.0), Joint("tilt", "x", Spring(2e5, 60.0))),
                  mass=30.0, center_of_mass=(0.25, 0.02, 0.15), inertia=(0.8, 2.0, 2.2)),
             Body("upper", "lower", Placement((0.6, 0.0, 0.2)), (_joint("2", "z", 4.0, 6e4, 18.0, 6.0),), 10.0,
                  (0.15, 0.04, 0.12), (0.1, 0.3, 0.3)),
-            Body("fore", "upper", Placement((0.3, 0.0, 0.1)), (Joint("bend", "z", Spring(9e4, 30.0)),), 8.0,
+            Body("fore", "upper", Placement((0.3, 0.0, 0.1)), (Joint("bend", "z", Spring(2e4, 8.0)),), 8.0,
                  (0.2, 0.02, 0.02), (0.1, 0.3, 0.3)),
         ),
     )  # fmt: skip
-    postures = {"a": (0.2, 0.3), "b": (-0.4, 1.4), "c": (0.1, -0.9)}
+    postures = {"a": (0.2, 0.3), "b": (-0.4, 1.4)}
     drives = _drives(robot, (25.0, 8.0), (15.0, 5.0))
     rms, turn = np.array([200.0, 60.0]), np.array([1e-3, 2e-3])
     free = ("k_1", "k_2", "k_tilt", "k_bend", "d_*", "fm_*")
@@ -343,7 +343,7 @@ def parallel_linkage() -> Arm:
         det = J_1 * J_2 - coupling**2
         return np.stack([(J_2 * e_t - coupling * e_s) / det, (J_1 * e_s - coupling * e_t) / det])
 
-    postures = {"a": (0.2, 0.1), "b": (-0.3, 0.4), "c": (0.5, -0.2)}
+    postures = {"a": (0.2, 0.1), "b": (-0.3, 0.4)}
     drives = _drives(robot, (40.0, 35.0), (20.0, 18.0))
     plain = Drives((0, 1), drives.J, drives.k, drives.d, drives.f, drives.F_m, drives.F_l, np.eye(2), drives.k_3,
                    drives.gap)  # fmt: skip

@@ -94,8 +94,8 @@ def _one_amplitude(plan: Plan) -> tuple[Note, ...]:
     rms = np.sqrt(np.sum(np.abs(plan.R) ** 2, axis=3) / 2).max(axis=(0, 1, 2))
     levels = ", ".join(f"[{', '.join(f'{factor * torque:.3g}' for torque in rms)}]" for factor in (1.0, 0.5))
     text = (
-        "one amplitude tells a bent spring from friction by the shape of the distortion alone, two also by how it "
-        f"grows; for the gears give torque_rms: [{levels}], which takes twice the robot's time at as many realisations"
+        "the gears are laid open at one amplitude, and their law is not tried at another; to see that it holds at half "
+        f"of it give torque_rms: [{levels}], with half the realisations for the same robot time"
     )
     return (Note("one-amplitude", text, "excitation", severity="information"),)
 
