@@ -17,6 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import Named, UnknownNameError, index_of
+from elastid.base.names import posture_of
 
 
 @dataclass(frozen=True)
@@ -221,8 +222,11 @@ class ParameterSet:
         return self._chains[local]
 
     def configuration_of_its_own(self, configuration: str) -> str:
-        """The name of a configuration for which a parameter has a stand-in; empty for all others."""
-        return configuration if configuration in self._with_their_own else ""
+        """The name of a configuration for which a parameter has a stand-in; empty for all others.
+
+        Of a configuration that is measured at several amplitudes that of its posture, whose parameters are the same.
+        """
+        return next((name for name in (configuration, posture_of(configuration)) if name in self._with_their_own), "")
 
     @cached_property
     def _with_their_own(self) -> frozenset[str]:

@@ -7,7 +7,7 @@ was interrupted goes on, and a worker that dies costs the member that it was at.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from functools import partial
 from importlib.util import find_spec
@@ -20,6 +20,7 @@ from elastid.app.work import software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.execution import surviving
 from elastid.base.files import own_path, replacing
+from elastid.base.statistics import ONE_SIDED_95
 from elastid.report.page.page import FleetContent, Outcome, write_page_of_fleet
 from elastid.store.files import changed_texts, keep_checksums, write_rows
 from elastid.study import load
@@ -154,16 +155,29 @@ def rows_of(folder: Path, member: Member) -> Iterator[Row]:
         yield row | {"unit": number["unit"]} | known | {"std_repeated": number.get("std_repeated", number.get("std"))}
     parameters, gears = summary.get("parameters", {}), (summary.get("gears") or {}).get("numbers", {})
     for name, number in gears.items():
-        if name not in parameters and number["value"] is not None and not name.startswith("K"):  # ends of ranges differ
-            low, high = number["interval95"]
+        if name not in parameters and not name.startswith("K"):  # ends of ranges differ
             row = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
-            known = {"unit": number["unit"], "value": number["value"], "std": number["std"], "low": low, "high": high}
-            yield row | known | {"std_repeated": number["std"]}
+            yield row | {"unit": number["unit"]} | _at_gear(number)
+
+
+def _at_gear(number: Mapping[str, Any]) -> Row:
+    """Of what was not seen 0, with the std of which its bound is the one-sided 95 %: it may grow until it is."""
+    if number["value"] is None:
+        bound = number["bound95"]
+        std = bound / ONE_SIDED_95
+        return {"value": 0.0, "std": std, "low": 0.0, "high": bound, "std_repeated": std}
+    low, high = number["interval95"]
+    return {"value": number["value"], "std": number["std"], "low": low, "high": high, "std_repeated": number["std"]}
 
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
     """Numbers that were identified and can be relied on, their dates as days."""
-    known = [row for row in rows if row["std_repeated"] is not None and row["status"] in COMPARED]
+    seen = {row["parameter"] for row in rows if row["value"]}
+    known = [
+        row
+        for row in rows
+        if row["std_repeated"] is not None and row["status"] in COMPARED and row["parameter"] in seen
+    ]
     days = [float(date.fromisoformat(row["date"]).toordinal()) for row in known]
     return tuple(
         FleetValue(row["robot"], day, row["parameter"], row["value"], row["std_repeated"])

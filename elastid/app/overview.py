@@ -119,10 +119,12 @@ def _experiments(study: Study) -> Iterator[str]:
             return
         chosen = study.design.count or 0
         Q, names = Q + chosen, ", ".join(filter(None, (names, f"{chosen} to be chosen")))
-    factors = (f"{_plural(Q, 'configuration')} ({names})", _plural(M, "realisation"), _plural(E, "experiment"))
-    yield f"{_plural(Q * M * E, 'experiment')}: {' x '.join(factors)}"
+    L = 1 if excitation is None else len(excitation.levels)
+    factors = [f"{_plural(Q, 'configuration')} ({names})", _plural(M, "realisation"), _plural(E, "experiment")]
+    factors[1:1] = [_plural(L, "amplitude")] if L > 1 else []
+    yield f"{_plural(Q * L * M * E, 'experiment')}: {' x '.join(factors)}"
     if excitation is not None:
-        yield from _run(study.as_robot(), experiment, excitation, Q * M * E)
+        yield from _run(study.as_robot(), experiment, excitation, Q * L * M * E)
         yield from _signal(study, excitation)
 
 

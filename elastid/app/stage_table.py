@@ -181,7 +181,7 @@ STAGES = (
         "design", (SIMULATED,), ("plan.h5",), "elastid.app.stages.design:design",
         values=(
             *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out", "loads"),
-            *values("estimator.quantity", "estimator.friction"), Value("fit", without=SEARCH),
+            *values("estimator.quantity", "estimator.friction", "gears"), Value("fit", without=SEARCH),
         ),
         files=earlier_measurements, patterns=("references/*.csv",), part=plan_values,
         help="Choose configurations, plan the excitation and predict the intervals: plan.h5 and references/*.csv.",

@@ -7,6 +7,7 @@ name is equal to it, a text is a pattern (`*`, `?`, `[...]`).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -21,6 +22,9 @@ MAX_PLACE_LENGTH = MAX_NAME_LENGTH + 20
 MAX_FILE_NAME_BYTES = 200
 # Between the name of a parameter, which ends in that of a part of the robot, and its group.
 SEPARATOR = "@"
+
+# Behind the name of a configuration that is measured at several amplitudes, from the second one on.
+_LEVEL = re.compile(r" level [1-9][0-9]*$")
 
 _NOT_IN_FILE_NAMES = '/\\:*?"<>|'
 # Names of devices on Windows, with any ending.
@@ -105,6 +109,24 @@ def check_file_name(name: str) -> None:
         )
     if name.split(".")[0].upper() in _DEVICES:
         raise ValueError(f"the name '{name}' is that of a device on Windows and cannot name a file there; take another")
+
+
+def at_level(posture: str, level: int) -> str:
+    """The name of a configuration at one of its amplitudes, counted from 1: the first has that of the posture.
+
+    >>> at_level("bent", 1), at_level("bent", 2)
+    ('bent', 'bent level 2')
+    """
+    return posture if level == 1 else f"{posture} level {level}"
+
+
+def posture_of(configuration: str) -> str:
+    """The name of a configuration without that of its amplitude: what a study says of it counts at every one.
+
+    >>> posture_of("bent level 2")
+    'bent'
+    """
+    return _LEVEL.sub("", configuration)
 
 
 @lru_cache(maxsize=4096)

@@ -11,6 +11,8 @@ from elastid.base.arrays import BoolArray, FloatArray
 
 # 95 % of a normal distribution lie within so many standard deviations of its mean.
 QUANTILE_95 = 1.959964
+# And so many above its mean bound it on one side with 95 %.
+ONE_SIDED_95 = 1.644854
 # The standard deviation of a normal distribution over its median absolute deviation.
 STD_OVER_MAD = 1.4826
 

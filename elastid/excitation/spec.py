@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
@@ -13,7 +14,8 @@ from elastid.excitation.phases import Orthogonal
 
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
-AskedTorque: TypeAlias = JointTorque | tuple[JointTorque, ...] | Literal["limits"]
+OneTorque: TypeAlias = JointTorque | tuple[JointTorque, ...] | Literal["limits"]
+AskedTorque: TypeAlias = OneTorque | tuple[tuple[JointTorque, ...], ...]
 
 _SWEEPS = ("linear-sweep", "log-sweep", "prbs")
 
@@ -34,9 +36,11 @@ class MultisineSpec:
         "more lines.")]
     torque_rms: Annotated[AskedTorque, Key("Root mean square of the torque on the link side, one number for all motors "
         "or one for each, in N where a joint slides, lowered where a limit of the robot is in the way; or `limits`: as "
-        "much as each motor may have.", "more raises the ratio to noise and to dry friction, until a limit or a "
+        "much as each motor may have; or a list of such lists, amplitudes at which every configuration is measured in "
+        "all its realisations.", "more raises the ratio to noise and to dry friction, until a limit or a "
         "nonlinear spring is in the way; `limits` takes the most that position, velocity, acceleration and torque "
-        "allow.")]
+        "allow. Two amplitudes, [[200, 60], [100, 30]], show a spring that is not straight apart from friction, "
+        "for `gears` above all.")]
     grid: Annotated[Grid, Key("Grid of the excited lines: `full` (every line), `odd` (odd multiples of 1/period: even "
         "nonlinearities then fall between the lines), `odd-odd` (1, 5, 9 ...), `odd-random` (odd, some left out: odd "
         "nonlinearities show there), `quasi-log` and `odd-quasi-log` (each about `ratio` times the last), or `lines`. "
@@ -107,9 +111,11 @@ class MultisineSpec:
                 f"band_hz: {high:g} Hz is not below half the sampling rate ({self.rate_hz / 2:g} Hz); "
                 "lower band_hz or raise rate_hz"
             )
-        rms = () if self.torque_rms == "limits" else self.torque_rms
-        if any(not value > 0 for value in (rms if isinstance(rms, tuple) else (rms,))):
-            raise ValueError(f"torque_rms is {self.torque_rms}; it must be positive for every motor")
+        for rms in self.levels:
+            if rms != "limits" and any(not value > 0 for value in (rms if isinstance(rms, tuple) else (rms,))):
+                raise ValueError(f"torque_rms is {rms}; it must be positive for every motor")
+        if len(set(self.levels)) < len(self.levels):
+            raise ValueError(f"torque_rms is {self.torque_rms}; each amplitude counts once, with its torques")
         if any(not f > 0 or not a > 0 for f, a in self.spectrum):
             raise ValueError("spectrum: frequencies and amplitudes must be positive")
         self._check_grid_and_phases()
@@ -137,9 +143,29 @@ class MultisineSpec:
             )
         if self.flat != "information" and self.least != 0.1:
             raise ValueError("least belongs to flat: information; set that, or leave least out")
+        if self.flat == "information" and len(self.levels) > 1:
+            raise ValueError(
+                f"flat: information finds the spectra of one amplitude, and torque_rms lists {len(self.levels)}; give "
+                "one of them, or take another flat"
+            )
         if self.flat == "information" and (self.power or self.spectrum or self.phases in _SWEEPS):
             other = f"phases: {self.phases}" if self.phases in _SWEEPS else "power and spectrum"
             raise ValueError(f"flat: information finds the spectrum itself; leave out {other}, or take another flat")
+
+    @property
+    def levels(self) -> tuple[OneTorque, ...]:
+        """The amplitudes at which every configuration is measured, mostly one."""
+        given = self.torque_rms
+        if not isinstance(given, tuple):
+            return (given,)
+        lists = tuple(each for each in given if isinstance(each, tuple))
+        if not lists:
+            return (tuple(each for each in given if not isinstance(each, tuple)),)
+        return tuple(each[0] if len(each) == 1 else each for each in lists)
+
+    def at_level(self, level: int) -> MultisineSpec:
+        """The same with one of its amplitudes, counted from 1."""
+        return self if len(self.levels) == 1 else replace(self, torque_rms=self.levels[level - 1])
 
     @property
     def period_samples(self) -> int:

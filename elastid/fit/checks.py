@@ -17,12 +17,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError, StudyError, check_kind
+from elastid.base.names import posture_of
 from elastid.base.note import Note
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.linear.linear_model import is_load
@@ -31,6 +32,9 @@ from elastid.model.kinematics import frame_poses
 from elastid.parameters import Parameter, ParameterSet
 from elastid.response import FrequencyResponse
 from elastid.robot import BASE, Compensator, Robot
+
+# Of |G1 - G2| over its standard deviation, the median of the lines: 0.8 by chance.
+DEPENDENCE = 3.0
 
 
 def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> None:
@@ -75,7 +79,12 @@ def find_same_postures(
         own = tuple(p.name for p in parameters if name in p.only)
         return own, tuple(robot for robot, members in robots.items() if name in members)
 
-    pairs = ((first.configuration.name, second.configuration.name) for first, second in _same_postures(responses))
+    postures = _same_postures(responses)
+    pairs = (
+        (first.configuration.name, second.configuration.name)
+        for first, second in postures
+        if not _differ_in_amplitude(first, second)
+    )
     duplicates = [f"{first} and {second}" for first, second in pairs if group(first) == group(second)]
     text = (
         f"the same posture under two names: {', '.join(duplicates)}; both count, as is right where it was measured "
@@ -96,7 +105,8 @@ def find_contradictions(
     unlike = [
         (f"{first.configuration.name} and {second.configuration.name}", *difference)
         for first, second in _same_postures(responses)
-        if all((first.configuration.name in own) == (second.configuration.name in own) for own in robots.values())
+        if not _differ_in_amplitude(first, second)
+        and all((first.configuration.name in own) == (second.configuration.name in own) for own in robots.values())
         and (difference := _difference(first, second))[0] > 0.3
         and difference[1] > 5.0
     ]
@@ -112,7 +122,37 @@ def find_contradictions(
     return (Note("unlike-at-one-posture", text),)
 
 
-def _difference(first: FrequencyResponse, second: FrequencyResponse) -> tuple[float, float]:
+def _differ_in_amplitude(first: FrequencyResponse, second: FrequencyResponse) -> bool:
+    """True of responses of one posture that were measured at two amplitudes on purpose."""
+    return posture_of(first.configuration.name) == posture_of(second.configuration.name)
+
+
+def find_dependence_on_amplitude(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
+    """A note where the responses of a posture differ between its amplitudes beyond their scatter.
+
+    By the median over lines of |G1 - G2| over its standard deviation, noise and distortion in it: more than 3.
+    """
+    apart = [
+        (first, second, *difference)
+        for first, second in _same_postures(responses)
+        if _differ_in_amplitude(first, second)
+        and (difference := _difference(first, second, "uncertainty"))[1] > DEPENDENCE
+    ]
+    if not apart:
+        return ()
+    first, second, share, over_std = max(apart, key=lambda pair: pair[3])
+    text = (
+        f"the responses of {first.configuration.name} and {second.configuration.name} differ with their amplitude, by "
+        f"{100 * share:.2g} % (median of the lines), {over_std:.2g} times their scatter: friction or a spring is not "
+        "linear, and stiffness and damping of the linear fit lie between those of the amplitudes; with gears: {} "
+        "the effects are found from all amplitudes together"
+    )
+    return (Note("depends-on-amplitude", text),)
+
+
+def _difference(
+    first: FrequencyResponse, second: FrequencyResponse, scatter: Literal["noise", "uncertainty"] = "noise"
+) -> tuple[float, float]:
     """Medians over common lines of the elements' difference: relative to the larger one, and over its std.
 
     Without common lines both are 0; where the noise is not known, it is taken for none.
@@ -124,7 +164,7 @@ def _difference(first: FrequencyResponse, second: FrequencyResponse) -> tuple[fl
     difference = np.abs(G - H)
     variance = sum(
         0.0 if covariance is None else covariance.variance[rows]
-        for covariance, rows in ((first.noise, lines), (second.noise, other_lines))
+        for covariance, rows in ((getattr(first, scatter), lines), (getattr(second, scatter), other_lines))
     )
     relative = difference / np.maximum(np.maximum(np.abs(G), np.abs(H)), 1e-300)
     return float(np.median(relative)), float(np.median(difference / np.sqrt(np.maximum(variance, 1e-300))))

@@ -179,8 +179,9 @@ def _fitted(
 
 def parameters_of(result: FitResult, configuration: str) -> tuple[Parameter, ...]:
     """Those of a fit that count in a configuration: not those of other groups, nor those which its own stand in for."""
-    own = [p.stands_for for p in result.parameters if configuration in p.only]
-    return tuple(p for p in result.parameters if configuration in p.only or not (p.only or p.name in own))
+    local = result.parameters.configuration_of_its_own(configuration)
+    own = [p.stands_for for p in result.parameters if local in p.only]
+    return tuple(p for p in result.parameters if local in p.only or not (p.only or p.name in own))
 
 
 def robots_by_group(

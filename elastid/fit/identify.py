@@ -284,6 +284,6 @@ def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]
     responses = assembly.responses
     robots = assembly.spec.robots
     twice = checks.find_copies(responses) or checks.find_same_postures(responses, assembly.parameters, robots)
-    unlike = checks.find_contradictions(responses, robots)
+    unlike = (*checks.find_contradictions(responses, robots), *checks.find_dependence_on_amplitude(responses))
     moved = (*optimum.notes, *motion_notes(assembly, optimum))
     return (*unlike, *twice, *assembly.notes, *moved, *assembly.spring_notes(optimum.end.x))

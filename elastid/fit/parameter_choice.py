@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.base.names import SEPARATOR, is_match, matching
+from elastid.base.names import SEPARATOR, is_match, matching, posture_of
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, ParameterSet, Prior
@@ -98,7 +98,8 @@ def group_labels(parameters: ParameterSet, configurations: Iterable[str]) -> dic
     """
     groups: dict[str, list[str]] = {}
     for configuration in configurations:
-        mine = dict.fromkeys(p.name.partition(SEPARATOR)[2] for p in parameters if configuration in p.only)
+        local = parameters.configuration_of_its_own(configuration)
+        mine = dict.fromkeys(p.name.partition(SEPARATOR)[2] for p in parameters if local in p.only)
         groups.setdefault("-".join(mine), []).append(configuration)
     if list(groups) == [""]:
         return {"": tuple(groups[""])}
@@ -120,6 +121,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
     of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
     """
+    configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
     table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
     shared = {key: asked for key, asked in spec.parameters.items() if not is_group_key(key)}
     wanted = _match(shared, table, robot.on_demand) if spec.parameters else _default(robot)

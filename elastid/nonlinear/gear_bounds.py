@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from elastid.base.statistics import ONE_SIDED_95
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.gear.choice import candidate_groups
 from elastid.nonlinear.gear.drive_lines import drive_lines
@@ -21,7 +22,6 @@ from elastid.nonlinear.gear.motion import estimate_motion
 from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.response import FrequencyResponse
 
-ONE_SIDED_95 = 1.644854
 # Of kinds that are one effect in several shapes.
 _FAMILIES = {"progressive": "cubic", "range": "cubic", "bristle": "stop"}
 

@@ -27,13 +27,22 @@ from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear.choice import SPRINGS
-from elastid.nonlinear.gear.drive_lines import DriveLines
+from elastid.nonlinear.gear.drive_lines import elastic_joints
 from elastid.nonlinear.gear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear.find import find_gear_effects
 from elastid.nonlinear.gear.levels import Levels, joints_of
-from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
+from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.nonlinear.gear_bounds import family_of, level_bounds
-from elastid.nonlinear.gear_limits import LOST, coarse_encoders, deflections, drives_of, left, refusal
+from elastid.nonlinear.gear_limits import (
+    LOST,
+    coarse_encoders,
+    drives_of,
+    largest_torques,
+    left,
+    preloads,
+    refusal,
+    rigid_gears,
+)
 from elastid.nonlinear.gear_result import BENT_STILL, GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
@@ -80,33 +89,30 @@ def open_gears(
         measured, responses, result, robot, spec, model=model, planned=planned, orders=gears.orders
     )
     execution.progress(2, 3)  # the search takes about two thirds of the time
-    bounds = level_bounds(data, responses, linearisation, found, gears.orders)
+    joints, elastic = joints_of(linearisation)[0], elastic_joints(linearisation)
+    preloaded = preloads(data, found.drives, joints)
+    hidden = [note.place.removeprefix("joint ") for note in preloaded]
+    every = level_bounds(data, responses, linearisation, found, gears.orders).items()
+    bounds = {group: bound for group, bound in every if group[0].kind != "gap" or group[0].joint not in hidden}
     execution.progress(3, 3)
-    joints, _ = joints_of(linearisation)
     sheets = tuple(
-        sheet_of(JointLevels(found, robot, joint, i, _peak(data, found.drives, i)), result, bounds)
-        for i, joint in enumerate(joints)
+        sheet_of(JointLevels(found, robot, joint, peak), result, bounds)
+        for joint, peak in zip(joints, largest_torques(data, found.drives), strict=True)
+        if joint in elastic
     )
     pairs = list(zip(data, drives, strict=True))
     notes = (
         *coarse_encoders(data, drives, joints),
+        *preloaded,
+        *rigid_gears(found, [joint for joint in joints if joint not in elastic]),
         *_bent_notes(responses, found),
         *_off_notes(result, found),
         *_same_notes(found),
     )
     before = left(data, drives, [np.zeros((*lines.s.shape, drive.model.n, 1)) for lines, drive in pairs])
     after = left(data, found.drives, [np.tensordot(each.Phi, found.levels, axes=1) for each in found.estimates])
-    effects = found.effects, found.levels
-    return GearResult(found.x, found.covariance, *effects, sheets, before=before, after=after, notes=notes)
-
-
-def _peak(data: Sequence[PeriodLines], drives: Sequence[DriveLines], j: int) -> float:
-    """Largest torque of a gear in the records, by the linear model."""
-    peaks = []
-    for lines, drive in zip(data, drives, strict=True):
-        torque = lines.fine((drive.k[j] + lines.s * drive.d[j]) * deflections(lines, drive, j).T)
-        peaks.append(float(np.abs(torque + drive.torque[j]).max()))
-    return max(peaks)
+    own = found.x, found.covariance, found.effects, found.levels, sheets
+    return GearResult(*own, before=before, after=after, notes=notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +122,6 @@ class JointLevels:
     found: Levels
     robot: Robot
     joint: str
-    index: int
     peak: float
 
     @property

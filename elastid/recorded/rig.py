@@ -56,8 +56,8 @@ class RecordedRig:
     def experiments(self) -> tuple[Experiment, ...]:
         """One for each file, in their order; files of the same numbers hold further periods of its excitation."""
         configurations = {c.name: c for c in checked_configurations(self.spec, self.robot)}
-        runs = dict.fromkeys(file.run for file in self._recorded.files)
-        return tuple(Experiment(configurations[name], *numbers) for name, *numbers in runs)
+        runs = {file.run: configurations[file.configuration] for file in self._recorded.files}
+        return tuple(Experiment(replace(posture, name=name), *numbers) for (name, *numbers), posture in runs.items())
 
     def measure(self, experiment: Experiment) -> Record:
         """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""

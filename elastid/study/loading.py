@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import comment_lines, printable
-from elastid.base.names import SEPARATOR, is_match, matching
+from elastid.base.names import SEPARATOR, at_level, is_match, matching
 from elastid.base.units import Quantity, to_si
 from elastid.fit.parameter_choice import choose, named_on_demand, nearest_parameter
 from elastid.fit.spec import ParameterSpec
@@ -208,7 +208,20 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
     problems = [*check_study(study, path.parent), *unresolved]
     if problems := problems or list(check_lines(study)):
         raise make_error(source, problems)
-    return LoadedStudy(study, path, source.text, overrides), source
+    return LoadedStudy(_with_every_amplitude(study), path, source.text, overrides), source
+
+
+def _with_every_amplitude(study: Study) -> Study:
+    """The study that leaves the postures of `validation.left_out` out at all of their amplitudes."""
+    recorded, left_out = study.experiment.recorded, study.validation.left_out
+    if study.friction is not None or not left_out:
+        return study
+    planned = 1 if study.excitation is None else len(study.excitation.levels)
+    levels = {name: list(range(1, planned + 1)) for name in left_out}
+    if recorded is not None:
+        levels = {name: sorted({f.level for f in recorded.files if f.configuration == name}) for name in left_out}
+    names = tuple(at_level(name, level) for name in left_out for level in levels[name])
+    return replace(study, validation=replace(study.validation, left_out=names))
 
 
 def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:

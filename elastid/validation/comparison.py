@@ -25,6 +25,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.names import posture_of
 from elastid.validation.results import Agreement, Fold
 
 # The coordinates that are elastic in a model, in the order of the robot, by their labels.
@@ -125,9 +126,14 @@ def generalises(left_out_db: float, fitted_db: float) -> bool:
 
 
 def divide(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
-    """The configurations in so many parts, each in one of them; 0: one a part. None for a single configuration."""
-    n = min(parts or len(names), len(names))
-    return tuple(tuple(names[i::n]) for i in range(n)) if n > 1 else ()
+    """The configurations in so many parts, each in one of them; 0: one a part. None for a single configuration.
+
+    The amplitudes of a posture are in one part: either would predict the other.
+    """
+    postures = list(dict.fromkeys(map(posture_of, names)))
+    n = min(parts or len(postures), len(postures))
+    own = [postures[i::n] for i in range(n)] if n > 1 else []
+    return tuple(tuple(name for name in names if posture_of(name) in part) for part in own)
 
 
 def gather_folds(parts: Sequence[Sequence[str]], refits: Sequence[Refit]) -> tuple[Fold, ...]:

@@ -45,8 +45,8 @@ MEANINGS = {
     ("H", True): "hysteresis grows",
     ("Hw", True): "hysteresis grows",
     ("lost", True): "lost motion grows",
-    ("e1", True): "transmission error grows",
-    ("e2", True): "transmission error grows",
+    ("e", True): "transmission error grows",
+    ("r", True): "ripple of the torque grows",
 }
 
 
@@ -292,7 +292,9 @@ def _same_kind(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[
 
 
 def _letters(name: str) -> str:
-    return name.partition("_")[0]
+    """Without the joint, and the order of errors and ripples."""
+    letters = name.partition("_")[0]
+    return letters[0] if letters[0] in "er" and letters[1:].replace(".", "").isdigit() else letters
 
 
 def _finding(kind: Kind, robot: str, parameter: _Parameter, off: float, std: float, dof: float) -> Finding:

@@ -2,9 +2,9 @@
 
 Statistics: fits of 64, and of 8, robots, drawn about robots that differ naturally, 1.5 % in stiffness and more in
 damping and friction, and about dates that differ by 0.3 %; fleets that have nothing else, and fleets in which one
-robot's gear is 10 % soft, or its spring, friction or backlash drifts. From YAML to page: 12 two-mass robots on 2 dates,
-one spring 10 % softer, really simulated and identified by two processes, some of them by one. Full size: some 4 CPU
-minutes.
+robot's gear is 10 % soft, its spring, friction or backlash drifts, or lost motion grows from below its bound. From YAML
+to page: 12 two-mass robots on 2 dates, one spring 10 % softer, really simulated and identified by two processes, some
+of them by one. Full size: some 4 CPU minutes.
 
 Of 200 fleets of each kind 4 % (64 robots, three dates), 2 % (8, three) and 4.5 % (8, one) of the good ones have a
 finding; a gear 10 % soft is named in 96 to 100 %, a drift in 96 to 100 %, and 1.4 to 3.7 % of the findings are false.
@@ -44,6 +44,8 @@ PARAMETERS = {
     "Fc_m1": (20.0, 0.01, 0.15),
     "f_m1": (160.0, 0.02, 0.15),
 }
+# Lost motion, of which no robot has any at first, and the std of it in a fit, rad; below three of it none is seen.
+LOST, LOST_STD = "lost_1", 3e-6
 BETWEEN_DATES = 0.003
 ODD = "r02"
 # What is wrong with one robot: the parameter, its relative change on all dates, and that from first to last.
@@ -52,6 +54,8 @@ FAULTS = {
     "spring softens": ("k_1", 0.0, -0.05, "the spring softens"),
     "friction grows": ("Fc_m1", 0.0, 0.2, "Coulomb friction grows"),
     "backlash opens": ("b_1", 0.0, 0.4, "the backlash opens"),
+    # Of lost motion the change is absolute, rad: 0.2 arcmin.
+    "lost motion grows": (LOST, 0.0, 5.8e-5, "lost motion grows"),
 }
 # Robots, dates, and the faults that a fleet of this size is asked to name; trends need more than two dates.
 SIZES = ((64, DAYS, tuple(FAULTS)), (8, DAYS, tuple(FAULTS)), (8, DAYS[:1], ("soft gear",)))
@@ -70,7 +74,7 @@ MODELLED = (8, 32, 64)
 
 
 def drawn(seed: int, robots: int, days: Days, fault: tuple[str, float, float, str] | None) -> list[FleetValue]:
-    """The fits of a fleet about its robots, which differ, one with a fault."""
+    """The fits of a fleet about its robots, which differ, one with a fault; lost motion where a robot shows it."""
     rng, values = np.random.default_rng(seed), []
     for i in range(robots):
         for name, (true, part, between) in PARAMETERS.items():
@@ -81,6 +85,13 @@ def drawn(seed: int, robots: int, days: Days, fault: tuple[str, float, float, st
                     off += math.log(1 + fault[1] + fault[2] * day / DAYS[-1])
                 value = true * math.exp(off + part * rng.standard_normal())
                 values.append(FleetValue(f"r{i:02d}", day, name, value, part * value))
+    growth = fault[2] / DAYS[-1] if fault is not None and fault[0] == LOST else 0.0
+    noise = LOST_STD * np.random.default_rng([seed, 1]).standard_normal((robots, len(days)))
+    lost = noise + np.outer(np.arange(robots) == int(ODD[1:]), growth * np.array(days))
+    lost = np.where(lost > 3 * LOST_STD, lost, 0.0)
+    if lost.any():
+        values += [FleetValue(f"r{i:02d}", day, LOST, lost[i, j], LOST_STD)
+                   for i in range(robots) for j, day in enumerate(days)]  # fmt: skip
     return values
 
 

@@ -16,10 +16,10 @@ import pyarrow.parquet
 import pytest
 
 from elastid.app.cli import run_command
-from elastid.app.fleet import rows_of
+from elastid.app.fleet import _values, rows_of
 from elastid.store.files import keep_checksums
 from elastid.study.fleet import Member, load_fleet
-from elastid.validation.fleet import MEANINGS
+from elastid.validation.fleet import MEANINGS, find_changes
 
 SOFT = "r2"
 
@@ -220,10 +220,11 @@ def test_folders_name_their_members(tiny: Path) -> None:
 
 
 def test_a_fleet_follows_what_was_found_at_the_gears(tmp_path: Path) -> None:
-    """Each number that was seen once, those of the fit from there; no bound, and no stiffness of a range."""
+    """Each number that was seen once, those of the fit from there, a bound as 0; and no stiffness of a range."""
     seen = {"value": 20.0, "std": 0.1, "interval95": [19.8, 20.2], "unit": "N*m"}
     numbers = {
-        "k_1": seen, "Fb_1": seen, "K1_1": seen, "H_1": seen | {"value": None, "std": None, "interval95": None},
+        "k_1": seen, "Fb_1": seen, "K1_1": seen,
+        "H_1": seen | {"value": None, "std": None, "interval95": None, "bound95": 3.3},
     }  # fmt: skip
     parameter = {"value": 2e5, "std": 20.0, "interval95": [1.9e5, 2.1e5], "unit": "N*m/rad"}
     content = {"status": "converged", "parameters": {"k_1": parameter}, "gears": {"numbers": numbers}}
@@ -232,7 +233,27 @@ def test_a_fleet_follows_what_was_found_at_the_gears(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     (folder / "summary.json").write_text(json.dumps(content))
     rows = {row["parameter"]: row for row in rows_of(tmp_path, member)}
-    assert rows.keys() == {"k_1", "Fb_1"}
+    assert rows.keys() == {"k_1", "Fb_1", "H_1"}
+    assert (rows["H_1"]["value"], rows["H_1"]["high"]) == (0.0, 3.3)
+    assert rows["H_1"]["std_repeated"] == pytest.approx(2.0, rel=0.01)
     assert rows["k_1"]["value"] == 2e5
     assert (rows["Fb_1"]["low"], rows["Fb_1"]["std_repeated"]) == (19.8, 0.1)
     assert MEANINGS["Fb", True] == "running torque behind the gear grows"
+
+
+def test_lost_motion_that_opens_after_it_was_not_seen_is_named() -> None:
+    """Of one robot of three, from below its bound; what no robot shows at any date is no parameter."""
+    days, bound = ("2026-01-01", "2026-07-01", "2027-01-01"), {"low": 0.0, "high": 1e-5}
+    rows = [
+        {"robot": robot, "date": day, "status": "converged", "parameter": name, "unit": "rad", "value": value,
+         "std": 6e-6, "std_repeated": 6e-6, **bound}
+        for robot in ("a", "b", "c")
+        for day, lost in zip(days, (0.0, 9e-5, 1.6e-4), strict=True)
+        for name, value in (("lost_1", lost if robot == "b" else 0.0), ("lost_2", 0.0))
+    ]  # fmt: skip
+    values = _values(rows)
+    assert {value.parameter for value in values} == {"lost_1"}
+    drift = next(finding for finding in find_changes(values, 0.05) if finding.kind == "drifts")
+    assert (drift.robot, drift.meaning) == ("b", "lost motion grows")
+    assert "lost_1 of b drifts: lost motion grows, +0.0001" in drift.words
+    assert all(finding.robot == "b" for finding in find_changes(values, 0.05))

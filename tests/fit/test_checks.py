@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plants.notes import said
 
-from elastid.fit.checks import find_contradictions
+from elastid.fit.checks import find_contradictions, find_dependence_on_amplitude
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec
 from elastid.linear.linearise import Linearisation
@@ -63,3 +63,17 @@ def test_robots_that_are_named_may_differ() -> None:
     responses = [measured(arm(), POSTURES[0], "a"), measured(arm(k_1=6e4), POSTURES[0], "bb")]
     assert find_contradictions(responses, {"A": ("a",), "B": ("bb",)}) == ()
     assert find_contradictions(responses, {}) != ()
+
+
+def test_amplitudes_of_a_posture_that_differ_are_no_two_robots() -> None:
+    """A spring that is stiffer at the larger one is named as such; one that is not is passed over."""
+    responses = [measured(arm(), POSTURES[0], "one"), measured(arm(k_1=9e4), POSTURES[0], "one level 2")]
+    assert find_contradictions(responses, {}) == ()
+    (note,) = find_dependence_on_amplitude(responses)
+    assert "the responses of one and one level 2 differ with their amplitude" in note.text
+    notes = said(identify(responses, arm(), FitSpec(starts=1, seed=0)).notes)
+    assert note.text in notes
+    for wrong in ("two robots", "under two names", "correct the angles"):
+        assert wrong not in notes
+    same = [responses[0], measured(arm(), POSTURES[0], "one level 2")]
+    assert find_dependence_on_amplitude(same) == ()

@@ -17,7 +17,16 @@ from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.nonlinear.gear_limits import coarse_encoders, difference, drives_of, left, refusal
+from elastid.nonlinear.gear_limits import (
+    PRELOADED,
+    coarse_encoders,
+    difference,
+    drives_of,
+    gear_torque,
+    left,
+    preloads,
+    refusal,
+)
 from elastid.parameters import Parameter, ParameterSet
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -124,3 +133,16 @@ def test_an_encoder_that_hides_the_deflection_is_named() -> None:
     assert note.place == "motor 1"
     assert "rad of noise at the excited lines" in note.text
     assert RATIO == 100
+
+
+def test_a_gear_that_never_crosses_its_lost_motion_is_named() -> None:
+    """Only where gravity bends it by more than the largest torque of the records, in every posture."""
+    own = case()
+    assert preloads(own.data, own.drives, ["1"]) == []
+    high = float(gear_torque(own.data[0], own.drives[0], 0).max())
+    loaded = replace(own.drives[0], torque=np.array([2.0 * high]))
+    (note,) = preloads(own.data, [loaded], ["1"])
+    assert (note.code, note.place) == (PRELOADED, "joint 1")
+    assert f"to {3 * high:.3g} N*m in the records" in note.text
+    assert preloads([*own.data, *own.data], [loaded, own.drives[0]], ["1"]) == []
+    assert preloads(own.data, [replace(loaded, torque=np.array([0.9 * high]))], ["1"]) == []

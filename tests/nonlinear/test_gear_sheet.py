@@ -42,7 +42,7 @@ def sheet(
     scale_std = np.array([0.02 * effect.scale if effect.kind == "gap" else 0.0 for effect in found])
     known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 1, 0.0, (), (), scale_std)
     groups = {(effect,): bound for effect, bound in (bounds or {}).items()}
-    gear = JointLevels(known, robot(Gear()), "1", 0, PEAK)
+    gear = JointLevels(known, robot(Gear()), "1", PEAK)
     return sheet_of(gear, linear_fit(x + np.array([np.log(1.1), 0.0])), groups)
 
 

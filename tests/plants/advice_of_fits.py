@@ -14,6 +14,7 @@ import numpy as np
 
 from elastid.app import cli
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.fit.checks import find_dependence_on_amplitude
 from elastid.fit.diagnosis import hypothesis
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.identify import identify
@@ -169,6 +170,15 @@ def gears_that_the_page_advises(desk: Desk) -> None:
     result = replace(fit_result(), status="misfit", message=said)
     text = next_steps(result, parameter_rows(result, {}, {}))[0].text
     assert desk.elastid("check", desk.write(study=STUDY, robot=ROBOT), *shlex.split(text)) == ""
+
+
+@case("fit/checks.py", "gears: {}")
+def gears_where_responses_depend_on_amplitude(desk: Desk) -> None:
+    from fit.test_checks import POSTURES, arm, measured
+
+    responses = [measured(arm(), POSTURES[0], "a"), measured(arm(k_1=9e4), POSTURES[0], "a level 2")]
+    advice = rendered("gears: {}", " ".join(map(str, find_dependence_on_amplitude(responses))))
+    assert desk.elastid("check", desk.write(study=STUDY, robot=ROBOT), "--set", pasted(advice)) == ""
 
 
 @case("fit/diagnosis/configurations.py", "per: robot", slow=True)

@@ -222,3 +222,17 @@ def test_a_log_of_an_industrial_robot_is_read_and_refused_as_not_periodic() -> N
     )
     with pytest.raises(ElastidError, match="needs a periodic excitation"):
         measured(path.parent, study_of(path.name, channels, rate_hz=250.0, period_samples=250))
+
+
+def test_logs_of_two_amplitudes_are_configurations_of_one_posture(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+    """The level of a file makes a response of its own, at the same angles."""
+    write_csv(tmp_path, log)
+    rig = RecordedRig(
+        ROBOT, study_of("log.csv", files=(FileSpec("log.csv", "home"), FileSpec("log.csv", "home", level=2))), tmp_path
+    )
+    first, second = (rig.measure(experiment) for experiment in rig.experiments)
+    assert (first.configuration.name, second.configuration.name) == ("home", "home level 2")
+    np.testing.assert_array_equal(second.configuration.angles, first.configuration.angles)
+    np.testing.assert_array_equal(second.u, first.u)
+    with pytest.raises(ValueError, match="amplitudes are numbered from 1"):
+        FileSpec("log.csv", "home", level=0)

@@ -565,3 +565,14 @@ def test_a_simulated_rig_is_its_file_unless_its_truth_changes_a_number_that_the_
     assert tolerances_of(tiny, wrong) == Tolerances()
     assert tolerances_of(tiny, wrong, "fit.parameters.I_load={}") is None
     assert tolerances_of(tiny, wrong, "robot.tolerances=exact") == "exact"
+
+
+def test_a_posture_is_left_out_at_all_its_amplitudes(tiny: Path) -> None:
+    """`left_out` names postures; wrong amplitudes are refused where they stand."""
+    two = ("excitation.torque_rms=[[0.1], [0.05]]", "validation.left_out=[b]")
+    assert load(tiny, two).study.validation.left_out == ("b", "b level 2")
+    assert load(tiny, two[1:]).study.validation.left_out == ("b",)
+    (line,) = errors(tiny, "excitation.torque_rms=[[0.1], [0.05, 0.05]]")
+    assert "excitation.torque_rms[1]: 2 torques for 1 driven joints" in line
+    (line,) = errors(tiny, "experiment.configurations={a: [0], b level 2: [0.1]}")
+    assert "`level` and a number end the names of amplitudes; rename it" in line

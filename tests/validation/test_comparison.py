@@ -174,3 +174,11 @@ def test_models_without_a_fit_do_not_lead_the_search() -> None:
     trials = list(search(("a", "b"), fitted))
     assert final_model(trials) == ()
     assert describe_search(("a", "b"), trials).startswith("The search has no result")
+
+
+def test_the_amplitudes_of_a_posture_are_left_out_together() -> None:
+    """Each would predict the other."""
+    names = ("a", "a level 2", "b", "b level 2", "c", "c level 2")
+    assert divide(names, 0) == (("a", "a level 2"), ("b", "b level 2"), ("c", "c level 2"))
+    assert divide(names, 2) == (("a", "a level 2", "c", "c level 2"), ("b", "b level 2"))
+    assert divide(names[:2], 0) == ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, degrees
 from elastid.base.errors import StudyError, index_of
+from elastid.base.names import at_level
 from elastid.excitation.grids import line_count_refusal, line_frequencies
 from elastid.excitation.multisine import amplitudes, experiments, relative_amplitudes, synthesise
 from elastid.excitation.spec import MultisineSpec, Signal, planned_lines
@@ -90,8 +91,11 @@ def torque_spectra(
 
 
 def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
-    """RMS (n_u,) of the injected torques in Nm; with `limits` shares of the torque limits, in the right proportion."""
-    rms = excitation.torque_rms
+    """RMS (n_u,) of the injected torques in Nm; with `limits` shares of the torque limits, in the right proportion.
+
+    The first of several amplitudes.
+    """
+    rms = excitation.levels[0]
     if rms == "limits":
         limits = np.array([joint.limits.torque for joint in robot.driven])
         return np.where(np.isfinite(limits), limits, np.min(limits[np.isfinite(limits)], initial=1e3)) / 100
@@ -264,6 +268,8 @@ def make_plan(
 ) -> Plan:
     """The plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine, or the first.
 
+    With several amplitudes each configuration is measured at every one, under a name of its own (`at_level`).
+
     chosen: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
     has found, by the configuration's name.  closed_loop: needed where excitation.flat or compress names a quantity
     other than the torque.  The phases of a set depend on seed, configuration index and realisation alone, so that a
@@ -271,18 +277,23 @@ def make_plan(
     realisation).  Raises StudyError where the robot cannot do it.
     """
     given = [ChosenConfiguration(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
-    everyone = (*given, *chosen)
+    everyone = [
+        (level, replace(each, configuration=replace(each.configuration, name=at_level(each.configuration.name, level))))
+        for each in (*given, *chosen)
+        for level in range(1, len(excitation.levels) + 1)
+    ]
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)
-    M, E = max(choice.realisations for choice in everyone), experiment.runs(n_u)
+    M, E = max(choice.realisations for _, choice in everyone), experiment.runs(n_u)
     R = np.zeros((len(everyone), M, E, len(lines.excited), n_u), complex)
-    for q, choice in enumerate(everyone):
+    for q, (level, choice) in enumerate(everyone):
         draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(choice.realisations)]
         spectrum = (spectra or {}).get(choice.configuration.name)
         every = torque_spectra(
-            excitation, experiment, robot, lines.excited, choice.configuration, draws, spectrum, closed_loop
-        )
+            excitation.at_level(level), experiment, robot, lines.excited, choice.configuration, draws, spectrum,
+            closed_loop,
+        )  # fmt: skip
         R[q, : len(draws)] = every[:, :E]
-    configurations, inputs = tuple(choice.configuration for choice in everyone), robot.motor_locations
+    configurations, inputs = tuple(choice.configuration for _, choice in everyone), robot.motor_locations
     timing = excitation.rate_hz, excitation.period_samples, experiment.periods, experiment.transient_periods
     ramp, hold = (round(time_s * excitation.rate_hz) for time_s in (experiment.ramp, experiment.hold))
     signal = lines.excited, R, lines.detection

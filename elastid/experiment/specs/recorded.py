@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
+from elastid.base.names import at_level
 from elastid.base.section import Key, section
 from elastid.base.units import Damping, Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.channels import ChannelSpec, check_rate
@@ -99,6 +100,9 @@ class FileSpec:
         "has a start of its own, whose transient is left out.", "count up within a "
         "realisation, as many as motors unless a local method is used; the same numbers for a logger that splits its "
         "logs, or for a repeat.")] = 0
+    level: Annotated[int, Key("Number of the amplitude at which the configuration was measured, from 1.", "2 and so on "
+        "for logs of the same posture with less or more torque: each amplitude is a response of its own, and `gears` "
+        "fits all of them together.")] = 1
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the samples that are used.", "to cut off "
         "what is before the start, or after a stop; whole periods are found by themselves.")] = None
     also: Annotated[tuple[str, ...], Key("Other logs of the same experiment. One that started at another time must "
@@ -140,10 +144,12 @@ class FileSpec:
     @property
     def run(self) -> tuple[str, int, int]:
         """Configuration, realisation and experiment; files of one run hold further periods of its excitation."""
-        return self.configuration, self.realisation, self.experiment
+        return at_level(self.configuration, self.level), self.realisation, self.experiment
 
     def __post_init__(self) -> None:
         _check_period(self.period, self.period_samples)
+        if self.level < 1:
+            raise ValueError(f"level is {self.level}; amplitudes are numbered from 1")
         if self.speed is not None and not self.speed > 0:
             raise ValueError(f"speed is {self.speed:g}; it must be positive: passes go there and back")
 

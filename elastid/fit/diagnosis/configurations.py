@@ -5,6 +5,9 @@ r"""Configurations that disagree: two groups with different parameters, as of tw
 The search for two groups starts with the two configurations whose own parameters describe all of them best, and
 alternates: fit each group, move every configuration to the group that describes it better, until none moves.  Where own
 parameters describe no configuration better than common ones, no grouping does.
+
+The amplitudes of one posture are one configuration here: its response depends on them where gears are not linear, and
+no two robots are needed for that.
 """
 
 from __future__ import annotations
@@ -19,10 +22,11 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import FitError
+from elastid.base.names import posture_of
 from elastid.base.note import Note
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Prior
 
@@ -74,14 +78,16 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
 def find_unlike_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
     """A note on each configuration that the model at x explains far worse than the others."""
     fit = measured(fit)
-    if len(fit.parts) < 3:
+    postures = _postures(fit)
+    if len(postures) < 3:
         return ()
-    level = np.sqrt(_costs(fit, x) / np.array([part.n_residuals for part in fit.parts]))
+    counts = [sum(part.n_residuals for part in parts) for parts in postures.values()]
+    level = np.sqrt(_costs(fit, x) / np.array(counts))
     level = level / float(np.median(level))
     others = "those of the other configurations; is it of the same robot, with the same load, at the stated angles?"
     return tuple(
         Note("unlike-configuration", f"its residuals are {ratio:.0f} times {others}", f"configuration {name}")
-        for name, ratio in zip((part.configuration for part in fit.parts), level, strict=True)
+        for name, ratio in zip(postures, level, strict=True)
         if ratio > LIMITS.residual_ratio
     )
 
@@ -92,7 +98,8 @@ def find_foreign_configurations(fit: ElasticFit, x: FloatArray, alone: FloatArra
     alone: of `costs_alone`, where it is known; others that own parameters do not describe better are skipped.
     """
     fit = measured(fit)
-    thin, Q = thinned(fit), len(fit.parts)
+    thin = thinned(fit)
+    names, parts, Q = list(_postures(fit)), list(_postures(thin).values()), len(_postures(fit))
     own, common = np.zeros(Q) if alone is None else np.diag(alone), _costs(fit, x)
     free = np.ones(len(x), dtype=bool)
     for size in range(1, 3 if LIMITS.pairs_of >= Q else 2):
@@ -101,16 +108,16 @@ def find_foreign_configurations(fit: ElasticFit, x: FloatArray, alone: FloatArra
             rest_of = [i for i in range(Q) if i not in left_out]
             if own[rest_of].sum() > LIMITS.cost_ratio_alone * common[rest_of].sum():
                 continue
-            rest = replace(thin, parts=tuple(thin.parts[i] for i in rest_of))
+            rest = replace(thin, parts=tuple(part for i in rest_of for part in parts[i]))
             before = rest.evaluate(x).cost
             V = min(settle(AS_READ, rest, start, free, LIMITS.decrease)[0] for start in (x, fit.parameters.x))
             if LIMITS.cost_ratio * before >= V:
                 ratios[left_out] = V / before
         if ratios:
             best = min(ratios, key=lambda left_out: ratios[left_out])
-            names = " and ".join(fit.parts[i].configuration for i in best)
+            foreign = " and ".join(names[i] for i in best)
             text = (
-                f"without configuration {names} the model fits the others far better (V of these falls to "
+                f"without configuration {foreign} the model fits the others far better (V of these falls to "
                 f"{100 * ratios[best]:.2g} %): are they of the same robot, with the same load, at the stated angles?"
             )
             return (Note("foreign-configuration", text),)
@@ -123,7 +130,8 @@ def costs_alone(fit: ElasticFit, x: FloatArray) -> FloatArray | None:
     None for fewer than two configurations, and where one of them cannot be fitted.
     """
     fit = measured(fit)
-    if len(fit.parts) < 2:
+    postures = _postures(fit)
+    if len(postures) < 2:
         return None
     values = dict(zip(fit.parameters.free_names, x.tolist(), strict=True))
 
@@ -134,7 +142,7 @@ def costs_alone(fit: ElasticFit, x: FloatArray) -> FloatArray | None:
 
     own = replace(fit, parameters=replace(fit.parameters, parameters=tuple(map(near, fit.parameters.parameters))))
     try:
-        return np.array([_costs(fit, _solve(replace(own, parts=(part,)), x)) for part in fit.parts])
+        return np.array([_costs(fit, _solve(replace(own, parts=parts), x)) for parts in postures.values()])
     except FitError:
         return None
 
@@ -167,7 +175,7 @@ def find_two_groups(
     if split is None or split[2] - noise_cost > (1 - LIMITS.removed_share) * (cost - noise_cost):
         return ()
     groups, ends, cost_apart = split
-    first, second = ([part.configuration for part in group.parts] for group in groups)
+    first, second = (list(_postures(group)) for group in groups)
     members = f"configurations {', '.join(first)} on the one side and {', '.join(second)} on the other disagree"
     part = math.sqrt(cost_apart / cost)
     left = f"fitted apart they leave {part:.2g} times the rms residual{_differences(groups, ends)}"
@@ -204,7 +212,18 @@ def _split(fit: ElasticFit, x: FloatArray, costs: FloatArray) -> _Split | None:
 
 
 def _group(fit: ElasticFit, members: BoolArray) -> ElasticFit:
-    return replace(fit, parts=tuple(part for part, member in zip(fit.parts, members, strict=True) if member))
+    """Some of the postures (Q,)."""
+    pairs = zip(_postures(fit).values(), members, strict=True)
+    return replace(fit, parts=tuple(part for parts, is_member in pairs if is_member for part in parts))
+
+
+def _postures(fit: ElasticFit) -> dict[str, tuple[Part, ...]]:
+    """The responses of each posture, at one amplitude or several, by its name."""
+    postures: dict[str, tuple[Part, ...]] = {}
+    for part in fit.parts:
+        name = posture_of(part.configuration)
+        postures[name] = (*postures.get(name, ()), part)
+    return postures
 
 
 def _solve(fit: ElasticFit, x: FloatArray) -> FloatArray:
@@ -214,7 +233,9 @@ def _solve(fit: ElasticFit, x: FloatArray) -> FloatArray:
 def _costs(fit: ElasticFit, x: FloatArray) -> FloatArray:
     """V_c (Q,) of each configuration at x."""
     with np.errstate(all="ignore"):
-        costs = np.array([part.normal.at(fit.theta(part, x))[0] for part in fit.parts])
+        costs = np.array(
+            [sum(part.normal.at(fit.theta(part, x))[0] for part in parts) for parts in _postures(fit).values()]
+        )
     return np.where(np.isfinite(costs), costs, np.inf)
 
 

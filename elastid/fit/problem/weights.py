@@ -10,6 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError, did_you_mean
+from elastid.base.names import posture_of
 from elastid.base.note import Note
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec, misnamed
@@ -196,7 +197,8 @@ def _factors(response: FrequencyResponse, factors: Sequence[FactorSpec]) -> Floa
     """Factors (F, n_y, n_u) of the study on the weights, each where all that it gives is true."""
     product = np.ones(response.G.shape)
     for factor in factors:
-        if response.configuration.name in (factor.configurations or (response.configuration.name,)):
+        name = response.configuration.name
+        if not factor.configurations or {name, posture_of(name)} & set(factor.configurations):
             lines = _within(response.freq_hz, factor.band_hz or (-np.inf, np.inf))
             outputs = np.array([factor.output in ("", name) for name in response.outputs])
             inputs = np.array([factor.input in ("", name) for name in response.inputs])

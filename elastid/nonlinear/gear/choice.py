@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.drive_lines import drive_lines
+from elastid.nonlinear.gear.drive_lines import drive_lines, elastic_joints
 from elastid.nonlinear.gear.effects import GearEffect, Kind
 from elastid.nonlinear.gear.levels import (
     Levels,
@@ -64,12 +64,17 @@ def candidate_groups(
     bent: Collection[str],
     orders: Sequence[float] = ORDERS,
 ) -> list[Group]:
-    """Groups for every joint, on the scales of its own motion; laws of springs for the bent ones alone."""
+    """Groups for every joint, on the scales of its own motion; laws of springs for the bent ones alone.
+
+    Of a gear without a spring of its own friction at the motor alone: it acts in the records of the others, too.
+    """
     groups: list[Group] = []
-    joints, _ = joints_of(linearisation)
+    joints, elastic = joints_of(linearisation)[0], elastic_joints(linearisation)
     for j, joint in enumerate(joints):
         speed, deflection = _sizes(data, found, linearisation, j)
         groups += [(GearEffect("friction", joint, part * speed),) for part in (0.0, 0.02, 0.08)]
+        if joint not in elastic:
+            continue
         groups += [(GearEffect("load", joint),), (GearEffect("behind", joint, 0.01 * speed),)]
         if joint in bent:
             groups += [(GearEffect("cubic", joint),), (GearEffect("progressive", joint),)]

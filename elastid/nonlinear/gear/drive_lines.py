@@ -32,7 +32,8 @@ class DriveLines:
 
     command (F, n_u): the torque that acts over the one that was logged.  sensor (F, n_u): logged angle over the true
     one.  images (F, n_u, n_u): what G has beyond sensor C H B command.  places: rows (n_j, n) of motors, gears and
-    links, of the joints with elastic gears.  k, d, torque (n_j,): of their springs, and what these bear at rest.
+    links, of all driven joints.  k, d, torque (n_j,): of their springs, and what these bear at rest; of a gear without
+    a spring of its own 1, 0 and 0, which deflects by nothing.
     chain (P, n_x): d theta / d x of the parameters `kernel.wanted`.
     """
 
@@ -90,19 +91,17 @@ def drive_lines(
     command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * of_inputs
     G = kernel.response(theta) / s**order
     images = G - sensor[:, :, None] * (C @ H @ model.B) * command[:, None, :]
-    joints, springs = elastic_joints(linearisation), spring_deflections(robot)
+    springs, driven = spring_deflections(robot), [joint.name for joint in robot.driven]
     of_model = model.Z if model.Z is not None else np.eye(model.n)
-    driven = [joint.name for joint in robot.driven]
-    shafts = robot.mixing @ input_matrix(robot).T
     n_q = of_model.shape[0]
     rows: dict[Place, FloatArray] = {
-        "motor": np.array([shafts[driven.index(joint)] for joint in joints]),
-        "gear": np.array([springs[f"k_{joint}"] for joint in joints]),
-        "link": np.eye(n_q)[[robot.driven_indices[driven.index(joint)] for joint in joints]],
+        "motor": robot.mixing @ input_matrix(robot).T,
+        "gear": np.array([springs.get(f"k_{joint}", np.zeros(n_q)) for joint in driven]),
+        "link": np.eye(n_q)[list(robot.driven_indices)],
     }
     numbers = dict(zip(model.parameters, theta, strict=True))
-    k = np.array([numbers[f"k_{joint}"] for joint in joints])
-    d = np.array([numbers[f"d_{joint}"] for joint in joints])
+    k = np.array([numbers[f"k_{joint}"] if f"k_{joint}" in springs else 1.0 for joint in driven])
+    d = np.array([numbers[f"d_{joint}"] if f"k_{joint}" in springs else 0.0 for joint in driven])
     rest = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
     places = {place: row @ of_model for place, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]

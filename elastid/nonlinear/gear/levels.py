@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.drive_lines import DriveLines, drive_lines, elastic_joints
+from elastid.nonlinear.gear.drive_lines import DriveLines, drive_lines
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.motion import Estimate, estimate_motion, residuals, smoothed_covariance
 from elastid.nonlinear.gear.period_lines import PeriodLines
@@ -56,8 +56,9 @@ class Levels:
 
 
 def joints_of(linearisation: Linearisation) -> tuple[tuple[str, ...], FloatArray]:
-    """The joints with elastic gears, and turns of their motors for one of theirs (n_j,)."""
-    joints, robot = elastic_joints(linearisation), linearisation.model.robot
+    """The driven joints, and turns of their motors for one of theirs (n_j,)."""
+    robot = linearisation.model.robot
+    joints = tuple(joint.name for joint in robot.driven)
     return joints, np.array([robot.ratio(joint) for joint in joints])
 
 

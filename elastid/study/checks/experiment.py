@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.names import posture_of
 from elastid.design.spec import CandidateSpec, DesignSpec, interest, robot_time_refusal
 from elastid.excitation.grids import line_count_refusal
 from elastid.excitation.phases import hadamard
@@ -64,6 +65,8 @@ def check_configurations(study: Study) -> Iterator[Problem]:
     robot, swings = study.as_robot(), _swings(study)
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
+        if posture_of(name) != name:
+            yield Problem(path, "`level` and a number end the names of amplitudes; rename it", at_key=True)
         if refused := robot.count_refusal(len(angles)):
             yield Problem(path, refused)
             continue
@@ -190,10 +193,11 @@ def check_excitation(study: Study) -> Iterator[Problem]:
             hadamard(len(robot.driven))
     except StudyError as error:
         yield Problem(("excitation", "orthogonal"), str(error))
-    torque_rms = excitation.torque_rms
-    if isinstance(torque_rms, tuple) and (refused := robot.count_refusal(len(torque_rms), "torques")):
-        yield Problem(("excitation", "torque_rms"), f"{refused}, or one for all")
-    yield from check_units(("excitation", "torque_rms"), torque_rms, robot)
+    for i, torque_rms in enumerate(excitation.levels):
+        path: KeyPath = ("excitation", "torque_rms", *((i,) if len(excitation.levels) > 1 else ()))
+        if isinstance(torque_rms, tuple) and (refused := robot.count_refusal(len(torque_rms), "torques")):
+            yield Problem(path, f"{refused}, or one for all")
+        yield from check_units(path, torque_rms, robot)
 
 
 def check_lines(study: Study) -> Iterator[Problem]:

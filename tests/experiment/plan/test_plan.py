@@ -150,3 +150,26 @@ def test_a_plan_refuses_sets_that_its_lines_or_realisations_do_not_allow() -> No
     with pytest.raises(StudyError, match="schroeder gives the same signal in each of 2 realisations"):
         make_plan(twice, experiment(realisations=2), arm(), 0)
     assert make_plan(replace(twice, orthogonal="hadamard"), experiment(), arm(), 0).R.shape[1] == 1
+
+
+def test_a_plan_of_two_amplitudes_has_each_configuration_at_both() -> None:
+    """The lines at the second amplitude are a part of those at the first, with phases of their own."""
+    excitation = replace(EXCITATION, torque_rms=((20.0, 5.0), (8.0, 1.0)))
+    experiment = ExperimentSpec({"a": (0.0, 0.0), "b": (0.1, 0.2)}, 2, simulated=SimulatedSpec(), without_payload=())
+    plan = make_plan(excitation, experiment, ROBOT, 1)
+    assert [c.name for c in plan.configurations] == ["a", "a level 2", "b", "b level 2"]
+    assert plan.configurations[1].angles == pytest.approx(plan.configurations[0].angles)
+    rms = np.sqrt(np.sum(np.abs(plan.R) ** 2, axis=3) / 2)
+    np.testing.assert_allclose(rms[1] / rms[0], np.broadcast_to([0.4, 0.2], (2, 2, 2)), rtol=1e-12)
+    assert np.abs(np.angle(plan.R[1] / plan.R[0])).max() > 0.1
+    one = make_plan(replace(EXCITATION, torque_rms=((20.0, 5.0),)), experiment, ROBOT, 1)
+    np.testing.assert_array_equal(one.R, make_plan(EXCITATION, experiment, ROBOT, 1).R)
+
+
+def test_amplitudes_are_positive_and_count_once() -> None:
+    """And a spectrum that is found for the most information belongs to one of them."""
+    for torque_rms, says in ((((20.0,), (20.0,)), "counts once"), (((20.0, 5.0), (0.0, 1.0)), "must be positive")):
+        with pytest.raises(ValueError, match=says):
+            replace(EXCITATION, torque_rms=torque_rms)
+    with pytest.raises(ValueError, match="finds the spectra of one amplitude, and torque_rms lists 2"):
+        replace(EXCITATION, torque_rms=((20.0,), (8.0,)), flat="information")
