@@ -48,8 +48,8 @@ class GearEffect:
 
     @property
     def is_implicit(self) -> bool:
-        """True if it depends on the motion behind the gear, which no sensor sees."""
-        return self.kind in ("behind", "cubic", "progressive", "range", "gap", "edge", "stop", "bristle")
+        """True if its force follows a motion that it moves: behind the gear, or at a reversal between samples."""
+        return self.kind in ("friction", "behind", "cubic", "progressive", "range", "gap", "edge", "stop", "bristle")
 
     @property
     def edge(self) -> GearEffect | None:
@@ -72,9 +72,9 @@ class GearEffect:
         return self.kind in ("friction", "load", "behind", "stop", "bristle", "gap")
 
     @property
-    def signal(self) -> Literal["deflection", "link velocity"]:
-        """The motion that an implicit effect is a function of."""
-        return "link velocity" if self.kind == "behind" else "deflection"
+    def place(self) -> Place:
+        """Where an implicit effect acts, and the motion of which it is a function of: of a gear its deflection."""
+        return {"friction": "motor", "behind": "link"}.get(self.kind, "gear")
 
 
 @dataclass(frozen=True)
@@ -97,9 +97,8 @@ class GearMotion:
 
 def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,), a whole period."""
-    if effect.kind == "behind":
-        phi = np.tanh(x / effect.scale)
-        return phi, (1 - phi**2) / effect.scale
+    if effect.kind in ("friction", "behind"):
+        return turning(x, effect.scale)
     if effect.kind == "cubic":
         return x**3, 3 * x**2
     if effect.kind == "progressive":
@@ -110,6 +109,36 @@ def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
     twice = Path.of(np.concatenate([x, x])).without(len(x))
     phi = (stop if effect.kind == "stop" else bristle)(twice, effect.scale) / effect.scale
     return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / effect.scale
+
+
+def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
+    r"""tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period.
+
+    Between two points v is a line and the mean of the sign :math:`\Delta\Lambda / \Delta v` with
+    :math:`\Lambda = scale \ln\cosh(v / scale)`. At a reversal friction bends v itself: two lines, that meet at the
+    mean of the zeros of those before and after it.
+    """
+    first, last = v, np.roll(v, -1)
+    before, after = first - np.roll(v, 1), np.roll(v, -2) - last
+    turns, move = first * last < 0, last - first
+    part = np.clip(-first / np.where(turns & (before * first < 0), before, -first - (first == 0)), 0, 1) / 2
+    part += np.clip(1 - last / np.where(turns & (after * last > 0), after, last + (last == 0)), 0, 1) / 2
+    flat = np.abs(move) <= 1e-9 * np.abs(v).max()
+    move = np.where(flat, 1.0, move)
+    middle = (first + last) / 2
+    total, sign = _integral(v, scale), np.tanh(v / scale) if scale else np.sign(v)
+    mean = np.where(flat, np.tanh(middle / scale) if scale else np.sign(middle), (np.roll(total, -1) - total) / move)
+    one = total / np.where(v, v, 1.0)
+    mean = np.where(turns, part * one + (1 - part) * np.roll(one, -1), mean)
+    slope = np.where(flat, 0.0, (np.roll(sign, -1) - sign) / move)
+    hat, slope = (mean + np.roll(mean, 1)) / 2, (slope + np.roll(slope, 1)) / 2
+    return hat - (np.roll(hat, 1) + np.roll(hat, -1) - 2 * hat) / 6, slope  # without the loss of means of two cells
+
+
+def _integral(v: FloatArray, scale: float) -> FloatArray:
+    """Lambda (n,)."""
+    size = np.abs(v)
+    return size + scale * (np.log1p(np.exp(-2 * size / scale)) - np.log(2.0)) if scale else size
 
 
 def _broken_line(kind: Kind, x: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
@@ -133,13 +162,10 @@ def periodic_error(effect: GearEffect, motion: GearMotion) -> tuple[FloatArray, 
 def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
     """Phi (n,) at each place where the effect acts, against the motion there."""
     if effect.is_implicit:
-        signal = motion.link_velocity if effect.kind == "behind" else motion.deflection
-        return [("link" if effect.kind == "behind" else "gear", implicit_law(effect, signal)[0])]
-    if effect.kind == "friction":
-        turning = np.tanh(motion.velocity / effect.scale) if effect.scale else np.sign(motion.velocity)
-        return [("motor", turning)]
+        along = {"motor": motion.velocity, "link": motion.link_velocity, "gear": motion.deflection}
+        return [(effect.place, implicit_law(effect, along[effect.place])[0])]
     if effect.kind == "load":
-        return [("motor", np.abs(motion.torque) * np.sign(motion.velocity))]
+        return [("motor", np.abs(motion.torque) * turning(motion.velocity, 0.0)[0])]
     e, slope = periodic_error(effect, motion)
     if effect.kind.startswith("ripple"):
         return [("motor", e)]

@@ -5,10 +5,13 @@ r"""The motion behind the gears, which no sensor sees: measured torque and angle
 
 W: covariance of the torque that the model does not explain, at motors and links, from the residuals; sigma^2: noise of
 the angles. Effects that depend on the motion itself make this an equation for the deflections of gears and velocities
-of links x (t) over a period, x + A f Phi(x) = x_0 with A the response of the estimate to forces, which is solved by
-Newton's method, each step by GMRES with two FFTs a product: only these unknowns are nonlinear. (The response of a
-linear structure with few nonlinear elements by alternating frequency and time, Cameron and Griffin, J. Appl. Mech. 56,
-1989.)
+of motors and links x (t) over a period, x + A f Phi(x) = x_0 with A the response of the estimate to forces, which is
+solved by Newton's method, each step by GMRES with two FFTs a product: only these unknowns are nonlinear. (The response
+of a linear structure with few nonlinear elements by alternating frequency and time, Cameron and Griffin, J. Appl. Mech.
+56, 1989.)
+
+Above the measured lines q is q_0. Without it a reversal would be rounded and come too late or too early, k some 0.05 %
+too low beside friction of 0.15 of the torque. Its part beyond half the rate is folded into the sampled angles.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.nonlinear.gear.drive_lines import DriveLines
-from elastid.nonlinear.gear.effects import GearEffect, GearMotion, forces, implicit_law, periodic_error
+from elastid.nonlinear.gear.effects import GearEffect, GearMotion, Place, forces, implicit_law, periodic_error
 from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
 
 # Torque that is not explained is taken to act so many times as much at the links as at the motors: what moves the motor
@@ -38,7 +41,7 @@ class Estimate:
 
     folded (F, n_u, M, n_f): what their motion beyond half the rate adds to the sampled angles.  above (L, n, M): the
     explicit ones' forces at the lines above.
-    unknowns: deflections and link velocities x (n_x, n) of each experiment, from which the next estimate starts.
+    unknowns: deflections and velocities x (n_x, n) of each experiment, from which the next estimate starts.
     """
 
     Phi: ComplexArray
@@ -132,7 +135,7 @@ def estimate_motion(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The unknown deflections and link velocities of one configuration; of_force (F, n, n): q by force."""
+    """The unknown deflections and velocities of one configuration; of_force (F, n, n): q by force."""
 
     lines: PeriodLines
     drive: DriveLines
@@ -148,9 +151,9 @@ class _Problem:
         return np.concatenate([self.lines.s, self.lines.s_above])
 
     @property
-    def signals(self) -> list[tuple[str, int]]:
-        """Kind and joint of each unknown."""
-        wanted = {(effect.signal, self.joints.index(effect.joint)) for effect in self.effects if effect.is_implicit}
+    def signals(self) -> list[tuple[Place, int]]:
+        """Place and joint of each unknown."""
+        wanted = {(effect.place, self.joints.index(effect.joint)) for effect in self.effects if effect.is_implicit}
         return sorted(wanted)
 
     def solve(self, base: ComplexArray, m: int, start: FloatArray | None) -> tuple[ComplexArray, FloatArray]:
@@ -158,8 +161,8 @@ class _Problem:
         signals, drive, lines = self.signals, self.drive, self.lines
         if not signals:
             return base, np.zeros((0, 0))
-        rows = np.array([drive.directions("gear" if kind == "deflection" else "link", j) for kind, j in signals])
-        power = np.where([kind == "deflection" for kind, _ in signals], 0, 1)
+        rows = np.array([drive.directions(place, j) for place, j in signals])
+        power = np.where([place == "gear" for place, _ in signals], 0, 1)
         s = self.s[:, None] ** power
         x_0 = lines.fine((s * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
         A = s[:, :, None] * (rows @ self.of_force @ rows.T)
@@ -171,14 +174,14 @@ class _Problem:
     @property
     def _at_rest(self) -> FloatArray:
         """The unknowns (n_x,) at rest under gravity."""
-        return np.array([self.drive.torque[j] / self.drive.k[j] if kind == "deflection" else 0.0
-                         for kind, j in self.signals])  # fmt: skip
+        return np.array([self.drive.torque[j] / self.drive.k[j] if place == "gear" else 0.0
+                         for place, j in self.signals])  # fmt: skip
 
     def _errors(self, base: ComplexArray, m: int) -> FloatArray:
         """Transmission errors (n_x, n) in the unknown deflections."""
         total = np.zeros((len(self.signals), self.lines.samples * CELLS))
-        for i, (kind, j) in enumerate(self.signals):
-            if kind == "deflection":
+        for i, (place, j) in enumerate(self.signals):
+            if place == "gear":
                 total[i] = self._error(base, j, m)
         return total
 
@@ -200,7 +203,7 @@ class _Problem:
         force, slope = np.zeros_like(x), np.zeros_like(x)
         for effect, f in zip(self.effects, self.levels, strict=True):
             if effect.is_implicit and f:
-                i = self.signals.index((effect.signal, self.joints.index(effect.joint)))
+                i = self.signals.index((effect.place, self.joints.index(effect.joint)))
                 phi, dphi = implicit_law(effect, x[i])
                 force[i] += f * phi
                 slope[i] += f * dphi
@@ -212,14 +215,16 @@ class _Problem:
         motor, gear, link = (q @ drive.directions(place, j) for place in ("motor", "gear", "link"))
         error = self._error(q, j, m)
         deflection = lines.fine(gear[None])[0] + drive.torque[j] / drive.k[j] + error
-        if ("deflection", j) in signals:
-            deflection = x[signals.index(("deflection", j))]
+        if ("gear", j) in signals:
+            deflection = x[signals.index(("gear", j))]
         velocity, link_velocity = lines.fine(np.stack([self.s * motor, self.s * link]))
-        if ("link velocity", j) in signals:
-            link_velocity = x[signals.index(("link velocity", j))]
+        if ("motor", j) in signals:
+            velocity = x[signals.index(("motor", j))]
+        if ("link", j) in signals:
+            link_velocity = x[signals.index(("link", j))]
         torque = drive.k[j] * deflection + drive.d[j] * lines.fine((self.s * gear)[None])[0]
-        if ("deflection", j) in signals:
-            torque = torque + self._law(x)[0][signals.index(("deflection", j))]
+        if ("gear", j) in signals:
+            torque = torque + self._law(x)[0][signals.index(("gear", j))]
         return GearMotion(self._angle(q, j, m), velocity, link_velocity, deflection, torque, float(self.ratios[j]),
                           float(drive.k[j]), float(drive.d[j]))  # fmt: skip
 
