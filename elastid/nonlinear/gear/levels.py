@@ -28,6 +28,7 @@ from elastid.response import FrequencyResponse
 
 _ROUNDS, _MOVE = 40, 0.05  # until no number moves by more than this part of its standard deviation
 _STEP = 0.3  # of a logarithmic variable, at most
+_KNOWN = 1.0  # of a scale: the standard deviation to which it is known without any record
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +89,8 @@ def find_levels(
             ]
         known = [estimate for estimate in estimates if estimate is not None]
         sums, (A, b) = normal_equations(data, drives, known, n_x, with_edges), priors(parameters, x, n_x + len(every))
+        for i, place in zip(scaled, range(n_x + n_f, len(b)), strict=True):
+            A[place, place] = (levels[i] * effects[i].scale * _KNOWN) ** -2.0 if levels[i] else 0.0
         covariance = inverse(sums.A.sum(axis=0) + A)
         step = covariance @ (sums.b.sum(axis=0) + b)
         std = np.sqrt(np.diag(covariance))
