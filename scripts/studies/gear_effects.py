@@ -91,12 +91,12 @@ CASES: dict[str, tuple[Gear, tuple[Known, ...]]] = {
 QUICK = ("hardening spring", "gap")
 SPEC = EstimatorSpec(friction="none", transient_periods=0)
 MAX_K, MAX_D, MAX_LEVEL, MAX_ERROR_AMONG_OTHERS, MAX_SCALE = 1e-3, 2e-2, 0.03, 0.15, 0.02
-EXPERIMENTS = 4
+EXPERIMENTS, SUBSTEPS = 4, 24
 
 
 def sets_of(gear: Gear, draws: int, seed: int) -> list[tuple[Record, ...]]:
     """Records of each draw, from one simulation of all of them side by side."""
-    every = records(gear, experiments=EXPERIMENTS * draws, seed=seed)
+    every = records(gear, experiments=EXPERIMENTS * draws, seed=seed, substeps=SUBSTEPS)
     return [
         tuple(replace(each, realisation=m) for m, each in enumerate(every[EXPERIMENTS * i : EXPERIMENTS * (i + 1)]))
         for i in range(draws)

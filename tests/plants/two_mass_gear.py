@@ -74,9 +74,14 @@ class Gear:
         return np.stack([v, w, at_motor / self.J_m, at_link / self.J_l, np.where(sticks, rate, 0.0)])
 
 
-def records(gear: Gear, *, experiments: int = 4, rms: float = 200.0, seed: int = 1) -> tuple[Record, ...]:
-    """Two settled periods of each experiment, on a slow carrier, with noise of 2e-7 rad and 0.2 Nm."""
-    rng, substeps, settling = np.random.default_rng(seed), 6, 1
+def records(
+    gear: Gear, *, experiments: int = 4, rms: float = 200.0, seed: int = 1, substeps: int = 6
+) -> tuple[Record, ...]:
+    """Two settled periods of each experiment, on a slow carrier, with noise of 2e-7 rad and 0.2 Nm.
+
+    substeps: of a sample; a step over a reversal of friction is a wrong one.
+    """
+    rng, settling = np.random.default_rng(seed), 1
     spectrum = np.zeros((experiments, LINES[-1] + 1), complex)
     phases = rng.uniform(0, 2 * np.pi, (experiments, len(LINES)))
     spectrum[:, LINES] = rms * np.sqrt(2 / len(LINES)) * np.exp(1j * phases)

@@ -22,7 +22,7 @@ CELLS = 8  # of the fine grid in a sample: reversals of friction fall between sa
 # Lines up to so many times the highest excited one: friction and hardening move the robot there, too.
 REACH = 2.0
 # On those above, up to so many times it, the model tells the motion: without it friction would turn late or early.
-ABOVE = 16.0
+ABOVE = 24.0
 
 
 @dataclass(frozen=True, eq=False)
