@@ -153,7 +153,7 @@ class JointLevels:
         k, row = self.parameter(f"k_{self.joint}")
         tau, rows = k * delta, delta[:, None] * row
         for i, effect, f in self.effects:
-            if effect.is_implicit and effect.signal == "deflection" and (hysteresis or effect.kind not in _HYSTERESIS):
+            if effect.is_implicit and effect.place == "gear" and (hysteresis or effect.kind not in _HYSTERESIS):
                 phi = implicit_law(effect, delta)[0]
                 tau = tau + f * phi
                 rows = rows + phi[:, None] * self.level_row({i: 1.0})
@@ -162,7 +162,7 @@ class JointLevels:
     @property
     def is_linear(self) -> bool:
         """One stiffness at every torque."""
-        kinds = [e.kind for _, e, _ in self.effects if e.is_implicit and e.signal == "deflection"]
+        kinds = [e.kind for _, e, _ in self.effects if e.is_implicit and e.place == "gear"]
         return not any(kind not in _HYSTERESIS for kind in kinds)
 
     def largest(self) -> float:

@@ -1,7 +1,8 @@
 """A motor and a link behind a gear with every effect that a gear has, by equations and steps of its own.
 
-Link side: J_m q'' + f q' + F_m sgn q' + (1 + e') tau = u,  J_l l'' + F_l sgn l' = tau,
-tau = n(x) + d x',  n = k x + k_2s |x| x + k_3 x^3 in the ranges of a gear's sheet or behind a gap,
+Link side: J_m q'' + f q' + (F_m + F_load |tau|) sgn q' + ripple sin(r q) + (1 + e') tau = u,
+J_l l'' + F_l sgn l' = tau,  tau = n(x) + d x' + h,
+n = k x + k_2s |x| x + k_3 x^3 in the ranges of a gear's sheet or behind a gap,  h of a spring that slides,
 x = q + e(q) - l.  Runge-Kutta of fourth order, experiments side by side.
 """
 
@@ -25,7 +26,8 @@ class Gear:
     """Numbers on the link side; error: of the transmission, rad, once in a turn of the motor.
 
     gap: half of it, rad, in which the spring has `loose` of its stiffness, as lost motion has.  ranges: torques, Nm,
-    from which on the stiffness is so many times k.
+    from which on the stiffness is so many times k.  load: friction for each Nm of the gear.  ripple: Nm, once in a turn
+    of the motor.  hysteresis: Nm at which a spring beside the gear's slides, after `bends` rad.
     """
 
     J_m: float = 10.0
@@ -41,6 +43,10 @@ class Gear:
     loose: float = 0.0
     ranges: tuple[tuple[float, float], ...] = ()
     error: float = 0.0
+    load: float = 0.0
+    ripple: float = 0.0
+    hysteresis: float = 0.0
+    bends: float = 2e-4
 
     def spring(self, x: FloatArray) -> FloatArray:
         """n(x), Nm."""
@@ -54,19 +60,28 @@ class Gear:
         return np.asarray(tau)
 
     def slopes(self, x: FloatArray, u: FloatArray) -> FloatArray:
-        """d (q, l, q', l') / dt, (4, M)."""
-        q, link, v, w = x
+        """d (q, l, q', l', z) / dt, (5, M), z the bend of the spring that slides."""
+        q, link, v, w, z = x
         e, slope = self.error * np.sin(RATIO * q), self.error * RATIO * np.cos(RATIO * q)
         bent = q + e - link
-        tau = self.spring(bent) + self.d * (v * (1 + slope) - w)
+        rate = v * (1 + slope) - w
+        tau = self.spring(bent) + self.d * rate + self.hysteresis * np.clip(z / self.bends, -1, 1)
         # A sign that turns over 1e-3 rad/s, a hundredth of the speed, which a step can follow.
-        friction, behind = self.F_m * np.tanh(v / 1e-3), self.F_l * np.tanh(w / 1e-3)
-        return np.stack([v, w, (u - (1 + slope) * tau - friction - self.f * v) / self.J_m, (tau - behind) / self.J_l])
+        friction = (self.F_m + self.load * np.abs(tau)) * np.tanh(v / 1e-3) + self.ripple * np.sin(RATIO * q)
+        behind = self.F_l * np.tanh(w / 1e-3)
+        sticks = (np.abs(z) < self.bends) | (z * rate < 0)
+        at_motor, at_link = u - (1 + slope) * tau - friction - self.f * v, tau - behind
+        return np.stack([v, w, at_motor / self.J_m, at_link / self.J_l, np.where(sticks, rate, 0.0)])
 
 
-def records(gear: Gear, *, experiments: int = 4, rms: float = 200.0, seed: int = 1) -> tuple[Record, ...]:
-    """Two settled periods of each experiment, on a slow carrier, with noise of 2e-7 rad and 0.2 Nm."""
-    rng, substeps, settling = np.random.default_rng(seed), 6, 1
+def records(
+    gear: Gear, *, experiments: int = 4, rms: float = 200.0, seed: int = 1, substeps: int = 6
+) -> tuple[Record, ...]:
+    """Two settled periods of each experiment, on a slow carrier, with noise of 2e-7 rad and 0.2 Nm.
+
+    substeps: of a sample; a step over a reversal of friction is a wrong one.
+    """
+    rng, settling = np.random.default_rng(seed), 1
     spectrum = np.zeros((experiments, LINES[-1] + 1), complex)
     phases = rng.uniform(0, 2 * np.pi, (experiments, len(LINES)))
     spectrum[:, LINES] = rms * np.sqrt(2 / len(LINES)) * np.exp(1j * phases)
@@ -76,7 +91,7 @@ def records(gear: Gear, *, experiments: int = 4, rms: float = 200.0, seed: int =
     carrier[:, 1] = 0.02 * np.exp(1j * rng.uniform(0, 2 * np.pi, experiments))
     reference = _periodic(carrier, n)
     rate = np.gradient(reference, 1 / (RATE_HZ * substeps * 2), axis=1)
-    x, h = np.zeros((4, experiments)), 1 / (RATE_HZ * substeps)
+    x, h = np.zeros((5, experiments)), 1 / (RATE_HZ * substeps)
     u, q = [], []
     for step in range((settling + 2) * SAMPLES * substeps):
 

@@ -52,8 +52,10 @@ LIMITS = Limits()
 ORDERS = (1.0, 2.0)
 _LOST = 10.0  # times smaller than the start
 SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
-_RIVALS: tuple[tuple[Kind, ...], ...] = (SPRINGS, ("friction",), ("behind",))
-_APART = 1.5  # between the ends of two ranges of one gear, at least
+_RIVALS: tuple[tuple[Kind, ...], ...] = (
+    SPRINGS, ("friction",), ("load",), ("behind",), ("stop",), ("bristle",)
+)  # fmt: skip
+_APART = 1.5  # between the scales of two ranges or two elements of hysteresis of one gear, at least
 _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
 
 
@@ -72,10 +74,10 @@ def candidate_groups(
     joints, elastic = joints_of(linearisation)[0], elastic_joints(linearisation)
     for j, joint in enumerate(joints):
         speed, deflection = _sizes(data, found, linearisation, j)
-        groups += [(GearEffect("friction", joint, part * speed),) for part in (0.0, 0.02, 0.08)]
+        groups += [(GearEffect("friction", joint, part * speed),) for part in (0.01, 0.08)]
         if joint not in elastic:
             continue
-        groups += [(GearEffect("load", joint),), (GearEffect("behind", joint, 0.01 * speed),)]
+        groups += [(GearEffect(kind, joint, 0.01 * speed),) for kind in ("load", "behind")]
         if joint in bent:
             groups += [(GearEffect("cubic", joint),), (GearEffect("progressive", joint),)]
             groups += [(GearEffect("range", joint, part * deflection),) for part in (0.5, 1.0, 1.5)]
@@ -183,7 +185,8 @@ def _stands(effect: GearEffect, others: Sequence[GearEffect]) -> bool:
     """True if it, or a rival of the same joint, is among the others: rivals trade levels, or k, against each other."""
     rivals = next((family for family in _RIVALS if effect.kind in family), ())
     near = [other for other in others if other.joint == effect.joint and other.kind in rivals]
-    if effect.kind == "range" and all(other.kind == "range" for other in near):  # K1 K2 K3
+    # K1 K2 K3, and elements of a loop
+    if effect.kind in ("range", "stop", "bristle") and all(other.kind == effect.kind for other in near):
         return any(abs(np.log(other.scale / effect.scale)) < np.log(_APART) for other in near)
     return effect in others or bool(near)
 

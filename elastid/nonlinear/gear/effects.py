@@ -9,7 +9,7 @@ both act across the gear; friction behind the gear brakes the link, -F_l sgn l'.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -18,7 +18,7 @@ from elastid.base.arrays import FloatArray
 from elastid.friction.operators import Path, bristle, stop
 
 Kind: TypeAlias = Literal[
-    "friction", "load", "behind", "cubic", "progressive", "range", "gap", "edge", "stop", "bristle",
+    "friction", "load", "behind", "cubic", "progressive", "range", "gap", "stop", "bristle",
     "error sine", "error cosine", "ripple sine", "ripple cosine",
 ]  # fmt: skip
 Place: TypeAlias = Literal["motor", "gear", "link"]
@@ -29,6 +29,8 @@ _UNITS: dict[Kind, str] = {
     "error sine": "rad", "error cosine": "rad",
 }  # fmt: skip
 
+_STEP = 0.01  # of a scale, to either side, over which a change with it is taken
+
 
 @dataclass(frozen=True)
 class GearEffect:
@@ -36,25 +38,26 @@ class GearEffect:
 
     friction, load: at the motor, one level and one for each Nm of the gear's torque; behind: at the link.  cubic,
     progressive: k_3 delta^3 and k_2s |delta| delta.  range: the stiffness beyond a deflection, more than before it.
-    gap: the stiffness within one, less than beyond it; lost motion.  edge: of steps at the ends of these, by which
-    their scale is found.  stop, bristle: elements of the gear's hysteresis.
+    gap: the stiffness within one, less than beyond it; lost motion.  stop, bristle: elements of the gear's hysteresis.
     scale: rad/s over which friction turns, rad over which a hysteresis bends or at which a range or a gap ends, order
     of an error or ripple in turns of the motor; 0 of the others.
+    is_edge: the change of such an effect with its scale, by which that is found.
     """
 
     kind: Kind
     joint: str
     scale: float = 0.0
+    is_edge: bool = False
 
     @property
     def is_implicit(self) -> bool:
-        """True if it depends on the motion behind the gear, which no sensor sees."""
-        return self.kind in ("behind", "cubic", "progressive", "range", "gap", "edge", "stop", "bristle")
+        """True if its force follows a motion that it moves: behind the gear, or at a reversal between samples."""
+        return self.kind in ("friction", "behind", "cubic", "progressive", "range", "gap", "stop", "bristle")
 
     @property
     def edge(self) -> GearEffect | None:
-        """The change of a range or a gap with its scale: of level f ds, if the scale is wrong by ds; None of others."""
-        return GearEffect("edge", self.joint, self.scale) if self.kind in ("range", "gap") else None
+        """Its change with its scale, of level f ds if the scale is wrong by ds; None where none is to be found."""
+        return replace(self, is_edge=True) if self.scale and self.kind.split()[0] not in ("error", "ripple") else None
 
     @property
     def unit(self) -> str:
@@ -72,9 +75,9 @@ class GearEffect:
         return self.kind in ("friction", "load", "behind", "stop", "bristle", "gap")
 
     @property
-    def signal(self) -> Literal["deflection", "link velocity"]:
-        """The motion that an implicit effect is a function of."""
-        return "link velocity" if self.kind == "behind" else "deflection"
+    def place(self) -> Place:
+        """Where an implicit effect acts, and the motion of which it is a function of: of a gear its deflection."""
+        return {"friction": "motor", "behind": "link"}.get(self.kind, "gear")
 
 
 @dataclass(frozen=True)
@@ -97,14 +100,13 @@ class GearMotion:
 
 def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,), a whole period."""
-    if effect.kind == "behind":
-        phi = np.tanh(x / effect.scale)
-        return phi, (1 - phi**2) / effect.scale
+    if effect.kind in ("friction", "behind"):
+        return turning(x, effect.scale)
     if effect.kind == "cubic":
         return x**3, 3 * x**2
     if effect.kind == "progressive":
         return np.abs(x) * x, 2 * np.abs(x)
-    if effect.kind in ("range", "gap", "edge"):
+    if effect.kind in ("range", "gap"):
         return _broken_line(effect.kind, x, effect.scale)
     # The state at the start is not known: the period is run over twice.
     twice = Path.of(np.concatenate([x, x])).without(len(x))
@@ -112,14 +114,42 @@ def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
     return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / effect.scale
 
 
+def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
+    r"""tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period.
+
+    Between two points v is a line and the mean of the sign :math:`\Delta\Lambda / \Delta v` with
+    :math:`\Lambda = scale \ln\cosh(v / scale)`. At a reversal friction bends v itself: two lines, that meet at the
+    mean of the zeros of those before and after it.
+    """
+    first, last = v, np.roll(v, -1)
+    before, after = first - np.roll(v, 1), np.roll(v, -2) - last
+    turns, move = first * last < 0, last - first
+    part = np.clip(-first / np.where(turns & (before * first < 0), before, -first - (first == 0)), 0, 1) / 2
+    part += np.clip(1 - last / np.where(turns & (after * last > 0), after, last + (last == 0)), 0, 1) / 2
+    flat = np.abs(move) <= 1e-9 * np.abs(v).max()
+    move = np.where(flat, 1.0, move)
+    middle = (first + last) / 2
+    total, sign = _integral(v, scale), np.tanh(v / scale) if scale else np.sign(v)
+    mean = np.where(flat, np.tanh(middle / scale) if scale else np.sign(middle), (np.roll(total, -1) - total) / move)
+    one = total / np.where(v, v, 1.0)
+    mean = np.where(turns, part * one + (1 - part) * np.roll(one, -1), mean)
+    slope = np.where(flat, 0.0, (np.roll(sign, -1) - sign) / move)
+    hat, slope = (mean + np.roll(mean, 1)) / 2, (slope + np.roll(slope, 1)) / 2
+    return hat - (np.roll(hat, 1) + np.roll(hat, -1) - 2 * hat) / 6, slope  # without the loss of means of two cells
+
+
+def _integral(v: FloatArray, scale: float) -> FloatArray:
+    """Lambda (n,)."""
+    size = np.abs(v)
+    return size + scale * (np.log1p(np.exp(-2 * size / scale)) - np.log(2.0)) if scale else size
+
+
 def _broken_line(kind: Kind, x: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
     """Phi and dPhi / dx (n,) of what begins or ends at deflections of b."""
     is_beyond = np.abs(x) > b
     if kind == "range":
         return np.sign(x) * np.maximum(np.abs(x) - b, 0.0), is_beyond.astype(float)
-    if kind == "gap":
-        return -np.clip(x, -b, b), np.where(is_beyond, 0.0, -1.0)
-    return -np.sign(x) * is_beyond, np.zeros_like(x)
+    return -np.clip(x, -b, b), np.where(is_beyond, 0.0, -1.0)
 
 
 def periodic_error(effect: GearEffect, motion: GearMotion) -> tuple[FloatArray, FloatArray]:
@@ -132,14 +162,14 @@ def periodic_error(effect: GearEffect, motion: GearMotion) -> tuple[FloatArray, 
 
 def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
     """Phi (n,) at each place where the effect acts, against the motion there."""
+    if effect.is_edge:
+        both = [forces(replace(effect, scale=(1 + h) * effect.scale, is_edge=False), motion) for h in (-_STEP, _STEP)]
+        return [(place, (b - a) / (2 * _STEP * effect.scale)) for (place, a), (_, b) in zip(*both, strict=True)]
     if effect.is_implicit:
-        signal = motion.link_velocity if effect.kind == "behind" else motion.deflection
-        return [("link" if effect.kind == "behind" else "gear", implicit_law(effect, signal)[0])]
-    if effect.kind == "friction":
-        turning = np.tanh(motion.velocity / effect.scale) if effect.scale else np.sign(motion.velocity)
-        return [("motor", turning)]
+        along = {"motor": motion.velocity, "link": motion.link_velocity, "gear": motion.deflection}
+        return [(effect.place, implicit_law(effect, along[effect.place])[0])]
     if effect.kind == "load":
-        return [("motor", np.abs(motion.torque) * np.sign(motion.velocity))]
+        return [("motor", np.abs(motion.torque) * turning(motion.velocity, effect.scale)[0])]
     e, slope = periodic_error(effect, motion)
     if effect.kind.startswith("ripple"):
         return [("motor", e)]

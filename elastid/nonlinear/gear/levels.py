@@ -28,6 +28,7 @@ from elastid.response import FrequencyResponse
 
 _ROUNDS, _MOVE = 40, 0.05  # until no number moves by more than this part of its standard deviation
 _STEP = 0.3  # of a logarithmic variable, at most
+_KNOWN = 1.0  # of a scale: the standard deviation to which it is known without any record
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +90,8 @@ def find_levels(
             ]
         known = [estimate for estimate in estimates if estimate is not None]
         sums, (A, b) = normal_equations(data, drives, known, n_x, with_edges), priors(parameters, x, n_x + len(every))
+        for i, place in zip(scaled, range(n_x + n_f, len(b)), strict=True):
+            A[place, place] = (levels[i] * effects[i].scale * _KNOWN) ** -2.0 if levels[i] else 0.0
         covariance = inverse(sums.A.sum(axis=0) + A)
         step = covariance @ (sums.b.sum(axis=0) + b)
         std = np.sqrt(np.diag(covariance))
@@ -101,7 +104,7 @@ def find_levels(
             break
     scale_std = np.zeros(n_f)
     scale_std[scaled] = np.sqrt(np.diag(covariance)[n_x + n_f :]) / np.maximum(np.abs(levels[scaled]), 1e-300)
-    covariance, own = covariance[: n_x + n_f, : n_x + n_f], tuple(replace(e, Phi=e.Phi[..., :n_f]) for e in known)
+    covariance, own = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of_first(n_f) for e in known)
     return Levels(parameters, tuple(effects), x, levels, covariance, count, move, own, tuple(drives), scale_std)
 
 
@@ -109,7 +112,7 @@ def lack(data: Sequence[PeriodLines], found: Levels) -> float:
     """Sum of ln det S of the residuals, by which alternatives are compared: -2 ln of their likelihood."""
     total = 0.0
     for lines, drive, estimate in zip(data, found.drives, found.estimates, strict=True):
-        S = smoothed_covariance(residuals(lines, drive, estimate.Phi, found.levels))[_used(lines)]
+        S = smoothed_covariance(residuals(lines, drive, estimate, found.levels))[_used(lines)]
         total += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
     return total
 
@@ -136,10 +139,7 @@ def start_levels(
     """No effects, at x (n_x,) as it is."""
     drives = tuple(drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True))
     none = np.zeros(0)
-    estimates = tuple(
-        Estimate(np.zeros((len(c.s), drive.model.n, c.U.shape[2], 0), complex), (np.zeros((0, 0)),) * c.U.shape[2])
-        for c, drive in zip(data, drives, strict=True)
-    )
+    estimates = tuple(Estimate.start(c, drive, 0) for c, drive in zip(data, drives, strict=True))
     sums, (A, _) = normal_equations(data, drives, estimates, len(x), none), priors(parameters, x, len(x))
     covariance = inverse(sums.A.sum(axis=0) + A)
     return Levels(parameters, (), x, none, covariance, 0, np.inf, estimates, drives, none)
@@ -169,10 +169,10 @@ def normal_equations(
     R, n = len(realisations), n_x + len(levels)
     A, b, c = np.zeros((R, n, n)), np.zeros((R, n)), np.zeros(R)
     for lines, drive, estimate in zip(data, drives, estimates, strict=True):
-        r = residuals(lines, drive, estimate.Phi, levels)
+        r = residuals(lines, drive, estimate, levels)
         used = _used(lines)
         white = np.linalg.inv(np.linalg.cholesky(smoothed_covariance(r)[used] / 2))
-        J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate.Phi, levels, n_x)[used])
+        J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, levels, n_x)[used])
         e = white @ r[used]
         for i in np.searchsorted(realisations, np.unique(lines.realisation)):
             own = lines.realisation == realisations[i]
@@ -199,14 +199,14 @@ def inverse(A: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
 
 
-def _jacobian(lines: PeriodLines, drive: DriveLines, Phi: ComplexArray, levels: FloatArray, n_x: int) -> ComplexArray:
+def _jacobian(lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels: FloatArray, n_x: int) -> ComplexArray:
     """- dr / d(x, f) (F, n_u, M, n_x + n_f), the motion held."""
     F, n_u, M = lines.Y.shape
     J = np.zeros((F, n_u, M, n_x + len(levels)), complex)
     order = MOTION_ORDER[drive.model.quantity]
     dG = drive.kernel.evaluate(drive.theta)[1] / lines.s[:, None, None] ** order
     CH = drive.C @ drive.H
-    q = drive.H @ np.tensordot(Phi, levels, axes=1)
+    q = drive.H @ np.tensordot(estimate.Phi, levels, axes=1)
     for row, name, of_line in zip(drive.chain, drive.kernel.wanted, dG, strict=True):
         slope = of_line @ lines.U
         own = drive.model.slopes.get(name)
@@ -221,5 +221,6 @@ def _jacobian(lines: PeriodLines, drive: DriveLines, Phi: ComplexArray, levels: 
             )
             slope = slope + drive.sensor[:, :, None] * (CH @ (dZ @ q))
         J[..., :n_x] += slope[..., None] * row
-    J[..., n_x:] = -np.einsum("fa,fan,fnmi->fami", drive.sensor, CH, Phi)
+    moved = np.einsum("fan,fnmi->fami", CH, estimate.Phi) + estimate.folded
+    J[..., n_x:] = -drive.sensor[:, :, None, None] * moved
     return J

@@ -21,6 +21,8 @@ from elastid.record import Configuration, Record
 CELLS = 8  # of the fine grid in a sample: reversals of friction fall between samples
 # Lines up to so many times the highest excited one: friction and hardening move the robot there, too.
 REACH = 2.0
+# On those above, up to so many times it, the model tells the motion: without it friction would turn late or early.
+ABOVE = 24.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +32,8 @@ class PeriodLines:
     Y of the motors that U acts on, in their order, rad on the link side.  mean (n_u, M): mean angles.  noise (n_u,):
     variance of the noise of an element of Y that does not fall with frequency.  scatter (F, n_u): variance of the mean
     over the periods, of Y.  excited (F,).  samples: of a period.
+    above (L, n_u, M): torques at lines F + 1 to F + L, beyond half the rate as they are held.  sampled (n_u,): whether
+    Y is an angle as it was sampled, in which motion beyond half the rate is folded.
     """
 
     configuration: Configuration
@@ -42,6 +46,8 @@ class PeriodLines:
     scatter: FloatArray
     excited: BoolArray
     realisation: IntArray
+    above: ComplexArray
+    sampled: BoolArray
 
     @cached_property
     def freq_hz(self) -> FloatArray:
@@ -53,8 +59,22 @@ class PeriodLines:
         """j omega (F,)."""
         return np.asarray(2j * np.pi * self.freq_hz)
 
+    @cached_property
+    def s_above(self) -> ComplexArray:
+        """j omega (L,) of the lines above."""
+        lines = np.arange(1, len(self.above) + 1) + len(self.U)
+        return np.asarray(2j * np.pi * line_frequencies(lines, self.rate_hz, self.samples))
+
+    def folded(self, X: ComplexArray) -> ComplexArray:
+        """What amplitudes X (L, ...) of a sampled signal at the lines above add at the lines (F, ...)."""
+        F, total = len(self.U), np.zeros((self.samples, *X.shape[1:]), complex)
+        lines = np.arange(F + 1, F + len(X) + 1)
+        kept = lines > self.samples // 2
+        np.add.at(total, lines[kept] % self.samples, X[kept])
+        return np.asarray(total[1 : F + 1] + total[-1 : -F - 1 : -1].conj())
+
     def fine(self, X: ComplexArray) -> FloatArray:
-        """The signals (..., n) of amplitudes (..., F) on the fine grid of a period."""
+        """The signals (..., n) of amplitudes (..., F or F + L) on the fine grid of a period."""
         n = self.samples * CELLS
         padded = np.zeros((*X.shape[:-1], n // 2 + 1), complex)
         padded[..., 1 : X.shape[-1] + 1] = X
@@ -62,7 +82,11 @@ class PeriodLines:
 
     def amplitudes(self, x: FloatArray) -> ComplexArray:
         """Amplitudes (..., F) of signals (..., n) on the fine grid."""
-        return np.asarray(rfft(x)[..., 1 : len(self.U) + 1] * (2 / x.shape[-1]))
+        return self.all_amplitudes(x)[..., : len(self.U)]
+
+    def all_amplitudes(self, x: FloatArray) -> ComplexArray:
+        """The same at the lines above, too: (..., F + L)."""
+        return np.asarray(rfft(x)[..., 1 : len(self.U) + len(self.above) + 1] * (2 / x.shape[-1]))
 
 
 def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:
@@ -85,10 +109,11 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
         )
     columns = [first.outputs.index(place) for place in first.inputs]
     excited = analysed_lines(spectra_of(records, spec, planned), spec, planned)
-    highest = min(int(REACH * excited[-1]), first.period_samples // 2 - 1)
-    lines = np.arange(1, highest + 1)
+    lines = np.arange(1, (first.period_samples + 1) // 2)
+    F = min(int(REACH * excited[-1]), len(lines))
     periods = [_periods(record, lines, np.isin(lines, excited), spec) for record in records]
-    of_periods = [each.Y[:, :, columns] for each in periods]
+    U = np.stack([each.U.mean(axis=0) for each in periods], axis=2)
+    of_periods = [each.Y[:, :F, columns] for each in periods]
     repeated = [Y.var(axis=0, ddof=1) / len(Y) for Y in of_periods if len(Y) > 1]
     # Of a single period the highest lines show noise, where a robot barely moves.
     scatter = np.mean(repeated if repeated else [np.abs(Y[0]) ** 2 for Y in of_periods], axis=0)
@@ -97,14 +122,34 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
         first.configuration,
         first.rate_hz,
         first.period_samples,
-        np.stack([each.U.mean(axis=0) for each in periods], axis=2),
+        U[:F],
         np.stack([Y.mean(axis=0) for Y in of_periods], axis=2),
         np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
         np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0),
         scatter,
-        np.isin(lines, excited),
+        np.isin(lines[:F], excited),
         np.array([record.realisation for record in records]),
+        _above(first, U, F, int(ABOVE * excited[-1])),
+        logged,
     )
+
+
+def _above(record: Record, U: ComplexArray, F: int, highest: int) -> ComplexArray:
+    """Torques (L, n_u, M) at lines F + 1 to `highest`, from those of all lines below half the rate (N / 2, n_u, M)."""
+    N = record.period_samples
+    lines = np.arange(F + 1, min(highest, N * CELLS // 2 - 1) + 1)
+    own = np.abs((lines + N // 2) % N - N // 2)  # the line that this one is folded to
+    is_mirrored = lines % N > N // 2
+    known = (own > 0) & (own <= len(U))
+    gains = [
+        record.hold_response(line_frequencies(np.where(known, k, 1), record.rate_hz, N))
+        for k in (lines, np.where(is_mirrored, -own, own))
+    ]
+    torque = U[np.where(known, own, 1) - 1]
+    torque = np.where(is_mirrored[:, None, None], torque.conj(), torque)
+    is_held = np.array(record.images.rates_hz if record.images else (0.0,) * len(record.inputs)) > 0
+    kept = known[:, None] & ((lines <= len(U))[:, None] | is_held)
+    return np.asarray(torque * np.where(kept, gains[0] / gains[1], 0.0)[:, :, None])
 
 
 def _periods(record: Record, lines: IntArray, excited: BoolArray, spec: EstimatorSpec) -> PeriodSpectra:
