@@ -6,7 +6,7 @@ geometry and the gains of its channels these are:
 - angle_2: an offset of the angle at which axis 2 stood, in all configurations; angle_2@c1: in one.
 - payload: a point mass at the tool, where the robot carries none.
 - torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear,
-  base_x: of what the robot stands on, about x of its base.
+  base_x: of what the robot stands on, about x of its first body before it turns.
 - loop_2: the square of the bandwidth omega_2 of a position loop of motor 2, which makes a spring of omega_2^2 M_22
   between it and the ground; where the torque that was logged is the loop's reference.
 - rate: a sampling rate 1 + e of the stated one. Frequencies are then 1 + e of those read, and motions that were
@@ -170,17 +170,14 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
             if joint.motor is not None and not joint.is_flexible and not joint.slides:
                 names[f"k_{joint.name}"] = f"gear_{joint.name}"
                 joints[i] = replace(joint, spring=stiff)
+        is_root = bool(axes) and body.parent not in owners and "k_base" not in {name[:6] for name in names}
         for axis in "xyz" if is_outside else "":
-            if axis not in axes and _AXES[axis] not in axes:
-                names[f"k_{body.name}_{axis}"] = f"torsion_{body.name}_{axis}"
-                joints.append(Joint(f"{body.name}_{axis}", axis, stiff))  # type: ignore[arg-type]
-        # About the first axis it is a part of its gear.
-        first = next((i for i, joint in enumerate(body.joints) if joint.motor is not None), 0)
-        before = [joint.axis for joint in body.joints[: first + 1]]
-        for axis in "zyx" if is_outside and body.joints and body.parent not in owners else "":
-            if axis not in before and _AXES[axis] not in before and f"base_{axis}" not in names.values():
-                names[f"k_base_{axis}"] = f"base_{axis}"
-                joints.insert(0, Joint(f"base_{axis}", axis, stiff))  # type: ignore[arg-type]
+            if axis in axes or _AXES[axis] in axes:
+                continue
+            name = f"base_{axis}" if is_root else f"{body.name}_{axis}"
+            # What the robot stands on is in series before its first joint, wherever that is turned.
+            joints.insert(0 if is_root else len(joints), Joint(name, axis, stiff))  # type: ignore[arg-type]
+            names[f"k_{name}"] = name if is_root else f"torsion_{name}"
         bodies.append(replace(body, joints=tuple(joints)))
     return replace(robot, bodies=tuple(bodies)), names
 
