@@ -21,21 +21,24 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.friction_study.spec import FrictionSpec, PassesSpec, WarmUpSpec
-from elastid.model.closed_posture import followed
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import formulate
 from elastid.model.kinematics import frame_poses
-from elastid.response import FrequencyResponse
-from elastid.robot import Limits, Robot
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Frame, Limits, Placement, Robot
 from elastid.robot.friction import LoadDependence
-from elastid.store.measured import read_responses
 from elastid.study import load
 from elastid.use.command.moves import read_move
 from plants.advice import Case, Desk, case, refusal, rendered
 from plants.advice_of_logs import estimated, lab_log, noise, said_of
 from plants.commanded_arm import arm
-from plants.friction_axis import LIMITS, axis, planned
+from plants.friction_axis import axis, planned
 from plants.lab_logs import N, save_csv
-from plants.two_axes import ROBOT, STUDY, measured
+from plants.two_axes import ROBOT, STUDY
 
 MOTOR = "robot.bodies.0.joints.0.motor"
 LUGRE = (f"{MOTOR}.friction={{coulomb: 1, stiction: 2, stribeck_velocity: 0.1, "
@@ -177,7 +180,7 @@ def amplitude_that_stiffens_a_spring(desk: Desk) -> None:
 
     spring = TWO.bodies[0].joints[0].spring
     assert spring is not None
-    robot = one_joint_as(TWO, spring=replace(spring, cubic=1e7))
+    robot = one_joint_as(TWO, spring=replace(spring, cubic=1e9))
     experiment = replace(PROBLEM.experiment, configurations={"a": (0.1, 0.6)})
 
     def said(part: float) -> str:
@@ -190,13 +193,13 @@ def amplitude_that_stiffens_a_spring(desk: Desk) -> None:
     assert said(1.1 * by) == ""
 
 
-def pass_refused(passes: dict[str, Any], bandwidth_hz: float = 8.0, limits: Limits = LIMITS, **keys: Any) -> str:
+def pass_refused(passes: dict[str, Any], bandwidth_hz: float = 8.0, **keys: Any) -> str:
     """Why passes of an axis cannot be planned."""
     spec = FrictionSpec(passes=PassesSpec(**passes), **keys)
-    return refusal(lambda: planned(spec, axis(limits), bandwidth_hz))
+    return refusal(lambda: planned(spec, axis(), bandwidth_hz))
 
 
-@case("design/friction.py", "widen friction.passes.window")
+@case("design/friction.py", "widen friction.passes.window", slow=True)
 def window_too_narrow_for_a_warm_up(desk: Desk) -> None:
     def refused(window: tuple[float, float]) -> str:
         warm_up = WarmUpSpec(speed=1.5, time=600.0, test_every=300.0)
@@ -204,13 +207,6 @@ def window_too_narrow_for_a_warm_up(desk: Desk) -> None:
 
     assert rendered("widen friction.passes.window", refused((-0.2, 0.2)))
     assert refused((-1.8, 1.8)) == ""
-
-
-@case("design/friction_axis.py", "lower limits.acceleration")
-def ramps_beyond_the_torque_of_a_drive(desk: Desk) -> None:
-    limits = replace(LIMITS, torque=118.0)
-    assert rendered("lower limits.acceleration", pass_refused({"speeds": (0.01, 1.9)}, limits=limits))
-    assert pass_refused({"speeds": (0.01, 1.9)}, limits=replace(limits, acceleration=3.0)) == ""
 
 
 @case("design/friction_axis.py", "raise experiment.simulated.controller.bandwidth_hz")
@@ -249,11 +245,41 @@ def multisine_beyond_the_limits(desk: Desk) -> None:
 
 @case("use/command/moves.py", "widen robot.bodies.joints.limits.angle", slow=True)
 def path_beyond_the_limits_of_a_joint(desk: Desk) -> None:
-    wide, narrow = arm(), one_joint_as(arm(), limits=Limits(velocity=3.0, torque=900.0, angle=(-2.0, 0.3)))
-    angles = np.radians(np.column_stack([np.linspace(0, 35, 30), np.linspace(40, 15, 30)]))
-    rows = frame_poses(wide, followed(wide, angles), "tool").position.tolist()
+    from design.test_design import TWO
+
+    wide = replace(TWO, frames=(Frame("tool", "fore", Placement((0.4, 0, 0))),))
+    narrow = one_joint_as(wide, limits=Limits((-2.0, 0.3)))
+    angles = np.column_stack([np.linspace(0, 0.6, 30), np.linspace(0.7, 0.3, 30)])
+    rows = frame_poses(wide, angles, "tool").position.tolist()
     text = "t,x,y,z\n" + "".join(f"{t}," + ",".join(map(str, row)) + "\n" for t, row in enumerate(rows))
     path = desk.folder / "move.csv"
     path.write_text(text, encoding="utf-8")
     assert rendered("widen robot.bodies.joints.limits.angle", refusal(lambda: read_move(path, narrow, "tool")))
     assert refusal(lambda: read_move(path, wide, "tool")) == ""
+
+
+@case("fit/diagnosis/status.py", "raise fit.starts", "lower fit.start_factor", slow=True)
+def optimum_that_one_start_reached(desk: Desk) -> None:
+    from design.test_design import TWO
+
+    rng, model = np.random.default_rng(0), formulate(TWO)
+    responses, freq_hz = list[FrequencyResponse](), np.linspace(3, 60, 40)
+    for name, angles in (("a", (0.0, 0.3)), ("b", (0.2, 1.2))):
+        linear = Linearisation.of(model).at(
+            Configuration(name, angles), model.theta, TWO.motor_locations, "acceleration"
+        )
+        exact = to_response(linear, np.append(model.theta, 0.0), freq_hz)
+        std = 0.01 * np.abs(exact.G)
+        noisy = exact.G + std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
+        responses.append(replace(exact, G=noisy, total=Covariance(std**2, np.inf)))
+    far = TWO.with_parameters({"k_1": 2e4, "k_2": 80.0})
+    free = {name: ParameterSpec() for name in ("k_*", "d_*")}
+
+    def said(**keys: Any) -> str:
+        spec = FitSpec(parameters=free, seed=0, log_first=False, **keys)
+        return " ".join(str(note) for note in identify(responses, far, spec).notes if note.code == "one-hit")
+
+    once = said(starts=2, start_factor=3.0)
+    assert rendered("raise fit.starts", once)
+    assert rendered("lower fit.start_factor", once)
+    assert said(starts=8, start_factor=3.0) == said(starts=2, start_factor=1.5) == ""
