@@ -252,7 +252,8 @@ def informations(
     if not informative:
         prospect.expected(configurations[0], x[0])  # raises with the reason
         raise StudyError(
-            "design: no candidate has an equilibrium for all guesses of the parameters; lower robust.factor"
+            "design: no candidate has an equilibrium for all guesses of the parameters; start nearer to the truth in "
+            "fit.parameters, or take design.robust out"
         )
     return np.stack([*informative.values()], axis=1), np.array([*informative])
 

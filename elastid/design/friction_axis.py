@@ -189,10 +189,11 @@ class Axis:
         place, unit, torque_unit = self.limits.place, f"{self.limits.unit}/s", "N" if self.joint.slides else "N*m"
         for speed in speeds.tolist():
             if self.sticks_at(speed):
-                needed = bandwidth_hz * -self.guess.slope(speed) / self.damping
+                fall = max(-self.guess.slope(v) for v in np.geomspace(speeds.min(), speeds.max(), 200).tolist())
+                needed = bandwidth_hz * fall / self.damping
                 raise StudyError(
                     f"friction.passes.speeds: {place} would stick and slip at {speed:.4g} {unit}: its friction falls "
-                    f"by {-self.guess.slope(speed):.3g} with each {unit}, and the loop brakes with {self.damping:.3g}; "
+                    f"by up to {fall:.3g} with each {unit}, and the loop brakes with {self.damping:.3g}; "
                     f"measure above {self.slowest:.3g} {unit}, or raise experiment.simulated.controller.bandwidth_hz "
                     f"from {bandwidth_hz:.3g} to {1.2 * needed:.3g} Hz"
                 )
@@ -202,8 +203,7 @@ class Axis:
                     f"friction.passes.speeds: a pass of {place} at {speed:.4g} {unit} takes {peak:.4g} {torque_unit} "
                     f"(gravity {self.holding:.3g}, ramps {self.inertia * self.limits.acceleration:.3g}, friction "
                     f"{self.guess.torque(speed):.3g}), and its drive gives {self.joint.limits.torque:.4g}: the torque "
-                    "would be clipped; choose a posture with less gravity torque, lower limits.acceleration, or lower "
-                    "the highest speed"
+                    "would be clipped; choose a posture with less gravity torque, or lower the highest speed"
                 )
 
     def _speeds(self, lowest: float, highest: float | None = None) -> FloatArray:

@@ -232,7 +232,7 @@ def _rehearse(
     names = ", ".join(c.name for c, unsettled in zip(plan.configurations, open_, strict=True) if unsettled)
     raise StudyError(
         f"configuration {names}: after 8 rehearsals with decreasing amplitudes the peaks are still "
-        "beyond the limits; lower excitation.torque_rms, or raise excitation.margin or the limits"
+        "beyond the limits; take this configuration out, or move it away from the ends of its joints"
     )
 
 

@@ -66,7 +66,7 @@ MEANING: dict[Status, str] = {
     "it are plausible, otherwise look for what the model lacks",
     "misfit": "the parameters are not to be believed as they stand, since a wrong model moves them by more than their "
     "noise: correct or identify what the warnings name and fit again",
-    "not_converged": "the search stopped before an optimum: raise fit.starts, or start nearer to the robot",
+    "not_converged": "the search stopped before an optimum: give it more starts, or one nearer to the robot",
     "ill_conditioned": "the data do not determine all parameters: fix, tie or give a prior to those that are named",
     "model_error": "the model does not describe these responses, and its parameters mean nothing: check channels, "
     "configurations and robot",

@@ -217,7 +217,7 @@ def choose_shapes(
             break
         powers = [kept_power(equations, motor, np.array(members)) for members in sets]
         best = int(np.argmin(powers))
-        if powers[best] > (1 - LIMITS.shape_gain) * left:
+        if powers[best] >= (1 - LIMITS.shape_gain) * left:  # also where no line shows any power
             break
         chosen, left = sets[best], powers[best]
     share = left / total if total > 0 else 1.0

@@ -42,7 +42,8 @@ class ConfigurationSpectra:
     """Amplitudes of K experiments at F lines: U (F, n_m, K), Y (F, n_m, K) of the same motors, Phi (F, n_f, K).
 
     excited (F,): where G = Y / U is found; at the other lines G is interpolated.  realisation (K,): of each experiment.
-    freq_hz (F,).
+    freq_hz (F,).  mean_torque (n_m,): of U over all samples, which holds the robot up.  n_excited: excited lines of the
+    records, some of which are left out where they are many.
     """
 
     lines: IntArray
@@ -52,6 +53,8 @@ class ConfigurationSpectra:
     Y: ComplexArray
     Phi: ComplexArray
     realisation: IntArray
+    mean_torque: FloatArray
+    n_excited: int
 
     @property
     def shows_friction(self) -> bool:
@@ -145,8 +148,10 @@ def gather_configuration(
             Phi[-1][:, own] = amplitudes(used_spectra.record, motion, [shapes[i] for i in own], complete, lines).T
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     realisation = np.array([record.realisation for record in records])
+    mean_torque = np.mean([record.u.mean(axis=0) for record in records], axis=0)
+    stacked = [np.stack(part, axis=2) for part in (U, Y, Phi)]
     return ConfigurationSpectra(
-        lines, freq_hz, is_excited, np.stack(U, axis=2), np.stack(Y, axis=2), np.stack(Phi, axis=2), realisation
+        lines, freq_hz, is_excited, stacked[0], stacked[1], stacked[2], realisation, mean_torque, len(excited)
     )
 
 

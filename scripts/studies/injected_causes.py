@@ -349,7 +349,7 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("ratio 3 111 for 110", "demo", wrong_ratio("fore_arm", 0, 2, 111 / 110), ("ratio_3",)),
     Injection("missing torsion of the upper arm", "demo", changed_robot(with_torsion("upper_arm", "z", 6e5)),
               ("torsion_upper_arm_z",)),
-    Injection("soft base", "demo", on_a_soft_base(1e7, "x"), ("torsion_turret_x",)),
+    Injection("soft base", "demo", on_a_soft_base(1e7, "x"), ("base_x",)),
     Injection("gravity left out", "two-axis", with_gravity(0.0, 0.0, 0.0), ("no gravity",)),
     Injection("mounted on a wall", "two-axis", with_gravity(-9.81, 0.0, 0.0), ("gravity along -x of the base",)),
     Injection("mounted on the ceiling", "demo", with_gravity(0.0, 0.0, 9.81), ("gravity along +z of the base",)),
@@ -360,7 +360,7 @@ INJECTIONS: tuple[Injection, ...] = (
     # Gears and friction.
     Injection("gear 1 hardens by 10 %", "two-axis", hardening("upper", 0, 0.1), ("load_1",)),
     Injection("gear 2 hardens by 10 %", "demo", hardening("upper_arm", 0, 0.1), ("load_2",)),
-    Injection("backlash in gear 2", "demo", backlash("upper_arm", 0, 0.95), ("load_2",)),
+    Injection("backlash in gear 2", "demo", backlash("upper_arm", 0, 0.95), ("play_2",)),
     Injection("Coulomb depends on the angle", "two-axis", per_configuration("fm_2", (1.0, 2.5, 0.6)), ("friction_2*",)),
     Injection("Coulomb depends on the angle", "demo", per_configuration("fm_2", (1.0, 2.5, 0.6, 1.5, 0.8)),
               ("friction_2*",)),

@@ -55,6 +55,14 @@ def test_the_level_may_be_that_of_a_shape_that_fits_as_well() -> None:
     assert ones @ covariance @ ones < 0.01 * F_C**2
 
 
+def test_nothing_is_chosen_where_no_line_shows_anything() -> None:
+    """Residuals of zero power, as of one realisation without lines between: no shape lowers them."""
+    nothing = sums(np.zeros((3, 4), complex), np.zeros(4, complex))
+    chosen, share = choose_shapes(nothing, 0, EVERY, NONE)
+    assert chosen.tolist() == []
+    assert share == 1.0
+
+
 def test_a_choice_without_alternatives_adds_nothing() -> None:
     """Shapes that differ are distinguished."""
     shapes, covariance = neighbours_of(regression(1.0, 0), CHOSEN, EVERY, NONE)

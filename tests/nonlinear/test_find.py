@@ -13,7 +13,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.nonlinear import find
-from elastid.nonlinear.find import find_friction, inertial_motion
+from elastid.nonlinear.find import _dependence, find_friction, inertial_motion
 from elastid.nonlinear.reconstruct import sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import spectrum
@@ -52,7 +52,7 @@ def above_the_resonance(J: float, k_hz: float, resonance_hz: float = 0.0) -> Con
         G = G + 0.2 / J / ((2 * np.pi * resonance_hz) ** 2 - omega**2 + 0.4j * omega)
     U = np.exp(2j * np.pi * np.random.default_rng(1).random((len(lines), 1, 2)))
     Y, Phi, of_all = G[:, None, None] * U, np.zeros((len(lines), 0, 2)) + 0j, np.ones(len(lines), dtype=bool)
-    return ConfigurationSpectra(lines, lines.astype(float), of_all, U, Y, Phi, np.array([0, 1]))
+    return ConfigurationSpectra(lines, lines.astype(float), of_all, U, Y, Phi, np.array([0, 1]), np.zeros(1), 56)
 
 
 def test_a_motor_is_an_inertia_on_a_spring_at_the_upper_lines_unless_a_resonance_is_there() -> None:
@@ -198,6 +198,15 @@ def test_shapes_may_be_chosen_in_the_first_configuration_alone(
     np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], coulomb, rtol=0.02)
 
 
+def test_levels_that_a_line_through_the_loads_explains_are_said_to_be_friction_by_load() -> None:
+    """Of three postures: 10 Nm and 5 % of the load, to its deviation; another order of the same levels has no line."""
+    loads, stds, names = np.array([10.0, 100.0, 200.0]), np.full(3, 0.1), ("a", "b", "c")
+    levels = 10 + 0.05 * loads + np.array([0.05, -0.1, 0.05])
+    text = _dependence(levels, stds, loads, "N*m", names)
+    assert "as 10 +- 0.096 N*m and 5 +- 0.07 % of the torque that its gear carries (200 and 10 N*m in the mean)" in text
+    assert "it depends on the angle" in _dependence(levels[[1, 0, 2]], stds, loads, "N*m", names)
+
+
 def test_a_structure_without_motors_has_no_word_of_friction() -> None:
     """Only a study that asks for it gets the reason why it is not taken out."""
     configurations, lines = measured()
@@ -227,5 +236,12 @@ def test_what_a_level_contains_is_found_or_said(monkeypatch: pytest.MonkeyPatch)
     said = [str(note) for note in taken["load"].notes if note.code == "friction-differs"]
     assert [text.partition(":")[0] for text in said] == ["motor 1", "motor 2"]
     assert "in a and" in said[0]
+    for text, coulomb in zip(said, (9.6, 4.8), strict=True):
+        f_0, std, share, of_share = words.dependence(text)
+        assert abs(f_0 - coulomb) < 3 * std
+        assert abs(share - 4.0) < 3 * of_share
+    for place, coulomb, loads in zip(taken["load"].places, (9.6, 4.8), words.held_up(rig), strict=True):
+        level, std = taken["load"].sliding_level(place)
+        assert all(abs(coulomb + 0.04 * load - level) < 2 * std for load in loads)
     assert "friction-differs" not in {note.code for note in taken["stribeck"].notes}
     assert any("near standstill (Stribeck" in str(note) for note in taken["stribeck"].notes)

@@ -80,7 +80,7 @@ class LiveFolder:
         assert log is not None
         first = plan.first_sample + plan.transient_periods * plan.period_samples
         samples = None if whole else (first, first + plan.periods * plan.period_samples)
-        return FileSpec(f"logs/{log.name}", run.configuration.name, run.realisation, run.experiment, samples)
+        return FileSpec(f"logs/{log.name}", run.configuration.name, run.realisation, run.experiment, samples=samples)
 
     def signals(self, plan: Plan, run: Experiment) -> tuple[FloatArray, FloatArray, FloatArray]:
         """r, u and y (n, n_u) of the motors over the whole log of a run; DataError where it cannot be read."""

@@ -75,8 +75,7 @@ class FrictionRun:
             return simulate(self.plant.loop, gains, commands, self.point.q, self._friction())
         except DataError as error:
             raise DataError(
-                f"{self.motion.name}: {error}. Raise experiment.simulated.controller.bandwidth_hz, or lower the speeds "
-                "or torques of this motion"
+                f"{self.motion.name}: {error}. The controller needs more bandwidth, or this motion less speed or torque"
             ) from None
 
     def _friction(self) -> FloatArray:

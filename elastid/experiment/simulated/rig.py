@@ -212,8 +212,8 @@ class SimulatedRig:
         except DataError as error:
             raise DataError(
                 f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
-                f"{experiment.experiment}: {error}. Lower excitation.torque_rms, raise "
-                "experiment.simulated.controller.bandwidth_hz, or move the configuration away from its limits"
+                f"{experiment.experiment}: {error}. Lower excitation.torque_rms, or move the configuration away from "
+                "its limits"
             ) from None
 
 

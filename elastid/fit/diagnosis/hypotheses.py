@@ -69,6 +69,8 @@ def _compliance(index: ModificationIndex) -> str:
     k = 1 / index.changed[0] if index.changed[0] > 0 else math.inf
     if kind == "gear":
         return f"elasticity in the gear of axis {where} of {k:.2g} N*m/rad"
+    if kind == "base":
+        return f"an elastic base about its {where} axis of {k:.2g} N*m/rad"
     body, _, axis = where.rpartition("_")
     return f"an elastic rotation of body {body} about its {axis} axis of {k:.2g} N*m/rad"
 
@@ -155,8 +157,10 @@ def _transmission(index: ModificationIndex) -> str:
 
 
 def _load(index: ModificationIndex) -> str:
-    by = f"{100 * float(index.steps[0]):+.2g} % at the largest torque of these postures"
-    return f"a stiffness of gear {_axis(index)} that rises with the torque it carries ({by})"
+    gear, percent = f"a stiffness of gear {_axis(index)} that rises with the torque", 100 * float(index.steps[0])
+    if index.name.startswith("play"):
+        return f"{gear} out of a gap ({-percent:+.2g} % at the smallest torque of these postures)"
+    return f"{gear} it carries ({percent:+.2g} % at the largest torque of these postures)"
 
 
 def _coupling(index: ModificationIndex) -> str:
@@ -245,7 +249,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     # What gears and motors do besides.
     Hypothesis(
         "load",
-        ("load",),
+        ("load", "play"),
         Size(0.1, 1.0, unit="1"),
         phrase=_load,
         advice="does the gear harden, or has it backlash? give its spring cubic or backlash in the robot's file",
@@ -302,7 +306,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     # What the robot's file lacks.
     Hypothesis(
         "compliance",
-        ("torsion", "gear"),
+        ("torsion", "gear", "base"),
         Size(math.inf, math.inf, unit="rad/(N*m)", grows=True),
         phrase=_compliance,
         advice="add it to the robot's file with a spring, and let elastid compare --search judge it",

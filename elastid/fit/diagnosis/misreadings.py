@@ -6,26 +6,33 @@ r"""Misreadings: responses that were read wrongly, as changes of the model's, ea
 A channel of the other sign, channels or postures exchanged, phases counted by exp(-j omega t), real and imaginary parts
 exchanged, a velocity taken for an acceleration, channels in another unit.  A fit of responses that were read wrongly
 may end anywhere: one evaluation at its optimum and one at its start predict V of every reading, and the best of them
-take some steps on a few lines.
+take some steps on a few lines.  Where these end in a valley too, the best is solved from the study's start with the
+numbers of the file held, as every fit begins.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, product
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import ElastidError
 from elastid.base.note import Note
+from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores
 from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.result import ModificationIndex
+from elastid.fit.solve.solvers import NEAR, ROUGH, solve
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,7 @@ class Limits:
     exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
     followed: int = 3  # readings
     predicted_ratio: float = 1.5  # V over that of the fit up to which readings are followed
+    iterations: int = 60  # of a solution from the study's start
     share: float = 0.8  # of the excess that a reading explains
     cost_ratio: float = 1.1  # of V, below which readings cannot be distinguished
     scale: float = 1.7  # a factor nearer to one may be an inertia that is not quite known
@@ -74,6 +82,12 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     def explains(cost: float) -> bool:
         return as_read - cost > LIMITS.share * excess
 
+    if followed and not any(explains(cost) for cost, _, _ in followed.values()):
+        best = min(followed.values(), key=lambda trial: trial[0])[2]
+        with suppress(ElastidError):  # no robot stands there
+            there, start = _from_the_file(best, evidence)
+            trials = (followed[best.name], (*settle(best, there, start, every), best))
+            followed[best.name] = min(trials, key=lambda trial: trial[0])
     if not any(explains(cost) for cost, _, _ in followed.values()):
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
             followed[name] = (cost, x_end, Reading(name, SCALE, lambda _, values: values))
@@ -86,6 +100,34 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     drop = share * max(scores.cost - scores.noise, 0.0)
     index = ModificationIndex(best.name, best.family, (), none, (), (), none, math.nan, drop, share, x_end - x, equal)
     return [*indices, index]
+
+
+def _from_the_file(reading: Reading, evidence: Evidence) -> tuple[ElasticFit, FloatArray]:
+    """The fit linearised where one with the file's numbers held explains responses as a reading has them; and x (n_x,).
+
+    The measured responses are changed, from the study's start.  A fit of responses that were read wrongly may have
+    moved numbers so far within their tolerances that its own linearisation is of another robot.
+    """
+    own, robot = evidence.assembly, evidence.assembly.linearisation.model.robot
+    parameters, x = choose(own.spec, robot, [G.configuration.name for G in own.responses]), own.parameters.x
+    held, end = Assembly.of(own.responses, robot, own.spec, parameters, own.model), parameters.x
+    stages: tuple[tuple[ResidualKind, float], ...] = (("log", NEAR), (own.spec.criterion, ROUGH))
+    for criterion, tolerance in stages:
+        fit = _read(reading, thinned(held.at(end, criterion)), end)
+        end = solve(fit.problem, end, tolerance, LIMITS.iterations).x
+    x[[own.parameters.free_names.index(name) for name in parameters.free_names]] = end
+    return thinned(own.at(x, own.spec.criterion)), x
+
+
+def _read(reading: Reading, fit: ElasticFit, x: FloatArray) -> ElasticFit:
+    """The fit to measured responses with the change of a reading undone, element by element."""
+    undo = reading.undo or reading.change
+    parts = []
+    for i, e in enumerate(evaluate(fit, x)):
+        source = fit.parts[reading.order[i]] if reading.order else e.part
+        measured, gain = undo(e, source.measured), np.abs(reading.change(e, source.gain.astype(np.complex128)))
+        parts.append(replace(e.part, measured=measured, gain=gain, whitening=None, compressed=None))
+    return replace(fit, parts=tuple(parts))
 
 
 def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -173,7 +215,7 @@ def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
     for power in (1, 2, -1, -2):
         count, direction = "once" if abs(power) == 1 else "twice", "less" if power > 0 else "more"
         name = f"responses differentiated {count} {direction} in time"
-        yield Reading(name, "quantity", partial(_differentiated, power))
+        yield Reading(name, "quantity", partial(_differentiated, power), undo=partial(_differentiated, -power))
 
 
 def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:

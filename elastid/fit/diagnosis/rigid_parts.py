@@ -84,7 +84,7 @@ def _base(robot: Robot, k: dict[str, float], scores: Scores, asked: Sequence[Par
             series = {f"k_{first.name}": -stiffness, f"d_{first.name}": -2 * stiffness}
             slope = np.array([series.get(parameter.name, 0.0) for parameter in asked])
             yield _Spring(f"base about axis {first.name}", slope, usual)
-        yield from _torsions(scores, body, len(asked), "base", usual)
+        yield from _torsions(scores, "base", len(asked), "base", usual)
 
 
 def _bearings(robot: Robot, k: dict[str, float], scores: Scores, n: int) -> Iterator[_Spring]:
@@ -92,12 +92,13 @@ def _bearings(robot: Robot, k: dict[str, float], scores: Scores, n: int) -> Iter
     for body in robot.bodies:
         own = [k[f"k_{joint.name}"] for joint in body.joints if f"k_{joint.name}" in k] or [*k.values()]
         if own and body not in _roots(robot):
-            yield from _torsions(scores, body, n, f"bearing or link before {body.name}", 1 / (BEARING_RATIO * max(own)))
+            name = f"bearing or link before {body.name}"
+            yield from _torsions(scores, f"torsion_{body.name}", n, name, 1 / (BEARING_RATIO * max(own)))
 
 
-def _torsions(scores: Scores, body: Body, n: int, name: str, usual: float) -> Iterator[_Spring]:
-    """Elastic rotations before a body about the axes that the score test has."""
-    test, axes = scores.test, {f"torsion_{body.name}_{axis}": axis for axis in "xyz"}
+def _torsions(scores: Scores, of: str, n: int, name: str, usual: float) -> Iterator[_Spring]:
+    """Elastic rotations about the axes that the score test has; of: their names but for the axis."""
+    test, axes = scores.test, {f"{of}_{axis}": axis for axis in "xyz"}
     for place, number in enumerate(test.numbers):
         if number.name in axes:
             information = float(test.S[place, place]) / scores.lines

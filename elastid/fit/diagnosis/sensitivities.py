@@ -5,7 +5,8 @@ geometry and the gains of its channels these are:
 
 - angle_2: an offset of the angle at which axis 2 stood, in all configurations; angle_2@c1: in one.
 - payload: a point mass at the tool, where the robot carries none.
-- torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
+- torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear,
+  base_x: of what the robot stands on, about x of its first body before it turns.
 - loop_2: the square of the bandwidth omega_2 of a position loop of motor 2, which makes a spring of omega_2^2 M_22
   between it and the ground; where the torque that was logged is the loop's reference.
 - rate: a sampling rate 1 + e of the stated one. Frequencies are then 1 + e of those read, and motions that were
@@ -52,6 +53,8 @@ from elastid.robot import Joint, Payload, Robot, Spring, gain_name
 RATE = "rate"
 # Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
 LOAD_RATIO = 0.8
+# Of the largest torque, below which a gear carries none.
+NO_LOAD = 0.01
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -157,6 +160,7 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
     springs = [joint.spring.stiffness for joint in robot.joints if joint.spring is not None and not joint.slides]
     stiff = Spring(1e5 * max(springs, default=10.0))  # N*m/rad
     within = {robot.joints[i].name for i in robot.joints_in_loops}
+    owners = {body.name for body in robot.bodies}
     names: dict[str, str] = {}
     bodies = []
     for body in robot.bodies:
@@ -166,10 +170,14 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
             if joint.motor is not None and not joint.is_flexible and not joint.slides:
                 names[f"k_{joint.name}"] = f"gear_{joint.name}"
                 joints[i] = replace(joint, spring=stiff)
+        is_root = bool(axes) and body.parent not in owners and "k_base" not in {name[:6] for name in names}
         for axis in "xyz" if is_outside else "":
-            if axis not in axes and _AXES[axis] not in axes:
-                names[f"k_{body.name}_{axis}"] = f"torsion_{body.name}_{axis}"
-                joints.append(Joint(f"{body.name}_{axis}", axis, stiff))  # type: ignore[arg-type]
+            if axis in axes or _AXES[axis] in axes:
+                continue
+            name = f"base_{axis}" if is_root else f"{body.name}_{axis}"
+            # What the robot stands on is in series before its first joint, wherever that is turned.
+            joints.insert(0 if is_root else len(joints), Joint(name, axis, stiff))  # type: ignore[arg-type]
+            names[f"k_{name}"] = name if is_root else f"torsion_{name}"
         bodies.append(replace(body, joints=tuple(joints)))
     return replace(robot, bodies=tuple(bodies)), names
 
@@ -351,14 +359,21 @@ def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
 
 
 def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
-    r"""Derivatives to the rise of each gear's stiffness with the torque it carries: k (1 + e 	au^2 / 	au_max^2)."""
+    r"""Derivatives to the change of each gear's stiffness with the torque tau that it carries.
+
+    load_2, of a gear that hardens, and play_2, of one with backlash, whose tangent is soft near no torque:
+
+    .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2), \qquad k\, (1 - e\, \tau_{min}^4 / \tau^4)
+    """
     columns = {}
     for joint in (joint.name for joint in response.robot.driven):
         loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
         most, spring = max(loads.values(), default=0.0), f"k_{joint}"
         if most > 0 and min(loads.values()) < LOAD_RATIO * most and spring in response.slopes:
-            share = (loads[response.model.configuration.name] / most) ** 2
-            columns[f"load_{joint}"] = share * response.value(spring) * response.slopes[spring]
+            own, least = loads[response.model.configuration.name], max(min(loads.values()), NO_LOAD * most)
+            slope = response.value(spring) * response.slopes[spring]
+            columns[f"load_{joint}"] = (own / most) ** 2 * slope
+            columns[f"play_{joint}"] = -((least / max(own, least)) ** 4) * slope
     return columns
 
 

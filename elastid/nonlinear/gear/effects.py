@@ -77,7 +77,8 @@ class GearEffect:
     @property
     def place(self) -> Place:
         """Where an implicit effect acts, and the motion of which it is a function of: of a gear its deflection."""
-        return {"friction": "motor", "behind": "link"}.get(self.kind, "gear")
+        places: dict[Kind, Place] = {"friction": "motor", "behind": "link"}
+        return places.get(self.kind, "gear")
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 from plants.data_sheet_arm import SPEC, arm, measure
 
+from elastid.base.arrays import ComplexArray
+from elastid.fit.diagnosis.sensitivities import _with_torsions
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import ParameterSpec
-from elastid.robot import Body, Joint, Robot, Spring
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import formulate
+from elastid.record import Configuration
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 
 def on_a_pedestal(stiffness: float) -> Robot:
@@ -75,3 +81,21 @@ def test_a_base_that_is_in_the_model_is_not_stated_as_rigid() -> None:
     result = identify(measure(robot, np.random.default_rng(4)), robot, spec)
     assert not any(part.is_base for part in result.rigid_parts)
     assert result.std_with_base == pytest.approx(result.std)
+
+
+def test_a_base_is_in_series_before_the_first_axis_and_does_not_turn_with_it() -> None:
+    """Motor 2, whose axis the first one turns, feels a soft base about y at 0 deg and none at 90 deg."""
+    turret = Body("turret", joints=(Joint("1", "z", Spring(3e5, 50), Motor(2e-3, 100)),), mass=100.0, inertia=9.0)
+    upper = Body("upper", "turret", Placement(xyz=(0, 0, 0.5)),
+                 (Joint("2", "y", Spring(2e5, 40), Motor(2e-3, 100)),), 40.0, (0, 0, 0.4), 3.0)  # fmt: skip
+    robot, names = _with_torsions(Robot("two axes", (turret, upper)))
+    assert [name for name in names if "upper" not in name] == ["k_base_x", "k_base_y"]
+
+    def response(k: float, degrees: float) -> ComplexArray:
+        sprung = robot.with_parameters({name: k if name == "k_base_y" else 1e10 for name in names})
+        model, posture = formulate(sprung), Configuration("c", (math.radians(degrees), 0.2))
+        linear = Linearisation.of(model).at(posture, model.theta, ("motor 1", "motor 2"), "acceleration")
+        return to_response(linear, np.append(model.theta, 0.0), np.linspace(5, 30, 6)).G[:, 1, 1]
+
+    np.testing.assert_allclose(response(5e5, 90), response(1e10, 90), rtol=1e-3)
+    assert np.all(np.abs(response(5e5, 0) / response(1e10, 0) - 1) > 0.01)
