@@ -64,7 +64,7 @@ class MeasuredModes:
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """Texts of a table: frequency, 95 %, damping in %, 95 %, the model's, MAC, outputs; `missing` for no mode."""
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for i in range(len(self.freq_hz)):
             own = number(self.freq_hz[i], digits(self.freq_hz[i], self.freq_std[i])), number(1.96 * self.freq_std[i], 2)
             damping = percent(self.zeta[i], digits(self.zeta[i], self.zeta_std[i])), percent(1.96 * self.zeta_std[i], 2)

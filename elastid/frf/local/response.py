@@ -298,17 +298,12 @@ def _refuse_dead_inputs(first: Record, spectra: Sequence[SettledSpectra]) -> Non
 
 
 def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[WindowTerms]:
-    """The models for a line: one polynomial; or polynomial and rational of one order less, and rational.
-
-    Beside a transient there is no polynomial: its error within a resonance, too small for the residual of one window to
-    show, is that of its neighbours, and moves the frequency of the mode.
-    """
+    """The models for a line: one polynomial; or polynomial and rational of one order less, and rational."""
     d = spec.local_order
     if spec.method == "local_polynomial":
         return [WindowTerms(n_u, 2 if d == "auto" else d, 0, transient)]
     d = 3 if d == "auto" else d
     orders = [(d - 1, 0), (d - 1, d - 1), (d, d)] if d > 1 else [(1, 0), (1, 1)]
-    orders = orders[1:] if transient else orders
     return [WindowTerms(n_u, order, poles, transient) for order, poles in orders]
 
 

@@ -194,7 +194,7 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
     picker = pole_picker(content.modes, content.has_modal_section)
     further = [asset(name) for data, name in ((viewer, "mode_viewer.js"), (picker, "pole_picker.js")) if data]
     scripts = (*curve_scripts(), *further)
-    names = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
+    names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
     names |= {"pole_picker": picker, "has_modal_section": content.has_modal_section}
     return render("responses.html.j2", content, figures, responses, scripts, **names)
 
