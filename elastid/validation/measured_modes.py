@@ -1,7 +1,7 @@
 r"""Modes of the measured responses of a robot beside those of its identified model, and modes that the model lacks.
 
-A measured mode belongs to the model's mode of near frequency, within 10 % or the smaller half width, and like shape, each to
-one; their shapes at the outputs, psi of the measurement and C phi of the model, are compared by
+A measured mode belongs to the model's mode of near frequency, within 10 % or the smaller half width, and like shape,
+each to one; their shapes at the outputs, psi of the measurement and C phi of the model, are compared by
 
 .. math:: \mathrm{MAC} = \frac{|\psi^H C \phi|^2}{\psi^H \psi\; (C \phi)^H C \phi}
 

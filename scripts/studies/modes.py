@@ -45,7 +45,7 @@ BENCH = Configuration("bench", np.zeros(0))
 SPECS = {
     "multisine": EstimatorSpec(),
     "random": EstimatorSpec(method="h1"),
-    "hammer": EstimatorSpec(method="local_rational", resolution_hz=0.125),
+    "hammer": EstimatorSpec(method="local_rational", resolution_hz=0.04),
 }
 
 
