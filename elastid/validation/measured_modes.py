@@ -106,12 +106,13 @@ def modes_beside(
     (own,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, theta)
     agreement = mac(own.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((own.n_modes, 0))
     partner = _partners(own, known.freq_hz, known.zeta, agreement)
-    values = np.vstack([known.freq_hz, known.zeta])
-    of_model = np.array([(np.nan, np.nan) if k < 0 else values[:, k] for k in partner]).reshape(-1, 2)
+    model_hz, model_zeta = (
+        np.array([np.nan if k < 0 else values[k] for k in partner]) for values in (known.freq_hz, known.zeta)
+    )
     overlap = np.array([np.nan if k < 0 else agreement[r, k] for r, k in enumerate(partner)])
     missed = np.array([_is_missed(own, r, response, modelled) for r in range(own.n_modes)], dtype=bool)
     return MeasuredModes(
-        own.configuration, own.freq_hz, own.freq_std, own.zeta, own.zeta_std, *of_model.T, overlap,
+        own.configuration, own.freq_hz, own.freq_std, own.zeta, own.zeta_std, model_hz, model_zeta, overlap,
         (partner < 0) & missed, tuple(_seen(own, r) for r in range(own.n_modes)),
     )  # fmt: skip
 
