@@ -241,7 +241,8 @@ STAGES = (
     Stage(
         "report", (FRF, FRF_RESPONSES), ("report.html", "figures", "modes.csv", "modes.h5"),
         "elastid.app.stages.report:report_responses",
-        values=values("name", "estimator", "modal", "text", "report"), sources=(Source("estimate"),),
+        values=values("name", "experiment", "estimator", "modal", "text", "report"), sources=(Source("estimate"),),
+        files=responses,
     ),
     Stage(
         "design", (FRICTION,), ("plan.h5",), "elastid.app.stages.friction:design_motions",

@@ -36,13 +36,14 @@ _FURTHER: dict[str, dict[str, float]] = {
     "kg*m^2": {"g*m^2": 1e-3, "kg*cm^2": 1e-4},
     "m": {"mm": 1e-3, "um": 1e-6},
     "m/s": {"mm/s": 1e-3},
+    "m/s^2": {"mm/s^2": 1e-3},
     "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
     "Hz": {"kHz": 1e3},
 }
 # Dimensions with an SI unit alone.
 _SI_ALONE = (
     "1/s", "1/s^2", "N*m/A", "N*m/rad^2", "N*m/rad^3", "N/m^2", "N/m^3", "N*m*s^2/rad^2", "N*s^2/m^2", "N*m/s", "N/s",
-    "N*m/K", "N/K", "rad/(s*K)", "m/(s*K)", "degC", "K", "W/K", "m/s^2", "m/s^3",
+    "N*m/K", "N/K", "rad/(s*K)", "m/(s*K)", "degC", "K", "W/K", "m/s^3",
 )  # fmt: skip
 # unit: (dimension, factor to SI). Closed on purpose: any other unit is refused with the list of those that fit.
 TABLE: dict[str, tuple[str, float]] = {

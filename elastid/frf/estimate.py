@@ -26,6 +26,7 @@ from elastid.frf.covariance import (
 )
 from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error, friction_bias
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
+from elastid.frf.hits import hit_notes
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power
@@ -82,7 +83,7 @@ def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> Frequency
     method, notes = _choose_without_period(records, spec)
     spec = replace(spec, method=method)
     response = local_response(records, spec) if method in LOCAL else welch_response(records, spec)
-    return replace(response, notes=(*notes, *response.notes, *channel_notes(response)))
+    return replace(response, notes=(*notes, *response.notes, *hit_notes(records), *channel_notes(response)))
 
 
 def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tuple[Method, tuple[Note, ...]]:

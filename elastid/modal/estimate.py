@@ -55,6 +55,7 @@ class ModeLimits:
     wide_damping: float = 0.2  # half of its 95 % interval over the damping, from which on it is reported
     twin_share: float = 0.1  # of the stronger one's residue
     undamped_std: float = 4.0  # standard deviations by which a damping is below 0
+    lines_in_width: float = 1.5  # of a resonance between its half powers, below which its damping is doubtful
     chosen_distance: float = 0.05  # of a pole from the frequency that it was chosen by, relative
 
 
@@ -300,7 +301,7 @@ def _gathered(
         np.array(participations, complex).reshape(-1, n_u).T,
         phase_collinearity(shape_matrix) if shapes else np.empty(0), orders.astype(int), chance,
         response.freq_hz, synthesis, np.sqrt(np.mean(np.abs(response.G - synthesis) ** 2, axis=(1, 2)) / power),
-        stated, mode_indicators(response.G), diagram, _damping_notes(modes, response),
+        stated, mode_indicators(response.G), diagram, (*_damping_notes(modes, response), *_line_notes(modes, response)),
     )  # fmt: skip
 
 
@@ -346,6 +347,24 @@ def _damping_notes(modes: Sequence[_FittedMode], response: FrequencyResponse) ->
         f"interval, {narrower**2} times as many bring it below {percent(LIMITS.wide_damping, 2)}"
     )
     return (Note("uncertain-damping", text, response.configuration.name, severity="information"),)
+
+
+def _line_notes(modes: Sequence[_FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
+    """A note on modes whose half-power width 2 zeta f holds too few lines: records too short for their damping."""
+    spacing = float(np.median(np.diff(response.freq_hz)))
+    lines = np.array([2 * mode.zeta * mode.freq_hz / spacing for mode in modes])
+    if not np.any(lines < LIMITS.lines_in_width):
+        return ()
+    worst, count = int(np.argmin(lines)), int(np.sum(lines < LIMITS.lines_in_width))
+    mode = modes[worst]
+    unit, per_line = ("Hz", " s") if response.rate_is_known else ("of the sampling rate", " samples")
+    text = (
+        f"the resonances of {count} of {len(modes)} modes are narrower than {LIMITS.lines_in_width:g} lines, that at "
+        f"{mode.freq_hz:.4g} {unit} has {lines[worst]:.2g}: too few for its damping of {percent(mode.zeta, 2)}; lines "
+        f"{mode.zeta * mode.freq_hz / 2:.2g} {unit} apart, of {2 / (mode.zeta * mode.freq_hz):.3g}{per_line} and more "
+        "of record or period, hold four; of a long record resolution_hz brings them closer"
+    )
+    return (Note("narrow-resonances", text, response.configuration.name),)
 
 
 def _second_singular_value(s: FloatArray, std: FloatArray) -> float:

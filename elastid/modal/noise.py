@@ -17,7 +17,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.optimize import nnls
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.response import FrequencyResponse
+from elastid.response import Covariance, FrequencyResponse
 
 # Lines of a median of differences, and of a mean of stated variances or of residuals.
 DIFFERENCE_LINES, MEAN_LINES = 41, 41
@@ -37,8 +37,19 @@ def line_variance(response: FrequencyResponse) -> FloatArray:
         covariance = response.noise
     if covariance is None or not has_variance(response):
         return floored(by_differences(response.freq_hz, response.G), power)
-    is_known = covariance.dof > MANY_DOF
-    return floored(covariance.variance if is_known else smoothed(covariance.variance, power), power)
+    if covariance.dof > MANY_DOF:
+        return floored(covariance.variance, power)
+    # The part by the inputs is known line by line: of hits it is as uneven as their spectrum.
+    of_inputs = _of_inputs(covariance)
+    return floored(of_inputs * smoothed(covariance.variance / of_inputs, power), power)
+
+
+def _of_inputs(covariance: Covariance) -> FloatArray:
+    """Variance (F, 1, n_u) of G by noise of variance 1 at the outputs, over its mean; 1 where it is not known."""
+    if covariance.left is None:
+        return np.ones((1, 1, 1))
+    own = np.einsum("fuu->fu", covariance.left).real[:, None, :]
+    return np.asarray(own / own.mean(axis=0))
 
 
 def has_variance(response: FrequencyResponse) -> bool:

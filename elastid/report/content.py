@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -29,6 +30,7 @@ from elastid.validation.twin_run import NO_TWIN, TwinFindings
 if TYPE_CHECKING:
     from elastid.modal.modes import Modes  # brings SciPy's linear algebra
     from elastid.modal.spec import GeometrySpec
+    from elastid.validation.measured_modes import MeasuredModes
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,7 @@ class ReportContent:
     contents: Mapping[str, str] | None = None
     twin: TwinFindings = NO_TWIN
     gears: GearResult | None = None
+    measured_modes: tuple[MeasuredModes, ...] = ()
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:
@@ -74,9 +77,10 @@ class ReportContent:
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
-        """Those of the fit, then those of the measured responses; the same from many places once, with a count."""
+        """Those of the fit, its missing modes, then of the measured responses; the same from many places once."""
+        missing = (note for own in self.measured_modes for note in own.notes)
         notes = (note for measured, _ in self.frf for note in measured.notes)
-        return grouped((*self.result.notes, *notes))
+        return grouped((*self.result.notes, *missing, *notes))
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,11 @@ class ResponsesContent:
         """Those of the modes and responses; the same from many places once, with a count."""
         own = [note for modes in self.modes for note in modes.notes]
         return grouped((*own, *(note for response in self.responses for note in response.notes)))
+
+    @property
+    def has_modal_section(self) -> bool:
+        """True where the study has a section `modal`, to which a line can be added."""
+        return re.search(r"^modal *:", self.study_text, re.MULTILINE) is not None
 
     @property
     def mode_rows(self) -> tuple[ModeRow, ...]:

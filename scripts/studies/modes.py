@@ -4,7 +4,7 @@
 
 Random structures of 3 to 12 modes of 0.3 to 3 % damping, 512 samples a second, band to 0.4 of the rate; noise of 0.1 to
 3 % of each output's rms.  multisine: two realisations of three periods of 8 s; random: 60 s, h1; hammer: six hits in
-48 s, local_rational on lines 0.125 Hz apart.  Each response by `estimate`, its modes by `estimate_modes`.
+48 s, local_rational on lines 0.04 Hz apart.  Each response by `estimate`, its modes by `estimate_modes`.
 
 noise: records whose outputs are noise alone, 1 x 1 and 3 x 1.  found: share of the modes whose peak is above three
 standard deviations of the response there.  false: modes that are none, over modes.  held: share of the 95 % intervals,
@@ -45,7 +45,7 @@ BENCH = Configuration("bench", np.zeros(0))
 SPECS = {
     "multisine": EstimatorSpec(),
     "random": EstimatorSpec(method="h1"),
-    "hammer": EstimatorSpec(method="local_rational", resolution_hz=0.125),
+    "hammer": EstimatorSpec(method="local_rational", resolution_hz=0.04),
 }
 
 

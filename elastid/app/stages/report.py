@@ -16,7 +16,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
-from elastid.modal.spec import ModalSpec
+from elastid.modal.spec import GeometrySpec, ModalSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.content import ReportContent, dense_models
@@ -54,10 +54,12 @@ def report(
     compare: Path | None = None,
 ) -> Artefacts:
     """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
+    from elastid.validation.measured_modes import measured_modes  # SciPy's linear algebra
+
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     validation, friction = read_validation(validate_file), read_friction(estimate_file)
     fitted, gears = FittedRobot.of(result, robot, responses, model, read_motion(fit_file)), read_gears(gears_file)
-    final = with_gears(result, gears)
+    final, measured = with_gears(result, gears), measured_modes(fitted)
     content = ReportContent(
         *(name, validation.verdict, final, tuple(zip(responses, fitted.responses, strict=True)), validation),
         *(modes_of(fitted), text, work.stamp.shown),
@@ -74,8 +76,10 @@ def report(
         twin=read_twin(validate_file, "validation"),
         contents=contents(robot, experiment.simulated is not None, friction, result.parameters.free),
         gears=gears,
+        measured_modes=measured,
     )
-    return page_artefacts(write_report, content, report, work)
+    lines = [f"report: {own.configuration}: {note.text}" for own in measured for note in own.notes]
+    return page_artefacts(write_report, content, report, work, lines=lines)
 
 
 def page_artefacts(
@@ -103,11 +107,13 @@ def page_artefacts(
 def report_responses(
     *,
     name: str,
+    experiment: ExperimentSpec,
     estimator: EstimatorSpec,
     modal: ModalSpec,
     text: str,
     report: ReportSpec,
     estimate_file: Path,
+    files: Path,
     work: Work,
 ) -> Artefacts:
     """The page, figures, modes.csv and modes.h5 of responses without a robot."""
@@ -122,7 +128,8 @@ def report_responses(
     # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
     if friction is not None and estimator.friction == "auto" and not friction.shapes:
         friction = None
-    content = ResponsesContent(name, responses, modes, text, work.stamp.shown, friction, modal.geometry)
+    geometry = modal.geometry or _geometry_of_files(experiment, files)
+    content = ResponsesContent(name, responses, modes, text, work.stamp.shown, friction, geometry)
     lines = []
     for own in modes:
         frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in own.freq_hz)
@@ -134,3 +141,13 @@ def report_responses(
         "modes.h5": lambda path, stamp: write_modes(path, modes, stamp),
     }
     return page_artefacts(write_page_of_responses, content, report, work, tables, lines)
+
+
+def _geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec | None:
+    """That of the first universal file with nodes of its outputs; None where no file has any."""
+    from elastid.recorded.responses.universal import is_universal_file, uff_geometry
+
+    spec = experiment.responses
+    paths = () if spec is None else (folder / file.path for file in spec.files)
+    found = (uff_geometry(path, spec.channels) for path in paths if spec is not None and is_universal_file(path))
+    return next((geometry for geometry in found if geometry is not None), None)

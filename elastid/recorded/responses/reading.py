@@ -27,13 +27,11 @@ from elastid.recorded.link_side import MAX_COMPUTABLE, link_side_factor, to_join
 from elastid.recorded.responses.table import (
     ResponseTable,
     dataset_table,
-    is_universal_file,
     struct_table,
     structs_in,
     text_table,
-    uff_contents,
-    uff_table,
 )
+from elastid.recorded.responses.universal import is_universal_file, uff_contents, uff_table
 from elastid.response import Covariance, FrequencyResponse
 
 
@@ -89,7 +87,7 @@ def link_side_response(
     variance = None if table.variance is None else table.variance[order][:, rows][:, :, columns]
     if variance is not None:
         good &= np.isfinite(variance).all(axis=(1, 2))
-    notes = _left_out(table, freq_hz, good)
+    notes = (*table.notes, *_left_out(table, freq_hz, good))
     freq_hz, G = freq_hz[good], G[good]
     _refuse_uncomputable(table.path, G, outputs, inputs)
     if np.any(np.diff(freq_hz) == 0):

@@ -30,7 +30,7 @@ from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings, dr
 from elastid.report.figures.style import own_style
 from elastid.report.gear_content import gear_line, gear_table, seen_words
 from elastid.report.page import booklet
-from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
+from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, pole_picker, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
 from elastid.response import FrequencyResponse
 
@@ -160,7 +160,8 @@ def render(
     environment.filters |= {"grouped": grouped, "friction_rows": friction_rows}
     environment.filters["coded"] = _coded
     environment.filters |= {"gear_table": gear_table, "gear_line": gear_line, "seen_words": seen_words}
-    names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts, "mode_viewer": ""} | values
+    names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts} | values
+    names = {"mode_viewer": "", "pole_picker": ""} | names
     return environment.get_template(template).render(names, asset=asset, policy=script_policy(scripts))
 
 
@@ -199,13 +200,12 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
     """The page; every text from a study or a file is escaped."""
     responses = explorer(list(zip(content.responses, content.synthesised, strict=True)))
     viewer = mode_viewer(content.mode_rows, content.rate_is_known)
-    scripts = (*curve_scripts(), asset("mode_viewer.js")) if viewer else curve_scripts()
-    questions = overview.questions_of_responses(content)
-    names = {
-        "questions": questions,
-        "frequency_unit": style.frequency_unit(content.rate_is_known),
-        "mode_viewer": viewer,
-    }
+    picker = pole_picker(content.modes, content.has_modal_section)
+    further = [asset(name) for data, name in ((viewer, "mode_viewer.js"), (picker, "pole_picker.js")) if data]
+    scripts = (*curve_scripts(), *further)
+    names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
+    names |= {"pole_picker": picker, "has_modal_section": content.has_modal_section}
+    names["questions"] = overview.questions_of_responses(content)
     return render("responses.html.j2", content, figures, responses, scripts, **names)
 
 

@@ -1,0 +1,170 @@
+"""Faults of hammer tests in records without a period: double hits, overloads, wrong triggers, drift.
+
+A channel is a hammer's where its force is far from 0 in a few samples only.  Pulses are runs of samples beyond a tenth
+of the largest one; two within 0.15 s are one hit that bounced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.display import percent
+from elastid.base.note import Note
+from elastid.record import Record
+
+
+@dataclass(frozen=True)
+class HitLimits:
+    """Judgement of hits.  False alarms of 300 clean logs of hits: 0 of each (`scripts/studies/hammer_faults.py`)."""
+
+    beyond: float = 0.1  # of the largest sample, where a pulse begins
+    share: float = 0.02  # of samples of a hammer's force in pulses, at most
+    bounce_s: float = 0.15  # between two pulses of one hit, at most
+    run: int = 3  # samples at exactly the limit of a channel
+    run_share: float = 0.08  # of a pulse
+    drift: float = 0.5  # change of the mean along a record over the rms about it
+    drift_std: float = 6.0  # and over its standard deviation
+    blocks: int = 20  # of a record, of which means are taken
+
+
+LIMITS = HitLimits()
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """first, last (n,): samples of each pulse of a force u (N,); size (n,): its largest |u|."""
+
+    first: IntArray
+    last: IntArray
+    size: FloatArray
+
+    @classmethod
+    def of(cls, u: FloatArray) -> Pulses | None:
+        """The pulses of a hammer; None for another force."""
+        x = np.abs(u - np.median(u))
+        beyond = x > LIMITS.beyond * x.max(initial=0.0)
+        if not beyond.any() or beyond.mean() > LIMITS.share:
+            return None
+        first, last = runs(beyond)
+        size = [x[a : b + 1].max() for a, b in zip(first, last, strict=True)]
+        return cls(first, last, np.array(size))
+
+    def bounces(self, rate_hz: float) -> IntArray:
+        """Pulses (m,) that follow another within a hit."""
+        gap = np.diff(self.first) / rate_hz
+        return np.flatnonzero(gap < LIMITS.bounce_s) + 1
+
+
+def runs(flags: BoolArray) -> tuple[IntArray, IntArray]:
+    """First and last index (n,) of each run of True.
+
+    >>> [index.tolist() for index in runs(np.array([True, False, True, True]))]
+    [[0, 2], [0, 3]]
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return edges[::2], edges[1::2] - 1
+
+
+def hit_notes(records: Sequence[Record]) -> tuple[Note, ...]:
+    """Notes on records of hits; none where no input is a hammer's."""
+    return tuple(note for record in records for note in _notes(record))
+
+
+def _notes(record: Record) -> Iterator[Note]:
+    forces = [(name, record.u[:, j], Pulses.of(record.u[:, j])) for j, name in enumerate(record.inputs)]
+    hit = [(name, u, pulses) for name, u, pulses in forces if pulses is not None]
+    if not hit:
+        return
+    for name, u, pulses in hit:
+        yield from _double_hits(record, name, pulses)
+        yield from _wrong_trigger(record, name, u, pulses)
+        yield from _overload_of_force(record, name, u, pulses)
+    outputs = [(name, record.y[:, i]) for i, name in enumerate(record.outputs)]
+    yield from _overload_of_answers(record, outputs)
+    yield from _drift(record, outputs)
+
+
+def _note(record: Record, code: str, text: str) -> Note:
+    return Note(code, text, f"configuration {record.configuration.name}, record {record.name}")
+
+
+def _double_hits(record: Record, name: str, pulses: Pulses) -> Iterator[Note]:
+    bounces = pulses.bounces(record.rate_hz)
+    if len(bounces):
+        gap = (pulses.first[bounces] - pulses.first[bounces - 1]) / record.rate_hz
+        strength = pulses.size[bounces] / pulses.size[bounces - 1]
+        worst = int(np.argmax(strength))
+        yield _note(
+            record,
+            "double-hit",
+            f"{len(bounces)} of {len(pulses.first) - len(bounces)} hits of {name} are double, one with a second blow "
+            f"{1000 * gap[worst]:.3g} ms later and {percent(strength[worst], 2)} as strong: the force has dips every "
+            f"{1 / gap[worst]:.3g} Hz, where the response is uncertain; leave the hit out with samples: [first, last], "
+            "or hit again with a lighter hammer",
+        )
+
+
+def _wrong_trigger(record: Record, name: str, u: FloatArray, pulses: Pulses) -> Iterator[Note]:
+    if pulses.first[0] == 0:
+        text = (
+            f"begins within a hit of {name}: its first sample is at {percent(abs(u[0]) / pulses.size.max(), 2)} of the "
+            "largest force, so that the rise of the force is lost and the response is too large; set a pretrigger of "
+            "some milliseconds"
+        )
+        yield _note(record, "wrong-trigger", text)
+    if pulses.last[-1] == len(u) - 1:
+        text = f"ends within a hit of {name}, whose answer is not in it; record for longer after the trigger"
+        yield _note(record, "wrong-trigger", text)
+
+
+def _overload_of_force(record: Record, name: str, u: FloatArray, pulses: Pulses) -> Iterator[Note]:
+    top = float(np.abs(u).max())
+    flat = 0
+    for a, b in zip(pulses.first, pulses.last, strict=True):
+        first, last = runs(np.abs(u[a : b + 1]) == top)
+        longest = int(np.max(last - first + 1, initial=0))
+        flat += longest >= max(LIMITS.run, LIMITS.run_share * (b - a + 1))
+    if flat:
+        text = (
+            f"{flat} of {len(pulses.first)} hits of {name} stay at {top:.4g} for {LIMITS.run} samples and more: the "
+            "amplifier is overloaded, and the response too large; hit more softly, or take a wider range"
+        )
+        yield _note(record, "overload", text)
+
+
+def _overload_of_answers(record: Record, outputs: Iterable[tuple[str, FloatArray]]) -> Iterator[Note]:
+    found = []
+    for name, y in outputs:
+        visits = 0
+        for limit in (y.max(), y.min()):
+            first, last = runs(y == limit)
+            visits += int(np.sum(last - first + 1 >= LIMITS.run))
+        if visits > 1 and np.ptp(y) > 0:
+            found.append(f"{name} ({visits} times)")
+    if found:
+        text = (
+            f"stays at the end of its range at {', '.join(found)}: overloaded, which looks like damping; "
+            "hit more softly, or take a wider range"
+        )
+        yield _note(record, "overload", text)
+
+
+def _drift(record: Record, outputs: Iterable[tuple[str, FloatArray]]) -> Iterator[Note]:
+    """By a line through the means of blocks."""
+    for name, y in outputs:
+        means = np.array([block.mean() for block in np.array_split(y, LIMITS.blocks)])
+        x = np.linspace(-0.5, 0.5, LIMITS.blocks)
+        slope = float(x @ means / (x @ x))
+        rest = means - means.mean() - slope * x
+        std = float(np.sqrt(rest @ rest / (LIMITS.blocks - 2) / (x @ x)))
+        rms = float(np.std(y - slope * np.linspace(-0.5, 0.5, len(y))))
+        if abs(slope) > LIMITS.drift * rms and abs(slope) > LIMITS.drift_std * std:
+            text = (
+                f"{name} drifts by {slope:.3g} along the record, {abs(slope) / rms:.2g} times the rms of its motion: "
+                "low frequencies are not to be trusted; let the sensor warm up, or take band_hz above them"
+            )
+            yield _note(record, "drift", text)

@@ -1,0 +1,161 @@
+r"""Modes of the measured responses of a robot beside those of its identified model, and modes that the model lacks.
+
+A measured mode belongs to the model's mode of near frequency, within 10 % or the smaller half width, and like shape,
+each to one; their shapes at the outputs, psi of the measurement and C phi of the model, are compared by
+
+.. math:: \mathrm{MAC} = \frac{|\psi^H C \phi|^2}{\psi^H \psi\; (C \phi)^H C \phi}
+
+A mode without one is lacking where the model also misses the response there: at the line of its peak by more than half
+of the height of the peak |R| / (zeta omega), which itself is more than eight standard deviations.  Friction bends
+resonances of a right model by less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, IntArray, frozen_value
+from elastid.base.display import digits, number, percent
+from elastid.base.note import Note
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.modes import modes as modes_of_model
+from elastid.modal.estimate import modes_of_responses
+from elastid.modal.modes import Modes
+from elastid.modal.shapes import mac
+from elastid.modal.spec import ModalSpec
+from elastid.response import FrequencyResponse
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Judgement of measured modes.  False alarms of 300 right models: 0 (`scripts/studies/missing_modes.py`)."""
+
+    distance: float = 0.1  # relative, of frequencies of one mode
+    mac: float = 0.5  # of one mode, where frequencies are further apart than the smaller half width
+    missed_share: float = 0.5  # of a peak's height, by which the model misses the response there
+    height_std: float = 8.0
+    seen_share: float = 0.3  # of the largest entry of a shape, from which on an output is named
+
+
+LIMITS = Limits()
+
+
+@frozen_value
+class MeasuredModes:
+    """Of one configuration: frequencies (n,) and dampings (n,) with standard deviations, measured.
+
+    model_hz, model_zeta, mac (n,): of the model's mode that each belongs to; NaN for none.  is_missing (n,): the model
+    lacks it.  seen (n,): the outputs that move most.
+    """
+
+    configuration: str
+    freq_hz: FloatArray
+    freq_std: FloatArray
+    zeta: FloatArray
+    zeta_std: FloatArray
+    model_hz: FloatArray
+    model_zeta: FloatArray
+    mac: FloatArray
+    is_missing: BoolArray
+    seen: tuple[str, ...]
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """Texts of a table: frequency, 95 %, damping in %, 95 %, the model's, MAC, outputs; `missing` for no mode."""
+        rows: list[tuple[str, ...]] = []
+        for i in range(len(self.freq_hz)):
+            own = number(self.freq_hz[i], digits(self.freq_hz[i], self.freq_std[i])), number(1.96 * self.freq_std[i], 2)
+            damping = percent(self.zeta[i], digits(self.zeta[i], self.zeta_std[i])), percent(1.96 * self.zeta_std[i], 2)
+            model = number(self.model_hz[i], 4), percent(self.model_zeta[i], 2), number(self.mac[i], 2)
+            none = "missing" if self.is_missing[i] else "-", "", ""
+            rows.append((*own, *damping, *(model if np.isfinite(self.model_hz[i]) else none), self.seen[i]))
+        return rows
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """A note on each mode that the model lacks."""
+        return tuple(
+            Note(
+                "missing-mode",
+                f"a mode at {number(self.freq_hz[i], 3)} Hz, {percent(self.zeta[i], 2)} damping, seen at "
+                f"{self.seen[i]}, is in the measured response and not in the model: something on a spring of its own, "
+                "of the structure, the base or the tool, is missing in the robot's file; give it a joint without a "
+                "motor there",
+                self.configuration,
+            )
+            for i in np.flatnonzero(self.is_missing)
+        )
+
+
+def measured_modes(fitted: FittedRobot) -> tuple[MeasuredModes, ...]:
+    """The measured modes of each configuration, beside those of the model."""
+    return tuple(
+        modes_beside(response, modelled, linear, fitted.theta_of(response.configuration.name))
+        for response, modelled, linear in zip(fitted.measured, fitted.responses, fitted.linear, strict=True)
+    )
+
+
+def modes_beside(
+    response: FrequencyResponse, modelled: FrequencyResponse, linear: LinearModel, theta: FloatArray
+) -> MeasuredModes:
+    """The modes of a measured response beside those of a linear model at theta (n_theta,), which answers `modelled`."""
+    (own,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, theta)
+    agreement = mac(own.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((own.n_modes, 0))
+    partner = _partners(own, known.freq_hz, known.zeta, agreement)
+    model_hz, model_zeta = (
+        np.array([np.nan if k < 0 else values[k] for k in partner]) for values in (known.freq_hz, known.zeta)
+    )
+    overlap = np.array([np.nan if k < 0 else agreement[r, k] for r, k in enumerate(partner)])
+    missed = np.array([_is_missed(own, r, response, modelled) for r in range(own.n_modes)], dtype=bool)
+    return MeasuredModes(
+        own.configuration, own.freq_hz, own.freq_std, own.zeta, own.zeta_std, model_hz, model_zeta, overlap,
+        (partner < 0) & missed, tuple(_seen(own, r) for r in range(own.n_modes)),
+    )  # fmt: skip
+
+
+def _partners(own: Modes, freq_hz: FloatArray, zeta: FloatArray, agreement: FloatArray) -> IntArray:
+    """The model's mode (n,) of each measured one, -1 for none: nearest in frequency and shape, each taken once."""
+    from scipy.optimize import linear_sum_assignment
+
+    gap = np.abs(own.freq_hz[:, None] - freq_hz)
+    width = np.minimum((own.freq_hz * own.zeta)[:, None], freq_hz * zeta)
+    distance = gap / np.maximum(LIMITS.distance * own.freq_hz[:, None], width)
+    far = (distance >= 1) | ((gap > width) & (agreement < LIMITS.mac))
+    rows, columns = linear_sum_assignment(np.where(far, 1e3, distance + 1 - agreement))
+    partners = np.full(own.n_modes, -1)
+    partners[rows] = np.where(far[rows, columns], -1, columns)
+    return partners
+
+
+def _is_missed(own: Modes, r: int, response: FrequencyResponse, modelled: FrequencyResponse) -> bool:
+    """True where the model misses the response by much of the height of a clear peak, in its strongest element."""
+    residue = np.abs(np.outer(own.shapes[:, r], own.participation[:, r]))
+    i, j = np.unravel_index(int(np.argmax(residue)), residue.shape)
+    height = residue[i, j] / (2 * np.pi * own.freq_hz[r] * own.zeta[r])
+    line = int(np.argmin(np.abs(response.freq_hz - own.freq_hz[r])))
+    error = abs(response.G[line, i, j] - modelled.G[line, i, j])
+    covariance = response.uncertainty
+    std = 0.0 if covariance is None else float(np.sqrt(covariance.variance[line, i, j]))
+    return bool(error > LIMITS.missed_share * height and height > LIMITS.height_std * std)
+
+
+def _seen(own: Modes, r: int) -> str:
+    size = np.abs(own.shapes[:, r])
+    return _listed([own.outputs[k] for k in np.flatnonzero(size >= LIMITS.seen_share * size.max())])
+
+
+def _listed(names: Sequence[str]) -> str:
+    """`motors 2 and 3` of `motor 2` and `motor 3`; other names one by one.
+
+    >>> _listed(["motor 2", "motor 3"]), _listed(["motor 1", "tool x"])
+    ('motors 2 and 3', 'motor 1 and tool x')
+    """
+    kinds = {name.partition(" ")[0] for name in names}
+    if len(names) > 1 and kinds == {"motor"}:
+        names = [name.partition(" ")[2] for name in names]
+        return f"motors {_listed(names)}"
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
