@@ -138,7 +138,7 @@ def postures_that_are_all_near_a_singular_one(desk: Desk) -> None:
 
 @case("design/design.py", "lower count", slow=True)
 def more_configurations_than_candidates(desk: Desk) -> None:
-    from design.test_design import PROBLEM
+    from tests.design.test_design import PROBLEM
 
     def refused(count: int) -> str:
         assert PROBLEM.design is not None
@@ -159,7 +159,7 @@ def one_joint_as(robot: Robot, **changes: Any) -> Robot:
 
 @case("design/design.py", "raise excitation.torque_rms")
 def motor_that_friction_holds(desk: Desk) -> None:
-    from design.test_design import PROBLEM, TWO
+    from tests.design.test_design import PROBLEM, TWO
 
     motor = TWO.bodies[0].joints[0].motor
     assert motor is not None
@@ -176,7 +176,7 @@ def motor_that_friction_holds(desk: Desk) -> None:
 
 @case("design/design.py", "lower excitation.torque_rms", slow=True)
 def amplitude_that_stiffens_a_spring(desk: Desk) -> None:
-    from design.test_design import PROBLEM, TWO
+    from tests.design.test_design import PROBLEM, TWO
 
     spring = TWO.bodies[0].joints[0].spring
     assert spring is not None
@@ -218,7 +218,7 @@ def loop_too_slow_for_slow_passes(desk: Desk) -> None:
 
 def simulated(torque_rms: float, limits: Limits, saturation: bool = False) -> str:
     """Why an axis cannot be measured under a multisine, or the notes on its record."""
-    from design.test_design import PROBLEM, TWO
+    from tests.design.test_design import PROBLEM, TWO
 
     robot = one_joint_as(TWO, limits=limits)
     experiment = ExperimentSpec({"a": (0.1, 0.2)}, ramp=0.0, simulated=SimulatedSpec(saturation=saturation))
@@ -245,7 +245,7 @@ def multisine_beyond_the_limits(desk: Desk) -> None:
 
 @case("use/command/moves.py", "widen robot.bodies.joints.limits.angle", slow=True)
 def path_beyond_the_limits_of_a_joint(desk: Desk) -> None:
-    from design.test_design import TWO
+    from tests.design.test_design import TWO
 
     wide = replace(TWO, frames=(Frame("tool", "fore", Placement((0.4, 0, 0))),))
     narrow = one_joint_as(wide, limits=Limits((-2.0, 0.3)))
@@ -260,7 +260,7 @@ def path_beyond_the_limits_of_a_joint(desk: Desk) -> None:
 
 @case("fit/diagnosis/status.py", "raise fit.starts", "lower fit.start_factor", slow=True)
 def optimum_that_one_start_reached(desk: Desk) -> None:
-    from design.test_design import TWO
+    from tests.design.test_design import TWO
 
     rng, model = np.random.default_rng(0), formulate(TWO)
     responses, freq_hz = list[FrequencyResponse](), np.linspace(3, 60, 40)
