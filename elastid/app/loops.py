@@ -246,11 +246,11 @@ def sentences(loops: Loops) -> tuple[str, ...]:
     if loops.count:
         kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
         lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures")
+    if loops.steps is None:
+        return (*lines, f"steps are not simulated: {loops.no_steps}")
     overshoot, settled = loops.steps.overshoot.max(), loops.steps.settled_s.max()
-    lines.append(
-        f"steps on the {loops.steps.judge}: {100 * overshoot:.0f} % of overshoot at most, settled in {settled:.2g} s"
-    )
-    return tuple(lines)
+    words = f"{100 * overshoot:.0f} % of overshoot at most, settled in {settled:.2g} s"
+    return (*lines, f"steps on the {loops.steps.judge}: {words}")
 
 
 def state_words(state: LoopState) -> str:

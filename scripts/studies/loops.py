@@ -13,7 +13,7 @@ three postures; gains with the largest bandwidth at 6 dB are designed at 500 Hz 
   identified from its logs to 1 % in each number, the peak of its own loops within 0.15 dB of the model's, and with PD
   gains three and five times as high within 0.3 dB;
 - of draws that the design has not seen, at least 90 % keep 6 dB;
-- from random starts (8, --quick: 2) no better bandwidth than 3 % above the design's is found.
+- from random starts (8, --quick: 2) no better bandwidth than 5 % above the design's is found.
 
 The last line is one JSON object.
 """
@@ -291,7 +291,7 @@ def main() -> None:
     fresh = Scene.of(family.draws(fit, draws, 2), lines=120, per_mode=9)
     worst = fresh.peaks_db(found).reshape(-1, len(postures)).max(axis=1)
     assert noted("fresh draws within 6 dB", float(np.mean(worst <= LIMIT_DB))) >= 0.9
-    assert noted("best of random starts", random_starts(scene, found, 2 if given.quick else 8)) <= 1.03
+    assert noted("best of random starts", random_starts(scene, found, 2 if given.quick else 8)) <= 1.05
     print(json.dumps({"loops": result, "draws": draws}))
 
 
