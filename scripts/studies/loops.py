@@ -233,12 +233,12 @@ def outside_records(rig: Any, kp: FloatArray, kd: FloatArray) -> list[Record]:
 
 
 def random_starts(scene: Scene, found: Cascade, count: int) -> float:
-    """Largest bandwidth that searches from random numbers reach, over that of the design."""
-    rng, best = np.random.default_rng(11), -np.inf
+    """Largest bandwidth that searches from random numbers reach at the peak of the design, over its own."""
+    rng, best, limit_db = np.random.default_rng(11), -np.inf, float(scene.peaks_db(found).max())
     for _ in range(count):
         away = rng.uniform(-1.0, 1.0, len(found.vector))
         low, high = found.bounds(np.inf, RATE_HZ)
-        end = searched(scene, found.at(np.clip(found.vector + away, low, high)), LIMIT_DB)
+        end = searched(scene, found.at(np.clip(found.vector + away, low, high)), limit_db)
         best = best if end is None else max(best, scene.reached(end))
     return float(np.exp(best - scene.reached(found)))
 
