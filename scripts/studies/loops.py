@@ -4,7 +4,8 @@
 
 An arm of two axes, its stiffnesses 15 % off in the catalogue, is identified from noisy records of the simulated rig in
 three postures (--quick: two); gains with the largest bandwidth at 6 dB are designed at 500 Hz with one sample of delay
-on 200 draws (--quick: 20). Then a multisine is injected into the loops that have these gains, and S is measured without a model:
+on 200 draws (--quick: 20). Then a multisine is injected into the loops that have these gains, and S is measured without
+a model:
 
 - on our nonlinear twin with the true numbers, and in MuJoCo, whose controller is written out here: the largest S over
   the excited lines is within 0.15 dB of the predicted one, the same posture has it, and all steps settle;
