@@ -43,7 +43,7 @@ _ROUNDS, _STEPS, _REACH = 8, 12, 0.5  # of the search: each within e^0.5 of wher
 _WORTH = 0.02  # of ln f_B, for which a notch is kept
 _SLOWER, _SLOWEST = 0.98, 200  # factor and most steps of slowing down
 _SOFT = 12.0  # of the minimum over postures, rounded off
-_TURNS = 3  # searches with limits that are lowered by what the draws exceed
+_TURNS = 3  # designs with limits that are lowered by what the draws exceed
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,13 +266,12 @@ def robust(
         """dB by which the 95 % quantile of the draws is above the limit."""
         return float(np.quantile(peaks(own), QUANTILE, method="higher")) - LIMIT_DB if drawn else -np.inf
 
-    for best in design(scene, first_mode_hz, delay, limit_db):
-        say(f"{np.exp(scene.reached(best)):.3g} Hz, {len(best.notches)} notches")
     for _ in range(_TURNS):
-        if (above := excess(best)) <= 0.02:
+        for best in design(scene, first_mode_hz, delay, limit_db):
+            say(f"{np.exp(scene.reached(best)):.3g} Hz, {len(best.notches)} notches")
+        if (above := excess(best)) <= 0.05:
             break
         limit_db -= min(above, 1.5)
-        best = searched(scene, best, limit_db) or best
     found = slowed(best, lambda own: fine.keeps(own, LIMIT_DB) and excess(own) <= 0)
     if found is None:
         raise FitError("no gains keep the sensitivity below 6 dB on 95 % of the draws: the fit knows too little")
