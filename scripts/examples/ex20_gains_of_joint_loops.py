@@ -56,6 +56,5 @@ if __name__ == "__main__":
     axes = figure.subplots()
     for state in (designed, wild):
         axes.semilogx(state.freq_hz, state.sensitivity_db[0], label=state.name)
-    axes.set(xlabel="frequency in Hz", ylabel="sensitivity in dB", ylim=(-40, 20))
-    axes.legend()
+    axes.legend(title="sensitivity in dB over Hz")
     figure.savefig("ex20.png")
