@@ -77,6 +77,12 @@ def loops_study(run: Run, choice: Choice) -> None:
             run.console.table(table)
         for line in sentences(loops):
             run.console.say(f"{NAME}: {line}")
+        if loops.today is not None and (lost := unstable(loops.today)):
+            kind = "simulated" if run.study.experiment.simulated is not None else "recorded"
+            run.console.warn(
+                f"{_place(run, 'experiment', kind, 'controller')}: today's controller ({loops.source}) is unstable at "
+                f"{loops.rate_hz:g} Hz in posture {', '.join(lost)}; take the gains of {run.folder / RESULTS[1]}"
+            )
         if result.status not in TRUSTED:
             run.console.warn(f"{NAME}: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
 
@@ -246,18 +252,22 @@ def sentences(loops: Loops) -> tuple[str, ...]:
     if loops.count:
         kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
         lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures")
+    if loops.steps is None:
+        return (*lines, f"steps are not simulated: {loops.no_steps}")
     overshoot, settled = loops.steps.overshoot.max(), loops.steps.settled_s.max()
-    lines.append(
-        f"steps on the {loops.steps.judge}: {100 * overshoot:.0f} % of overshoot at most, settled in {settled:.2g} s"
-    )
-    return tuple(lines)
+    words = f"{100 * overshoot:.0f} % of overshoot at most, settled in {settled:.2g} s"
+    return (*lines, f"steps on the {loops.steps.judge}: {words}")
+
+
+def unstable(state: LoopState) -> list[str]:
+    """The postures in which a loop is unstable."""
+    return [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]
 
 
 def state_words(state: LoopState) -> str:
     """Stability, bandwidths, peak and margins over all postures."""
-    if not np.isfinite(state.peak_db).all():
-        unstable = [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]
-        return f"unstable in posture {', '.join(unstable)}"
+    if lost := unstable(state):
+        return f"unstable in posture {', '.join(lost)}"
     least = state.bandwidth_hz.min(axis=0)
     each = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))
     rise, phase = 20 * np.log10(state.margins.rise.min()), np.degrees(state.margins.phase.min())

@@ -3,8 +3,9 @@
     python scripts/studies/loops.py [--quick] [--rigs ../shared/rigs]
 
 An arm of two axes, its stiffnesses 15 % off in the catalogue, is identified from noisy records of the simulated rig in
-three postures; gains with the largest bandwidth at 6 dB are designed at 500 Hz with one sample of delay on 200 draws
-(--quick: 40). Then a multisine is injected into the loops that have these gains, and S is measured without a model:
+three postures (--quick: two); gains with the largest bandwidth at 6 dB are designed at 500 Hz with one sample of delay
+on 200 draws (--quick: 20). Then a multisine is injected into the loops that have these gains, and S is measured without
+a model:
 
 - on our nonlinear twin with the true numbers, and in MuJoCo, whose controller is written out here: the largest S over
   the excited lines is within 0.15 dB of the predicted one, the same posture has it, and all steps settle;
@@ -13,7 +14,7 @@ three postures; gains with the largest bandwidth at 6 dB are designed at 500 Hz 
   identified from its logs to 1 % in each number, the peak of its own loops within 0.15 dB of the model's, and with PD
   gains three and five times as high within 0.3 dB;
 - of draws that the design has not seen, at least 90 % keep 6 dB;
-- from random starts (8, --quick: 2) no better bandwidth than 3 % above the design's is found.
+- from random starts (8, --quick: 1) no better bandwidth than 5 % above the design's is found.
 
 The last line is one JSON object.
 """
@@ -27,7 +28,6 @@ import argparse
 import importlib
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -73,10 +73,12 @@ def arm() -> Robot:
     return Robot("arm", (upper, fore))
 
 
-def rig_records(controller: ControllerSpec, seed: int, noise: ei.NoiseSpec) -> dict[str, list[Record]]:
+def rig_records(
+    controller: ControllerSpec, seed: int, noise: ei.NoiseSpec, postures: dict[str, tuple[float, ...]]
+) -> dict[str, list[Record]]:
     """Of the simulated rig with the true numbers under a controller, by posture."""
     simulated = ei.SimulatedSpec(truth=dict(TRUTH), controller=controller, noise=noise)
-    experiment = ei.ExperimentSpec(configurations=POSTURES, realisations=2, simulated=simulated)
+    experiment = ei.ExperimentSpec(configurations=postures, realisations=2, simulated=simulated)
     plan = ei.make_plan(EXCITATION, experiment, arm(), seed=seed)
     rig = ei.SimulatedRig(arm(), experiment, plan, seed=seed)
     records: dict[str, list[Record]] = {}
@@ -85,10 +87,10 @@ def rig_records(controller: ControllerSpec, seed: int, noise: ei.NoiseSpec) -> d
     return records
 
 
-def identified() -> FitResult:
+def identified(postures: dict[str, tuple[float, ...]]) -> FitResult:
     """From records with the noise of common sensors."""
     noise = ei.NoiseSpec(torque_std=0.5, encoder_counts=2**20)
-    records = rig_records(ControllerSpec(), 1, noise)
+    records = rig_records(ControllerSpec(), 1, noise, postures)
     responses = [ei.estimate(own, ei.EstimatorSpec()) for own in records.values()]
     free = {name: ei.ParameterSpec() for name in ("k_*", "d_*")}
     return ei.identify(responses, arm(), ei.FitSpec(parameters=free, starts=1, seed=1))
@@ -233,12 +235,12 @@ def outside_records(rig: Any, kp: FloatArray, kd: FloatArray) -> list[Record]:
 
 
 def random_starts(scene: Scene, found: Cascade, count: int) -> float:
-    """Largest bandwidth that searches from random numbers reach, over that of the design."""
-    rng, best = np.random.default_rng(11), -np.inf
+    """Largest bandwidth that searches from random numbers reach at the peak of the design, over its own."""
+    rng, best, limit_db = np.random.default_rng(11), -np.inf, float(scene.peaks_db(found).max())
     for _ in range(count):
         away = rng.uniform(-1.0, 1.0, len(found.vector))
         low, high = found.bounds(np.inf, RATE_HZ)
-        end = searched(scene, found.at(np.clip(found.vector + away, low, high)), LIMIT_DB)
+        end = searched(scene, found.at(np.clip(found.vector + away, low, high)), limit_db)
         best = best if end is None else max(best, scene.reached(end))
     return float(np.exp(best - scene.reached(found)))
 
@@ -249,8 +251,9 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--rigs", type=Path, default=RIGS)
     given = parser.parse_args()
-    draws = 40 if given.quick else 200
-    fit = identified()
+    draws, starts = (20, 1) if given.quick else (200, 8)
+    chosen: dict[str, tuple[float, ...]] = dict(list(POSTURES.items())[: 2 if given.quick else None])
+    fit = identified(chosen)
     postures = [linear.configuration for linear in fit.linear]
     family = PostureFamily.of(fit, postures, RATE_HZ)
     plants, drawn = family.estimate(), family.draws(fit, draws, 1)
@@ -271,7 +274,7 @@ def main() -> None:
         return value
 
     assert np.mean(peaks <= LIMIT_DB) >= 0.95
-    records = rig_records(replace(spec), 7, ei.NoiseSpec())
+    records = rig_records(spec, 7, ei.NoiseSpec(), chosen)
     measured = [
         measured_loops(records[p.name], ei.EstimatorSpec(), J) for p, J in zip(postures, plants.inertia, strict=True)
     ]
@@ -291,7 +294,7 @@ def main() -> None:
     fresh = Scene.of(family.draws(fit, draws, 2), lines=120, per_mode=9)
     worst = fresh.peaks_db(found).reshape(-1, len(postures)).max(axis=1)
     assert noted("fresh draws within 6 dB", float(np.mean(worst <= LIMIT_DB))) >= 0.9
-    assert noted("best of random starts", random_starts(scene, found, 2 if given.quick else 8)) <= 1.03
+    assert noted("best of random starts", random_starts(scene, found, starts)) <= 1.05
     print(json.dumps({"loops": result, "draws": draws}))
 
 

@@ -25,6 +25,7 @@ def test_a_fitted_study_gets_loops(fitted_arm: Path, capsys: pytest.CaptureFixtu
     assert np.mean(loops.designed.drawn_peaks_db <= 6.0) >= 0.95
     for own, peak in zip(loops.measured, loops.today.peak_db, strict=True):
         assert own.peak_db == pytest.approx(float(peak), abs=4 * own.peak_std + 0.2)
+    assert loops.steps is not None
     assert loops.steps.end == pytest.approx(np.ones((2, 2)), abs=0.05)
     with (run / "loops.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

@@ -210,10 +210,15 @@ class SimulatedRig:
         try:
             return simulate(plant.loop, run.gains, commands, start, curves[:n] if curves.ndim > 1 else curves)
         except DataError as error:
+            advice = "Lower excitation.torque_rms, or move the configuration away from its limits"
+            if self.simulated.controller.gains is not None:
+                advice = (
+                    "The loops may be unstable with experiment.simulated.controller.gains; leave these out, or take "
+                    "those of `elastid loops` for this configuration"
+                )
             raise DataError(
                 f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
-                f"{experiment.experiment}: {error}. Lower excitation.torque_rms, or move the configuration away from "
-                "its limits"
+                f"{experiment.experiment}: {error}. {advice}"
             ) from None
 
 

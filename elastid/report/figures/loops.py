@@ -29,6 +29,8 @@ def loops_figure(loops: Loops) -> Figure:
     for i, joint in enumerate(loops.joints):
         color = style.SERIES[i % len(style.SERIES)]
         _plot_loop(sizes, phases, loops.designed, i, joint, color)
+        if loops.steps is None:
+            continue
         rows = loops.steps.response[:, i]
         stepped.fill_between(loops.steps.time_s, rows.min(axis=0), rows.max(axis=0), color=color, alpha=0.3, lw=0)
         stepped.plot(loops.steps.time_s, rows.mean(axis=0), color=color, lw=1.0)

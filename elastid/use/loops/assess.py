@@ -114,13 +114,6 @@ class LoopState:
     loop_low: FloatArray = labelled("lower end of 95 % of draws", "dB", "axes postures freq_hz")
     loop_high: FloatArray = labelled("upper end of 95 % of draws", "dB", "axes postures freq_hz")
 
-    @property
-    def quantile_db(self) -> float:
-        """M_S that 95 % of the draws keep in all postures; of the estimate without draws."""
-        if not len(self.drawn_peaks_db):
-            return float(self.peak_db.max())
-        return float(np.quantile(self.drawn_peaks_db, 0.95, method="higher"))
-
 
 def assess(
     name: str, plants: Plants, drawn: Plants | None, gains: Gains, filters: Filters | None, postures: tuple[str, ...],

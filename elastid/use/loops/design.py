@@ -87,12 +87,16 @@ class Scene:
 
 
 def slowed(cascade: Cascade, is_kept: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
-    """The first of slower copies of a controller that keeps its limit; None where none does."""
+    """The first of slower copies of a controller that keeps its limit, to a quarter of a step; None where none does."""
     for step in range(slowest):
-        for whole in (1.0, _SLOWER**step):
-            own = cascade.slower(_SLOWER**step, whole)
-            if is_kept(own):
-                return own
+        for share in (0.0, 1.0):  # of the slowing that the velocity loops take part in
+
+            def at(steps: float, share: float = share) -> Cascade:
+                return cascade.slower(_SLOWER**steps, _SLOWER ** (share * steps))
+
+            if is_kept(at(step)):
+                finer = (at(step - part) for part in (0.75, 0.5, 0.25) if step)
+                return next(filter(is_kept, finer), at(step))
     return None
 
 

@@ -33,7 +33,7 @@ _SPRUNG = 0.5  # share of springs in the strain energy of a mode; a pendulum und
 class Loops:
     """today: None where it is not known, with its `source`.  designed, with its gains, and steps on the twin.
 
-    count: of draws.
+    steps: None where the twin cannot be simulated, for the reason in no_steps.  count: of draws.
     """
 
     name: str
@@ -46,7 +46,8 @@ class Loops:
     measured: tuple[MeasuredLoops, ...]
     designed: LoopState
     gains: Cascade
-    steps: Steps
+    steps: Steps | None
+    no_steps: str = ""
 
     @property
     def controller(self) -> ControllerSpec:
@@ -132,11 +133,15 @@ def design_loops(
     gains, filters = gains_of(model, np.zeros(model.n_q), spec), filters_of(joints, spec, asked.rate_hz)
     designed = assess(DESIGNED, plants, drawn, gains, filters, family.names, joints, modes)
     slowest = float(designed.bandwidth_hz.min())
-    stepped = steps(asked.judge, asked.judge_name, asked.postures, spec, asked.rate_hz, slowest)
+    stepped, reason = None, ""
+    try:
+        stepped = steps(asked.judge, asked.judge_name, asked.postures, spec, asked.rate_hz, slowest)
+    except StudyError as error:  # the gains are no worse for it
+        reason = str(error)
     units = tuple(joint.unit for joint in robot.driven)
     return Loops(
         name, joints, units, asked.rate_hz, asked.draws, "" if today is None else today.source, state,
-        tuple(measured), designed, found, stepped,
+        tuple(measured), designed, found, stepped, reason,
     )  # fmt: skip
 
 

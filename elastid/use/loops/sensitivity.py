@@ -139,8 +139,3 @@ def closed_loop_poles(plants: Plants, gains: Gains, filters: Filters | None) -> 
         kept = np.r_[: m + n_u, m + 2 * n_u : len(A[0])]
         A = A[:, kept[:, None], kept]
     return np.asarray(np.linalg.eigvals(A))
-
-
-def is_stable(plants: Plants, gains: Gains, filters: Filters | None) -> bool:
-    """True if all poles of all loops are within the unit circle."""
-    return bool(np.abs(closed_loop_poles(plants, gains, filters)).max() < STABLE)

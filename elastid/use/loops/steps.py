@@ -18,7 +18,7 @@ from elastid.simulation.controller import gains_of
 
 STEP = {"rad": np.radians(0.05), "m": 1e-4}  # of a reference
 _WITHIN = 0.05  # of a step, in which it has settled
-_PERIODS = 4.0  # of the slowest bandwidth, as long as a step is simulated
+_PERIODS, _LONGEST_S = 4.0, 10.0  # of the slowest bandwidth, and at most, as long as a step is simulated
 
 
 @frozen_value
@@ -58,7 +58,7 @@ def steps(
     slowest_hz: float,
 ) -> Steps:  # fmt: skip
     """Of a robot with its friction; slowest_hz: bandwidth of its slowest axis.  DataError where a motor is lost."""
-    n = int(np.ceil(_PERIODS / slowest_hz * rate_hz))
+    n = int(np.ceil(min(_PERIODS / slowest_hz, _LONGEST_S) * rate_hz))
     rows = [list(_of_posture(robot, posture, controller, rate_hz, n)) for posture in postures]
     axes = tuple(joint.name for joint in robot.driven)
     return Steps(judge, tuple(each.name for each in postures), axes, np.arange(n) / rate_hz, np.array(rows))

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from plants.predicted_arm import result, robot
 
-from elastid.base.errors import FitError
+from elastid.base.errors import DataError, FitError
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.loop_gains import GainsSpec
 from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration
@@ -148,3 +149,19 @@ def test_records_show_their_controller_and_their_peak() -> None:
     assert "holds no angle of motor 2" in refusal(
         [replace(record, outputs=("motor 1", "joint 2")) for record in records]
     )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_unstable_gains_lose_a_motor_and_are_named() -> None:
+    """With what to do about it."""
+    gains = GainsSpec(40.0, (3e5, 2e4))
+    simulated = SimulatedSpec(controller=ControllerSpec(kind="cascade", gains=gains, delay_samples=2))
+    experiment = ExperimentSpec(configurations={"a": (0.3, 0.5)}, simulated=simulated)
+    plan = make_plan(
+        MultisineSpec(rate_hz=RATE_HZ, period=2.0, band_hz=(2, 50), torque_rms=20.0), experiment, robot(), 1
+    )
+    rig = SimulatedRig(robot(), experiment, plan, seed=1)
+    with pytest.raises(
+        DataError, match=r"motor . is lost .* may be unstable with experiment.simulated.controller.gains"
+    ):
+        rig.measure(rig.experiments[0])
