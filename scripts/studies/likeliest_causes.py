@@ -17,6 +17,8 @@ right or apart, and no wrong one certain.  The last line is one JSON object.
 
 On the present code with seeds 0 and 1 a soft base (91 %), backlash (97 and 98 %), exchanged postures and a mirrored
 motor of the demo, each by itself (`--only`), are named first; they were wrong, with 3 to 87 % of the excess, before.
+With `--only two-axis --seed 3` 21 of 21 are named, 19 first, no wrong one; of ten clean data sets of seed 5 none has a
+cause.
 Not named first at the last full run: a delay of all channels of the linkage, with a wrong cause stated as doubtful.
 What tolerances take up whole is not among the causes, as a payload of 3 kg on two axes, whose file is not exact.
 """
