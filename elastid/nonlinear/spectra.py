@@ -149,9 +149,9 @@ def gather_configuration(
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     realisation = np.array([record.realisation for record in records])
     mean_torque = np.mean([record.u.mean(axis=0) for record in records], axis=0)
-    stacked = [np.stack(part, axis=2) for part in (U, Y, Phi)]
+    torques, angles, of_shapes = (np.stack(part, axis=2) for part in (U, Y, Phi))
     return ConfigurationSpectra(
-        lines, freq_hz, is_excited, stacked[0], stacked[1], stacked[2], realisation, mean_torque, len(excited)
+        lines, freq_hz, is_excited, torques, angles, of_shapes, realisation, mean_torque, len(excited)
     )
 
 

@@ -44,6 +44,7 @@ class Limits:
     predicted_ratio: float = 1.5  # V over that of the fit up to which readings are followed
     iterations: int = 60  # of a solution from the study's start
     share: float = 0.8  # of the excess that a reading explains
+    whole: float = 0.99  # of it, below which a reading is solved from the study's start, too
     cost_ratio: float = 1.1  # of V, below which readings cannot be distinguished
     scale: float = 1.7  # a factor nearer to one may be an inertia that is not quite known
     scale_rounds: int = 2  # in which scales and parameters are found in turn
@@ -79,10 +80,10 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     as_read = min(float(costs.sum()), scores.cost * fit.n_residuals / max(optimum.fit.n_residuals, 1))
     excess = max(as_read - noise, 1e-300)
 
-    def explains(cost: float) -> bool:
-        return as_read - cost > LIMITS.share * excess
+    def explains(cost: float, share: float = LIMITS.share) -> bool:
+        return as_read - cost > share * excess
 
-    if followed and not any(explains(cost) for cost, _, _ in followed.values()):
+    if followed and not any(explains(cost, LIMITS.whole) for cost, _, _ in followed.values()):
         best = min(followed.values(), key=lambda trial: trial[0])[2]
         with suppress(ElastidError):  # no robot stands there
             there, start = _from_the_file(best, evidence)

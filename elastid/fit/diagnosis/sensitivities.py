@@ -5,8 +5,8 @@ geometry and the gains of its channels these are:
 
 - angle_2: an offset of the angle at which axis 2 stood, in all configurations; angle_2@c1: in one.
 - payload: a point mass at the tool, where the robot carries none.
-- torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear,
-  base_x: of what the robot stands on, about x of its first body before it turns.
+- torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
+- base_x: that of what the robot stands on, about x of its first body before it turns.
 - loop_2: the square of the bandwidth omega_2 of a position loop of motor 2, which makes a spring of omega_2^2 M_22
   between it and the ground; where the torque that was logged is the loop's reference.
 - rate: a sampling rate 1 + e of the stated one. Frequencies are then 1 + e of those read, and motions that were
@@ -48,7 +48,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
-from elastid.robot import Joint, Payload, Robot, Spring, gain_name
+from elastid.robot import Body, Joint, Payload, Robot, Spring, gain_name
 
 RATE = "rate"
 # Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
@@ -160,9 +160,7 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
     springs = [joint.spring.stiffness for joint in robot.joints if joint.spring is not None and not joint.slides]
     stiff = Spring(1e5 * max(springs, default=10.0))  # N*m/rad
     within = {robot.joints[i].name for i in robot.joints_in_loops}
-    owners = {body.name for body in robot.bodies}
-    names: dict[str, str] = {}
-    bodies = []
+    owners, names, bodies = {body.name for body in robot.bodies}, dict[str, str](), list[Body]()
     for body in robot.bodies:
         joints, axes = list(body.joints), [joint.axis for joint in body.joints]
         is_outside = not any(joint.name in within for joint in body.joints)
@@ -366,7 +364,7 @@ def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
     .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2), \qquad k\, (1 - e\, \tau_{min}^4 / \tau^4)
     """
     columns = {}
-    for joint in (joint.name for joint in response.robot.driven):
+    for joint in (each.name for each in response.robot.driven):
         loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
         most, spring = max(loads.values(), default=0.0), f"k_{joint}"
         if most > 0 and min(loads.values()) < LOAD_RATIO * most and spring in response.slopes:
