@@ -19,7 +19,7 @@ from elastid.record import Record
 
 @dataclass(frozen=True)
 class HitLimits:
-    """Judgement of hits.  False alarms of 300 clean logs of hits: 0 of each (`scripts/studies/hammer_faults.py`)."""
+    """Judgement of hits.  False alarms of 100 clean logs of hits: 0 of each (`scripts/studies/hammer_faults.py`)."""
 
     beyond: float = 0.1  # of the largest sample, where a pulse begins
     share: float = 0.02  # of samples of a hammer's force in pulses, at most
@@ -103,7 +103,7 @@ def _double_hits(record: Record, name: str, pulses: Pulses) -> Iterator[Note]:
             "double-hit",
             f"{len(bounces)} of {len(pulses.first) - len(bounces)} hits of {name} are double, one with a second blow "
             f"{1000 * gap[worst]:.3g} ms later and {percent(strength[worst], 2)} as strong: the force has dips every "
-            f"{1 / gap[worst]:.3g} Hz, where the response is uncertain; leave the hit out with samples: [first, last], "
+            f"{1 / gap[worst]:.3g} Hz, where the response is uncertain; leave that hit out of the record, "
             "or hit again with a lighter hammer",
         )
 

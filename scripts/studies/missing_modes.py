@@ -1,14 +1,14 @@
 """Measured modes beside those of a robot's model: how often a right model is said to lack one, a wrong one blamed.
 
-    python scripts/studies/missing_modes.py [--quick] [--draws 300] [--seed 0]
+    python scripts/studies/missing_modes.py [--quick] [--draws 150] [--seed 0]
 
 The arm of the template `serial` in random postures, lines 0.25 Hz apart from 3 to 60 Hz, noise of 0.1 to 2 % of the
 rms of G, and a model whose numbers are 0.3 % off (standard deviation).  In a second response each, a mode at 5 to 55
 Hz of 1 to 4 % damping is added at two motors, at least five of its half widths from those of the model, and 0.3 to 1
 times as high as the largest |G|.
 
-300 draws: no mode is missing from a right model, and 98 % or more of those that are lacking are named.  Asserted: at
-most 1 % and at least 95 %.  The last line is one JSON object.
+150 draws: one right model is blamed, and 148 of the modes that are lacking are named.  Asserted: at most 1 % (of few
+draws one) and at least 95 %.  The last line is one JSON object.
 """
 
 import argparse
@@ -77,7 +77,7 @@ def main(draws: int, seed: int) -> dict[str, object]:
         if draws > 50 and draw % 50 == 49:
             print(draw + 1, false, named, flush=True)
     table = {"draws": draws, "right_models_blamed": false / draws, "lacking_modes_named": round(named / draws, 4)}
-    assert false <= 0.01 * draws, table
+    assert false <= max(0.01 * draws, 1), table
     assert named >= 0.95 * draws, table
     return table
 
@@ -85,7 +85,7 @@ def main(draws: int, seed: int) -> dict[str, object]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="12 draws")
-    parser.add_argument("--draws", type=int, default=300)
+    parser.add_argument("--draws", type=int, default=150)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     print(json.dumps(main(12 if asked.quick else asked.draws, asked.seed)))

@@ -11,11 +11,11 @@ standard deviations of the response there.  false: modes that are none, over mod
 of modes that were found, that hold the true frequency and damping.  The last line is one JSON object.
 
 40 draws of multisine: noise 0 of 40, found 320 of 321, false 0, held 92.6 % (frequency) and 95.3 % (damping); 20 of
-random: 0 of 20, 178 of 179, 0, 98.9 and 96.6 %: intervals of frequency by segments are too wide by half; 40 of hammer:
-0 of 40, 322 of 323, 0, 87.7 and 94.1 %: those of frequency by the local rational method are too narrow by a fifth.
+random: 0 of 20, 178 of 179, 0, 98.9 and 96.6 %: intervals of frequency by segments are too wide by half; 24 of hammer:
+0 of 24, 207 of 208, 0, 90.4 and 95.7 %: those of frequency by the local rational method are too narrow by 7 %.
 The assertions are the goals: of noise at most 1 %, found at least 98 %, false at most 1 %, held at least
 92 % (a bound for 95 % with that many modes, of which those of one record have noise in common), of hammer, which falls
-short of it, 85 %.
+short of it, 88 %.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -196,7 +196,7 @@ def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, obje
         assert noise <= max(0.01 * noise_records, few / 2)
         assert strong - found <= max(0.02 * strong, few)
         assert false <= max(0.01 * strong, few / 2)
-        assert np.all(held > (0.85 if quick or kind == "hammer" else 0.92))
+        assert np.all(held > (0.85 if quick else 0.88 if kind == "hammer" else 0.92))
     return table
 
 

@@ -37,6 +37,7 @@ def test_the_page_has_the_poles_of_all_orders_and_takes_the_modes(content: Respo
     assert not row["has_section"]
 
 
+@pytest.mark.slow
 def test_a_click_gives_a_mode_back_and_the_text_is_a_section_of_a_study(
     content: ResponsesContent, tmp_path: Path, visit
 ) -> None:
