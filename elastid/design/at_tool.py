@@ -8,9 +8,8 @@ hammer on the tool with the motors held by their brakes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -49,7 +48,6 @@ class ToolForecastLimits:
 
 
 LIMITS = ToolForecastLimits()
-Kind = Literal["load tests", "taps"]
 
 
 def study_tests(tests: Sequence[PlacedTest]) -> tuple[PlacedTest, ...]:
@@ -69,27 +67,26 @@ def tool_notes(
 
     tests: those of the study, `study_tests`; without any, typical ones.
     """
-    parameters = expected[0].parameters
-    where = [each.response.configuration for each in expected]
-    near = where[: LIMITS.configurations]
+    near, frame = expected[: LIMITS.configurations], default_frame(robot)
+    where = [each.response.configuration for each in near]
+    names, parameters = ", ".join(each.name for each in where), expected[0].parameters
+    taps = f"taps with a hammer on {frame} in {names} (motors held, responses to 2 %)"
+    typical = f"load tests along x, y and z at {frame} in {names} (read to 1 %)"
+    own = tests or _typical(where, robot)
+    offers: dict[str, tuple[str, Callable[[], FloatArray]]] = {
+        "loads": (f"the {len(tests)} load tests of the study" if tests else typical,
+                  lambda: _of_loads(own, robot, model, parameters)),
+        "tool": (taps, lambda: _of_taps(near, robot, model)),
+    }  # fmt: skip
     notes = []
-    for kind in ("load tests", "taps"):
-        own: Kind = kind
+    for section, (said, information) in offers.items():
+        is_planned = section == "loads" and bool(tests)
         try:
-            if own == "taps":
-                J_J = _of_taps(expected[: LIMITS.configurations], robot, model)
-                said = (
-                    f"taps with a hammer on {default_frame(robot)} in {_listed(near)} (motors held, responses to 2 %)"
-                )
-            else:
-                J_J = _of_loads(tests or _typical(near, robot), robot, model, parameters)
-                typical = f"load tests along x, y and z at {default_frame(robot)} in {_listed(near)} (read to 1 %)"
-                said = f"the {len(tests)} load tests of the study" if tests else typical
+            gained = _gained(parameters, A, information(), std, always=is_planned)
         except (StudyError, np.linalg.LinAlgError):
-            continue  # the frame does not move, or the robot finds no rest
-        if gained := _gained(parameters, A, J_J, std, always=bool(tests) and own == "load tests"):
-            section = "tool" if own == "taps" else "loads"
-            asks = "" if tests and own == "load tests" else f"; section `{section}` of a study takes them"
+            continue  # the robot finds no rest
+        if gained:
+            asks = "" if is_planned else f"; section `{section}` of a study takes them"
             notes.append(Note(f"forecast-{section}", f"{said} take {gained}{asks}", severity="information"))
     return tuple(notes)
 
@@ -111,10 +108,6 @@ def _gained(parameters: ParameterSet, A: FloatArray, J_J: FloatArray, std: Float
 
 def _percent(std: float) -> str:
     return f"{100 * std:.2g} %" if std < 1 else "nothing"
-
-
-def _listed(where: Sequence[Configuration]) -> str:
-    return ", ".join(configuration.name for configuration in where)
 
 
 def _of_taps(expected: Sequence[ExpectedResponse], robot: Robot, model: ModelSpec) -> FloatArray:

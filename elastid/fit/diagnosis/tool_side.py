@@ -43,7 +43,6 @@ class ToolLimits:
     share: float = 0.5  # of T beyond its degrees of freedom, that a cause must explain
     alternative: float = 12.0  # of T beyond 1.05 of the least, within which a further cause is named
     largest: float = 0.9  # of a further unknown: ln of a stiffness, a factor less 1
-    decibel: float = 1e-300
 
 
 LIMITS = ToolLimits()
@@ -139,8 +138,8 @@ def _joint(assembly: Assembly, alone: FitResult) -> _Joint:
 
 def _compared(response: FrequencyResponse, part: Part, now: _Joint) -> ToolComparison:
     G, used = part.kernel.response(now.fit.theta(part, now.x)), part.gain > 0
-    ratio = np.abs(response.G[used]) / np.maximum(np.abs(G[used]), LIMITS.decibel)
-    rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, LIMITS.decibel))) ** 2))) if used.any() else np.nan
+    ratio = np.abs(response.G[used]) / np.maximum(np.abs(G[used]), 1e-300)
+    rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if used.any() else np.nan
     return ToolComparison(response.configuration.name, response.motors, response.inputs, response.outputs, rms)
 
 
