@@ -53,8 +53,8 @@ class Estimate:
     def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> Estimate:
         """Without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
-        shapes = ((F, n, M, n_f), (F, n_u, M, n_f), (len(lines.above), n, M))
-        return cls(*(np.zeros(shape, complex) for shape in shapes), (np.zeros((0, 0)),) * M)
+        Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
+        return cls(Phi, folded, np.zeros((len(lines.above), n, M), complex), (np.zeros((0, 0)),) * M)
 
     def of_first(self, n_f: int) -> Estimate:
         """The same of the first effects alone."""
