@@ -80,7 +80,7 @@ CASES: dict[str, tuple[Gear, tuple[Known, ...]]] = {
         (Known("friction", 20.0), Known("behind", 12.0), Known("gap", 0.7 * 2e5, 1e-4)),
     ),
     "friction by load": (Gear(F_m=10.0, load=0.1), (Known("friction", 10.0), Known("load", 0.1))),
-    "hysteresis": (Gear(hysteresis=12.0), (Known("stop", 12.0),)),
+    "hysteresis": (Gear(hysteresis=12.0), (Known("stop", 12.0, 2e-4),)),
     "ripple": (Gear(ripple=5.0), (Known("ripple sine", 5.0),)),
     "transmission error": (Gear(error=5e-5), (Known("error sine", 5e-5),)),
     "all at once": (

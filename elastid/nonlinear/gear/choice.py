@@ -127,13 +127,19 @@ def choose_effects(
         if not added:
             found = found if found.rounds else find_levels(*arguments, found.x, ())
             break
-        effects = (*found.effects, *added)
+        effects, before = (*found.effects, *added), _kinds(found.effects)
         found = find_levels(*arguments, found.x, effects, np.concatenate([found.levels, np.zeros(len(added))]))
         found = _pruned(arguments, found)
         for family in _SHAPES:
             for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
                 found = _best_shape(arguments, found, joint, family)
+        if _kinds(found.effects) == before:  # none of those that were added stays
+            break
     return found
+
+
+def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
+    return sorted((effect.kind, effect.joint) for effect in effects)
 
 
 def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[Kind, float]) -> Levels:
