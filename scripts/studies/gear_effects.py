@@ -3,24 +3,24 @@
     python scripts/studies/gear_effects.py [--quick] [--case gap ...] [--draws 3] [--seed 1]
 
 Outside plant (tests/plants/two_mass_gear.py, with equations and steps of its own): motor and link behind a gear, four
-experiments of two periods of 2 s at 500 Hz, 200 Nm RMS, resonance at 28 Hz. Effects alone and together: friction at the
-motor and behind the gear, springs that are 30 % stiffer at the peak of the torque, progressive, stiffer in two ranges
-of torque, or with a gap of 0.1 mrad to either side, empty or with 0.3 of the stiffness, and a transmission error. A
-linear model is fitted, then the effects are chosen and found together with the parameters (elastid/nonlinear/gear).
+experiments of two periods of 2 s at 500 Hz, 200 Nm RMS, resonance at 28 Hz, 24 steps a sample, since a step over a
+reversal of friction is a wrong one (with 6 k is 0.002 % off). Effects alone and together: friction at the motor,
+behind the gear and by load, springs that are 30 % stiffer at the peak of the torque, progressive, stiffer in two
+ranges of torque, or with a gap of 0.1 mrad to either side, empty or with 0.3 of the stiffness, a hysteresis, a
+transmission error and a ripple. A linear model is fitted, then the effects are chosen and found together with the
+parameters (elastid/nonlinear/gear).
 
 Of each case: errors of k and d of the linear fit and with the effects, effects, the largest error of a level, and the
 share of 95 % intervals of k, d and levels that hold the truth. Asserted in every draw: the effects are those of the
-plant and no other, levels within 3 % or 3 std, ends of ranges and gaps within 2 % or 3 std, k within 0.1 %, d within 2
-%; on a clean plant nothing is found. The transmission error beside friction and hardening falls short of that: within
-15 % is asserted. Coverage is printed and not asserted: beside friction the intervals are too narrow, since the shape of
-its reversals between samples is not known as well as its level. The last line is one JSON object.
+plant and no other, levels within 3 % or 3 std, ends of ranges and gaps and what a hysteresis bends by within 2 % or 3
+std, k within 0.1 %, d within 2 %; on a clean plant nothing is found. Coverage is printed and not asserted.
 
-Found, the largest errors of k and d of the linear fit and with the effects, in %: nothing, 5 draws, 0.001, 0.02 and
-0.001, 0.04; friction behind the gear, 3 draws, 0.37, 29 and 0.02, 1.2, 1 of 9 intervals; and of one draw each:
-hardening 7.1, 0.3 and 0.001, 0.01; progressive 17, 1.2 and 0.0002, 0.02; ranges 32, 14 and 0.005, 0.03; gap 6.2, 3.8
-and 0.001, 0.02, its end 0.4 % off; all at once 2.5, 13 and 0.04, 0.07, the transmission error 3.1 % off. 0.1 to 22 s of
-CPU a draw. With `--draws 6 --seed 7` k is too low in each of 30 draws of the five cases with friction, by 0.001 to 0.05
-%, up to 12.6 std: a bias of one sign, which a scatter over realisations cannot show.
+Found, the largest errors of k and d with the effects, in %, and the share of intervals that hold: friction at the
+motor, 8 draws, 0.002, 0.10, 75 %; behind the gear, 8, 0.001, 0.11, 96 %; on both sides, 8, 0.002, 0.06, 91 %; by load,
+3, 0.002, 0.09, 11 of 12; transmission error, 3, 0.001, 0.05, 8 of 9; all at once, 3, 0.002, 0.07, 18 of 18;
+hysteresis, 1, 0.007, 0.04 (a linear fit 1.9, 65), 1 of 3, its level 0.3 % off. With 6 steps a sample: nothing, 20
+draws, 0.001, 0.04, 95 %. Of friction at the motor k is 0.001 % too low on average, 1.7 of its stated deviations of
+0.0008 %. Before the motion above the measured lines counted it was 0.04 % too low, with or without noise.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -54,7 +54,7 @@ from elastid.record import Record
 
 @dataclass(frozen=True)
 class Known:
-    """An effect of the plant: its level, and the end of a range or a gap, rad."""
+    """An effect of the plant: its level, and the end of a range or a gap or the bend of a hysteresis, rad."""
 
     kind: str
     level: float
@@ -80,7 +80,7 @@ CASES: dict[str, tuple[Gear, tuple[Known, ...]]] = {
         (Known("friction", 20.0), Known("behind", 12.0), Known("gap", 0.7 * 2e5, 1e-4)),
     ),
     "friction by load": (Gear(F_m=10.0, load=0.1), (Known("friction", 10.0), Known("load", 0.1))),
-    "hysteresis": (Gear(hysteresis=12.0), (Known("stop", 12.0),)),
+    "hysteresis": (Gear(hysteresis=12.0), (Known("stop", 12.0, 2e-4),)),
     "ripple": (Gear(ripple=5.0), (Known("ripple sine", 5.0),)),
     "transmission error": (Gear(error=5e-5), (Known("error sine", 5e-5),)),
     "all at once": (
@@ -90,7 +90,7 @@ CASES: dict[str, tuple[Gear, tuple[Known, ...]]] = {
 }
 QUICK = ("hardening spring", "gap")
 SPEC = EstimatorSpec(friction="none", transient_periods=0)
-MAX_K, MAX_D, MAX_LEVEL, MAX_ERROR_AMONG_OTHERS, MAX_SCALE = 1e-3, 2e-2, 0.03, 0.15, 0.02
+MAX_K, MAX_D, MAX_LEVEL, MAX_SCALE = 1e-3, 2e-2, 0.03, 0.02
 EXPERIMENTS, SUBSTEPS = 4, 24
 
 
@@ -136,9 +136,9 @@ def check(name: str, expected: tuple[Known, ...], one: dict[str, Any]) -> float:
     assert cosine < 2 * MAX_LEVEL * error, f"{name}: error turned by {cosine}"
     worst = 0.0
     for (kind, level, std, scale, scale_std), true in zip(effects, expected, strict=True):
-        share = MAX_LEVEL if kind != "error sine" or len(expected) == 1 else MAX_ERROR_AMONG_OTHERS
         off = abs(level - true.level)
-        assert off < max(share * true.level, 3 * std), f"{name}: {kind} {level:.4g} +- {std:.2g} for {true.level:.4g}"
+        limit = max(MAX_LEVEL * true.level, 3 * std)
+        assert off < limit, f"{name}: {kind} {level:.4g} +- {std:.2g} for {true.level:.4g}"
         worst = max(worst, off / true.level)
         if true.scale:
             within = max(MAX_SCALE * true.scale, 3 * scale_std)

@@ -52,8 +52,11 @@ LIMITS = Limits()
 ORDERS = (1.0, 2.0)
 _LOST = 10.0  # times smaller than the start
 SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
-_RIVALS: tuple[tuple[Kind, ...], ...] = (
-    SPRINGS, ("friction",), ("load",), ("behind",), ("stop",), ("bristle",)
+_LOOPS: tuple[Kind, ...] = ("stop", "bristle")
+_RIVALS: tuple[tuple[Kind, ...], ...] = (SPRINGS, ("friction",), ("load",), ("behind",), _LOOPS)
+# Of each kind the part of the deflection at which its scale starts.
+_SHAPES: tuple[dict[Kind, float], ...] = (
+    {"cubic": 0.0, "progressive": 0.0, "range": 1.0, "gap": 0.2}, {"stop": 0.3, "bristle": 0.3}
 )  # fmt: skip
 _APART = 1.5  # between the scales of two ranges or two elements of hysteresis of one gear, at least
 _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
@@ -129,18 +132,27 @@ def choose_effects(
         if not added:
             found = found if found.rounds else find_levels(*arguments, found.x, ())
             break
-        effects = (*found.effects, *added)
+        effects, before = (*found.effects, *added), _kinds(found.effects)
         found = find_levels(*arguments, found.x, effects, np.concatenate([found.levels, np.zeros(len(added))]))
         found = _pruned(arguments, found)
-        for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in SPRINGS):
-            found = _best_spring(arguments, found, joint)
+        for family in _SHAPES:
+            for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
+                found = _best_shape(arguments, found, joint, family)
+        if _kinds(found.effects) == before:  # none of those that were added stays
+            break
     return found
 
 
-def _best_spring(arguments: _Arguments, found: Levels, joint: str) -> Levels:
-    """With another spring of a gear, if that explains more, or as much by fewer numbers; each along its own motion."""
+def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
+    return sorted((effect.kind, effect.joint) for effect in effects)
+
+
+def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[Kind, float]) -> Levels:
+    """With another spring or loop of a gear, if it explains more, or as much by fewer numbers; along its own motion."""
     data, _, linearisation, _ = arguments
-    springs = [effect for effect in found.effects if effect.joint == joint and effect.kind in SPRINGS]
+    springs = [effect for effect in found.effects if effect.joint == joint and effect.kind in family]
+    if not springs:
+        return found
     others = np.array([effect not in springs for effect in found.effects], bool)
     kept = tuple(effect for effect in found.effects if effect not in springs)
     deflection = _sizes(data, found, linearisation, joints_of(linearisation)[0].index(joint))[1]
@@ -149,7 +161,7 @@ def _best_spring(arguments: _Arguments, found: Levels, joint: str) -> Levels:
         return lack(data, levels) + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
 
     best, least = found, cost(found)
-    for kind, part in zip(SPRINGS, (0.0, 0.0, 1.0, 0.2), strict=True):
+    for kind, part in family.items():
         if any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             continue
         effects = (*kept, GearEffect(kind, joint, part * deflection))
@@ -186,9 +198,14 @@ def _stands(effect: GearEffect, others: Sequence[GearEffect]) -> bool:
     rivals = next((family for family in _RIVALS if effect.kind in family), ())
     near = [other for other in others if other.joint == effect.joint and other.kind in rivals]
     # K1 K2 K3, and elements of a loop
-    if effect.kind in ("range", "stop", "bristle") and all(other.kind == effect.kind for other in near):
+    if effect.kind in ("range", *_LOOPS) and all(other.kind == effect.kind for other in near):
         return any(abs(np.log(other.scale / effect.scale)) < np.log(_APART) for other in near)
     return effect in others or bool(near)
+
+
+def _is_loop_of(effect: GearEffect, added: Sequence[GearEffect]) -> bool:
+    """True of a second element of a hysteresis: with its scale found, the first makes most others needless."""
+    return effect.kind in _LOOPS and any(other.joint == effect.joint and other.kind in _LOOPS for other in added)
 
 
 def _pruned(arguments: _Arguments, found: Levels) -> Levels:
@@ -232,7 +249,9 @@ def _added(
     V = held_out(sums, prior, np.array(chosen))
     while groups:
         costs = [
-            np.inf if _stands(group[0], added) else held_out(sums, prior, np.array([*chosen, *own]))
+            np.inf
+            if _stands(group[0], added) or _is_loop_of(group[0], added)
+            else held_out(sums, prior, np.array([*chosen, *own]))
             for group, own in zip(groups, places, strict=True)
         ]
         best = int(np.argmin(costs))

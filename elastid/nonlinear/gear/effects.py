@@ -77,8 +77,7 @@ class GearEffect:
     @property
     def place(self) -> Place:
         """Where an implicit effect acts, and the motion of which it is a function of: of a gear its deflection."""
-        places: dict[Kind, Place] = {"friction": "motor", "behind": "link"}
-        return places.get(self.kind, "gear")
+        return "motor" if self.kind == "friction" else "link" if self.kind == "behind" else "gear"
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ class Estimate:
     def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> Estimate:
         """Without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
-        Phi, folded = np.zeros((F, n, M, n_f), complex), np.zeros((F, n_u, M, n_f), complex)
+        Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
         return cls(Phi, folded, np.zeros((len(lines.above), n, M), complex), (np.zeros((0, 0)),) * M)
 
     def of_first(self, n_f: int) -> Estimate:

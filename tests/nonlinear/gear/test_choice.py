@@ -23,9 +23,9 @@ from tests.plants.geared_arms import Arm, measure, parallel_linkage, preloaded, 
 from tests.plants.two_mass_gear import LINES, Gear, records, robot
 
 
-def found(gear: Gear) -> tuple[Levels, dict[str, float]]:
+def found(gear: Gear, substeps: int = 6) -> tuple[Levels, dict[str, float]]:
     """What is chosen, and the numbers of the model beside it."""
-    measured = records(gear)
+    measured = records(gear, substeps=substeps)
     response, linear = linear_fit(gear, measured)
     levels = find_gear_effects([measured], [response], linear, robot(gear), SPEC, planned=LINES)
     return levels, linear.parameters.as_dict(levels.x)
@@ -46,7 +46,8 @@ def found(gear: Gear) -> tuple[Levels, dict[str, float]]:
 )
 def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expected: dict[str, float]) -> None:
     """Levels within 3 % or 3 std, k within 0.1 % and d within 2 %: a linear fit has d 27 % off."""
-    levels, numbers = found(gear)
+    # Steps over reversals of a coarser plant are as large as what an error of 2e-5 rad does.
+    levels, numbers = found(gear, 24 if gear.error else 6)
     by_kind = {
         effect.kind: (f, std)
         for effect, f, std in zip(levels.effects, levels.levels.tolist(), levels.std.tolist(), strict=True)
