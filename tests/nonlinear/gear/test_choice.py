@@ -19,7 +19,7 @@ from elastid.record import Configuration
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from tests.nonlinear.gear.test_levels import SPEC, linear_fit
-from tests.plants.geared_arms import Arm, measure, parallel_linkage, preloaded, wrist
+from tests.plants.geared_arms import measure, parallel_linkage, wrist
 from tests.plants.two_mass_gear import LINES, Gear, records, robot
 
 
@@ -113,22 +113,20 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arm", [parallel_linkage(), preloaded()], ids=lambda arm: arm.robot.name)
-def test_friction_on_both_sides_is_found_on_a_linkage_and_lost_motion_under_gravity(arm: Arm) -> None:
+def test_friction_on_both_sides_is_found_on_a_parallel_linkage() -> None:
     """Levels within 3 % or 3 std, k within 0.3 % and d within 2 %, of which the linear fit has d 15 % off or more."""
-    (posture, *_), several = arm.postures, 4 // len(arm.rms)
-    measured = measure(arm, posture, realisations=several, seed=3)
+    arm = parallel_linkage()
+    measured = measure(arm, "a", seed=3)
     response = estimate(measured, SPEC, LINES)
     spec = FitSpec(parameters={key: ParameterSpec() for key in arm.free}, weights=WeightSpec(floor=0.0), starts=1)
     linear = identify([response], arm.robot, spec)
     levels = find_gear_effects([measured], [response], linear, arm.robot, SPEC, planned=LINES)
     numbers, true = linear.parameters.as_dict(levels.x), arm.robot.parameters()
-    for joint in arm.robot.driven:
-        assert numbers[f"k_{joint.name}"] == pytest.approx(true[f"k_{joint.name}"][0], rel=3e-3)
-        assert numbers[f"d_{joint.name}"] == pytest.approx(true[f"d_{joint.name}"][0], rel=2e-2)
-        assert abs(linear.values[f"d_{joint.name}"] / true[f"d_{joint.name}"][0] - 1) > 0.15
-    expected = arm.truth
-    assert {(effect.kind, effect.joint) for effect in levels.effects} == set(expected)
+    for joint in ("2", "3"):
+        assert numbers[f"k_{joint}"] == pytest.approx(true[f"k_{joint}"][0], rel=3e-3)
+        assert numbers[f"d_{joint}"] == pytest.approx(true[f"d_{joint}"][0], rel=2e-2)
+        assert abs(linear.values[f"d_{joint}"] / true[f"d_{joint}"][0] - 1) > 0.15
+    assert {(effect.kind, effect.joint) for effect in levels.effects} == set(arm.truth)
     for effect, f, std in zip(levels.effects, levels.levels.tolist(), levels.std.tolist(), strict=True):
-        level = expected[effect.kind, effect.joint]
+        level = arm.truth[effect.kind, effect.joint]
         assert abs(f - level) < max(0.03 * level, 3 * std), effect
