@@ -115,7 +115,7 @@ class MultisineSpec:
             if rms != "limits" and any(not value > 0 for value in (rms if isinstance(rms, tuple) else (rms,))):
                 raise ValueError(f"torque_rms is {rms}; it must be positive for every motor")
         if len(set(self.levels)) < len(self.levels):
-            raise ValueError(f"torque_rms is {self.torque_rms}; each amplitude counts once, with its torques")
+            raise ValueError("torque_rms lists an amplitude twice, and each counts once; leave one out")
         if any(not f > 0 or not a > 0 for f, a in self.spectrum):
             raise ValueError("spectrum: frequencies and amplitudes must be positive")
         self._check_grid_and_phases()
