@@ -39,8 +39,8 @@ class MultisineSpec:
         "much as each motor may have; or a list of such lists, amplitudes at which every configuration is measured in "
         "all its realisations.", "more raises the ratio to noise and to dry friction, until a limit or a "
         "nonlinear spring is in the way; `limits` takes the most that position, velocity, acceleration and torque "
-        "allow. Two amplitudes, [[200, 60], [100, 30]], show a spring that is not straight apart from friction, "
-        "for `gears` above all.")]
+        "allow. Two amplitudes, [[200, 60], [100, 30]], show if responses depend on the amplitude, and if the "
+        "law that `gears` finds holds at both.")]
     grid: Annotated[Grid, Key("Grid of the excited lines: `full` (every line), `odd` (odd multiples of 1/period: even "
         "nonlinearities then fall between the lines), `odd-odd` (1, 5, 9 ...), `odd-random` (odd, some left out: odd "
         "nonlinearities show there), `quasi-log` and `odd-quasi-log` (each about `ratio` times the last), or `lines`. "
