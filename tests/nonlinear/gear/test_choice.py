@@ -13,9 +13,9 @@ from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.gear.choice import candidate_groups
 from elastid.nonlinear.gear.find import find_gear_effects
 from elastid.nonlinear.gear.levels import Levels, start_levels
-from elastid.nonlinear.gear.period_lines import PeriodLines
+from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.nonlinear.gear_limits import rigid_gears
-from elastid.record import Configuration
+from elastid.record import Configuration, Record
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from tests.nonlinear.gear.test_levels import SPEC, linear_fit
@@ -90,15 +90,18 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
     hand, tool = wrist().robot.bodies
     stiff = replace(tool, joints=(replace(tool.joints[0], spring=None),))
     plant = Robot("one rigid gear", (hand, stiff))
-    linearisation, rng, F = Linearisation.of_robot(plant), np.random.default_rng(0), 200
+    linearisation, places = Linearisation.of_robot(plant), plant.motor_locations
     parameters = choose(FitSpec(parameters={"k_*": ParameterSpec()}), plant, ["a"])
-    U, Y = (rng.standard_normal((F, 2, 4)) + 0j for _ in range(2))
-    posture, on = Configuration("a", np.array([0.2, 0.3])), np.ones(F, bool)
-    lines = PeriodLines(
-        posture, 500.0, 1000, U, 1e-6 * Y, np.zeros((2, 4)), np.full(2, 1e-14), np.full((F, 2), 1e-14), on, np.arange(4)
+    posture, (u, y) = (
+        Configuration("a", np.array([0.2, 0.3])),
+        np.random.default_rng(0).standard_normal((2, 4, 2000, 2)),
     )
-    places = plant.motor_locations
-    G = FrequencyResponse(lines.freq_hz, np.zeros((F, 2, 2), complex), places, places, "acceleration", posture)
+    noise = [
+        Record(f"r{i}", posture, i, 0, 500.0, 1000, places, places, ("position",) * 2, u[i], 1e-6 * y[i])
+        for i in range(4)
+    ]
+    lines, none = gather_lines(noise, SPEC, LINES), np.zeros((len(LINES), 2, 2), complex)
+    G = FrequencyResponse(LINES * 0.5, none, places, places, "acceleration", posture)
     known = start_levels([lines], [G], linearisation, parameters, parameters.x)
     groups = candidate_groups([lines], known, linearisation, bent=("1", "2"))
     assert {effect.kind for group in groups for effect in group if effect.joint == "2"} == {"friction"}
