@@ -11,7 +11,8 @@ motor; of six axes one posture). At two amplitudes, 200 and 80 Nm, and at one: m
 tests/plants/two_mass_gear.py with friction on both sides and a spring that hardens, four experiments in all.
 
 Asserted of each: the effects are those of the plant and no other, levels, of lost motion too, within 3 % or 3 std, k
-within 0.3 % and d within 2 %. The goal for k is 0.1 %, of which most fall short: every k is too low, by 3 to 26 std.
+within 0.3 % and d within 2 %. The goal for k is 0.1 %, of which most fall short: of 19 k one is too high and all others
+are too low, by 3 to 19 std.
 Found, one draw, largest errors of k and of d of the linear fit and with the effects, and of a level, in %:
 
     coupled motors       2.7, 0.12    130, 0.35    0.57
