@@ -39,8 +39,8 @@ class MultisineSpec:
         "much as each motor may have; or a list of such lists, amplitudes at which every configuration is measured in "
         "all its realisations.", "more raises the ratio to noise and to dry friction, until a limit or a "
         "nonlinear spring is in the way; `limits` takes the most that position, velocity, acceleration and torque "
-        "allow. Two amplitudes, [[200, 60], [100, 30]], show a spring that is not straight apart from friction, "
-        "for `gears` above all.")]
+        "allow. Two amplitudes, [[200, 60], [100, 30]], show if responses depend on the amplitude, and if the "
+        "law that `gears` finds holds at both.")]
     grid: Annotated[Grid, Key("Grid of the excited lines: `full` (every line), `odd` (odd multiples of 1/period: even "
         "nonlinearities then fall between the lines), `odd-odd` (1, 5, 9 ...), `odd-random` (odd, some left out: odd "
         "nonlinearities show there), `quasi-log` and `odd-quasi-log` (each about `ratio` times the last), or `lines`. "
@@ -115,7 +115,7 @@ class MultisineSpec:
             if rms != "limits" and any(not value > 0 for value in (rms if isinstance(rms, tuple) else (rms,))):
                 raise ValueError(f"torque_rms is {rms}; it must be positive for every motor")
         if len(set(self.levels)) < len(self.levels):
-            raise ValueError(f"torque_rms is {self.torque_rms}; each amplitude counts once, with its torques")
+            raise ValueError("torque_rms lists an amplitude twice, and each counts once; leave one out")
         if any(not f > 0 or not a > 0 for f, a in self.spectrum):
             raise ValueError("spectrum: frequencies and amplitudes must be positive")
         self._check_grid_and_phases()

@@ -27,8 +27,6 @@ COARSE = 0.1
 UNSETTLED = 1e-2
 # Names of modification indices that make a channel late.
 _LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
-# Code of the note on a gear that never crosses its lost motion.
-PRELOADED = "gear-preloaded"
 LOST = "stiffness, damping and friction stay those of the linear fit"
 
 
@@ -144,7 +142,7 @@ def preloads(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: 
                 "through 0 in one of them, where lost motion shows: it is neither found nor bounded; measure a posture "
                 "in which gravity loads the joint less, or with more torque"
             )
-            notes.append(Note(PRELOADED, text, f"joint {joint}"))
+            notes.append(Note("gear-preloaded", text, f"joint {joint}"))
     return notes
 
 

@@ -14,7 +14,6 @@ from elastid.app.console import Console, forecast_table
 from elastid.app.load_tests import named_configurations
 from elastid.app.work import Artefacts, Work
 from elastid.base.errors import StudyError
-from elastid.base.note import Note
 from elastid.design.design import design as design_experiments
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import DesignSpec
@@ -86,7 +85,8 @@ def design(
             console.say(f"design: {forecast.choice}")
         console.table(forecast_table(forecast))
         console.notes(forecast.notes)
-        console.notes(_one_amplitude(plan) if gears is not None and len(excitation.levels) == 1 else ())
+        if gears is not None and len(excitation.levels) == 1:
+            console.say(f"design: {_second_amplitude(plan)}")
 
     def write(path: Path, stamp: Stamp) -> None:
         write_plan(path, plan, stamp, movements, limit_use, forecast, designed.nearest)
@@ -94,15 +94,14 @@ def design(
     return Artefacts({"references": partial(_write_references, plan, movements, work), "plan.h5": write}, report)
 
 
-def _one_amplitude(plan: Plan) -> tuple[Note, ...]:
-    """A note that proposes a second amplitude where gears are laid open, with numbers to paste."""
+def _second_amplitude(plan: Plan) -> str:
+    """The proposal of a second amplitude where gears are laid open, with numbers to paste."""
     rms = np.sqrt(np.sum(np.abs(plan.R) ** 2, axis=3) / 2).max(axis=(0, 1, 2))
     levels = ", ".join(f"[{', '.join(f'{factor * torque:.3g}' for torque in rms)}]" for factor in (1.0, 0.5))
-    text = (
+    return (
         "the gears are laid open at one amplitude, and their law is not tried at another; to see that it holds at half "
         f"of it give torque_rms: [{levels}], with half the realisations for the same robot time"
     )
-    return (Note("one-amplitude", text, "excitation", severity="information"),)
 
 
 def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
