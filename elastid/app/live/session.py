@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -146,7 +146,7 @@ class Session:
                 used = self.goal.reached(result)
                 self._report(plans, result, used)
                 if result.status not in TRUSTED:
-                    return plans, False, f"the model does not describe the logs: {result.message}"
+                    return plans, False, f"{_contradiction(len(plans))}: {result.message}"
                 if max(used.values()) <= 1:
                     return plans, True, self._reached(plans)
             plan = self._planned(plans, result)
@@ -154,19 +154,15 @@ class Session:
                 if not plans:
                     raise StudyError(f"--goal: {plan}")
                 return plans, False, plan
-            self._measured(plan, len(plans) + 1, result)
+            self._measured(plan, plans, result)
             plans.append(plan)
             result = self._fitted(plans)
 
-    def _execution(self, title: str) -> AbstractContextManager[Execution]:
+    @contextmanager
+    def _execution(self, title: str) -> Iterator[Execution]:
         """Processes, and progress under a title."""
-
-        @contextmanager
-        def shown() -> Iterator[Execution]:
-            with self.run.console.progress(f"live: {title}") as progress:
-                yield Execution(self.run.jobs, progress)
-
-        return shown()
+        with self.run.console.progress(f"live: {title}") as progress:
+            yield Execution(self.run.jobs, progress)
 
     def _at(self, result: FitResult | None) -> DesignProblem:
         """The problem at the values of a fit."""
@@ -265,13 +261,13 @@ class Session:
             "(experiment.simulated.outputs), or fix a parameter that is correlated with it"
         )
 
-    def _measured(self, plan: Plan, step: int, result: FitResult | None) -> None:
+    def _measured(self, plan: Plan, before: Sequence[Plan], result: FitResult | None) -> None:
         """Wait for the logs of a plan, or simulate them; DataError for one that contradicts it."""
-        problem, logs = self._at(result), self.folder.path / "logs"
+        step, problem, logs = len(before) + 1, self._at(result), self.folder.path / "logs"
         logs.mkdir(exist_ok=True)
         missing = [run for run in plan.experiments if self.folder.log(run) is None]
-        if not missing and self.folder.fit(step).is_file():
-            return  # they were checked before they were fitted
+        if not missing and self._is_fitted([*before, plan]):
+            return  # they were checked before that
         with self._execution(f"rehearsal of x{step}") as execution:
             rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
         if self.asked.simulate:
@@ -303,13 +299,20 @@ class Session:
             wait_until_whole(path)
         return path
 
+    def _fit_stamp(self, plans: Sequence[Plan]) -> Stamp:
+        """Of the fit of all logs of some plans, as they are."""
+        logs = [file_hash(path) for plan in plans for run in plan.experiments if (path := self.folder.log(run))]
+        return replace(self.stamp, inputs=hash_of([self.stamp.inputs, logs]))
+
+    def _is_fitted(self, plans: Sequence[Plan]) -> bool:
+        """True if the fit of all logs of some plans is there, and none has changed since."""
+        known = read_stamp(self.folder.fit(len(plans)))
+        return known is not None and known.is_of(self._fit_stamp(plans))
+
     def _fitted(self, plans: Sequence[Plan]) -> FitResult:
         """The fit of all logs so far, kept until one of them changes."""
-        logs = [file_hash(path) for plan in plans for run in plan.experiments if (path := self.folder.log(run))]
-        stamp = replace(self.stamp, inputs=hash_of([self.stamp.inputs, logs]))
         path = self.folder.fit(len(plans))
-        known = read_stamp(path)
-        if known is not None and known.is_of(stamp):
+        if self._is_fitted(plans):
             return read_fit(path)
         with self._execution(f"fit of {len(plans)} experiments") as execution:
             responses = self._responses(plans, execution)
@@ -318,7 +321,7 @@ class Session:
             result = fit(replace(spec, starts=1))
             if result.status not in TRUSTED and spec.starts > 1:  # a first start may end in a false valley
                 result = fit(spec)
-        write_fit(path, result, stamp)
+        write_fit(path, result, self._fit_stamp(plans))
         return result
 
     def _responses(self, plans: Sequence[Plan], execution: Execution) -> list[FrequencyResponse]:
@@ -372,6 +375,16 @@ class Session:
             f"the goal is reached after {len(plans)} experiments and {spent:.4g} s of the robot's time, "
             f"{100 * spent / whole:.0f} % of the {whole:.4g} s of the study's own plan"
         )
+
+
+def _contradiction(step: int) -> str:
+    """What a fit that cannot be trusted says of the last logs; those before them, if there are any, could be."""
+    if step == 1:
+        return "the model does not describe the logs of x1"
+    return (
+        f"the logs of x{step} contradict those before them (another payload, another tool, or something came loose); "
+        f"put others into live/logs, or remove live/x{step}* and live/*/x{step}-* to plan it again"
+    )
 
 
 def planned_time_s(run: Run) -> float:
