@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from elastid.app.live.folder import POLL_S, LiveFolder, wait_until_whole, write_simulated_log
+from elastid.app.live.refusals import require_one_robot_in_any_posture
 from elastid.app.run import Run, logged_in, run_all
-from elastid.app.stage_table import SIMULATED
 from elastid.app.stages.fit import TRUSTED
 from elastid.app.work import file_hash, hash_of
 from elastid.app.work import stamps as stamps_of
@@ -42,7 +42,7 @@ from elastid.record import Record
 from elastid.recorded.planned_run import PlannedRun, contradiction
 from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse
-from elastid.robot import Robot
+from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import EXACT
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import remove_leftovers
@@ -77,9 +77,11 @@ def live_study(run: Run, folder: Path, asked: Asked) -> None:
         plans, reached, words = session.work()
         study = session.folder.write_study(study_data(run.loaded.path, run.loaded.overrides), plans)
         run.console.say(f"live: {words}")
-    run_all(Run(load(study), folder, run.jobs, run.console))
-    if not reached:
-        raise FitError(f"the goal is not reached: {words}")
+    finished = Run(load(study), folder, run.jobs, run.console)
+    run_all(finished)
+    used = session.goal.reached(read_fit(finished.path("fit")))
+    if not reached or max(used.values()) > 1:
+        raise FitError(f"the goal is not reached: {session.worst(used) if reached else words}")
 
 
 @dataclass(frozen=True)
@@ -98,22 +100,13 @@ class Session:
     def of(cls, run: Run, asked: Asked) -> Session:
         """The session of a study; StudyError for one that has no plan, and for a goal that names no parameter."""
         study, robot = run.study, run.study.as_robot()
-        if study.kind != SIMULATED or study.excitation is None:
-            raise StudyError(
-                f"{run.loaded.path}: live plans experiments, which needs the sections excitation and "
-                "experiment.simulated, whose controller and noise are those of the robot; a study of logs has none"
-            )
-        simulated = study.experiment.as_simulated()
-        outputs = simulated.outputs or robot.motor_locations
-        if missing := sorted({*robot.motor_locations} - {*outputs}):
-            raise StudyError(f"experiment.simulated.outputs: live needs the position of {', '.join(missing)}; add it")
-        if simulated.carrier is not None and simulated.carrier.kind == "offset":
-            raise StudyError("experiment.simulated.carrier: live has none of constant velocity; take sine or square")
-        if study.fit.robots:
-            raise StudyError("fit.robots: live identifies one robot; give each a study of its own")
-        if asked.simulate and robot.tolerances is None:
-            robot = replace(robot, tolerances=EXACT)  # a simulated rig is as exact as its file
+        require_one_robot_in_any_posture(study, str(run.loaded.path))
+        assert study.excitation is not None
+        if robot.tolerances is None:  # a simulated rig is as exact as its file
+            usual = Tolerances(torque_constant=EXACT)
+            robot = replace(robot, tolerances=EXACT if asked.simulate else usual)
         goal = read_goal(asked.goals, choose(study.fit, robot).free_names)
+        outputs = study.experiment.as_simulated().outputs or robot.motor_locations
         folder = LiveFolder(run.folder / "live", robot, outputs)
         candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)
         noise = study.design.noise if study.design else LevelSpec(distortion=DISTORTION * coulomb_levels(robot).any())
@@ -243,7 +236,7 @@ class Session:
         if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
             return ""
         more = spent + max(proposal.more_s, proposal.plan.robot_time_s)
-        left = "" if result is None else f"{self._worst(self.goal.reached(result))}; "
+        left = "" if result is None else f"{self.worst(self.goal.reached(result))}; "
         return (
             f"{left}{spent:.4g} s of {self.budget_s:.4g} s of the robot's time are used, and the next experiment takes "
             f"{proposal.plan.robot_time_s:.4g} s; about {more:.3g} s in all reach the goal: give --robot-time "
@@ -357,10 +350,11 @@ class Session:
         spent = sum(plan.robot_time_s for plan in plans)
         reached = sum(share <= 1 for share in used.values())
         self.run.console.say(
-            f"live: after x{len(plans)}, {spent:.4g} s: {reached} of {len(used)} reached, {self._worst(used)}"
+            f"live: after x{len(plans)}, {spent:.4g} s: {reached} of {len(used)} reached, {self.worst(used)}"
         )
 
-    def _worst(self, used: Mapping[str, float]) -> str:
+    def worst(self, used: Mapping[str, float]) -> str:
+        """The parameter that uses most of the goal, in words."""
         name = max(used, key=lambda each: used[each])
         return (
             f"{name} is known to {number(100 * used[name] * self.goal.widths[name], 2)} % (goal {self._goal_of(name)})"

@@ -142,6 +142,12 @@ def test_a_log_that_contradicts_its_plan_ends_the_command(
         (("--goal", GOAL, "--set", "experiment.simulated.carrier={kind: offset, velocity: 0.1}"), "constant velocity"),
         (("--goal", GOAL, "--set", "experiment.simulated.outputs=[motor 1]"), "position of motor 2"),
         (("--goal", GOAL, "--set", "fit.robots={A: [down, out, up]}"), "one robot"),
+        (("--goal", GOAL, "--set", "fit.parameters.d_1={per: configuration}"), "no groups are known"),
+        (("--goal", GOAL, "--set", "fit.weights.factors=[{factor: 0.5, configurations: [out]}]"), "leave their names"),
+        (
+            ("--goal", GOAL, "--set", "robot.payload={mass: 5, at: fore}", "--set", "experiment.without_payload=[out]"),
+            "all postures with the payload",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_said_before_the_robot_moves(
