@@ -295,7 +295,8 @@ class Session:
     def _fit_stamp(self, plans: Sequence[Plan]) -> Stamp:
         """Of the fit of all logs of some plans, as they are."""
         logs = [file_hash(path) for plan in plans for run in plan.experiments if (path := self.folder.log(run))]
-        return replace(self.stamp, inputs=hash_of([self.stamp.inputs, logs]))
+        exact = self.folder.robot.tolerances == EXACT
+        return replace(self.stamp, inputs=hash_of([self.stamp.inputs, logs, exact]))
 
     def _is_fitted(self, plans: Sequence[Plan]) -> bool:
         """True if the fit of all logs of some plans is there, and none has changed since."""
@@ -365,9 +366,10 @@ class Session:
 
     def _reached(self, plans: Sequence[Plan]) -> str:
         spent, whole = sum(plan.robot_time_s for plan in plans), planned_time_s(self.run)
+        count = f"{len(plans)} experiment" + "s" * (len(plans) > 1)
         return (
-            f"the goal is reached after {len(plans)} experiments and {spent:.4g} s of the robot's time, "
-            f"{100 * spent / whole:.0f} % of the {whole:.4g} s of the study's own plan"
+            f"the goal is reached after {count} and {spent:.4g} s of the robot's time, {100 * spent / whole:.0f} % of the "
+            f"{whole:.4g} s of the study's own plan"
         )
 
 
