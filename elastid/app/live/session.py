@@ -368,8 +368,8 @@ class Session:
         spent, whole = sum(plan.robot_time_s for plan in plans), planned_time_s(self.run)
         count = f"{len(plans)} experiment" + "s" * (len(plans) > 1)
         return (
-            f"the goal is reached after {count} and {spent:.4g} s of the robot's time, {100 * spent / whole:.0f} % of the "
-            f"{whole:.4g} s of the study's own plan"
+            f"the goal is reached after {count} and {spent:.4g} s of the robot's time, {100 * spent / whole:.0f} % of "
+            f"the {whole:.4g} s of the study's own plan"
         )
 
 
