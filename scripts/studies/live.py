@@ -1,13 +1,11 @@
-"""Live identification against the plan of the study: robot time for the same goal, truths in the intervals, logs.
+"""Live identification: its robot time against that of the study's own plan, truths in the intervals, clean logs.
 
     python scripts/studies/live.py [--quick]
 
-The demo's arm (390 s of the robot's time, five postures) and a six-axis arm with ten springs (five postures, 420 s) are
-identified by their own plans, and live with the simulated rig in the robot's place, from 60 candidate postures above
-the floor; each seed has phases and noise of its own.
+The demo's arm (its plan: five postures, 390 s of the robot's time) and a six-axis arm with ten springs (five postures,
+420 s) are measured live, the simulated rig in the robot's place, from 60 candidate postures above the floor.
 
 - with the goal `k_*: 1 %` live takes at most 0.4 of the time of the plan, on the arm (--quick: once) and on six axes;
-- with the goal that the arm's plan itself reaches (its widest stiffness), at most 0.6 of its time in the median;
 - at least 85 % of the true stiffnesses lie in their 95 % intervals (95 % are expected; few fits);
 - no clean log contradicts its plan: of those above, and of 102 (--quick: 6) of arms whose stiffnesses are 20 % off the
   file, masses 3 %, frictions 30 % (standard deviations), in postures drawn at random.
@@ -29,7 +27,7 @@ import numpy as np
 
 from elastid.app.console import Console
 from elastid.app.live.session import Asked, Session, planned_time_s
-from elastid.app.run import Run, carry_out
+from elastid.app.run import Run
 from elastid.design.choice import draw_candidates
 from elastid.design.spec import CandidateSpec
 from elastid.experiment.plan.movement import reference
@@ -44,7 +42,7 @@ from elastid.study import load
 from elastid.study.robots import robot_text
 
 CANDIDATES = "design={count: 1, candidates: {random: 60, floor: 0, clearance: 100 mm}}"
-WIDE, COARSE = 0.6, 0.4
+COARSE = 0.4
 
 SIX_AXES = """\
 name: six axes
@@ -109,15 +107,6 @@ class Ended:
     result: FitResult
 
 
-def by_plan(study: Path, folder: Path, seed: int) -> FitResult:
-    """The fit of the study's own plan."""
-    run = Run(load(study, [f"seed={seed}"]), folder, 1, Console(-2))
-    folder.mkdir()
-    for stage in ("design", "measure", "estimate", "fit"):
-        carry_out(run, stage)
-    return read_fit(run.path("fit"))
-
-
 def lived(study: Path, folder: Path, goal: str, seed: int) -> Ended:
     """The same live, with the simulated rig."""
     plain = Run(load(study, [f"seed={seed}"]), folder, 1, Console(-2))
@@ -126,12 +115,6 @@ def lived(study: Path, folder: Path, goal: str, seed: int) -> Ended:
     plans, reached, words = Session.of(run, Asked((goal,), True, whole)).work()
     spent, logs = sum(plan.robot_time_s for plan in plans), sum(len(plan.experiments) for plan in plans)
     return Ended(spent / whole, len(plans), logs, reached, words, read_fit(folder / "live" / f"x{len(plans)}-fit.h5"))
-
-
-def widest(result: FitResult) -> float:
-    """The largest half width of the 95 % interval of a stiffness, in percent of its value."""
-    ends = {name: result.interval(name) for name in result.parameters.free_names if name.startswith("k_")}
-    return max(100 * (high - low) / 2 / result.values[name] for name, (low, high) in ends.items())
 
 
 def inside(study: Path, result: FitResult) -> list[bool]:
@@ -175,11 +158,8 @@ def say(name: str, ended: Ended) -> None:
     print(f"{name}: {ended.ratio:.2f} of the time, {ended.words}", file=sys.stderr, flush=True)
 
 
-def main(quick: bool, seeds: int) -> dict[str, Any]:
+def main(quick: bool) -> dict[str, Any]:
     """The figures; AssertionError where one is worse than the docstring says."""
-    held: list[bool] = []
-    ratios: list[float] = []
-    logs = 0
     with tempfile.TemporaryDirectory() as name:
         base = Path(name)
         for file in (files("elastid.app") / "templates" / "serial").iterdir():
@@ -202,17 +182,6 @@ def main(quick: bool, seeds: int) -> dict[str, Any]:
             held += inside(base / "six" / "study.yml", six.result)
             logs += six.logs
             found["six axes 1 %"] = round(six.ratio, 3)
-        for seed in range(1, 1 + (0 if quick else seeds)):
-            width = widest(by_plan(arm, base / f"plan{seed}", seed))
-            ended = lived(arm, base / f"live{seed}", f"k_*: {width:.4g} %", seed)
-            say(f"arm, {width:.3g} %, seed {seed}", ended)
-            assert ended.reached
-            ratios.append(ended.ratio)
-            held += inside(arm, ended.result)
-            logs += ended.logs
-        if ratios:
-            found["as the plan"] = [round(ratio, 3) for ratio in ratios]
-            assert np.median(ratios) <= WIDE
         clean, wrong = contradictions(arm, 2 if quick else 34)
     found |= {"truths inside": f"{sum(held)} of {len(held)}", "contradictions": f"{wrong} of {clean + logs}"}
     assert wrong == 0
@@ -223,6 +192,4 @@ def main(quick: bool, seeds: int) -> dict[str, Any]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--seeds", type=int, default=5)
-    given = parser.parse_args()
-    print(json.dumps(main(given.quick, given.seeds)))
+    print(json.dumps(main(parser.parse_args().quick)))
