@@ -41,7 +41,8 @@ class Goal:
         used = {}
         for name, width in self.widths.items():
             low, high = result.interval(name)
-            used[name] = (high - low) / 2 / max(abs(result.values[name]), 1e-300) / width
+            share = (high - low) / 2 / max(abs(result.values[name]), 1e-300) / width
+            used[name] = share if np.isfinite(share) else np.inf  # of what the data do not reach
         return used
 
 

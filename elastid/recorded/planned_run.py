@@ -24,7 +24,7 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True)
 class PlanLimits:
-    """Limits of what contradicts a plan. False alarms of 100 clean logs: 0 (`scripts/studies/live.py`)."""
+    """Limits of what contradicts a plan. `scripts/studies/live.py` counts false alarms: of 6 clean logs 0."""
 
     same_excitation: float = 0.98  # correlation of the injected torque with the plan
     late_s: float = 0.02  # by which a log may begin before or after the plan
@@ -37,7 +37,7 @@ class PlanLimits:
     torque_limit: float = 0.98  # part of a limit that counts as the limit
     flat_share: float = 0.01  # of samples within 1 % of the peak, of a signal that is clipped
     flat_ratio: float = 5.0  # by which that share exceeds the one of the rehearsal
-    holding: float = 0.2  # relative error of a holding torque
+    holding: float = 0.12  # relative error of a holding torque; masses of files are off by 3 to 5 %
     explained: float = 0.8  # share of the power of such errors that a mass at the tool explains
 
 

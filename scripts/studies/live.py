@@ -1,15 +1,14 @@
-"""Live identification against the plan of the study: robot time for the same goal, truths in the intervals, logs.
+"""Live identification: its robot time against that of the study's own plan, truths in the intervals, clean logs.
 
     python scripts/studies/live.py [--quick]
 
-The demo's arm (390 s of the robot's time, five postures) and a six-axis arm with ten springs (five postures, 420 s) are
-identified by their own plans, and live with the simulated rig in the robot's place, from 60 candidate postures above
-the floor; each seed has phases and noise of its own.
+The demo's arm (its plan: five postures, 390 s of the robot's time) and a six-axis arm with ten springs (five postures,
+420 s) are measured live, the simulated rig in the robot's place, from 60 candidate postures above the floor.
 
 - with the goal `k_*: 1 %` live takes at most 0.4 of the time of the plan, on the arm (--quick: once) and on six axes;
-- with the goal that the arm's plan itself reaches (its widest stiffness), at most 0.6 of its time in the median;
 - at least 85 % of the true stiffnesses lie in their 95 % intervals (95 % are expected; few fits);
-- no clean log contradicts its plan.
+- no clean log contradicts its plan: of those above, and of 102 (--quick: 6) of arms whose stiffnesses are 20 % off the
+  file, masses 3 %, frictions 30 % (standard deviations), in postures drawn at random.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import json
 import math
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -28,15 +27,22 @@ import numpy as np
 
 from elastid.app.console import Console
 from elastid.app.live.session import Asked, Session, planned_time_s
-from elastid.app.run import Run, carry_out
+from elastid.app.run import Run
+from elastid.design.choice import draw_candidates
+from elastid.design.spec import CandidateSpec
+from elastid.experiment.plan.movement import reference
+from elastid.experiment.plan.plan import make_plan
+from elastid.experiment.simulated.plant import feed_forward_of, model_of
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.result import FitResult
+from elastid.recorded.planned_run import PlannedRun, contradiction
 from elastid.robot import Axis, Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.store.results import read_fit
 from elastid.study import load
 from elastid.study.robots import robot_text
 
 CANDIDATES = "design={count: 1, candidates: {random: 60, floor: 0, clearance: 100 mm}}"
-WIDE, COARSE = 0.6, 0.4
+COARSE = 0.4
 
 SIX_AXES = """\
 name: six axes
@@ -101,15 +107,6 @@ class Ended:
     result: FitResult
 
 
-def by_plan(study: Path, folder: Path, seed: int) -> FitResult:
-    """The fit of the study's own plan."""
-    run = Run(load(study, [f"seed={seed}"]), folder, 1, Console(-2))
-    folder.mkdir()
-    for stage in ("design", "measure", "estimate", "fit"):
-        carry_out(run, stage)
-    return read_fit(run.path("fit"))
-
-
 def lived(study: Path, folder: Path, goal: str, seed: int) -> Ended:
     """The same live, with the simulated rig."""
     plain = Run(load(study, [f"seed={seed}"]), folder, 1, Console(-2))
@@ -120,12 +117,6 @@ def lived(study: Path, folder: Path, goal: str, seed: int) -> Ended:
     return Ended(spent / whole, len(plans), logs, reached, words, read_fit(folder / "live" / f"x{len(plans)}-fit.h5"))
 
 
-def widest(result: FitResult) -> float:
-    """The largest half width of the 95 % interval of a stiffness, in percent of its value."""
-    ends = {name: result.interval(name) for name in result.parameters.free_names if name.startswith("k_")}
-    return max(100 * (high - low) / 2 / result.values[name] for name, (low, high) in ends.items())
-
-
 def inside(study: Path, result: FitResult) -> list[bool]:
     """Of each true stiffness whether its interval holds it."""
     simulated = load(study).study.experiment.as_simulated()
@@ -133,15 +124,42 @@ def inside(study: Path, result: FitResult) -> list[bool]:
     return [bool(low <= true[name] <= high) for name in true for low, high in [result.interval(name)]]
 
 
+def contradictions(study: Path, postures: int) -> tuple[int, int]:
+    """Clean logs, three in each posture, and how many of them contradict their plan."""
+    own = load(study).study
+    robot, rng, count = own.as_robot(), np.random.default_rng(5), 0
+    assert own.excitation is not None
+    drawn = draw_candidates(CandidateSpec(random=postures, floor=0.0, singular=0.0), robot, 3).configurations
+    model = model_of(robot)
+    for place in drawn:
+        angles = {place.name: tuple(place.angles.tolist())}
+        experiment = replace(own.experiment, configurations=angles, realisations=1, without_payload=())
+        plan = make_plan(own.excitation, experiment, robot, own.seed)
+        carrier = experiment.as_simulated().carrier
+        given = reference(plan, carrier, feed_forward_of(model), plan.configurations[0])
+        nominal = SimulatedRig(robot, experiment.with_truth({}), plan, own.seed)
+        numbers = robot.parameters()
+        spread = {"k": 0.2, "m": 0.03, "f": 0.3}
+        true = {
+            name: value * float(np.exp(spread[name[0]] * rng.standard_normal()))
+            for name, (value, _) in numbers.items()
+            if name.startswith(("k_", "m_", "fm_")) and value > 0
+        }
+        rig = SimulatedRig(robot, experiment.with_truth(dict(true)), plan, int(rng.integers(1 << 30)))
+        for run in plan.experiments:
+            planned = PlannedRun(plan, run, given, nominal.rehearse(run), robot, carrier is not None)
+            if words := contradiction(planned, *rig.log(run)):
+                print(f"{place.name}: {words}", file=sys.stderr, flush=True)
+                count += 1
+    return 3 * len(drawn), count
+
+
 def say(name: str, ended: Ended) -> None:
     print(f"{name}: {ended.ratio:.2f} of the time, {ended.words}", file=sys.stderr, flush=True)
 
 
-def main(quick: bool, seeds: int) -> dict[str, Any]:
+def main(quick: bool) -> dict[str, Any]:
     """The figures; AssertionError where one is worse than the docstring says."""
-    held: list[bool] = []
-    ratios: list[float] = []
-    logs = 0
     with tempfile.TemporaryDirectory() as name:
         base = Path(name)
         for file in (files("elastid.app") / "templates" / "serial").iterdir():
@@ -164,18 +182,9 @@ def main(quick: bool, seeds: int) -> dict[str, Any]:
             held += inside(base / "six" / "study.yml", six.result)
             logs += six.logs
             found["six axes 1 %"] = round(six.ratio, 3)
-        for seed in range(1, 1 + (0 if quick else seeds)):
-            width = widest(by_plan(arm, base / f"plan{seed}", seed))
-            ended = lived(arm, base / f"live{seed}", f"k_*: {width:.4g} %", seed)
-            say(f"arm, {width:.3g} %, seed {seed}", ended)
-            assert ended.reached
-            ratios.append(ended.ratio)
-            held += inside(arm, ended.result)
-            logs += ended.logs
-        if ratios:
-            found["as the plan"] = [round(ratio, 3) for ratio in ratios]
-            assert np.median(ratios) <= WIDE
-    found |= {"truths inside": f"{sum(held)} of {len(held)}", "contradictions": f"0 of {logs}"}
+        clean, wrong = contradictions(arm, 2 if quick else 34)
+    found |= {"truths inside": f"{sum(held)} of {len(held)}", "contradictions": f"{wrong} of {clean + logs}"}
+    assert wrong == 0
     assert np.mean(held) >= 0.85
     return found
 
@@ -183,6 +192,4 @@ def main(quick: bool, seeds: int) -> dict[str, Any]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--seeds", type=int, default=5)
-    given = parser.parse_args()
-    print(json.dumps(main(given.quick, given.seeds)))
+    print(json.dumps(main(parser.parse_args().quick)))

@@ -33,6 +33,7 @@ from elastid.store.measured import (
     write_plan,
     write_records,
     write_responses,
+    write_run,
     write_torque,
 )
 
@@ -138,6 +139,20 @@ def test_the_torque_is_a_table_of_one_period(tmp_path):
     assert numbers[0, 0] == 0
     assert numbers.shape == (16, 3)
     assert numbers[:, 1:] == pytest.approx(plan.torque(experiment), rel=1e-8)
+
+
+def test_a_whole_run_is_one_table_of_movement_and_torque(tmp_path):
+    """The torque to inject grows with the ramp, and repeats its period from the sample on which the periods begin."""
+    plan, experiment, reference = some_plan(), Experiment(AWAY, 0, 1), some_reference()
+    write_run(tmp_path / "run.csv", reference, plan, experiment)
+    heading, numbers = rows(tmp_path / "run.csv")
+    assert heading[1] == "position of motor 1 (rad, link side)"
+    assert heading[-1] == "injected torque of motor 2 (N, link side)"
+    np.testing.assert_allclose(numbers[:, 0], (np.arange(10) - 2) / 8)
+    np.testing.assert_allclose(numbers[:, 1:3], reference.position, rtol=1e-8)
+    period = plan.torque(experiment)
+    expected = reference.scale[:, None] * np.vstack([period[-2:], period[:8]])
+    np.testing.assert_allclose(numbers[:, -2:], expected, rtol=1e-8, atol=1e-12)
 
 
 CONFIGURATION = st.builds(Configuration, NAME, finite(2))

@@ -21,7 +21,7 @@ from elastid.app.options import POSITIVE, run_of, stage_options, study_argument
 def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float | None, **options: Any) -> None:
     """Measure experiment by experiment until the parameters are known as well as the goal says.
 
-    Each experiment, its posture, spectrum and length, is the one that brings most towards the goal in a second of the
+    Each experiment, its posture and its length, is the one that brings most towards the goal in a second of the
     robot's time, given all logs so far, and keeps the limits of the robot on every robot that they allow. It is written
     into DIR/live/references, a file for each run; its logs are awaited in DIR/live/logs under the same names. A log
     that contradicts its plan ends the command. It can be ended at any time; the same command goes on from there. At

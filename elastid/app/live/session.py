@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from elastid.app.live.folder import POLL_S, LiveFolder, wait_until_whole, write_simulated_log
+from elastid.app.live.refusals import require_one_robot_in_any_posture
 from elastid.app.run import Run, logged_in, run_all
-from elastid.app.stage_table import SIMULATED
 from elastid.app.stages.fit import TRUSTED
 from elastid.app.work import file_hash, hash_of
 from elastid.app.work import stamps as stamps_of
@@ -42,7 +42,7 @@ from elastid.record import Record
 from elastid.recorded.planned_run import PlannedRun, contradiction
 from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse
-from elastid.robot import Robot
+from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import EXACT
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import remove_leftovers
@@ -77,9 +77,11 @@ def live_study(run: Run, folder: Path, asked: Asked) -> None:
         plans, reached, words = session.work()
         study = session.folder.write_study(study_data(run.loaded.path, run.loaded.overrides), plans)
         run.console.say(f"live: {words}")
-    run_all(Run(load(study), folder, run.jobs, run.console))
-    if not reached:
-        raise FitError(f"the goal is not reached: {words}")
+    finished = Run(load(study), folder, run.jobs, run.console)
+    run_all(finished)
+    used = session.goal.reached(read_fit(finished.path("fit")))
+    if not reached or max(used.values()) > 1:
+        raise FitError(f"the goal is not reached: {session.worst(used) if reached else words}")
 
 
 @dataclass(frozen=True)
@@ -98,22 +100,13 @@ class Session:
     def of(cls, run: Run, asked: Asked) -> Session:
         """The session of a study; StudyError for one that has no plan, and for a goal that names no parameter."""
         study, robot = run.study, run.study.as_robot()
-        if study.kind != SIMULATED or study.excitation is None:
-            raise StudyError(
-                f"{run.loaded.path}: live plans experiments, which needs the sections excitation and "
-                "experiment.simulated, whose controller and noise are those of the robot; a study of logs has none"
-            )
-        simulated = study.experiment.as_simulated()
-        outputs = simulated.outputs or robot.motor_locations
-        if missing := sorted({*robot.motor_locations} - {*outputs}):
-            raise StudyError(f"experiment.simulated.outputs: live needs the position of {', '.join(missing)}; add it")
-        if simulated.carrier is not None and simulated.carrier.kind == "offset":
-            raise StudyError("experiment.simulated.carrier: live has none of constant velocity; take sine or square")
-        if study.fit.robots:
-            raise StudyError("fit.robots: live identifies one robot; give each a study of its own")
-        if asked.simulate and robot.tolerances is None:
-            robot = replace(robot, tolerances=EXACT)  # a simulated rig is as exact as its file
+        require_one_robot_in_any_posture(study, str(run.loaded.path))
+        assert study.excitation is not None
+        if robot.tolerances is None:  # a simulated rig is as exact as its file
+            usual = Tolerances(torque_constant=EXACT)
+            robot = replace(robot, tolerances=EXACT if asked.simulate else usual)
         goal = read_goal(asked.goals, choose(study.fit, robot).free_names)
+        outputs = study.experiment.as_simulated().outputs or robot.motor_locations
         folder = LiveFolder(run.folder / "live", robot, outputs)
         candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)
         noise = study.design.noise if study.design else LevelSpec(distortion=DISTORTION * coulomb_levels(robot).any())
@@ -146,7 +139,7 @@ class Session:
                 used = self.goal.reached(result)
                 self._report(plans, result, used)
                 if result.status not in TRUSTED:
-                    return plans, False, f"the model does not describe the logs: {result.message}"
+                    return plans, False, f"{_contradiction(len(plans))}: {result.message}"
                 if max(used.values()) <= 1:
                     return plans, True, self._reached(plans)
             plan = self._planned(plans, result)
@@ -154,19 +147,15 @@ class Session:
                 if not plans:
                     raise StudyError(f"--goal: {plan}")
                 return plans, False, plan
-            self._measured(plan, len(plans) + 1, result)
+            self._measured(plan, plans, result)
             plans.append(plan)
             result = self._fitted(plans)
 
-    def _execution(self, title: str) -> AbstractContextManager[Execution]:
+    @contextmanager
+    def _execution(self, title: str) -> Iterator[Execution]:
         """Processes, and progress under a title."""
-
-        @contextmanager
-        def shown() -> Iterator[Execution]:
-            with self.run.console.progress(f"live: {title}") as progress:
-                yield Execution(self.run.jobs, progress)
-
-        return shown()
+        with self.run.console.progress(f"live: {title}") as progress:
+            yield Execution(self.run.jobs, progress)
 
     def _at(self, result: FitResult | None) -> DesignProblem:
         """The problem at the values of a fit."""
@@ -247,7 +236,7 @@ class Session:
         if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
             return ""
         more = spent + max(proposal.more_s, proposal.plan.robot_time_s)
-        left = "" if result is None else f"{self._worst(self.goal.reached(result))}; "
+        left = "" if result is None else f"{self.worst(self.goal.reached(result))}; "
         return (
             f"{left}{spent:.4g} s of {self.budget_s:.4g} s of the robot's time are used, and the next experiment takes "
             f"{proposal.plan.robot_time_s:.4g} s; about {more:.3g} s in all reach the goal: give --robot-time "
@@ -265,13 +254,13 @@ class Session:
             "(experiment.simulated.outputs), or fix a parameter that is correlated with it"
         )
 
-    def _measured(self, plan: Plan, step: int, result: FitResult | None) -> None:
+    def _measured(self, plan: Plan, before: Sequence[Plan], result: FitResult | None) -> None:
         """Wait for the logs of a plan, or simulate them; DataError for one that contradicts it."""
-        problem, logs = self._at(result), self.folder.path / "logs"
+        step, problem, logs = len(before) + 1, self._at(result), self.folder.path / "logs"
         logs.mkdir(exist_ok=True)
         missing = [run for run in plan.experiments if self.folder.log(run) is None]
-        if not missing and self.folder.fit(step).is_file():
-            return  # they were checked before they were fitted
+        if not missing and self._is_fitted([*before, plan]):
+            return  # they were checked before that
         with self._execution(f"rehearsal of x{step}") as execution:
             rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
         if self.asked.simulate:
@@ -303,13 +292,21 @@ class Session:
             wait_until_whole(path)
         return path
 
+    def _fit_stamp(self, plans: Sequence[Plan]) -> Stamp:
+        """Of the fit of all logs of some plans, as they are."""
+        logs = [file_hash(path) for plan in plans for run in plan.experiments if (path := self.folder.log(run))]
+        exact = self.folder.robot.tolerances == EXACT
+        return replace(self.stamp, inputs=hash_of([self.stamp.inputs, logs, exact]))
+
+    def _is_fitted(self, plans: Sequence[Plan]) -> bool:
+        """True if the fit of all logs of some plans is there, and none has changed since."""
+        known = read_stamp(self.folder.fit(len(plans)))
+        return known is not None and known.is_of(self._fit_stamp(plans))
+
     def _fitted(self, plans: Sequence[Plan]) -> FitResult:
         """The fit of all logs so far, kept until one of them changes."""
-        logs = [file_hash(path) for plan in plans for run in plan.experiments if (path := self.folder.log(run))]
-        stamp = replace(self.stamp, inputs=hash_of([self.stamp.inputs, logs]))
         path = self.folder.fit(len(plans))
-        known = read_stamp(path)
-        if known is not None and known.is_of(stamp):
+        if self._is_fitted(plans):
             return read_fit(path)
         with self._execution(f"fit of {len(plans)} experiments") as execution:
             responses = self._responses(plans, execution)
@@ -318,7 +315,7 @@ class Session:
             result = fit(replace(spec, starts=1))
             if result.status not in TRUSTED and spec.starts > 1:  # a first start may end in a false valley
                 result = fit(spec)
-        write_fit(path, result, stamp)
+        write_fit(path, result, self._fit_stamp(plans))
         return result
 
     def _responses(self, plans: Sequence[Plan], execution: Execution) -> list[FrequencyResponse]:
@@ -354,10 +351,11 @@ class Session:
         spent = sum(plan.robot_time_s for plan in plans)
         reached = sum(share <= 1 for share in used.values())
         self.run.console.say(
-            f"live: after x{len(plans)}, {spent:.4g} s: {reached} of {len(used)} reached, {self._worst(used)}"
+            f"live: after x{len(plans)}, {spent:.4g} s: {reached} of {len(used)} reached, {self.worst(used)}"
         )
 
-    def _worst(self, used: Mapping[str, float]) -> str:
+    def worst(self, used: Mapping[str, float]) -> str:
+        """The parameter that uses most of the goal, in words."""
         name = max(used, key=lambda each: used[each])
         return (
             f"{name} is known to {number(100 * used[name] * self.goal.widths[name], 2)} % (goal {self._goal_of(name)})"
@@ -368,10 +366,21 @@ class Session:
 
     def _reached(self, plans: Sequence[Plan]) -> str:
         spent, whole = sum(plan.robot_time_s for plan in plans), planned_time_s(self.run)
+        count = f"{len(plans)} experiment" + "s" * (len(plans) > 1)
         return (
-            f"the goal is reached after {len(plans)} experiments and {spent:.4g} s of the robot's time, "
-            f"{100 * spent / whole:.0f} % of the {whole:.4g} s of the study's own plan"
+            f"the goal is reached after {count} and {spent:.4g} s of the robot's time, {100 * spent / whole:.0f} % of "
+            f"the {whole:.4g} s of the study's own plan"
         )
+
+
+def _contradiction(step: int) -> str:
+    """What a fit that cannot be trusted says of the last logs; those before them, if there are any, could be."""
+    if step == 1:
+        return "the model does not describe the logs of x1"
+    return (
+        f"the logs of x{step} contradict those before them (another payload, another tool, or something came loose); "
+        f"put others into live/logs, or remove live/x{step}* and live/*/x{step}-* to plan it again"
+    )
 
 
 def planned_time_s(run: Run) -> float:

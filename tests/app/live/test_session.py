@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,12 @@ from plants.live_arm import GOAL, STUDY, TRUTH
 
 from elastid.app import cli
 from elastid.app.console import Console
+from elastid.app.live.folder import write_simulated_log
 from elastid.app.live.session import Asked, Session
 from elastid.app.run import Run
 from elastid.design.goal import read_goal
+from elastid.experiment.plan.plan import Plan
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.store.measured import read_plan
 from elastid.store.results import read_fit
 from elastid.study import load
@@ -138,6 +142,12 @@ def test_a_log_that_contradicts_its_plan_ends_the_command(
         (("--goal", GOAL, "--set", "experiment.simulated.carrier={kind: offset, velocity: 0.1}"), "constant velocity"),
         (("--goal", GOAL, "--set", "experiment.simulated.outputs=[motor 1]"), "position of motor 2"),
         (("--goal", GOAL, "--set", "fit.robots={A: [down, out, up]}"), "one robot"),
+        (("--goal", GOAL, "--set", "fit.parameters.d_1={per: configuration}"), "no groups are known"),
+        (("--goal", GOAL, "--set", "fit.weights.factors=[{factor: 0.5, configurations: [out]}]"), "leave their names"),
+        (
+            ("--goal", GOAL, "--set", "robot.payload={mass: 5, at: fore}", "--set", "experiment.without_payload=[out]"),
+            "all postures with the payload",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_said_before_the_robot_moves(
@@ -160,6 +170,26 @@ def test_a_goal_out_of_reach_ends_with_a_sentence(study: Path, measured: Path) -
     _, reached, words = session(study, folder, "k_*: 0.00001 %").work()
     assert not reached
     assert "whatever is measured further" in words
+
+
+@pytest.mark.slow
+def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_before(study: Path) -> None:
+    """A tenth more mass from the second experiment on; with the right logs in their place the goal is reached."""
+    folder = study.parent / "payload"
+    session(study, folder, robot_time=16.0).work()
+    finer = session(study, folder, "k_*: 0.05 %", robot_time=100.0)
+    first = read_plan(finer.folder.plan(1))
+    second = finer._planned([first], finer._fitted([first]))
+    assert isinstance(second, Plan)
+    own = replace(finer.problem.experiment, simulated=finer.run.study.experiment.simulated)
+    heavier = finer.run.study.as_robot().with_parameters({"m_fore": 22.0})
+    for robot, is_right in ((heavier, False), (finer.run.study.as_robot(), True)):
+        rig = SimulatedRig(robot, own, second, 5)
+        for run in second.experiments:
+            write_simulated_log(finer.folder.path / "logs", rig, run)
+        _, reached, words = session(study, folder, "k_*: 0.05 %", robot_time=100.0).work()
+        assert reached == is_right, words
+        assert ("the logs of x2 contradict those before" in words) == (not is_right)
 
 
 @pytest.mark.slow

@@ -296,3 +296,15 @@ def test_a_rig_that_cannot_run_is_refused_when_it_is_made() -> None:
     recorded = RecordedSpec("unknown", channels, (FileSpec("log.csv", "c1"),), period_samples=10)
     with pytest.raises(StudyError, match="need the section simulated, not recorded"):
         SimulatedRig(machine, ExperimentSpec({"c1": POSTURE}, recorded=recorded), design, 1)
+
+
+def test_the_log_of_a_whole_run_holds_the_record_in_its_measured_periods() -> None:
+    """To the last bit, noise included."""
+    simulated = three_axes(SimulatedSpec(noise=NOISE))
+    run = simulated.experiments[0]
+    r, u, y = simulated.log(run)
+    record = simulated.measure(run)
+    assert len(r) == len(u) == len(y) == simulated.plan.run_samples
+    np.testing.assert_array_equal(u[simulated.measured], record.u)
+    np.testing.assert_array_equal(y[simulated.measured], record.y)
+    np.testing.assert_allclose(r[simulated.measured], record.r, atol=1e-12)
