@@ -5,8 +5,10 @@
 The demo's arm (its plan: five postures, 390 s of the robot's time) and a six-axis arm with ten springs (five postures,
 420 s) are measured live, the simulated rig in the robot's place, from 60 candidate postures above the floor.
 
-- with the goal `k_*: 1 %` live takes at most 0.4 of the time of the plan, on the arm (--quick: once) and on six axes;
-- at least 85 % of the true stiffnesses lie in their 95 % intervals (95 % are expected; few fits);
+- with the goal `k_*: 1 %` live takes at most 0.4 of the time of the plan, on the arm with three seeds and on
+  six axes (not with --quick);
+- at least 85 % of the true stiffnesses lie in their 95 % intervals (95 % are expected; 18 of 21 on the
+  arm);
 - no clean log contradicts its plan: of those above, and of 102 (--quick: 6) of arms whose stiffnesses are 20 % off the
   file, masses 3 %, frictions 30 % (standard deviations), in postures drawn at random.
 """
@@ -165,12 +167,15 @@ def main(quick: bool) -> dict[str, Any]:
         for file in (files("elastid.app") / "templates" / "serial").iterdir():
             (base / file.name).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
         arm = base / "study.yml"
-        coarse = lived(arm, base / "coarse", "k_*: 1 %", 1)
-        say("arm, 1 %", coarse)
-        assert coarse.reached
-        assert coarse.ratio <= COARSE
-        held, logs = inside(arm, coarse.result), coarse.logs
-        found: dict[str, Any] = {"arm 1 %": round(coarse.ratio, 3)}
+        held, logs, found = list[bool](), 0, dict[str, Any]()
+        for seed in (1, 2, 3):
+            own = lived(arm, base / f"arm{seed}", "k_*: 1 %", seed)
+            say(f"arm, 1 %, seed {seed}", own)
+            assert own.reached
+            assert own.ratio <= COARSE
+            held += inside(arm, own.result)
+            logs += own.logs
+            found[f"arm 1 %, seed {seed}"] = round(own.ratio, 3)
         if not quick:
             (base / "six").mkdir()
             (base / "six" / "robot.yml").write_text(robot_text(six_axes()), encoding="utf-8")
