@@ -84,11 +84,14 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         return as_read - cost > share * excess
 
     if followed and not any(explains(cost, LIMITS.whole) for cost, _, _ in followed.values()):
-        best = min(followed.values(), key=lambda trial: trial[0])[2]
-        with suppress(ElastidError):  # no robot stands there
-            there, start = _from_the_file(best, evidence)
-            trials = (followed[best.name], (*settle(best, there, start, every), best))
-            followed[best.name] = min(trials, key=lambda trial: trial[0])
+        lowest = min(cost for cost, _, _ in followed.values())
+        for name, (cost, _, reading) in tuple(followed.items()):  # all that cannot be distinguished from the best
+            if cost > LIMITS.cost_ratio * lowest:
+                continue
+            with suppress(ElastidError):  # no robot stands there
+                there, start = _from_the_file(reading, evidence)
+                trials = (followed[name], (*settle(reading, there, start, every), reading))
+                followed[name] = min(trials, key=lambda trial: trial[0])
     if not any(explains(cost) for cost, _, _ in followed.values()):
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
             followed[name] = (cost, x_end, Reading(name, SCALE, lambda _, values: values))
