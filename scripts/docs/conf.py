@@ -42,7 +42,7 @@ autodoc_preserve_defaults = True  # `EstimatorSpec()` and not all of its fields
 sphinx_gallery_conf = {
     "examples_dirs": "scripts/examples",
     "gallery_dirs": "gallery",
-    "ignore_pattern": r"__init__|exact_responses",
+    "ignore_pattern": r"__init__|exact_responses|two_axis_study",
     # All but the one that reads the folder of a run.
     "filename_pattern": r"/ex(?!05)\d\d_",
     "image_scrapers": ("example_figures",),

@@ -348,7 +348,19 @@ def test_the_summary_keeps_its_form(finished: Path) -> None:
     """Schema 1, as programs read it; the truth stands beside each estimate."""
     summary = json.loads((finished / "run" / "summary.json").read_text())
     assert list(summary) == [
-        *("schema", "study", "status", "message", "static_loads", "cost", "cost_expected", "dof", "starts", "hits"),
+        *(
+            "schema",
+            "study",
+            "status",
+            "message",
+            "static_loads",
+            "tool_responses",
+            "cost",
+            "cost_expected",
+            "dof",
+            "starts",
+            "hits",
+        ),
         *(
             "parameters",
             "tolerated",

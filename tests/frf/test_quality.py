@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.artefacts import STAMP
 from plants.notes import said
 from plants.random_plants import ALL_PERIODS, ODD, N, nonlinear, record_of
 
@@ -125,7 +126,7 @@ def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) 
         write_records(path, records())
         tracemalloc.start()
         for name in read_configurations(path):
-            estimate_configuration(path, name, ALL_PERIODS, lines)
+            estimate_configuration(path, ALL_PERIODS, lines, None, None, STAMP, (name, None))
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return most
