@@ -120,7 +120,7 @@ def residual_sentence(result: FitResult, agreements: Sequence[Agreement]) -> str
         return "The noise is unknown: the residuals cannot be judged."
     if result.exceeds_noise:
         cause = excess_sentence(result) or "No number that was held explains a tenth of the excess."
-        return f"The residuals exceed the noise {number(result.model_error, 2)}-fold. {cause}"
+        return f"The residuals are {number(result.model_error, 3)} times the noise. {cause}"
     if needs_floor(agreements):
         return "Nowhere beyond the floor of the fit; the noise alone does not explain the residuals."
     return "Nowhere: no residual beyond what the noise explains."
@@ -132,7 +132,7 @@ def _of_status(result: FitResult, agreements: Sequence[Agreement]) -> str:
     if not result.noise_is_known:
         return "the noise is unknown, so that nothing says whether the model describes the data"
     if result.exceeds_noise:
-        return f"residuals {number(result.model_error, 2)} times the noise, which the intervals include"
+        return f"residuals {number(result.model_error, 3)} times the noise, which the intervals include"
     return f"the model describes the data{' within its floor' if needs_floor(agreements) else ''}"
 
 

@@ -19,6 +19,7 @@ from elastid.base.arrays import FloatArray
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 
 MASS_KG, DISTANCE_M = 5.0, 0.3  # usual ones of a load from a body's centre
+LEAST = 1e-3  # of the body's mass: nobody forgets a smaller load, and other causes look like one
 STARTS = ((3.0, (0.3, 0.0, 0.0)), (3.0, (0.0, 0.3, 0.0)), (3.0, (0.0, 0.0, 0.3)), (3.0, (-0.3, 0.0, 0.0)))
 
 
@@ -34,7 +35,9 @@ class Load:
 
 
 def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float) -> Load | None:
-    """The best load of a body, within the priors; None where all its numbers together lower V by less than `least`."""
+    """The best load of a body, within the priors; None where all its numbers together lower V by less than `least`,
+    or where it has no mass to speak of.
+    """
     from scipy.optimize import least_squares  # slow to load, and seldom needed
 
     places, numbers = candidate.places, [test.numbers[i] for i in candidate.places]
@@ -65,6 +68,8 @@ def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float)
     bounds, scales = ([-0.9 * mass, -3, -3, -3], [np.inf, 3, 3, 3]), [1.0, 0.1, 0.1, 0.1]
     ends = [least_squares(residual, [mu, *rho], slopes, bounds=bounds, x_scale=scales) for mu, rho in STARTS]
     p = min(ends, key=lambda end: float(end.cost)).x
+    if abs(p[0]) < LEAST * mass:
+        return None
     change, J = A @ _moments(p), A @ _slopes_of_moments(p)
     drop = float(-change @ (2 * g + S @ change))
     return Load(float(p[0]), p[1:], steps_of(numbers, p), max(drop, 0.0), J.T @ S @ J)
