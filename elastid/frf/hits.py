@@ -104,8 +104,8 @@ def _double_hits(record: Record, name: str, pulses: Pulses) -> Iterator[Note]:
             "double-hit",
             f"{len(bounces)} of {len(pulses.first) - len(bounces)} hits of {name} are double, one {begins:.4g} s into "
             f"the record with a second blow {1000 * gap[worst]:.3g} ms later and {percent(strength[worst], 2)} as "
-            f"strong: the force has dips every {1 / gap[worst]:.3g} Hz, where the response is uncertain; leave that hit out of the record, "
-            "or hit again with a lighter hammer",
+            f"strong: the force has dips every {1 / gap[worst]:.3g} Hz, where the response is uncertain; leave that "
+            "hit out of the record, or hit again with a lighter hammer",
         )
 
 
