@@ -75,7 +75,8 @@ class _Joint:
                 break
         if column is None:
             return best, np.nan, np.nan
-        return best, float(z[-1]), float(np.sqrt(max(np.linalg.pinv(H)[-1, -1], 0.0)))
+        std = np.sqrt(max(np.linalg.pinv(H)[-1, -1], 0.0)) if H[-1, -1] > 0 else np.inf
+        return best, float(z[-1]), float(std)
 
     def _at(self, z: FloatArray, column: Column | None) -> tuple[float, FloatArray, FloatArray]:
         """T, half its gradient and J^T J at z (n,)."""

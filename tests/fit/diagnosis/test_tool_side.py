@@ -69,6 +69,7 @@ def test_a_sensor_that_was_not_plugged_in_says_nothing(tiny: Path) -> None:
     assert result.tool is not None
     assert not result.tool.disagrees
     assert "none is more than noise" in result.tool.words
+    assert result.tool.ratio_std == np.inf
     assert any("frame tool y" in note.text for note in result.notes)
     assert result.values["k_1"] == pytest.approx(60, rel=1e-6)
 
