@@ -93,7 +93,9 @@ class ToolAgreement:
     @property
     def words(self) -> str:
         """The comparison in a sentence."""
-        rms = math.sqrt(self.chi_square / max(self.dof, 1))
+        if not self.dof:
+            return "no line of the responses at the tool counts: none is more than noise"
+        rms = math.sqrt(self.chi_square / self.dof)
         many = len(self.responses) > 1
         count = f"{len(self.responses)} responses at the tool are" if many else "1 response at the tool is"
         return (

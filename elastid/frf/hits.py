@@ -98,13 +98,14 @@ def _double_hits(record: Record, name: str, pulses: Pulses) -> Iterator[Note]:
         gap = (pulses.first[bounces] - pulses.first[bounces - 1]) / record.rate_hz
         strength = pulses.size[bounces] / pulses.size[bounces - 1]
         worst = int(np.argmax(strength))
+        begins = pulses.first[bounces[worst] - 1] / record.rate_hz
         yield _note(
             record,
             "double-hit",
-            f"{len(bounces)} of {len(pulses.first) - len(bounces)} hits of {name} are double, one with a second blow "
-            f"{1000 * gap[worst]:.3g} ms later and {percent(strength[worst], 2)} as strong: the force has dips every "
-            f"{1 / gap[worst]:.3g} Hz, where the response is uncertain; leave that hit out of the record, "
-            "or hit again with a lighter hammer",
+            f"{len(bounces)} of {len(pulses.first) - len(bounces)} hits of {name} are double, one {begins:.4g} s into "
+            f"the record with a second blow {1000 * gap[worst]:.3g} ms later and {percent(strength[worst], 2)} as "
+            f"strong: the force has dips every {1 / gap[worst]:.3g} Hz, where the response is uncertain; leave that "
+            "hit out of the record, or hit again with a lighter hammer",
         )
 
 

@@ -49,7 +49,7 @@ class MeasuredModes:
     """Of one configuration: frequencies (n,) and dampings (n,) with standard deviations, measured.
 
     model_hz, model_zeta, mac (n,): of the model's mode that each belongs to; NaN for none.  is_missing (n,): the model
-    lacks it.  seen (n,): the outputs that move most.
+    lacks it.  seen (n,): the outputs that move most.  frequency_unit: Hz, or of a sampling rate that is not known.
     """
 
     configuration: str
@@ -62,6 +62,7 @@ class MeasuredModes:
     mac: FloatArray
     is_missing: BoolArray
     seen: tuple[str, ...]
+    frequency_unit: str = "Hz"
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -81,10 +82,10 @@ class MeasuredModes:
         return tuple(
             Note(
                 "missing-mode",
-                f"a mode at {number(self.freq_hz[i], 3)} Hz, {percent(self.zeta[i], 2)} damping, seen at "
-                f"{self.seen[i]}, is in the measured response and not in the model: something on a spring of its own, "
-                "of the structure, the base or the tool, is missing in the robot's file; give it a joint without a "
-                "motor there",
+                f"a mode at {number(self.freq_hz[i], 3)} {self.frequency_unit}, {percent(self.zeta[i], 2)} damping, "
+                f"seen at {self.seen[i]}, is in the measured response and not in the model: something on a spring of "
+                "its own, of the structure, the base or the tool, is missing in the robot's file; give it a joint "
+                "without a motor there",
                 self.configuration,
             )
             for i in np.flatnonzero(self.is_missing)
@@ -114,6 +115,7 @@ def modes_beside(
     return MeasuredModes(
         own.configuration, own.freq_hz, own.freq_std, own.zeta, own.zeta_std, model_hz, model_zeta, overlap,
         (partner < 0) & missed, tuple(_seen(own, r) for r in range(own.n_modes)),
+        own.frequency_unit,
     )  # fmt: skip
 
 

@@ -56,3 +56,5 @@ def test_a_mode_that_the_model_lacks_is_named_with_its_motors() -> None:
     assert note.text.startswith("a mode at 31.2 Hz, 2")
     assert "seen at motors 2 and 3" in note.text
     assert [row for row in own.rows if "missing" in row]
+    (note,) = replace(own, frequency_unit="of the sampling rate").notes
+    assert note.text.startswith("a mode at 31.2 of the sampling rate, 2")

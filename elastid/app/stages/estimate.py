@@ -209,9 +209,7 @@ def imported_responses(
                 response = replace(response, notes=(*response.notes, Note("hold-not-taken-out", text, str(path))))
         else:
             if not spec.channels:
-                raise StudyError(
-                    f"{path}: its inputs and outputs are unknown; give them under experiment.responses.channels"
-                )
+                raise StudyError(f"{path}: its inputs and outputs are unknown; give them as channels beside the files")
             with naming(path, f"its values are no frequency response; look at them with `elastid inspect {path}`"):
                 table = read_table(path, spec, file.response)
                 response = link_side_response(table, spec, configuration, places, estimator.quantity)

@@ -76,12 +76,13 @@ def fit(
         words = f"fit: stopped, {unfinished.words or 'no start'} done and kept"
         content = interrupted(name, seeded_fit, robot, tuple(experiment.configurations), stop.ends)
         return Artefacts({"summary.json": as_json(content)}, lambda c: c.say(words), stop)
+    result = replace(result, notes=(*result.notes, *(note for response in tapped for note in response.notes)))
     model_of_all = FittedRobot.of(result, robot, responses, model)
     agreements = [
         agreement(m, G, m.configuration.name in left_out)
         for m, G in zip(responses, model_of_all.responses, strict=True)
     ]
-    notes = [note for response in (*responses, *tapped) for note in response.notes]
+    notes = [note for response in responses for note in response.notes]
     rows = fitted_rows(robot, experiment, seeded_fit, result, friction)
     content = summary(name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 

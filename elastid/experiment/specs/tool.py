@@ -32,13 +32,16 @@ class ToolSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse drives of motors that are not controlled, and controlled motors without them."""
+        """Refuse drives of motors that are not controlled, controlled motors without them, and negative numbers."""
         n = len(self.stiffness)
         if n != len(self.damping) or (self.motors == "controlled") != (n > 0):
             raise ValueError(
                 f"{n} stiffnesses and {len(self.damping)} dampings of drives, and motors are {self.motors}: give one "
                 "of each for each motor where they are controlled, and none otherwise"
             )
+        for name, values in (("stiffness", self.stiffness), ("damping", self.damping)):
+            if min(values, default=0.0) < 0:
+                raise ValueError(f"{name} is {min(values):g}; a drive that holds its motor has none below zero")
 
     @property
     def loop(self) -> JointLoop | None:

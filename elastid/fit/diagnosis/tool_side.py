@@ -75,7 +75,8 @@ class _Joint:
                 break
         if column is None:
             return best, np.nan, np.nan
-        return best, float(z[-1]), float(np.sqrt(max(np.linalg.pinv(H)[-1, -1], 0.0)))
+        std = np.sqrt(max(np.linalg.pinv(H)[-1, -1], 0.0)) if H[-1, -1] > 0 else np.inf
+        return best, float(z[-1]), float(std)
 
     def _at(self, z: FloatArray, column: Column | None) -> tuple[float, FloatArray, FloatArray]:
         """T, half its gradient and J^T J at z (n,)."""
@@ -91,7 +92,8 @@ class _Joint:
                     cost, gradient, H = cost + float(r @ r), gradient + J.T @ r, H + J.T @ J
             except np.linalg.LinAlgError:
                 return np.inf, gradient, H
-        return cost if np.isfinite(cost) else np.inf, gradient, H
+        # Far away slopes overflow before the cost does.
+        return cost if np.isfinite(cost) and np.isfinite(H).all() else np.inf, gradient, H
 
     def _part(self, part: Part, x: FloatArray, column: Column | None, size: float) -> tuple[FloatArray, FloatArray]:
         """Whitened residuals (N,) and their slopes (N, n)."""
@@ -117,9 +119,8 @@ def tool_agreement(assembly: Assembly, alone: FitResult) -> ToolAgreement:
     scale = alone.model_error**2 if alone.exceeds_noise else 1.0
     T = now.least()[0]
     _, factor, std = now.least(_factor)
-    is_beyond = scale * dof * largest_by_chance(dof) < T or (
-        (factor / std) ** 2 > scale * chi_square_limit(1, LIMITS.tail)
-    )
+    is_other_size = factor**2 > scale * chi_square_limit(1, LIMITS.tail) * std**2
+    is_beyond = scale * dof * largest_by_chance(dof) < T or is_other_size
     cause, is_misread = _cause(assembly, alone, now, T) if is_beyond else ("", False)
     compared = tuple(_compared(G, part, now) for G, part in zip(assembly.responses, now.fit.parts, strict=True))
     return ToolAgreement(compared, 1 + factor, std, T, dof, cause, is_misread)

@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.note import Note, Severity
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, zero_order_hold
@@ -161,4 +161,6 @@ def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tup
     n_out, static = int(np.sum(~good)), int(np.sum(freq_hz <= 0))
     reasons = [f"{n} {reason}" for n, reason in ((static, "at 0 Hz"), (n_out - static, "not finite")) if n]
     text = f"{n_out} of {len(good)} lines are left out: {' and '.join(reasons)}"
-    return (Note("lines-left-out", text, table.path.name),)
+    # Analysers begin at 0 Hz, where no motion has an acceleration.
+    severity: Severity = "information" if n_out == static else "warning"
+    return (Note("lines-left-out", text, table.path.name, severity=severity),)

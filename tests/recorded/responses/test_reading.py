@@ -235,6 +235,16 @@ def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path: Path) ->
     response = _read(tmp_path, _spec("frf.mat"))
     assert said(response.notes) == ("frf.mat: 2 of 6 lines are left out: 1 at 0 Hz and 1 not finite",)
     np.testing.assert_allclose(response.freq_hz, FREQ_HZ[[1, 2, 4, 5]])
+    assert response.notes[-1].severity == "warning"
+
+
+def test_a_line_at_rest_alone_is_no_warning(tmp_path: Path) -> None:
+    """Every analyser's file begins with one."""
+    s = _struct(ResponseData=np.moveaxis(in_file(), 0, 2), Frequency=np.r_[0, FREQ_HZ[1:]], FrequencyUnit="Hz")
+    savemat(tmp_path / "frf.mat", {"G": s})
+    (note,) = _read(tmp_path, _spec("frf.mat")).notes
+    assert note.text == "1 of 6 lines are left out: 1 at 0 Hz"
+    assert note.severity == "information"
 
 
 Two = dict[str, Any]
