@@ -179,7 +179,8 @@ def _postures(run: Run, result: FitResult, choice: Choice) -> tuple[Configuratio
         angles = angles[np.unique(np.linspace(0, len(angles) - 1, MOST).astype(int))]
     else:
         angles = random_postures(family.robot, choice.random or 1, run.study.seed or 0)
-    return tuple(Configuration(f"posture {i + 1}", each) for i, each in enumerate(angles))
+    kind = "random" if choice.path is None else "path"
+    return tuple(Configuration(f"{kind} {i + 1}", each) for i, each in enumerate(angles))
 
 
 def _write(run: Run, loops: Loops) -> None:
