@@ -62,9 +62,12 @@ def loops_study(run: Run, choice: Choice) -> None:
     run.require_result("fit")
     with logged_in(run.folder, run.jobs, run.console):
         result = read_fit(run.path("fit"))
-        rate_hz = choice.rate_hz or _own_rate(run)
+        own_hz = _own_rate(run)
+        rate_hz = choice.rate_hz or own_hz
+        if rate_hz is None:
+            raise StudyError(f"{run.loaded.path}: the study states no rate of the controller; give --rate")
         measured = _measured(run, result, rate_hz)
-        today = _today(run, result, measured)
+        today = _today(run, own_hz or rate_hz, measured)
         delay = choice.delay if choice.delay is not None else _own_delay(run, measured)
         robot, name = _judge(run, result)
         postures = _postures(run, result, choice)
@@ -81,20 +84,21 @@ def loops_study(run: Run, choice: Choice) -> None:
             kind = "simulated" if run.study.experiment.simulated is not None else "recorded"
             run.console.warn(
                 f"{_place(run, 'experiment', kind, 'controller')}: today's controller ({loops.source}) is unstable at "
-                f"{loops.rate_hz:g} Hz in posture {', '.join(lost)}; take the gains of {run.folder / RESULTS[1]}"
+                f"{own_hz or rate_hz:g} Hz in posture {', '.join(lost)}; take the gains of {run.folder / RESULTS[1]}"
             )
         if result.status not in TRUSTED:
             run.console.warn(f"{NAME}: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
 
 
-def _own_rate(run: Run) -> float:
+def _own_rate(run: Run) -> float | None:
+    """Of today's controller; None where the study does not state it."""
     study = run.study
     if study.experiment.simulated is not None and study.excitation is not None:
         return study.excitation.rate_hz
     recorded = study.experiment.recorded
     if recorded is not None and recorded.rate_hz != "unknown":
         return float(recorded.rate_hz)
-    raise StudyError(f"{run.loaded.path}: the study states no rate of the controller; give --rate")
+    return None
 
 
 def _own_delay(run: Run, measured: Sequence[MeasuredLoops]) -> int:
@@ -128,21 +132,21 @@ def _measured(run: Run, result: FitResult, rate_hz: float) -> list[MeasuredLoops
     return measured
 
 
-def _today(run: Run, result: FitResult, measured: Sequence[MeasuredLoops]) -> Today | None:
+def _today(run: Run, rate_hz: float, measured: Sequence[MeasuredLoops]) -> Today | None:
     """As the study states it, else as its records show it; a warning where neither does."""
     experiment = run.study.experiment
     n_u = len(run.study.as_robot().driven)
     if experiment.simulated is not None:
-        return Today("stated in the study", spec=experiment.simulated.controller)
+        return Today("stated in the study", rate_hz, spec=experiment.simulated.controller)
     if experiment.recorded is not None and experiment.recorded.controller is not None:
         delay = max((own.delay for own in measured), default=0)
         gains, filters = with_delay(_stated(experiment.recorded.controller, n_u), delay)
-        return Today("stated in the study", gains, filters)
+        return Today("stated in the study", rate_hz, gains, filters)
     good = [own for own in measured if own.explained.min() > _POOR]
     if good:
         mean = Gains(*(np.mean([getattr(own, name) for own in good], axis=0) for name in ("kp", "kd", "ki")))
         gains, filters = with_delay(mean, good[0].delay)
-        return Today("identified from the records", gains, filters)
+        return Today("identified from the records", rate_hz, gains, filters)
     run.console.warn(
         f"{_place(run, 'experiment', 'recorded')}: today's controller is not known: the study states none "
         "(experiment.recorded.controller), and its records show none; gains are designed all the same"
@@ -175,7 +179,8 @@ def _postures(run: Run, result: FitResult, choice: Choice) -> tuple[Configuratio
         angles = angles[np.unique(np.linspace(0, len(angles) - 1, MOST).astype(int))]
     else:
         angles = random_postures(family.robot, choice.random or 1, run.study.seed or 0)
-    return tuple(Configuration(f"posture {i + 1}", each) for i, each in enumerate(angles))
+    kind = "random" if choice.path is None else "path"
+    return tuple(Configuration(f"{kind} {i + 1}", each) for i, each in enumerate(angles))
 
 
 def _write(run: Run, loops: Loops) -> None:
@@ -254,9 +259,9 @@ def sentences(loops: Loops) -> tuple[str, ...]:
         lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures")
     if loops.steps is None:
         return (*lines, f"steps are not simulated: {loops.no_steps}")
-    overshoot, settled = loops.steps.overshoot.max(), loops.steps.settled_s.max()
-    words = f"{100 * overshoot:.0f} % of overshoot at most, settled in {settled:.2g} s"
-    return (*lines, f"steps on the {loops.steps.judge}: {words}")
+    overshoot, settled, end = loops.steps.overshoot.max(), loops.steps.settled_s.max(), loops.steps.time_s[-1]
+    words = f"settled in {settled:.2g} s" if settled < end else f"not settled after {end:.2g} s"
+    return (*lines, f"steps on the {loops.steps.judge}: {100 * overshoot:.0f} % of overshoot at most, {words}")
 
 
 def unstable(state: LoopState) -> list[str]:

@@ -99,9 +99,10 @@ def six_axes() -> Robot:
 
 @dataclass(frozen=True)
 class Ended:
-    """A live identification: part of the time of the study's own plan, experiments, logs, and its fit."""
+    """A live identification: part of the time of the study's own plan, that in s, experiments, logs, and its fit."""
 
     ratio: float
+    whole_s: float
     experiments: int
     logs: int
     reached: bool
@@ -116,7 +117,8 @@ def lived(study: Path, folder: Path, goal: str, seed: int) -> Ended:
     whole = planned_time_s(plain)
     plans, reached, words = Session.of(run, Asked((goal,), True, whole)).work()
     spent, logs = sum(plan.robot_time_s for plan in plans), sum(len(plan.experiments) for plan in plans)
-    return Ended(spent / whole, len(plans), logs, reached, words, read_fit(folder / "live" / f"x{len(plans)}-fit.h5"))
+    result = read_fit(folder / "live" / f"x{len(plans)}-fit.h5")
+    return Ended(spent / whole, whole, len(plans), logs, reached, words, result)
 
 
 def inside(study: Path, result: FitResult) -> list[bool]:
@@ -157,7 +159,8 @@ def contradictions(study: Path, postures: int) -> tuple[int, int]:
 
 
 def say(name: str, ended: Ended) -> None:
-    print(f"{name}: {ended.ratio:.2f} of the time, {ended.words}", file=sys.stderr, flush=True)
+    parts = f"{ended.ratio:.2f} of {ended.whole_s:.4g} s, experiments: {ended.experiments}"
+    print(f"{name}: {parts}", file=sys.stderr, flush=True)
 
 
 def main(quick: bool) -> dict[str, Any]:
@@ -171,7 +174,7 @@ def main(quick: bool) -> dict[str, Any]:
         for seed in (1, 2, 3):
             own = lived(arm, base / f"arm{seed}", "k_*: 1 %", seed)
             say(f"arm, 1 %, seed {seed}", own)
-            assert own.reached
+            assert own.reached, own.words
             assert own.ratio <= COARSE
             held += inside(arm, own.result)
             logs += own.logs
@@ -182,7 +185,7 @@ def main(quick: bool) -> dict[str, Any]:
             (base / "six" / "study.yml").write_text(SIX_AXES, encoding="utf-8")
             six = lived(base / "six" / "study.yml", base / "six1", "k_*: 1 %", 1)
             say("six axes, 1 %", six)
-            assert six.reached
+            assert six.reached, six.words
             assert six.ratio <= COARSE
             held += inside(base / "six" / "study.yml", six.result)
             logs += six.logs

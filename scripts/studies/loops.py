@@ -8,7 +8,7 @@ on 200 draws (--quick: 20). Then a multisine is injected into the loops that hav
 a model:
 
 - on our nonlinear twin with the true numbers, and in MuJoCo, whose controller is written out here: the largest S over
-  the excited lines is within 0.15 dB of the predicted one, the same posture has it, and all steps settle;
+  the excited lines is within 0.15 dB of the predicted one in each posture, and all steps on the twin settle;
 - steps in MuJoCo and on the twin agree to 1 % of the step;
 - on an outside rig (`two_axis_arm` beside this repository; left out where it is not there), whose controller is
   identified from its logs to 1 % in each number, the peak of its own loops within 0.15 dB of the model's, and with PD

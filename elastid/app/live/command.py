@@ -26,10 +26,11 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
     into DIR/live/references, a file for each run; its logs are awaited in DIR/live/logs under the same names. A log
     that contradicts its plan ends the command. It can be ended at any time; the same command goes on from there. At
     the end DIR holds the results as `elastid run` leaves them, of the study DIR/live/study.yml. Default of --run:
-    runs/<name of the study>-live.
+    runs/<name of the study>-live, with --simulate runs/<name of the study>-live-simulated.
     """
     asked = run_of(study, options)
     from elastid.app.live.session import Asked, live_study
 
-    folder = options["folder"] or Path("runs") / f"{asked.study.name}-live"
+    # Simulated logs never lie where those of the robot are awaited.
+    folder = options["folder"] or Path("runs") / f"{asked.study.name}-live{'-simulated' * simulate}"
     live_study(asked, folder, Asked(goals, simulate, robot_time))

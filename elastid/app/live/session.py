@@ -125,8 +125,9 @@ class Session:
 
     @cached_property
     def stamp(self) -> Stamp:
-        """Of all files of the session: the values of the study that a plan depends on."""
-        return replace(stamps_of(self.run.loaded)["design"], study="")
+        """Of all files of the session: the values of the study that a plan depends on, and who makes the logs."""
+        own = stamps_of(self.run.loaded)["design"]
+        return replace(own, study="", inputs=hash_of([own.inputs, "simulated"]) if self.asked.simulate else own.inputs)
 
     def work(self) -> tuple[list[Plan], bool, str]:
         """The plans that were carried out, True where the goal is reached, and how it ended."""
@@ -214,8 +215,9 @@ class Session:
         stamp = read_stamp(path)
         if stamp is None or stamp.inputs != self.stamp.inputs:
             raise StudyError(
-                f"{path} was planned for another study, other data or other options; give another folder with --run, "
-                f"or remove {path.parent} to begin again"
+                f"{path} was planned for another study, other data or other options, or for logs that "
+                f"{'a robot measures' if self.asked.simulate else 'are simulated'}; give another folder with --run, or "
+                f"remove {path.parent} to begin again"
             )
 
     def _robots(self, result: FitResult | None, step: int) -> tuple[Robot, ...]:
@@ -295,8 +297,7 @@ class Session:
     def _fit_stamp(self, plans: Sequence[Plan]) -> Stamp:
         """Of the fit of all logs of some plans, as they are."""
         logs = [file_hash(path) for plan in plans for run in plan.experiments if (path := self.folder.log(run))]
-        exact = self.folder.robot.tolerances == EXACT
-        return replace(self.stamp, inputs=hash_of([self.stamp.inputs, logs, exact]))
+        return replace(self.stamp, inputs=hash_of([self.stamp.inputs, logs]))
 
     def _is_fitted(self, plans: Sequence[Plan]) -> bool:
         """True if the fit of all logs of some plans is there, and none has changed since."""

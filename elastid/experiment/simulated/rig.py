@@ -213,8 +213,8 @@ class SimulatedRig:
             advice = "Lower excitation.torque_rms, or move the configuration away from its limits"
             if self.simulated.controller.gains is not None:
                 advice = (
-                    "The loops may be unstable with experiment.simulated.controller.gains; leave these out, or take "
-                    "those of `elastid loops` for this configuration"
+                    "The loops may be unstable with experiment.simulated.controller.gains: leave these out; from the "
+                    "run without them `elastid loops` designs gains that hold every configuration"
                 )
             raise DataError(
                 f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "

@@ -263,16 +263,26 @@ def robust(
         return np.zeros(0) if drawn is None else drawn.peaks_db(own).reshape(-1, Q).max(axis=1)
 
     def excess(own: Cascade) -> float:
-        """dB by which the 95 % quantile of the draws is above the limit."""
-        return float(np.quantile(peaks(own), QUANTILE, method="higher")) - LIMIT_DB if drawn else -np.inf
+        """dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
+        of_draws = float(np.quantile(peaks(own), QUANTILE, method="higher")) if drawn else -np.inf
+        return max(float(fine.peaks_db(own).max()), of_draws) - LIMIT_DB
 
-    for _ in range(_TURNS):
-        for best in design(scene, first_mode_hz, delay, limit_db):
+    tried: list[Cascade] = []
+    for turn in range(_TURNS):
+        better = [searched(scene, tried[-1], limit_db)] if turn else design(scene, first_mode_hz, delay, limit_db)
+        for best in filter(None, better):
             say(f"{np.exp(scene.reached(best)):.3g} Hz, {len(best.notches)} notches")
-        if (above := excess(best)) <= 0.05:
+            tried.append(best)
+        if (above := excess(tried[-1])) <= 0:
             break
-        limit_db -= min(above, 1.5)
-    found = slowed(best, lambda own: fine.keeps(own, LIMIT_DB) and excess(own) <= 0)
+        limit_db -= min(above + 0.01, 1.5)
+    found = None
+    for best in reversed(tried):  # slowing may cost one of them half its bandwidth, and another nothing
+        ahead = np.inf if found is None else scene.reached(best) - scene.reached(found)
+        steps = int(min(max(ahead, 0.0) / -np.log(_SLOWER), _SLOWEST))
+        own = slowed(best, lambda each: fine.keeps(each, LIMIT_DB) and excess(each) <= 0, steps)
+        if own is not None and (found is None or scene.reached(own) > scene.reached(found)):
+            found = own
     if found is None:
         raise FitError("no gains keep the sensitivity below 6 dB on 95 % of the draws: the fit knows too little")
     return found, peaks(found)

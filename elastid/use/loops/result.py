@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from elastid.use.loops.assess import LoopState, assess
 from elastid.use.loops.cascade import Cascade
 from elastid.use.loops.design import robust
 from elastid.use.loops.measured import MeasuredLoops
-from elastid.use.loops.plants import PlantMode, PostureFamily
+from elastid.use.loops.plants import PlantMode, Plants, PostureFamily
 from elastid.use.loops.steps import Steps, steps
 
 TODAY, DESIGNED = "today's controller", "designed controller"
@@ -76,9 +76,13 @@ class Loops:
 
 @dataclass(frozen=True, eq=False)
 class Today:
-    """A known controller: gains (n_u,) or (Q, n_u) with filters, or a `ControllerSpec`, and where it is known from."""
+    """A known controller: gains (n_u,) or (Q, n_u) with filters, or a `ControllerSpec`, and where it is known from.
+
+    rate_hz: its own, which may be another than that of the loops that are designed.
+    """
 
     source: str
+    rate_hz: float
     gains: Gains | None = None
     filters: Filters | None = None
     spec: ControllerSpec | None = None
@@ -116,15 +120,22 @@ def design_loops(
     """FitError where no gains keep the limit, StudyError for a posture without rest."""
     family = PostureFamily.of(result, asked.postures, asked.rate_hz)
     plants = family.estimate()
-    drawn = family.draws(result, asked.draws, asked.seed) if asked.draws else None
+
+    def drawn_of(family: PostureFamily) -> Plants | None:
+        return family.draws(result, asked.draws, asked.seed) if asked.draws else None
+
+    drawn = drawn_of(family)
     modes = tuple(_sprung(family.modes(q), family.names[q]) for q in range(len(family.names)))
     robot = family.family.robot
     joints = tuple(joint.name for joint in robot.driven)
     state = None
     if today is not None:
-        filters = today.filters if today.spec is None else filters_of(joints, today.spec, asked.rate_hz)
-        gains = today.in_postures(family)
-        state = assess(TODAY, plants, drawn, gains, filters, family.names, joints, modes)
+        filters = today.filters if today.spec is None else filters_of(joints, today.spec, today.rate_hz)
+        gains, own = today.in_postures(family), (plants, drawn)
+        if today.rate_hz != asked.rate_hz:
+            at_its_rate = replace(family, rate_hz=today.rate_hz)
+            own = at_its_rate.estimate(), drawn_of(at_its_rate)
+        state = assess(TODAY, *own, gains, filters, family.names, joints, modes)
     first = min(mode.freq_hz for own in modes for mode in own)
     none = plants[:0]
     found, _ = robust(plants, drawn if drawn is not None else none, first, asked.delay_samples, say)

@@ -124,7 +124,7 @@ def test_a_log_that_contradicts_its_plan_ends_the_command(
 ) -> None:
     spoil, words = FAULTS[fault]
     folder = spoilt(measured, study.parent / fault.replace(" ", "-"), spoil)
-    assert command(study, folder, "--goal", GOAL) == 1
+    assert command(study, folder, "--goal", GOAL, "--simulate") == 1
     message = capsys.readouterr().err
     assert words in message
     assert "x1-r0-e0" in message
@@ -196,5 +196,19 @@ def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_befor
 def test_the_folder_of_another_study_is_refused(
     study: Path, measured: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert command(study, measured, "--goal", GOAL, "--set", "seed=2") == 2
+    assert command(study, measured, "--goal", GOAL, "--simulate", "--set", "seed=2") == 2
     assert "planned for another study" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_simulated_logs_are_never_taken_for_those_of_the_robot(
+    study: Path, measured: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one folder; and unless a folder is given, each have their own."""
+    assert command(study, measured, "--goal", GOAL) == 2
+    assert "for logs that are simulated" in capsys.readouterr().err
+    folders: list[Path] = []
+    monkeypatch.setattr("elastid.app.live.session.live_study", lambda _, folder, asked: folders.append(folder))
+    for words in ((), ("--simulate",)):
+        assert cli.run_command(["live", str(study), "--goal", GOAL, "-q", *words]) == 0
+    assert len({*folders}) == 2
