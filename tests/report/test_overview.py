@@ -120,7 +120,8 @@ def test_answers_do_not_contradict_the_status():
     assert numbers_answer(result, rows).startswith("Not yet: ")
     actions = next_steps(result, rows, content.plan)
     assert [action.text for action in actions] == ["elastid compare STUDY --search"]
-    assert residual_sentence(result, content.validation.configurations).startswith("The residuals are 6.32 times the noise.")
+    sentence = residual_sentence(result, content.validation.configurations)
+    assert sentence.startswith("The residuals are 6.32 times the noise.")
     held = replace(result, status="converged", cost=100.0)
     beyond = [
         replace(one, power_ratio=4.0, power_dof=400.0, left_out=False) for one in content.validation.configurations
