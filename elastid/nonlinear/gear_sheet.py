@@ -78,7 +78,7 @@ def open_gears(
     nothing = GearResult(result.x, result.covariance)
     linearisation = Linearisation.of_robot(robot, model, result.parameters.names)
     try:
-        data = execution.ordered(partial(gather_lines, spec=spec, planned=planned), measured)
+        data = execution.quiet.ordered(partial(gather_lines, spec=spec, planned=planned), measured)
         drives = drives_of(data, responses, linearisation, result)
     except DataError as error:
         return replace(nothing, refused=f"{error}; {LOST}")

@@ -11,17 +11,18 @@ motor; of six axes one posture). At two amplitudes, 200 and 80 Nm, and at one: m
 tests/plants/two_mass_gear.py with friction on both sides and a spring that hardens, four experiments in all.
 
 Asserted of each: the effects are those of the plant and no other, levels, of lost motion too, within 3 % or 3 std, k
-within 0.3 % and d within 2 %. The goal for k is 0.1 %, of which most fall short: of 19 k one is too high and all others
-are too low, by 3 to 19 std.
+within 0.1 % and d within 2 %. Extended joints fail: beside the effects of the plant a transmission error of joint 2 of
+9 urad, 8 std, is found that it has not (perhaps its motion out of the posture).
 Found, one draw, largest errors of k and of d of the linear fit and with the effects, and of a level, in %:
 
-    coupled motors       2.7, 0.12    130, 0.35    0.57
-    extended joints      3.9, 0.26     99, 1.5     0.86
-    six axes             2.1, 0.17    120, 1.1     2.0
-    linkage              1.2, 0.16     43, 0.35    0.37    in either formulation
-    gap under gravity    7.0, 0.03     22, 0.21    0.40
-    one amplitude        2.4, 0.04    6.1, 0.10    0.64
-    two amplitudes       3.1, 0.07     51, 0.36    1.2
+    coupled motors       2.7, 0.005    130, 0.05    0.07
+    extended joints      3.9, 0.030     99, 0.34    0.19
+    linkage              1.2, 0.003     43, 0.04    0.40    in either formulation
+    gap under gravity    7.0, 0.004     22, 0.16    0.53
+    one amplitude        2.4, 0.003    6.1, 0.00    0.16
+    two amplitudes       3.1, 0.004     51, 0.04    0.22
+
+Six axes were not run again; before the motion above the measured lines counted k was 0.17 % off.
 
 Two amplitudes are no surer than the larger one alone in the same robot time: std of k_3 0.24 and 0.18 %.
 The last line is one JSON object.
@@ -60,7 +61,7 @@ from elastid.record import Configuration, Record
 from elastid.robot import Robot
 
 SPEC = EstimatorSpec(friction="none", transient_periods=0)
-MAX_K, MAX_D, MAX_LEVEL = 3e-3, 2e-2, 0.03
+MAX_K, MAX_D, MAX_LEVEL = 1e-3, 2e-2, 0.03
 MINIMAL, ONE, TWO = "linkage, minimal", "one amplitude", "two amplitudes"
 CASES = (*ARMS, MINIMAL, ONE, TWO)
 QUICK = ("gap under gravity",)

@@ -203,9 +203,13 @@ def _stands(effect: GearEffect, others: Sequence[GearEffect]) -> bool:
     return effect in others or bool(near)
 
 
-def _is_loop_of(effect: GearEffect, added: Sequence[GearEffect]) -> bool:
-    """True of a second element of a hysteresis: with its scale found, the first makes most others needless."""
-    return effect.kind in _LOOPS and any(other.joint == effect.joint and other.kind in _LOOPS for other in added)
+def _is_second(effect: GearEffect, added: Sequence[GearEffect]) -> bool:
+    """True of a second range or element of a hysteresis: with its scale found, the first makes most others needless.
+
+    Two that were added at once may end at one scale, where neither has a level.
+    """
+    family = next((kinds for kinds in (_LOOPS, ("range",)) if effect.kind in kinds), ())
+    return any(other.joint == effect.joint and other.kind in family for other in added)
 
 
 def _pruned(arguments: _Arguments, found: Levels) -> Levels:
@@ -250,7 +254,7 @@ def _added(
     while groups:
         costs = [
             np.inf
-            if _stands(group[0], added) or _is_loop_of(group[0], added)
+            if _stands(group[0], added) or _is_second(group[0], added)
             else held_out(sums, prior, np.array([*chosen, *own]))
             for group, own in zip(groups, places, strict=True)
         ]

@@ -121,21 +121,28 @@ def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     :math:`\Lambda = scale \ln\cosh(v / scale)`. At a reversal friction bends v itself: two lines, that meet at the
     mean of the zeros of those before and after it.
     """
-    first, last = v, np.roll(v, -1)
-    before, after = first - np.roll(v, 1), np.roll(v, -2) - last
-    turns, move = first * last < 0, last - first
-    part = np.clip(-first / np.where(turns & (before * first < 0), before, -first - (first == 0)), 0, 1) / 2
-    part += np.clip(1 - last / np.where(turns & (after * last > 0), after, last + (last == 0)), 0, 1) / 2
+    closed = np.concatenate([v[-1:], v, v[:2]])
+    last, moves = closed[2:-1], np.diff(closed)
+    move = moves[1:-1]
     flat = np.abs(move) <= 1e-9 * np.abs(v).max()
     move = np.where(flat, 1.0, move)
-    middle = (first + last) / 2
     total, sign = _integral(v, scale), np.tanh(v / scale) if scale else np.sign(v)
-    mean = np.where(flat, np.tanh(middle / scale) if scale else np.sign(middle), (np.roll(total, -1) - total) / move)
-    one = total / np.where(v, v, 1.0)
-    mean = np.where(turns, part * one + (1 - part) * np.roll(one, -1), mean)
-    slope = np.where(flat, 0.0, (np.roll(sign, -1) - sign) / move)
+    mean = _steps(total) / move
+    middle = (v[flat] + last[flat]) / 2
+    mean[flat] = np.tanh(middle / scale) if scale else np.sign(middle)
+    turns = np.flatnonzero(v * last < 0)
+    x, y, before, after = v[turns], last[turns], moves[turns], moves[turns + 2]
+    part = np.clip(-x / np.where(before * x < 0, before, -x), 0, 1) / 2
+    part += np.clip(1 - y / np.where(after * y > 0, after, y), 0, 1) / 2
+    mean[turns] = part * (total[turns] / x) + (1 - part) * (total[(turns + 1) % len(v)] / y)
+    slope = np.where(flat, 0.0, _steps(sign) / move)
     hat, slope = (mean + np.roll(mean, 1)) / 2, (slope + np.roll(slope, 1)) / 2
     return hat - (np.roll(hat, 1) + np.roll(hat, -1) - 2 * hat) / 6, slope  # without the loss of means of two cells
+
+
+def _steps(x: FloatArray) -> FloatArray:
+    """From each point (n,) of a period to the next."""
+    return np.diff(x, append=x[:1])
 
 
 def _integral(v: FloatArray, scale: float) -> FloatArray:

@@ -10,7 +10,8 @@ from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.choice import candidate_groups
+from elastid.nonlinear.gear.choice import _is_second, candidate_groups
+from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.find import find_gear_effects
 from elastid.nonlinear.gear.levels import Levels, start_levels
 from elastid.nonlinear.gear.period_lines import gather_lines
@@ -114,6 +115,15 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
     (note,) = rigid_gears(known, ["2"])
     assert note.place == "joint 2"
     assert "friction at its motor alone was looked for (none seen)" in note.text
+
+
+def test_ranges_and_elements_of_a_loop_are_added_one_at_a_time() -> None:
+    """Two ranges that were added at once met at one end, and k was 7.7 % off beside a std of 0.13 %."""
+    added = [GearEffect("range", "1", 1e-3), GearEffect("stop", "2", 1e-4)]
+    assert _is_second(GearEffect("range", "1", 5e-4), added)
+    assert _is_second(GearEffect("bristle", "2", 5e-4), added)
+    for other in (GearEffect("range", "2", 5e-4), GearEffect("stop", "1", 1e-4), GearEffect("friction", "1", 1e-3)):
+        assert not _is_second(other, added)
 
 
 @pytest.mark.slow
