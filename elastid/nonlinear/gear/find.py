@@ -12,9 +12,10 @@ from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear.choice import ORDERS, choose_effects
-from elastid.nonlinear.gear.drive_lines import elastic_joints
+from elastid.nonlinear.gear.drive_lines import drive_lines, elastic_joints
+from elastid.nonlinear.gear.geometry import without_arm
 from elastid.nonlinear.gear.levels import Levels
-from elastid.nonlinear.gear.period_lines import gather_lines
+from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.nonlinear.gear.straightness import find_bends
 from elastid.record import Record
 from elastid.response import FrequencyResponse
@@ -45,8 +46,10 @@ def find_gear_effects(
         raise DataError(
             f"robot {robot.name} has no driven joint with a spring in its gear: what gears do is found by their springs"
         )
-    data, bent = [], set[str]()
+    data, bent = list[PeriodLines](), set[str]()
     for records in map(tuple, measured):
-        data.append(gather_lines(records, spec, planned))
+        lines = gather_lines(records, spec, planned)
+        drive = drive_lines(lines, linearisation, responses[len(data)], result.parameters, result.x)
+        data.append(without_arm(lines, drive, robot))
         bent |= {bend.joint for bend in find_bends(records, robot, spec, planned)}
     return choose_effects(data, responses, linearisation, result.parameters, result.x, bent, orders)

@@ -28,6 +28,8 @@ from elastid.response import FrequencyResponse
 
 _ROUNDS, _MOVE = 40, 0.05  # until no number moves by more than this part of its standard deviation
 _STEP = 0.3  # of a logarithmic variable, at most
+_SEEN = 2.0  # standard deviations of a level, from which on its scale moves
+_HELD = 1e12  # times what is known of a scale, which then stays
 _KNOWN = 1.0  # of a scale: the standard deviation to which it is known without any record
 
 
@@ -78,7 +80,7 @@ def find_levels(
     levels = np.zeros(n_f) if levels is None else levels
     scaled = [i for i, effect in enumerate(effects) if effect.edge is not None]
     estimates: list[Estimate | None] = [None] * len(data)
-    move, covariance = np.inf, np.zeros((0, 0))
+    move, covariance, std = np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
     for count in range(1, _ROUNDS + 1):
         drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
         every = [*effects, *(edge for effect in effects if (edge := effect.edge) is not None)]
@@ -91,7 +93,10 @@ def find_levels(
         known = [estimate for estimate in estimates if estimate is not None]
         sums, (A, b) = normal_equations(data, drives, known, n_x, with_edges), priors(parameters, x, n_x + len(every))
         for i, place in zip(scaled, range(n_x + n_f, len(b)), strict=True):
-            A[place, place] = (levels[i] * effects[i].scale * _KNOWN) ** -2.0 if levels[i] else 0.0
+            if count > 1 and abs(levels[i]) < _SEEN * std[n_x + i]:  # of next to nothing any scale will do
+                A[place, place] = _HELD * float(sums.A[:, place, place].sum())
+            else:
+                A[place, place] = (levels[i] * effects[i].scale * _KNOWN) ** -2.0 if levels[i] else 0.0
         covariance = inverse(sums.A.sum(axis=0) + A)
         step = covariance @ (sums.b.sum(axis=0) + b)
         std = np.sqrt(np.diag(covariance))
