@@ -63,6 +63,9 @@ def main(path: Path) -> dict[str, object]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("--quick", action="store_true", help="the same: there is one record")
-    print(json.dumps(main(parser.parse_args().data)))
+    parser.add_argument("data", type=Path, nargs="?")
+    parser.add_argument("--quick", action="store_true", help="the same; nothing is run without DATA")
+    given = parser.parse_args()
+    if given.data is None and not given.quick:
+        parser.error("DATA: the file flexible_structure_dat.mat, whose source configs/real/steel_frame.yml names")
+    print(json.dumps({"skipped": "no DATA was given"} if given.data is None else main(given.data)))
