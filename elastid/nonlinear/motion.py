@@ -139,7 +139,7 @@ def _fine(X: ComplexArray, points: int, cells: int) -> FloatArray:
     """The signal of a spectrum, as of samples, at the points of the fine grid, its first point once more at the end."""
     x = np.empty(points + 1)
     irfft(X, points, out=x[:-1])
-    x *= cells
+    x[:-1] *= cells
     x[-1] = x[0]
     return x
 

@@ -214,6 +214,7 @@ def test_noise_without_a_period_leads_to_the_same_modes(tmp_path: Path) -> None:
     np.testing.assert_allclose([float(row["frequency"]) for row in rows], expected, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_responses_from_elsewhere_need_no_robot(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
