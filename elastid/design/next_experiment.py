@@ -52,7 +52,7 @@ class Known:
 
     @classmethod
     def before(cls, problem: DesignProblem) -> Known:
-        """What the study says before any data: starts, priors and tolerances."""
+        """Knowledge before any data: starts, priors and tolerances of the study."""
         parameters = with_tolerances(problem.parameters, problem.robot, problem.fit)
         return cls(parameters, parameters.x, np.asarray(np.linalg.inv(_prior_information(parameters))))
 

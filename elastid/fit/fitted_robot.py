@@ -29,7 +29,7 @@ from elastid.robot import Robot
 
 @frozen_value
 class EffectOfMotion:
-    """What the motion of its measurement adds to the response of a configuration; None where that is negligible."""
+    """Change of the response of a configuration by the motion of its measurement; None where that is negligible."""
 
     configuration: str
     dG: ComplexArray | None = labelled("change of the response by the motion", "unit of the response")

@@ -36,7 +36,7 @@ class LoadTest:
     mass: Annotated[Mass, Key("Mass that hangs on the frame; its weight is added to the force.", "instead of a force, "
         "where weights are hung on.")] = 0.0
     measured_at: Annotated[str, Key("Frame whose deflection is measured (default: that of the load).", "where the dial "
-        "touches another place, or to tell the springs before it from those behind it.")] = ""
+        "touches another place, or to separate the springs before it from those behind it.")] = ""
     along: Annotated[Axis | None, Key("Direction of a dial gauge in the axes of the base: x, y, z or three numbers; "
         "left out of a tracker, which measures x, y and z.", "the direction in which a positive reading moves.")] = None
     deflection: Annotated[Deflection | None, Key("Measured deflection: one number of a dial gauge, three of a tracker. "

@@ -68,7 +68,7 @@ class PlannedRun:
 
 
 def contradiction(run: PlannedRun, r: FloatArray, u: FloatArray, y: FloatArray) -> str:
-    """What in a log contradicts its plan; an empty text where nothing does.
+    """The contradiction of a log to its plan, in words; an empty text where there is none.
 
     r, u, y (n, n_u): injected torque, acting torque and position of the motors over the whole run, link side, SI.
     """

@@ -362,7 +362,7 @@ def _of_modes(own: Modes) -> str:
 
 
 def _of_damping(found: Sequence[Modes]) -> str:
-    """What narrows the damping that is known least, as a share of itself."""
+    """Advice that narrows the damping which is known least, as a share of itself."""
     if not found:
         return "Measure longer or hit more often: four times as much halves the noise."
     widths = [QUANTILE_95 * own.zeta_std / own.zeta for own in found]

@@ -79,7 +79,7 @@ def read_fit(path: Path | str) -> FitResult:
 
 
 def read_motion(path: Path | str) -> tuple[EffectOfMotion, ...]:
-    """What the motion of the measurements adds to the responses, in fit.h5; empty where the file does not say."""
+    """Changes of the responses by the motion of the measurements, in fit.h5; empty where the file has none."""
     return read_optional_part(path, FIT, "motion", tuple[EffectOfMotion, ...]) or ()
 
 

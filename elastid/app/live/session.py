@@ -60,7 +60,7 @@ DRAWS = 2  # robots at twice the deviations of the fit, on which the limits are 
 
 @dataclass(frozen=True)
 class Asked:
-    """What the command line asks for; robot_time in s."""
+    """Goals and options of the command line; robot_time in s."""
 
     goals: tuple[str, ...]
     simulate: bool = False
@@ -375,7 +375,7 @@ class Session:
 
 
 def _contradiction(step: int) -> str:
-    """What a fit that cannot be trusted says of the last logs; those before them, if there are any, could be."""
+    """The logs that a fit which cannot be trusted contradicts: the last ones, if it could be trusted before them."""
     if step == 1:
         return "the model does not describe the logs of x1"
     return (

@@ -66,7 +66,7 @@ class PeriodLines:
         return np.asarray(2j * np.pi * line_frequencies(lines, self.rate_hz, self.samples))
 
     def folded(self, X: ComplexArray) -> ComplexArray:
-        """What amplitudes X (L, ...) of a sampled signal at the lines above add at the lines (F, ...)."""
+        """Aliases at the lines (F, ...) of amplitudes X (L, ...) of a sampled signal at the lines above."""
         F, total = len(self.U), np.zeros((self.samples, *X.shape[1:]), complex)
         lines = np.arange(F + 1, F + len(X) + 1)
         kept = lines > self.samples // 2

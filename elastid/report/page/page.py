@@ -166,7 +166,7 @@ def render(
 
 
 def _coded(sentence: str) -> Markup:
-    """What stands between backticks as code."""
+    """A sentence with the words between backticks as code."""
     parts = [escape(part) for part in sentence.split("`")]
     return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts))
 

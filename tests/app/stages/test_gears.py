@@ -98,17 +98,18 @@ def test_the_table_of_the_readme_is_of_this_run(folder: Path) -> None:
     for heading, (linear, laid_open) in expected.items():
         (row,) = (line for line in README.splitlines() if line.startswith(f"| {heading}"))
         of_linear, of_gears = row.split("|")[3:5]
-        _compare(of_linear, [linear] if isinstance(linear, float) else linear)
-        _compare(of_gears, laid_open)
+        assert _off(of_linear, [linear] if isinstance(linear, float) else linear) == [], heading
+        assert _off(of_gears, laid_open) == [], heading
 
 
-def _compare(cell: str, expected: list[float]) -> None:
+def _off(cell: str, expected: list[float]) -> list[tuple[str, float]]:
+    """Numbers of a cell that are more than two of their last digit off."""
     words = [word.strip("*%, ") for word in cell.replace("–", "").replace("none", "").split()]
     said = [word for word in words if word]
     assert len(said) == len(expected), cell
-    for word, number in zip(said, expected, strict=True):
-        digit = 10.0 ** -len(word.partition(".")[2])
-        assert abs(float(word) - number) < 2 * digit, (cell, expected)
+    pairs = zip(said, expected, strict=True)
+    return [(word, number) for word, number in pairs
+            if abs(float(word) - number) >= 2 * 10.0 ** -len(word.partition(".")[2])]  # fmt: skip
 
 
 @pytest.mark.slow

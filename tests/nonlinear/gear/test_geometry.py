@@ -1,5 +1,7 @@
 """Torques of an arm beyond its linearisation, held against the equations of two links as written in textbooks."""
 
+from dataclasses import replace
+
 import numpy as np
 from plants.two_links import LENGTH, MASS, OFFSET, arm
 
@@ -7,6 +9,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import serial
 from elastid.nonlinear.gear.geometry import geometric_torques
 from elastid.record import Configuration
+from elastid.robot.simplified import with_joints
 
 
 def textbook(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -43,3 +46,15 @@ def test_torques_are_those_of_two_links_beyond_first_order() -> None:
         expected = np.fft.rfft(beyond)[:, 1:25].T * 2 / n
         np.testing.assert_allclose(found[:, :, m], expected, atol=1e-6 * np.abs(expected).max())
         assert np.abs(expected).max() > 0.1
+
+
+def test_springs_of_gears_have_no_part_in_it() -> None:
+    """Motors turn with their joints, so that no law of a gear is in the arm's own distortion."""
+    at, s = Configuration("c", np.array([0.3, -0.9])), 2j * np.pi * 0.5 * np.arange(1, 9)
+    motion = np.zeros((8, 2, 1), complex)
+    motion[2] = 0.02
+    plain = arm()
+    springs = {"1": 1e9, "2": 5e8}
+    bent = with_joints(plain, lambda joint: replace(joint, spring=replace(joint.spring, cubic=springs[joint.name])))
+    found = [geometric_torques(robot, at, motion, s) for robot in (plain, bent)]
+    np.testing.assert_allclose(found[1], found[0], atol=1e-3 * np.abs(found[0]).max())
