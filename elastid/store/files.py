@@ -155,9 +155,11 @@ def content_hash(path: Path) -> str:
 def one_writer(folder: Path) -> Iterator[None]:
     """The folder, made where it is missing, for this program alone; ElastidError names who writes in it already.
 
-    ElastidError, too, where the file of the lock is a link. On a disk whose system knows no locks it is not guarded.
-    Temporary files of a killed writer are removed.
+    ElastidError, too, where it is a file, or the file of the lock is a link. On a disk whose system knows no locks
+    it is not guarded. Temporary files of a killed writer are removed.
     """
+    if folder.exists() and not folder.is_dir():
+        raise ElastidError(f"{folder} is a file, and results go into a folder: give another one")
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / LOCK
     with _locked(path) as file:

@@ -212,3 +212,11 @@ def test_a_text_file_is_whole_or_absent(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="stop"):
         half()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_is_no_folder_of_results(tmp_path: Path) -> None:
+    """It stays as it was."""
+    (tmp_path / "run").write_text("kept")
+    with pytest.raises(ElastidError, match="is a file, and results go into a folder"), one_writer(tmp_path / "run"):
+        pass
+    assert (tmp_path / "run").read_text() == "kept"
