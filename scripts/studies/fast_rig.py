@@ -154,7 +154,8 @@ class FastRig:
             posture.whole, posture.step.stage, posture.step.end, posture.start, posture.readout, posture.speed,
             posture.angle,
             posture.position[:end], posture.velocity[:end], commanded, disturbance, reading_noise,
-            posture.gains, self.resolution, self.coulomb, posture.torque[0], self.simulated.substeps, plan.rate_hz,
+            posture.gains, self.resolution, self.coulomb, posture.torque[0], self.simulated.steps(plan.rate_hz, 0.0),
+            plan.rate_hz,
         )  # fmt: skip
         measured = slice(end - plan.periods * plan.period_samples, end)
         for i, experiment in enumerate(block):
@@ -191,7 +192,7 @@ def _posture(linearisation: Linearisation, spec: SimulatedSpec, plan: Plan, conf
     gains = tune(model, point.q, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
     return Posture(
         configuration=configuration,
-        step=Step.of(A, B, B, V, 1 / (plan.rate_hz * spec.substeps)),
+        step=Step.of(A, B, B, V, 1 / (plan.rate_hz * spec.steps(plan.rate_hz, 0.0))),
         whole=np.ascontiguousarray(_held(A, np.hstack([B, -B]), 1 / plan.rate_hz)),
         start=np.concatenate([T @ path.position[0], np.zeros(n)]),
         angle=model.B.T @ point.q,

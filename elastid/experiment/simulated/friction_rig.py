@@ -228,10 +228,11 @@ class SimulatedFrictionRig:
             still = np.zeros(1 if motion.torque is None else len(motion.torque))
             path = PassReference(self.plan.rate_hz, still + motion.configuration.angles[index], still, still)
         robot, samples = with_point_mass(self.robot, motion.payload), round(self.plan.robot_time_s * self.plan.rate_hz)
-        plant = true_plant(robot, self.simulated, self.plan.rate_hz, samples)
+        substeps = self.simulated.steps(self.plan.rate_hz, 0.0)
+        plant = true_plant(robot, self.simulated, self.plan.rate_hz, substeps, samples)
         start = motion.configuration.moved(index, float(path.position[0]))
         point = equilibrium(plant.model, plant.model.theta, start)
-        check_steps(plant, point, self.simulated.substeps, self.plan.rate_hz, "friction.rate_hz")
+        check_steps(plant, point, substeps, self.plan.rate_hz, "friction.rate_hz")
         temperature = None
         if self.simulated.heat is not None:
             heat = heat_of(self.plan, plant.model.robot, self.simulated.heat, motion.joint)

@@ -95,12 +95,14 @@ def plant_of(
     return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, filters=filters))
 
 
-def true_plant(robot: Robot, spec: SimulatedSpec, rate_hz: float, samples: int, carries: bool = True) -> Plant:
+def true_plant(
+    robot: Robot, spec: SimulatedSpec, rate_hz: float, substeps: int, samples: int, carries: bool = True
+) -> Plant:
     """The plant of a section `simulated`, with its truth; samples: of the whole plan; carries: its payload."""
     hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
     robot = true_robot(robot, spec.truth).carrying(carries)
     samples = samples if spec.compiled else 0
-    return plant_of(robot, spec.model, rate_hz, spec.substeps, *hardware, samples, spec.controller)
+    return plant_of(robot, spec.model, rate_hz, substeps, *hardware, samples, spec.controller)
 
 
 def exact_plant(

@@ -190,9 +190,10 @@ class SimulatedRig:
     def _prepared(self, experiment: Experiment) -> _Run:
         spec, rate_hz = self.simulated, self.plan.rate_hz
         samples, configuration = len(self.plan.experiments) * self.plan.run_samples, experiment.configuration
-        plant = true_plant(self.robot, spec, rate_hz, samples, configuration.carries)
+        substeps = spec.steps(rate_hz, float(self.plan.freq_hz[-1]))
+        plant = true_plant(self.robot, spec, rate_hz, substeps, samples, configuration.carries)
         point = equilibrium(plant.model, plant.model.theta, configuration)
-        check_steps(plant, point, spec.substeps, rate_hz, "excitation.rate_hz")
+        check_steps(plant, point, substeps, rate_hz, "excitation.rate_hz")
         given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), configuration)
         gains = gains_of(plant.model, point.q, spec.controller)
         return _Run(experiment, plant, point, given, gains, self._noise(experiment))

@@ -186,9 +186,10 @@ class SimulatedSpec:
     noise: Annotated[NoiseSpec, Key("Noise of the sensors and disturbances.", "the levels of the real sensors make the "
         "predicted intervals those of the robot; all are 0 unless given, and intervals then show the integration error "
         "alone.")] = NoiseSpec()
-    substeps: Annotated[int, Key("Number of integration steps per sample of the controller.", "more where a stiff "
-        "spring with light mass asks for it (the rig says so), or to see that results do not change with it; the "
-        "simulation takes that many times as long.")] = 2
+    substeps: Annotated[int | None, Key("Number of integration steps per sample of the controller (default: 2, or as "
+        "many as make resonances at the end of the band right to 4e-5).", "more where a stiff spring with light mass "
+        "asks for it (the rig says so), or to see that results do not change with it; the simulation takes that many "
+        "times as long.")] = None
     saturation: Annotated[bool, Key("Motor torques are clipped at the joints' limits.torque if true; otherwise "
         "exceeding them is reported.", "true shows what a robot whose drives clip does to the responses; a plan within "
         "limits needs it not.")] = False
@@ -210,8 +211,16 @@ class SimulatedSpec:
     def __post_init__(self) -> None:
         if len(set(self.outputs)) < len(self.outputs):
             raise ValueError(f"outputs names a place twice ({', '.join(self.outputs)}); its lines would count twice")
-        if self.substeps < 1:
+        if self.substeps is not None and self.substeps < 1:
             raise ValueError(f"substeps is {self.substeps}; it must be at least 1")
+
+    def steps(self, rate_hz: float, highest_hz: float) -> int:
+        """Integration steps in a sample, for a band that ends at highest_hz: (omega step)^4 / 120 is at most 4e-5.
+
+        That is the relative error of a frequency by classical Runge-Kutta steps, and of a stiffness read off it.
+        """
+        least = 2 * math.pi * highest_hz / rate_hz / (120 * 4e-5) ** 0.25
+        return self.substeps or max(2, math.ceil(least))
 
 
 def saturation_refusal(robot: Robot) -> str:

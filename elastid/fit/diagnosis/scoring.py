@@ -17,9 +17,8 @@ from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Scores, hypothes
 from elastid.fit.diagnosis.prediction import thinned
 from elastid.fit.diagnosis.score_test import HeldNumber, ScoreTest, free_step
 from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held
-from elastid.fit.problem.elastic import Part
+from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.solve.solvers import ROUGH, solve
-from elastid.parameters import ParameterSet
 
 RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
 
@@ -44,7 +43,7 @@ def score(evidence: Evidence) -> Scores:
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
     held, thin = HeldModel.of(assembly, fit.parts[0].kernel.model), thinned(fit, RESIDUALS)
     columns = tuple(h.columns for h in evidence.hypotheses if h.columns is not None)
-    sums = partial(_sums, held, assembly.parameters, x, columns)
+    sums = partial(_sums, held, thin, x, columns)
     A, b, V, names = _added(evidence.execution.ordered(sums, [part for part in thin.parts if part.n_residuals]), len(x))
     numbers, scale = _held_numbers(names, evidence, held, x)
     every, lines = np.concatenate([np.ones(len(x)), scale]), thin.n_residuals / max(fit.n_residuals, 1)
@@ -114,8 +113,10 @@ def _with_priors(
     return A, b, numbers, float(lines * (distance @ distance + r @ r))
 
 
-def _sums(held: HeldModel, fitted: ParameterSet, x: FloatArray, columns: Sequence[Columns], part: Part) -> _Sums:
-    evaluated = evaluate_held(held, fitted, x, columns, part)
+def _sums(held: HeldModel, fit: ElasticFit, x: FloatArray, columns: Sequence[Columns], part: Part) -> _Sums:
+    # Residuals are those of the fit's own model: what is rigid there gives way a little in the other.
+    G = part.kernel.response(fit.theta(part, x))
+    evaluated = replace(evaluate_held(held, fit.parameters, x, columns, part), G=G)
     J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
     r = evaluated.residual
     return J @ J.T, J @ r, float(r @ r), tuple(evaluated.held)

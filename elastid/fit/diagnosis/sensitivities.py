@@ -157,8 +157,8 @@ def _with_payload(robot: Robot) -> Robot:
 
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
     """The robot with stiff springs in rigid gears and about the free axes of bodies outside loops; their parameters."""
-    springs = [joint.spring.stiffness for joint in robot.joints if joint.spring is not None and not joint.slides]
-    stiff = Spring(1e5 * max(springs, default=10.0))  # N*m/rad
+    springs = [joint.spring.stiffness for joint in robot.joints if joint.spring is not None]
+    stiff = Spring(1e5 * max(springs, default=10.0))  # N*m/rad; a spring in N/m counts at a lever of 1 m
     within = {robot.joints[i].name for i in robot.joints_in_loops}
     owners, names, bodies = {body.name for body in robot.bodies}, dict[str, str](), list[Body]()
     for body in robot.bodies:
