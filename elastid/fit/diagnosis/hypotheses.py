@@ -57,6 +57,8 @@ def _gain_advice(index: ModificationIndex, _: FitResult) -> str:
 def _angle(index: ModificationIndex) -> str:
     axis, _, configuration = index.name.partition("_")[2].partition("@")
     where = f"in configuration {configuration}" if configuration else "in all configurations"
+    if index.units[0] == "m":
+        return f"a position of axis {axis} {1e3 * float(index.steps[0]):+.2g} mm {where}"
     return f"an angle of axis {axis} {math.degrees(float(index.steps[0])):+.2g} deg {where}"
 
 

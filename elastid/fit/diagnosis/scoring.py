@@ -146,7 +146,9 @@ def _held_numbers(
     values = dict(zip(held.parameters, theta.tolist(), strict=True))
     units = {name: unit for name, (_, unit) in robot.parameters(held.linearisation.model.parameters).items()}
     numbers, scale = [], []
-    springs = [j.spring.stiffness for j in robot.joints if j.spring is not None and f"k_{j.name}" not in held.rigid]
+    units |= {f"angle_{joint.name}": "m" for joint in robot.driven if joint.slides}
+    turning = (joint for joint in robot.joints if not joint.slides and f"k_{joint.name}" not in held.rigid)
+    springs = [joint.spring.stiffness for joint in turning if joint.spring is not None]
     for name in names:
         stem, is_ratio = name.partition("@")[0], name.startswith("ratio_")
         value, unit = values.get(stem, 0.0), units.get(stem, "")
