@@ -140,7 +140,7 @@ class FollowedJoint:
             return law.advanced(v[0], z, curve, step)
 
         angles, rates = x[:n_q], x[n_q : 2 * n_q]
-        q, v, z = runge_kutta_step(acceleration, advanced, angles, rates, state["z"], [u, u, u], 1 / rate_hz)
+        q, v, z = runge_kutta_step(acceleration, advanced, angles, rates, state["z"], [u] * 4, 1 / rate_hz)
         faded = [state["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in state else []
         following = ca.vertcat(q, v, z, *faded, *(state[name] for name in self.followed))
         return ca.Function("step", [x, c, u, g], [following], ["x", "c", "u", "g"], ["next"])

@@ -33,7 +33,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.simulation.baumgarte import projection
 from elastid.simulation.controller import Gains
 from elastid.simulation.drives import Drives
-from elastid.simulation.dynamics import Contacts, free_acceleration, runge_kutta_step
+from elastid.simulation.dynamics import FIFTH_ORDER, Contacts, free_acceleration, runge_kutta_step
 from elastid.simulation.filters import Filters
 from elastid.simulation.gear_forces import gear_forces
 
@@ -121,7 +121,7 @@ def sampled_step(
     q, v, z, w = (given[name] for name in ("q", "v", "z", "w"))
     for _ in range(substeps):
         *torques, w = drive(w, u)
-        q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, torques, 1 / (rate_hz * substeps))
+        q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, torques, 1 / (rate_hz * substeps), FIFTH_ORDER)
     if model.n_c:
         q, v = projection(model, theta)(q, v, *numbers)
     return ca.Function("sample", [*given.values()], [q, v, z, w, x, integral, reading, u])
@@ -157,9 +157,9 @@ def _control(model: ElasticModel, drives: Drives, rate_hz: float, filters: Filte
 
 
 def _drive(drives: Drives, step: float) -> ca.Function:
-    """(w, u) -> torque at the beginning, the middle and the end of a step, and w after it."""
+    """(w, u) -> torque at each stage of a step, and w after it."""
     w, u = ca.SX.sym("w", drives.n_states), ca.SX.sym("u", len(drives.torque))
-    torques, states = zip(*(drives.lagged(w, u, part * step) for part in (0.0, 0.5, 1.0)), strict=True)
+    torques, states = zip(*(drives.lagged(w, u, part * step) for part in FIFTH_ORDER.nodes), strict=True)
     return ca.Function("drive", [w, u], [*torques, states[-1]])
 
 

@@ -55,7 +55,7 @@ class ElasticJoint:
 
         q, v, z = ca.vertcat(x[0], x[2]), ca.vertcat(x[1], x[3]), x[4]
         for _ in range(substeps):
-            q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, [u, u, u], 1 / rate_hz / substeps)
+            q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, [u] * 4, 1 / rate_hz / substeps)
         return ca.Function("step", [x, p, u], [ca.vertcat(q[0], v[0], q[1], v[1], z)], ["x", "p", "u"], ["next"])
 
 

@@ -54,7 +54,7 @@ def swung(model: ElasticModel, step: float, seconds: float, stabilisation: str) 
     alpha, beta = (0.0, 0.0) if stabilisation == "projection" else map(float, stabilisation.split(","))
     free, unforced = free_acceleration(model, alpha, beta), ca.SX(model.n_q, 1)
     q0, v0, z = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX(0, 1)
-    q, v, _ = runge_kutta_step(lambda q, v, z, u: free(q, v, u), lambda z, v, step: z, q0, v0, z, (unforced,) * 3, step)
+    q, v, _ = runge_kutta_step(lambda q, v, z, u: free(q, v, u), lambda z, v, step: z, q0, v0, z, (unforced,) * 4, step)
     if stabilisation == "projection" and model.n_c:
         q, v = projection(model)(q, v)
     per_sample = round(0.01 / step)

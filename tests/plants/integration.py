@@ -7,7 +7,7 @@ import numpy as np
 
 from elastid.friction.static import SLIDING_VELOCITY
 from elastid.model.elastic import ElasticModel
-from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
+from elastid.simulation.dynamics import CLASSICAL, Tableau, free_acceleration, runge_kutta_step
 
 
 def acceleration(model: ElasticModel, coulomb: np.ndarray, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
@@ -18,13 +18,14 @@ def acceleration(model: ElasticModel, coulomb: np.ndarray, alpha: float = 0.0, b
     return ca.Function("acceleration", [q, v, u], [free_acceleration(model, alpha, beta)(q, v, torque)], {"cse": True})
 
 
-def runge_kutta(acceleration: ca.Function, step: float, steps: int) -> ca.Function:
-    """(q, v, u) -> (q, v) after `steps` classical Runge-Kutta steps of `step` s at constant torque u."""
+def runge_kutta(acceleration: ca.Function, step: float, steps: int, method: Tableau = CLASSICAL) -> ca.Function:
+    """(q, v, u) -> (q, v) after `steps` Runge-Kutta steps of `step` s at constant torque u."""
     n, n_u = acceleration.size1_in(0), acceleration.size1_in(2)
     q0, v0, u = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("u", n_u)
     q, v, z = q0, v0, ca.SX(0, 1)
+    torques = (u,) * len(method.weights)
     for _ in range(steps):
         q, v, z = runge_kutta_step(
-            lambda q, v, z, u: acceleration(q, v, u), lambda z, v, step: z, q, v, z, (u, u, u), step
+            lambda q, v, z, u: acceleration(q, v, u), lambda z, v, step: z, q, v, z, torques, step, method
         )
     return ca.Function("runge_kutta", [q0, v0, u], [q, v])

@@ -106,6 +106,6 @@ def _step(stiction_ratio: float) -> ca.Function:
 
     q, v, z = ca.vertcat(x[0], x[2]), ca.vertcat(x[1], x[3]), x[4]
     for _ in range(4):
-        q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, [u, u, u], 1 / RATE_HZ / 4)
+        q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, [u] * 4, 1 / RATE_HZ / 4)
     friction = law.torque(v[0], z, curve) + f * v[0]
     return ca.Function("sample", [x, u, F_c, f, offset], [ca.vertcat(q[0], v[0], q[1], v[1], z), friction])

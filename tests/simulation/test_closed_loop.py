@@ -34,7 +34,7 @@ from elastid.simulation.closed_loop import (
 )
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
-from elastid.simulation.dynamics import contacts
+from elastid.simulation.dynamics import FIFTH_ORDER, contacts
 
 
 def test_gravity_is_held_from_the_start() -> None:
@@ -57,7 +57,7 @@ def test_the_loop_is_that_of_a_plain_python_loop() -> None:
     gains = tune(model, point.q, 1.5, 0.8)
     run = simulate(loop(model, coulomb=4.0, count=2e-6), gains, commands, point.q)
 
-    advance = runge_kutta(acceleration(model, np.full(2, 4.0)), 5e-4, 2)
+    advance = runge_kutta(acceleration(model, np.full(2, 4.0)), 5e-4, 2, FIFTH_ORDER)
     q, v, last = point.q, np.zeros(4), point.q[2:]
     for k in range(n):
         reading = 2e-6 * np.round((q[2:] + noise[k]) / 2e-6)

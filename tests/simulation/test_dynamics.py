@@ -23,7 +23,7 @@ from plants.two_links import (
 
 from elastid.friction.static import SLIDING_VELOCITY
 from elastid.model.formulation import serial
-from elastid.simulation.dynamics import fastest_rate
+from elastid.simulation.dynamics import CLASSICAL, FIFTH_ORDER, Tableau, fastest_rate, least_steps
 
 
 @given(st.lists(st.floats(-1, 1), min_size=10, max_size=10))
@@ -61,18 +61,30 @@ def test_energy_is_conserved_at_the_rate_of_the_order() -> None:
     assert np.log2(drift[0] / drift[1]) > 3.65
 
 
-def test_a_mode_gets_the_frequency_and_damping_error_that_the_docstring_states() -> None:
-    """(omega h)^4 / 120 slower and (omega h)^5 / 144 more damped, read off the poles of the step."""
-    robot, step = arm(gravity=0.0), 4e-3
+@pytest.mark.parametrize(
+    ("method", "slower", "power", "damped"),
+    [(CLASSICAL, 1 / 120, 4, 1 / 144), (FIFTH_ORDER, 1 / 720 - 1 / 640 - 1 / 5040, 6, 1 / 640 - 1 / 720)],
+)
+def test_a_mode_gets_the_frequency_and_damping_error_that_the_docstring_states(
+    method: Tableau, slower: float, power: int, damped: float
+) -> None:
+    """The first terms of log R(z) - z, read off the poles of the step: 1/120 and 1/144, -3.7e-4 and 1.7e-4."""
+    robot, step = arm(gravity=0.0), 2e-3
     model = serial(replace(robot, bodies=robot.bodies[:1]))
-    advance = runge_kutta(acceleration(model, np.zeros(1)), step, 1)
+    advance = runge_kutta(acceleration(model, np.zeros(1)), step, 1, method)
     columns = [np.concatenate([r.full()[:, 0] for r in advance(e[:2], e[2:], 0)]) for e in 1e-6 * np.eye(4)]
     poles = np.log(np.linalg.eigvals(np.array(columns).T / 1e-6).astype(complex)) / step
     pole = poles[np.argmax(poles.imag)]
     omega = fastest_rate(model, rough(model, 0.0), np.zeros(2))
     y = omega * step
-    np.testing.assert_allclose(1 - pole.imag / omega, y**4 / 120, rtol=0.1)
-    np.testing.assert_allclose(-pole.real / omega, y**5 / 144, rtol=0.1)
+    np.testing.assert_allclose(1 - pole.imag / omega, slower * y**power, rtol=0.1)
+    np.testing.assert_allclose(-pole.real / omega, damped * y**5, rtol=0.1)
+
+
+@pytest.mark.parametrize(("pole", "steps"), [(-33.0, 10), (-34.0, 11), (8.4j, 10), (8.6j, 11), (5.0, 2), (0.0, 1)])
+def test_as_many_steps_as_keep_each_motion_from_growing(pole: complex, steps: int) -> None:
+    """|R| is 1 at -3.387 on the real axis and 0.852 on the imaginary one; a motion that grows may."""
+    assert least_steps(np.array([pole], dtype=complex), 1.0) == steps
 
 
 def test_the_fastest_rate_is_friction_at_standstill_or_the_stiffest_mode() -> None:

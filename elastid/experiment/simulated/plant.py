@@ -8,7 +8,6 @@ friction is left out. Link side, SI.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -36,7 +35,7 @@ from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.controller import feed_forward, filters_of, gains_of
-from elastid.simulation.dynamics import MAX_STEP_RATE, contacts, fastest_rate
+from elastid.simulation.dynamics import contacts, least_steps, poles
 
 # Of a robot that is simulated along its log: each is unrolled in the equations, which take seconds to build beyond.
 MAX_SUBSTEPS = 40
@@ -96,13 +95,30 @@ def plant_of(
 
 
 def true_plant(
-    robot: Robot, spec: SimulatedSpec, rate_hz: float, substeps: int, samples: int, carries: bool = True
-) -> Plant:
-    """The plant of a section `simulated`, with its truth; samples: of the whole plan; carries: its payload."""
+    robot: Robot, spec: SimulatedSpec, rate_hz: float, highest_hz: float, samples: int, start: Configuration,
+    rate_key: str,
+) -> tuple[Plant, OperatingPoint]:  # fmt: skip
+    """The plant of a section `simulated`, with its truth, at rest in `start`.
+
+    highest_hz: the end of the band, if any.  samples: of the whole plan.  rate_key: of the study, for StudyError where
+    the integration steps are too long for the plant's fastest pole.
+    """
     hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
-    robot = true_robot(robot, spec.truth).carrying(carries)
-    samples = samples if spec.compiled else 0
-    return plant_of(robot, spec.model, rate_hz, substeps, *hardware, samples, spec.controller)
+    robot = true_robot(robot, spec.truth).carrying(start.carries)
+    model = model_of(robot, spec.model)
+    point = equilibrium(model, model.theta, start)
+    own = poles(model, contacts(model, frictions(robot)), point.q)
+    substeps, needed = spec.steps(rate_hz, highest_hz), least_steps(own, 1 / rate_hz)
+    if spec.substeps is None and needed <= MAX_SUBSTEPS:
+        substeps = max(substeps, needed)
+    if substeps < needed:
+        raise StudyError(
+            f"experiment.simulated.substeps: {substeps} steps a sample cannot follow the fastest motion of robot "
+            f"{robot.name} in configuration {start.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or "
+            f"friction at standstill); take at least {needed}, or raise {rate_key}"
+        )
+    compiled = samples if spec.compiled else 0
+    return plant_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, spec.controller), point
 
 
 def exact_plant(
@@ -116,30 +132,15 @@ def exact_plant(
     robot = robot.carrying(start.carries)
     model = model_of(robot, equations)
     point = equilibrium(model, model.theta, start)
-    rate = fastest_rate(model, contacts(model, frictions(robot)), point.q)
-    substeps = _least_substeps(rate, rate_hz)
+    own = poles(model, contacts(model, frictions(robot)), point.q)
+    substeps = least_steps(own, 1 / rate_hz)
     if substeps > MAX_SUBSTEPS:
         raise StudyError(
-            f"the fastest motion of robot {robot.name} (a pole of {rate:.4g} 1/s: its stiffest mode, or friction at "
-            f"standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are affordable"
+            f"the fastest motion of robot {robot.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or "
+            f"friction at standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are "
+            "affordable"
         )
     return plant_of(robot, equations, rate_hz, substeps, 0, (), (), saturation, 0, controller), point
-
-
-def _least_substeps(rate: float, rate_hz: float) -> int:
-    return max(1, math.ceil(rate / rate_hz / MAX_STEP_RATE))
-
-
-def check_steps(plant: Plant, point: OperatingPoint, substeps: int, rate_hz: float, rate_key: str) -> None:
-    """StudyError where the integration steps are too long for the plant's fastest pole; rate_key: of the study."""
-    rate = fastest_rate(plant.model, plant.loop.contacts, point.q)
-    needed = _least_substeps(rate, rate_hz)
-    if substeps < needed:
-        raise StudyError(
-            f"experiment.simulated.substeps: {substeps} steps a sample cannot follow the fastest motion of robot "
-            f"{plant.model.robot.name} in configuration {point.configuration.name} (a pole of {rate:.4g} 1/s: its "
-            f"stiffest mode, or friction at standstill); take at least {needed}, or raise {rate_key}"
-        )
 
 
 def closed_loop_of(robot: Robot, controller: ControllerSpec, rate_hz: float) -> PredictClosedLoop:

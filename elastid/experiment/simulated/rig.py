@@ -27,11 +27,11 @@ from elastid.experiment.simulated.hardware import (
     sense,
     sense_movement,
 )
-from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, feed_forward_of, true_plant, true_robot
+from elastid.experiment.simulated.plant import Plant, exact_plant, feed_forward_of, true_plant, true_robot
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
-from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -190,10 +190,8 @@ class SimulatedRig:
     def _prepared(self, experiment: Experiment) -> _Run:
         spec, rate_hz = self.simulated, self.plan.rate_hz
         samples, configuration = len(self.plan.experiments) * self.plan.run_samples, experiment.configuration
-        substeps = spec.steps(rate_hz, float(self.plan.freq_hz[-1]))
-        plant = true_plant(self.robot, spec, rate_hz, substeps, samples, configuration.carries)
-        point = equilibrium(plant.model, plant.model.theta, configuration)
-        check_steps(plant, point, substeps, rate_hz, "excitation.rate_hz")
+        highest_hz = float(self.plan.freq_hz[-1])
+        plant, point = true_plant(self.robot, spec, rate_hz, highest_hz, samples, configuration, "excitation.rate_hz")
         given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), configuration)
         gains = gains_of(plant.model, point.q, spec.controller)
         return _Run(experiment, plant, point, given, gains, self._noise(experiment))

@@ -187,9 +187,8 @@ class SimulatedSpec:
         "predicted intervals those of the robot; all are 0 unless given, and intervals then show the integration error "
         "alone.")] = NoiseSpec()
     substeps: Annotated[int | None, Key("Number of integration steps per sample of the controller (default: 2, or as "
-        "many as make resonances at the end of the band right to 4e-5).", "more where a stiff spring with light mass "
-        "asks for it (the rig says so), or to see that results do not change with it; the simulation takes that many "
-        "times as long.")] = None
+        "many as the end of the band and the stiffest mode ask for).", "a number to see that results do not change "
+        "with it, or for hard friction without a carrier; the simulation takes that many times as long.")] = None
     saturation: Annotated[bool, Key("Motor torques are clipped at the joints' limits.torque if true; otherwise "
         "exceeding them is reported.", "true shows what a robot whose drives clip does to the responses; a plan within "
         "limits needs it not.")] = False
@@ -215,11 +214,11 @@ class SimulatedSpec:
             raise ValueError(f"substeps is {self.substeps}; it must be at least 1")
 
     def steps(self, rate_hz: float, highest_hz: float) -> int:
-        """Integration steps in a sample, for a band that ends at highest_hz: (omega step)^4 / 120 is at most 4e-5.
+        """Integration steps in a sample, for a band that ends at highest_hz: 3.7e-4 (omega step)^6 is at most 4e-6.
 
-        That is the relative error of a frequency by classical Runge-Kutta steps, and of a stiffness read off it.
+        That is the relative error of a frequency by the steps of the rig (`Tableau`).
         """
-        least = 2 * math.pi * highest_hz / rate_hz / (120 * 4e-5) ** 0.25
+        least = 2 * math.pi * highest_hz / rate_hz / (4e-6 / 3.7e-4) ** (1 / 6)
         return self.substeps or max(2, math.ceil(least))
 
 

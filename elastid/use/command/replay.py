@@ -24,7 +24,7 @@ from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop, simulate
 from elastid.simulation.controller import Gains
-from elastid.simulation.dynamics import MAX_STEP_RATE, contacts, fastest_rate
+from elastid.simulation.dynamics import contacts, least_steps, poles
 from elastid.use.command.limits import References
 
 SETTLING_S = 0.6  # after the move, in which its residual vibration is judged
@@ -76,13 +76,13 @@ class TwinLoop:
         q = np.zeros(model.n_q)
         start = np.array([joint.start for joint in robot.driven])
         q = equilibrium(model, model.theta, Configuration("start", start)).q if robot.loops else q
-        rate = 1.2 * fastest_rate(model, placed, q)
-        substeps = max(1, int(np.ceil(rate / rate_hz / MAX_STEP_RATE)))
+        own = 1.2 * poles(model, placed, q)
+        substeps = least_steps(own, 1 / rate_hz)
         if substeps > MAX_SUBSTEPS:
             raise StudyError(
-                f"the fastest motion of robot {robot.name} (a pole of {rate:.4g} 1/s: its stiffest mode, or friction "
-                f"at standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are "
-                "affordable; raise --rate"
+                f"the fastest motion of robot {robot.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, "
+                f"or friction at standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} "
+                "are affordable; raise --rate"
             )
         clips = clips and any(np.isfinite(joint.limits.torque) for joint in robot.driven)
         hardware = drives(robot, 0, (), (), clips)

@@ -118,7 +118,7 @@ def moved(friction: Friction, torque: np.ndarray, step: float) -> np.ndarray:
     """Velocities (n,) at the ends of steps of held torque (n,), by the loop's own Runge-Kutta step."""
     import casadi as ca
 
-    from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
+    from elastid.simulation.dynamics import FIFTH_ORDER, free_acceleration, runge_kutta_step
 
     model = serial(axis_with(friction))
     sliding = contacts(model, frictions(model.robot))
@@ -127,7 +127,7 @@ def moved(friction: Friction, torque: np.ndarray, step: float) -> np.ndarray:
     after = runge_kutta_step(
         lambda q, v, z, u: free(q, v, u - sliding.torque(v, z, ca.SX(curves))),
         lambda z, v, h: sliding.advanced(v, z, ca.SX(curves), h),
-        *(q, v, z), (u, u, u), step,
+        *(q, v, z), (u,) * 6, step, FIFTH_ORDER,
     )  # fmt: skip
     walk = ca.Function("step", [q, v, z, u], [*after]).mapaccum("walk", len(torque), 3, {})
     return walk(0, 0, np.zeros(sliding.n_states), torque[None])[1].full()[0]
@@ -187,8 +187,8 @@ def test_friction_acts_on_the_coordinate_of_its_place() -> None:
 def test_friction_too_stiff_for_the_sample_rate_is_refused_with_the_steps_needed() -> None:
     """Bristles of 1e9 Nm/rad on 13 kg m^2 swing at 9000 rad/s."""
     stiff = Friction(0.3, lugre=LuGre(1e9 / 6400, 0.02))
-    simulated = rig(arm(friction=stiff))
-    with pytest.raises(StudyError, match=r"substeps: 2 steps .* friction at standstill.; take at least 4, or raise"):
+    simulated = rig(arm(friction=stiff), SimulatedSpec(substeps=2))
+    with pytest.raises(StudyError, match=r"substeps: 2 steps .* friction at standstill.; take at least 7, or raise"):
         simulated.measure(simulated.experiments[0])
 
 
