@@ -85,7 +85,7 @@ def contacts(model: ElasticModel, laws: Sequence[PlacedLaw]) -> Contacts:
 
 Symbol = TypeVar("Symbol", ca.SX, ca.MX)
 
-# |h lambda| up to which RK4 is used; it is stable to 2.785 on the negative real axis and 2.828 on the imaginary one.
+# |h lambda| of a step; classical ones are stable to 2.785 on the negative real axis and 2.828 on the imaginary one.
 MAX_STEP_RATE = 2.5
 
 
@@ -183,8 +183,8 @@ def _weighted(weights: Sequence[float], values: Sequence[Symbol]) -> Symbol:
 
 
 def least_steps(poles: ComplexArray, duration: float) -> int:
-    """Steps of FIFTH_ORDER in `duration` s by which no mode grows of its own: |R(z)| <= max(|exp z|, 1)."""
-    n = max(1, math.ceil(np.abs(poles).max() * duration / 4))  # no method of six stages is stable beyond
+    """Steps of FIFTH_ORDER in `duration` s, by which no mode grows of its own: |R(z)| <= max(|exp z|, 1), |z| <= 2.5."""
+    n = max(1, math.ceil(np.abs(poles).max() * duration / MAX_STEP_RATE))
     while True:
         z = poles * (duration / n)
         if np.all(np.abs(FIFTH_ORDER.amplification(z)) <= (1 + 1e-9) * np.exp(np.maximum(z.real, 0.0))):

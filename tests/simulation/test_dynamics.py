@@ -81,9 +81,9 @@ def test_a_mode_gets_the_frequency_and_damping_error_that_the_docstring_states(
     np.testing.assert_allclose(-pole.real / omega, damped * y**5, rtol=0.1)
 
 
-@pytest.mark.parametrize(("pole", "steps"), [(-33.0, 10), (-34.0, 11), (8.4j, 10), (8.6j, 11), (5.0, 2), (0.0, 1)])
+@pytest.mark.parametrize(("pole", "steps"), [(-24.0, 10), (-26.0, 11), (8.4j, 10), (8.6j, 11), (4.0, 2), (0.0, 1)])
 def test_as_many_steps_as_keep_each_motion_from_growing(pole: complex, steps: int) -> None:
-    """|R| is 1 at -3.387 on the real axis and 0.852 on the imaginary one; a motion that grows may."""
+    """|R| is 1 at 0.852 on the imaginary axis, and beyond 2.5 on the real one; a motion that grows may."""
     assert least_steps(np.array([pole], dtype=complex), 1.0) == steps
 
 

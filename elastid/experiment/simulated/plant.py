@@ -133,7 +133,7 @@ def exact_plant(
     model = model_of(robot, equations)
     point = equilibrium(model, model.theta, start)
     own = poles(model, contacts(model, frictions(robot)), point.q)
-    substeps = least_steps(own, 1 / rate_hz)
+    substeps = max(2, least_steps(own, 1 / rate_hz))
     if substeps > MAX_SUBSTEPS:
         raise StudyError(
             f"the fastest motion of robot {robot.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or "

@@ -77,7 +77,7 @@ class TwinLoop:
         start = np.array([joint.start for joint in robot.driven])
         q = equilibrium(model, model.theta, Configuration("start", start)).q if robot.loops else q
         own = 1.2 * poles(model, placed, q)
-        substeps = least_steps(own, 1 / rate_hz)
+        substeps = max(2, least_steps(own, 1 / rate_hz))
         if substeps > MAX_SUBSTEPS:
             raise StudyError(
                 f"the fastest motion of robot {robot.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, "
