@@ -183,7 +183,7 @@ def _weighted(weights: Sequence[float], values: Sequence[Symbol]) -> Symbol:
 
 
 def least_steps(poles: ComplexArray, duration: float) -> int:
-    """Steps of FIFTH_ORDER in `duration` s, by which no mode grows of its own: |R(z)| <= max(|exp z|, 1), |z| <= 2.5."""
+    """Steps of FIFTH_ORDER in `duration` that let no mode grow of its own: |R(z)| <= max(|exp z|, 1), |z| <= 2.5."""
     n = max(1, math.ceil(np.abs(poles).max() * duration / MAX_STEP_RATE))
     while True:
         z = poles * (duration / n)
