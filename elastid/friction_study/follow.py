@@ -72,7 +72,7 @@ def estimate_noise(
     kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, start: Estimate, settled_s: float
 ) -> FilterNoise:
     """The most likely noise over samples that move (Track.moves); of the angle at least as guessed."""
-    names = ["angle", "torque", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
+    names = ["angle", "torque", "slip", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
     judged = _moving(samples, COUNT_OVER_STD * guess.angle)
     judged[: round(settled_s * kalman.rate_hz)] = False
     limit = np.log(1e3)
@@ -91,7 +91,7 @@ def estimate_noise(
     # Factors of three about the guess; noise that is known to 2 % is known well enough.
     n = len(names)
     simplex = np.vstack([np.zeros(n), 1.1 * np.eye(n)])
-    options = {"xatol": 0.02, "fatol": 1e-5, "maxfev": 150, "initial_simplex": simplex}
+    options = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150, "initial_simplex": simplex}
     return noise_at(np.asarray(minimize(cost, np.zeros(n), method="Nelder-Mead", options=options).x))
 
 

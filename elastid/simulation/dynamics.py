@@ -137,7 +137,12 @@ def runge_kutta_step(
 
 
 def fastest_rate(model: ElasticModel, contacts: Contacts, q: FloatArray) -> float:
-    """|lambda| in 1/s of the fastest pole at rest in q (n_q,): the stiffest mode, or friction about zero velocity.
+    """|lambda| in 1/s of the fastest pole at rest in q (n_q,): the stiffest mode, or friction about zero velocity."""
+    return float(pole_rates(model, contacts, q).max())
+
+
+def pole_rates(model: ElasticModel, contacts: Contacts, q: FloatArray) -> FloatArray:
+    """|lambda| (2 n,) in 1/s of the poles at rest in q (n_q,), friction being that about zero velocity.
 
     Gears with backlash count with the stiffness of their flanks.
     """
@@ -147,4 +152,4 @@ def fastest_rate(model: ElasticModel, contacts: Contacts, q: FloatArray) -> floa
     Z = motions(model, model.constraint_jacobian(q, model.theta).full())
     M, D, K = (Z.T @ matrix @ Z for matrix in (M, D + damping, K + stiffness))
     A = np.block([[np.zeros_like(M), np.eye(len(M))], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
-    return float(np.abs(np.linalg.eigvals(A)).max())
+    return np.abs(np.linalg.eigvals(A))

@@ -28,7 +28,7 @@ from elastid.experiment.plan.friction import (
     planned_pass,
 )
 from elastid.experiment.simulated.hardware import Noise, draw_noise, drifting, extrapolated, loads_of
-from elastid.experiment.simulated.plant import Plant, check_steps, model_of, true_plant, true_robot
+from elastid.experiment.simulated.plant import Plant, model_of, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import ControllerSpec, HeatSpec, SimulatedSpec
 from elastid.friction.robot_friction import frictions
@@ -228,10 +228,8 @@ class SimulatedFrictionRig:
             still = np.zeros(1 if motion.torque is None else len(motion.torque))
             path = PassReference(self.plan.rate_hz, still + motion.configuration.angles[index], still, still)
         robot, samples = with_point_mass(self.robot, motion.payload), round(self.plan.robot_time_s * self.plan.rate_hz)
-        plant = true_plant(robot, self.simulated, self.plan.rate_hz, samples)
         start = motion.configuration.moved(index, float(path.position[0]))
-        point = equilibrium(plant.model, plant.model.theta, start)
-        check_steps(plant, point, self.simulated.substeps, self.plan.rate_hz, "friction.rate_hz")
+        plant, point = true_plant(robot, self.simulated, self.plan.rate_hz, samples, start, 0.0, "friction.rate_hz")
         temperature = None
         if self.simulated.heat is not None:
             heat = heat_of(self.plan, plant.model.robot, self.simulated.heat, motion.joint)

@@ -36,10 +36,12 @@ from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.controller import feed_forward, filters_of, gains_of
-from elastid.simulation.dynamics import MAX_STEP_RATE, contacts, fastest_rate
+from elastid.simulation.dynamics import MAX_STEP_RATE, contacts, fastest_rate, pole_rates
 
 # Of a robot that is simulated along its log: each is unrolled in the equations, which take seconds to build beyond.
 MAX_SUBSTEPS = 40
+# |h lambda| of the modes that are excited: their frequencies come out low by 1.3e-5, and stiffness by 2.7e-5.
+MODE_STEP_RATE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,41 +97,68 @@ def plant_of(
     return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, samples, filters=filters))
 
 
-def true_plant(robot: Robot, spec: SimulatedSpec, rate_hz: float, samples: int, carries: bool = True) -> Plant:
-    """The plant of a section `simulated`, with its truth; samples: of the whole plan; carries: its payload."""
+def true_plant(
+    robot: Robot, spec: SimulatedSpec, rate_hz: float, samples: int, start: Configuration, highest_hz: float,
+    rate_key: str,
+) -> tuple[Plant, OperatingPoint]:  # fmt: skip
+    """The plant of a section `simulated`, with its truth, at rest in `start`.
+
+    samples: of the whole plan.  highest_hz: of the excitation, 0 without.  rate_key: of the study.
+    StudyError where it finds no rest, and where its steps are too long or too many.
+    """
     hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
-    robot = true_robot(robot, spec.truth).carrying(carries)
+    robot = true_robot(robot, spec.truth).carrying(start.carries)
+    point = _at_rest(robot, spec.model, start)
+    substeps = spec.substeps or max(2, _substeps(robot, spec.model, point, rate_hz, highest_hz, rate_key))
     samples = samples if spec.compiled else 0
-    return plant_of(robot, spec.model, rate_hz, spec.substeps, *hardware, samples, spec.controller)
+    plant = plant_of(robot, spec.model, rate_hz, substeps, *hardware, samples, spec.controller)
+    _check_steps(plant, point, substeps, rate_hz, rate_key)
+    return plant, point
 
 
 def exact_plant(
     robot: Robot, equations: ModelSpec, rate_hz: float, start: Configuration, saturation: bool = False,
-    controller: ControllerSpec | None = None,
+    controller: ControllerSpec | None = None, highest_hz: float = 0.0,
 ) -> tuple[Plant, OperatingPoint]:  # fmt: skip
-    """A robot with exact encoders and smooth drives, at rest in `start`, with as many steps a sample as it takes.
+    """A robot with exact encoders and smooth drives, at rest in `start`; highest_hz: of the excitation.
 
-    StudyError where it finds no rest there, and where that is more than MAX_SUBSTEPS.
+    StudyError where it finds no rest there, and where its steps are too many.
     """
     robot = robot.carrying(start.carries)
+    point = _at_rest(robot, equations, start)
+    substeps = _substeps(robot, equations, point, rate_hz, highest_hz, "excitation.rate_hz")
+    return plant_of(robot, equations, rate_hz, substeps, 0, (), (), saturation, 0, controller), point
+
+
+def _at_rest(robot: Robot, equations: ModelSpec, start: Configuration) -> OperatingPoint:
     model = model_of(robot, equations)
-    point = equilibrium(model, model.theta, start)
+    return equilibrium(model, model.theta, start)
+
+
+def _substeps(
+    robot: Robot, equations: ModelSpec, point: OperatingPoint, rate_hz: float, highest_hz: float, rate_key: str
+) -> int:
+    """Steps a sample that the fastest pole needs to stay bounded, and the modes up to highest_hz to be right."""
+    model = model_of(robot, equations)
     rate = fastest_rate(model, contacts(model, frictions(robot)), point.q)
-    substeps = _least_substeps(rate, rate_hz)
+    of_modes = pole_rates(model, contacts(model, ()), point.q)
+    excited = float(of_modes[of_modes <= 2 * np.pi * highest_hz].max(initial=0.0))
+    substeps = max(_least_substeps(rate, rate_hz), math.ceil(excited / rate_hz / MODE_STEP_RATE))
     if substeps > MAX_SUBSTEPS:
         raise StudyError(
-            f"the fastest motion of robot {robot.name} (a pole of {rate:.4g} 1/s: its stiffest mode, or friction at "
-            f"standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are affordable"
+            f"the fastest motion of robot {robot.name} (a pole of {max(rate, excited):.4g} 1/s: its stiffest mode, or "
+            f"friction at standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are "
+            f"affordable; raise {rate_key}"
         )
-    return plant_of(robot, equations, rate_hz, substeps, 0, (), (), saturation, 0, controller), point
+    return substeps
 
 
 def _least_substeps(rate: float, rate_hz: float) -> int:
     return max(1, math.ceil(rate / rate_hz / MAX_STEP_RATE))
 
 
-def check_steps(plant: Plant, point: OperatingPoint, substeps: int, rate_hz: float, rate_key: str) -> None:
-    """StudyError where the integration steps are too long for the plant's fastest pole; rate_key: of the study."""
+def _check_steps(plant: Plant, point: OperatingPoint, substeps: int, rate_hz: float, rate_key: str) -> None:
+    """StudyError where the integration steps are too long for the plant's fastest pole."""
     rate = fastest_rate(plant.model, plant.loop.contacts, point.q)
     needed = _least_substeps(rate, rate_hz)
     if substeps < needed:

@@ -27,11 +27,11 @@ from elastid.experiment.simulated.hardware import (
     sense,
     sense_movement,
 )
-from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, feed_forward_of, true_plant, true_robot
+from elastid.experiment.simulated.plant import Plant, exact_plant, feed_forward_of, true_plant, true_robot
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
-from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -126,8 +126,9 @@ class SimulatedRig:
         simulated = replace(self.simulated, noise=NoiseSpec(), warming=None)
         quiet = replace(self, spec=replace(self.spec, simulated=simulated))
         plant, point = exact_plant(
-            robot, spec, self.plan.rate_hz, experiment.configuration, simulated.saturation, simulated.controller
-        )
+            robot, spec, self.plan.rate_hz, experiment.configuration, simulated.saturation, simulated.controller,
+            self.plan.freq_hz.max(),
+        )  # fmt: skip
         run = replace(self._prepared(experiment), plant=plant, point=point, noise=quiet._noise(experiment))
         return quiet._record(run, quiet._moved(run, 1.0, self._end), ())
 
@@ -190,9 +191,9 @@ class SimulatedRig:
     def _prepared(self, experiment: Experiment) -> _Run:
         spec, rate_hz = self.simulated, self.plan.rate_hz
         samples, configuration = len(self.plan.experiments) * self.plan.run_samples, experiment.configuration
-        plant = true_plant(self.robot, spec, rate_hz, samples, configuration.carries)
-        point = equilibrium(plant.model, plant.model.theta, configuration)
-        check_steps(plant, point, spec.substeps, rate_hz, "excitation.rate_hz")
+        plant, point = true_plant(
+            self.robot, spec, rate_hz, samples, configuration, self.plan.freq_hz.max(), "excitation.rate_hz"
+        )
         given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), configuration)
         gains = gains_of(plant.model, point.q, spec.controller)
         return _Run(experiment, plant, point, given, gains, self._noise(experiment))

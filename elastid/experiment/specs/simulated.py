@@ -186,9 +186,10 @@ class SimulatedSpec:
     noise: Annotated[NoiseSpec, Key("Noise of the sensors and disturbances.", "the levels of the real sensors make the "
         "predicted intervals those of the robot; all are 0 unless given, and intervals then show the integration error "
         "alone.")] = NoiseSpec()
-    substeps: Annotated[int, Key("Number of integration steps per sample of the controller.", "more where a stiff "
-        "spring with light mass asks for it (the rig says so), or to see that results do not change with it; the "
-        "simulation takes that many times as long.")] = 2
+    substeps: Annotated[int | None, Key("Number of integration steps per sample of the controller (default: at least "
+        "2, and as many as put the frequency of no mode in the excited band off by more than 1.3e-5, its stiffness by "
+        "2.7e-5).", "more to see that results do not change with it; the simulation takes that many times as long.")
+        ] = None
     saturation: Annotated[bool, Key("Motor torques are clipped at the joints' limits.torque if true; otherwise "
         "exceeding them is reported.", "true shows what a robot whose drives clip does to the responses; a plan within "
         "limits needs it not.")] = False
@@ -210,7 +211,7 @@ class SimulatedSpec:
     def __post_init__(self) -> None:
         if len(set(self.outputs)) < len(self.outputs):
             raise ValueError(f"outputs names a place twice ({', '.join(self.outputs)}); its lines would count twice")
-        if self.substeps < 1:
+        if self.substeps is not None and self.substeps < 1:
             raise ValueError(f"substeps is {self.substeps}; it must be at least 1")
 
 

@@ -187,7 +187,7 @@ def test_friction_acts_on_the_coordinate_of_its_place() -> None:
 def test_friction_too_stiff_for_the_sample_rate_is_refused_with_the_steps_needed() -> None:
     """Bristles of 1e9 Nm/rad on 13 kg m^2 swing at 9000 rad/s."""
     stiff = Friction(0.3, lugre=LuGre(1e9 / 6400, 0.02))
-    simulated = rig(arm(friction=stiff))
+    simulated = rig(arm(friction=stiff), SimulatedSpec(substeps=2))
     with pytest.raises(StudyError, match=r"substeps: 2 steps .* friction at standstill.; take at least 4, or raise"):
         simulated.measure(simulated.experiments[0])
 
