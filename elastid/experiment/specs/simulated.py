@@ -187,8 +187,8 @@ class SimulatedSpec:
         "predicted intervals those of the robot; all are 0 unless given, and intervals then show the integration error "
         "alone.")] = NoiseSpec()
     substeps: Annotated[int | None, Key("Number of integration steps per sample of the controller (default: at least "
-        "2, and as many as put the frequency of no mode in the excited band off by more than 1.3e-5, its stiffness by "
-        "2.7e-5).", "more to see that results do not change with it; the simulation takes that many times as long.")
+        "2, and as many as put the frequency of no mode in the excited band off by more than 5e-6, its stiffness by "
+        "1e-5).", "more to see that results do not change with it; the simulation takes that many times as long.")
         ] = None
     saturation: Annotated[bool, Key("Motor torques are clipped at the joints' limits.torque if true; otherwise "
         "exceeding them is reported.", "true shows what a robot whose drives clip does to the responses; a plan within "
