@@ -15,7 +15,7 @@ joints of 0.3 to 200 Nm, with bristles that a step resolves, and their false ala
 
 One draw of 20 of the 24 rows (of the points' four without load, angle and gravity): 14 hold the truth all of the time;
 F_c by angle and all together hold it 70 to 81 % and are not honest, nor is cogging under reversals, with 99 %. Clean
-logs 0, 1, 2 and 35: all honest, F_c in its band all of the time; of log 35 47 % before the bristle's noise was found.
+logs 0 to 3 and 35: all honest, F_c in its band all of the time; of log 35 47 % before the bristle's noise was found.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
