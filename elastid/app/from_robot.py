@@ -166,7 +166,7 @@ experiment:
   transient_periods: 1
   # On the robot: `recorded` in place of `simulated`, or `elastid new DIR --from LOG ...` once there are logs.
   simulated:
-    noise: {{torque_std: {rms.min() / 100:.2g}, encoder_counts: 1048576}} # guessed
+    noise: {{torque_std: {rms.min() / 10:.2g}, angle_std: 1e-6}} # guessed
 fit:
   starts: 8
   parameters: {{k_*: {{}}, d_*: {{}}}}

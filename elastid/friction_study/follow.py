@@ -71,15 +71,18 @@ def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
 def estimate_noise(
     kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, start: Estimate, settled_s: float
 ) -> FilterNoise:
-    """The most likely noise over samples that move (Track.moves); of the angle at least as guessed."""
-    names = ["angle", "torque", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
+    """The most likely noise over samples that move (Track.moves); of the angle at least as guessed.
+
+    The bristle's slip is found as well: what other frictions than LuGre's need would stand for noise of the torque, and
+    put F_c off by 4 to 18 % where a joint slips by about z_s in a sample.
+    """
+    names = ["angle", "torque", "slip", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
     judged = _moving(samples, COUNT_OVER_STD * guess.angle)
     judged[: round(settled_s * kalman.rate_hz)] = False
-    limit = np.log(1e3)
+    lowest = np.log([{"angle": 1.0, "slip": 0.1}.get(name, 1e-3) for name in names])
 
     def noise_at(x: FloatArray) -> FilterNoise:
-        factors = np.exp(np.clip(x, -limit, limit))
-        factors[0] = max(factors[0], 1.0)
+        factors = np.exp(np.clip(x, lowest, np.log(1e3)))
         return guess.scaled(**dict(zip(names, factors.tolist(), strict=True)))
 
     def cost(x: FloatArray) -> float:
@@ -88,10 +91,10 @@ def estimate_noise(
         value = float(np.mean(np.log(S) + e**2 / S))
         return value if np.isfinite(value) else 1e6
 
-    # Factors of three about the guess; noise that is known to 2 % is known well enough.
+    # Factors of three about the guess; noise that is known to 5 % is known well enough.
     n = len(names)
     simplex = np.vstack([np.zeros(n), 1.1 * np.eye(n)])
-    options = {"xatol": 0.02, "fatol": 1e-5, "maxfev": 150, "initial_simplex": simplex}
+    options = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150, "initial_simplex": simplex}
     return noise_at(np.asarray(minimize(cost, np.zeros(n), method="Nelder-Mead", options=options).x))
 
 
@@ -176,9 +179,9 @@ def follow(
     start = _at_start(joint, motions[0].samples)
     noise = guess
     if find_noise:
-        # At most a minute of the longest motion.
+        # At most half a minute of the longest motion.
         longest = max((motion.samples for motion in motions), key=lambda samples: len(samples.angle))
-        cut = slice(0, round(60.0 * rate_hz))
+        cut = slice(0, round(30.0 * rate_hz))
         stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
         noise = estimate_noise(kalman, stretch, guess, _at_start(joint, stretch), min(settle_s, 1.0))
     tracks = _tracks(kalman, motions, noise, start)

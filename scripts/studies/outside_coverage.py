@@ -5,18 +5,21 @@
 
 The rig, `two_axis_arm` beside this repository, is a planar arm of two axes in closed loop, exact sticking, 1 Nm of
 torque that no log shows, 3e-6 rad of noise on the angles. Each data set has M realisations of two experiments of two
-periods in two postures. Friction is taken out (`auto`), and k, d and viscous friction are fitted three times: without
-a floor, with the default one, both with an exact robot file, and with the default tolerances of a measured study, which
-hold more than the file's errors here, since the file is right. For each case: the share of 95 % intervals of k and d
-that hold the truth, and over the stated deviations (k_1 k_2 d_1 d_2) the bias and the scatter; V over its expectation;
-misfits. Over the sets of a case 93 to 97 % of the intervals must hold with an exact file, 93 % or more with tolerances,
-three standard deviations of chance allowed, and at most 1 % of the fits be misfits, one in few sets. Without the rig
-it says so and ends. The last line is one JSON object.
+periods in two postures. Friction is taken out (`auto`), and k, d and viscous friction are fitted twice, with the
+default floor, which the data show to be none here: with an exact robot file, and with the default tolerances of a
+measured study, which hold more than the file's errors here, since the file is right. For each case: the share of 95 %
+intervals of k and d that hold the truth, and over the stated deviations (k_1 k_2 d_1 d_2) the bias and the scatter; V
+over its expectation; misfits. Over the sets of a case 93 to 97 % of the intervals must hold with an exact file, 93 % or
+more with tolerances, three standard deviations of chance allowed, and at most 1 % of the fits be misfits, one in few
+sets. Without the rig it says so and ends. The last line is one JSON object.
 
-With `--coulomb 0.05 --realisations 3 --sets 40`: 94.4 +- 2.1 % of the intervals hold, with and without the default
-floor; bias at most 0.2 of the stated deviations, scatter 0.9 to 1.06, V 1.00, all converged. With `--coulomb 0.16 0.3
---realisations 3`, 20 sets each, counted before a motor's inertia was mended: 95.0 +- 2.9 and 96.2 +- 2.7 %; bias at
-most 0.11 and 0.62, V 0.98 and 1.00, all converged. M = 2 and 4 are still to be counted at this size.
+With `--coulomb 0.05 --realisations 3 --sets 40`, of an earlier code: 94.4 +- 2.1 % of the intervals hold; bias at most
+0.2 of the stated deviations, scatter 0.9 to 1.06, V 1.00, all converged. Of the present code, exact file: `--coulomb
+0.3 --realisations 3 --sets 16`: 95.3 +- 3.4 %, scatter 0.85 to 1.29, V 0.98, all converged, but k_1 is 1.06 deviations
+(0.03 %) low: with angles free of noise where friction is found it is not, with exact levels and inertias it still is,
+so it comes of reversals that noisy angles put wrong. `--coulomb 0 --realisations 2 --sets 28`: 92.9 +- 2.8 %, k_2 82 %.
+`--coulomb 0.3 --realisations 2 --sets 8`: 84.4 +- 4.6 %, scatter up to 1.45: intervals of two realisations may be too
+narrow. M = 4 is still to be counted.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -56,7 +59,7 @@ RIGS = Path(__file__).resolve().parents[2].parent / "shared" / "rigs"
 COULOMB = {0.0: (0.0, 0.0), 0.05: (3.0, 1.5), 0.16: (9.6, 4.8), 0.3: (18.0, 9.0)}
 NAMES = ("k_1", "k_2", "d_1", "d_2")
 # Of the fits: floor of the study, and whether the robot's file is said to be exact.
-FITS: dict[str, tuple[float | None, bool]] = {"floor 0": (0.0, True), "default": (None, True), "file": (None, False)}
+FITS: dict[str, tuple[float | None, bool]] = {"default": (None, True), "file": (None, False)}
 COVERED, MISFITS, CHANCE = (0.93, 0.97), 0.01, 3.0
 
 
