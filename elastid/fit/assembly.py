@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.note import Note
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model, moved_posture
+from elastid.fit.problem.elastic import ElasticFit, Part, elastic_fit, linear_model, moved_posture
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     RESIDUALS,
@@ -41,7 +41,7 @@ from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.linear.equilibrium import equilibrium, spring_notes
-from elastid.linear.linear_model import is_load
+from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -88,9 +88,10 @@ class Assembly:
         parameters: ParameterSet,
         model: ModelSpec = EXACT,
         loads: Sequence[PlacedTest] = (),
+        weights: tuple[Weights, ...] | None = None,
     ) -> Assembly:
-        """Weigh the responses and build the model, under the static loads, too."""
-        weights = tuple(weigh(response, spec) for response in responses)
+        """Weigh the responses, unless their weights are known, and build the model, under the static loads, too."""
+        weights = weights or tuple(weigh(response, spec) for response in responses)
         linearisation = Linearisation.of_robot(robot, model, parameters.names)
         static = StaticLoads.of(loads, robot, model, parameters) if loads else None
         assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model, static)
@@ -107,8 +108,8 @@ class Assembly:
 
     def with_floor(self, floor: float | None) -> Assembly:
         """The same with the weights of a floor."""
-        spec = with_floor(self.spec, floor)
-        return replace(self, spec=spec, weights=tuple(weigh(response, spec) for response in self.responses))
+        spec, pairs = with_floor(self.spec, floor), zip(self.responses, self.weights, strict=True)
+        return replace(self, spec=spec, weights=tuple(weigh(G, spec, weights.noise) for G, weights in pairs))
 
     @property
     def _moved(self) -> set[str]:
@@ -122,8 +123,15 @@ class Assembly:
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
         """The fit with every configuration linearised at x; full covariances weigh in the last stage only."""
+        return self.of_models(self.models(x), criterion)
+
+    def models(self, x: FloatArray) -> list[LinearModel]:
+        """Every configuration linearised at x."""
         thetas = (self.parameters.expand(x, G.configuration.name) for G in self.responses)
-        models = [linear_model(self.linearisation, *pair) for pair in zip(self.responses, thetas, strict=True)]
+        return [linear_model(self.linearisation, *pair) for pair in zip(self.responses, thetas, strict=True)]
+
+    def of_models(self, models: Sequence[LinearModel], criterion: ResidualKind) -> ElasticFit:
+        """The fit with the linear model of each configuration."""
         correlated = criterion == self.spec.criterion
         fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
         return replace(fit, inertias=moved_inertias(self.parameters, self.linearisation.model.robot), loads=self.loads)
@@ -207,7 +215,7 @@ class RelinearisedOptimum:
     """The end of a fit, with the linearised fit and the weights there; a note where x still moved.
 
     fit: of the responses without the systematic errors that were found; factors (n_b,): of those.  responses: those of
-    the posture at rest, their systematic errors as the model has them at the end.
+    the posture at rest, their systematic errors as the model has them at the end; at_start: at rest where it began.
     """
 
     end: LocalOptimum
@@ -216,6 +224,7 @@ class RelinearisedOptimum:
     weights: tuple[Weights, ...]
     notes: tuple[Note, ...] = ()
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
+    at_start: tuple[FrequencyResponse, ...] = ()
 
 
 def is_distorted_by_friction(response: FrequencyResponse) -> bool:
@@ -231,11 +240,19 @@ def is_distorted_by_friction(response: FrequencyResponse) -> bool:
 
 def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
     """The least floor with which V at an optimum is no more than its degrees of freedom; at most the usual one."""
-    x, dof = optimum.end.x, optimum.fit.problem.dof
-    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors)
+    x, dof, criterion = optimum.end.x, optimum.fit.problem.dof, assembly.spec.criterion
+    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_floor(USUAL_FLOOR)
+    models = unbiased.models(x)
+    usual = unbiased.of_models(models, criterion)
+    at_x = [part.kernel.response(usual.theta(part, x)) for part in usual.parts]
+    besides = usual.besides(x).cost
 
     def exceeds(floor: float) -> bool:
-        return unbiased.with_floor(floor).at(x, assembly.spec.criterion).evaluate(x).cost > dof
+        parts = unbiased.with_floor(floor).of_models(models, criterion).parts
+        try:
+            return besides + sum(map(Part.cost, parts, at_x)) > dof
+        except np.linalg.LinAlgError:  # a covariance that is singular with so small a floor
+            return True
 
     low, high = USUAL_FLOOR / 100, USUAL_FLOOR
     if exceeds(high):
@@ -247,12 +264,16 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
 
 
 def relinearise(
-    assembly: Assembly, start: LocalOptimum, criterion: ResidualKind, first: ElasticFit | None = None
+    assembly: Assembly,
+    start: LocalOptimum,
+    criterion: ResidualKind,
+    first: ElasticFit | None = None,
+    at_start: tuple[FrequencyResponse, ...] = (),
 ) -> RelinearisedOptimum:
     """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
 
     Until it moves by less than 1e-3 standard deviations, for 5 rounds at most, 30 with a robust loss.
-    first: the fit by this criterion as the assembly has it elsewhere.
+    first: the fit by this criterion as the assembly has it elsewhere.  at_start: the responses at rest there, if known.
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 5 if is_square else 30
@@ -260,13 +281,16 @@ def relinearise(
     known, moved = assembly, math.inf
     for i in range(rounds):
         try:
-            if i < AT_REST_ROUNDS and moved > AT_REST_DISTANCE:
+            if i == 0 and at_start:
+                rested = assembly if at_start is assembly.responses else replace(assembly, responses=at_start)
+            elif i < AT_REST_ROUNDS and moved > AT_REST_DISTANCE:
                 rested = assembly.at_rest(end.x)
-            current = rested.reweighted(end.x)
+            at_start = at_start or rested.responses
+            current, models = rested.reweighted(end.x), rested.models(end.x)
             if len(c):
-                current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
-                c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
-            fit = current.unbiased(c).at(end.x, criterion)
+                current = current.with_modelled_bias(current.of_models(models, criterion), end.x)
+                c = next_factors(current.unbiased(c).of_models(models, criterion), current.responses, end.x, c)
+            fit = current.unbiased(c).of_models(models, criterion)
             # A logarithm counts other elements at each x.
             if first is not None and current is known and criterion == "complex":
                 fit = fit.with_residuals_of(first)
@@ -279,12 +303,13 @@ def relinearise(
         moved = distance(end.x - before.x, fit.rough(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         if moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)):
-            return RelinearisedOptimum(end, fit, current.responses, current.weights, (), c)
+            return RelinearisedOptimum(end, fit, current.responses, current.weights, (), c, at_start)
     text = (
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
-    return RelinearisedOptimum(end, fit, current.responses, current.weights, (Note("still-moving", text),), c)
+    notes = (Note("still-moving", text),)
+    return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c, at_start)
 
 
 def motion_notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:

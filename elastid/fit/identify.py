@@ -127,8 +127,11 @@ def _search(
     execution: Execution,
     parameters: ParameterSet | None = None,
     loads: Sequence[PlacedTest] = (),
-) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...], int]:
-    """The assembled fit, also at its start, where all starts ended, best first, and how many reached the best."""
+) -> tuple[Assembly, ElasticFit | None, tuple[LocalOptimum, ...], int]:
+    """The assembled fit, where all starts ended, best first, and how many reached the best.
+
+    Second the fit at its start, where its weights are those of the estimate, too.
+    """
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     checks.check_responses(responses, robot)
     parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])
@@ -149,7 +152,8 @@ def _search(
     starts, hits = _from_all_starts(assembly, fit, spec, execution)
     if has_tolerances(robot):
         assembly, fit, starts = release(assembly, starts, robot, loads)
-    return assembly, fit, starts, hits
+    # Its weights are most of the memory of a fit, and other ones follow where the floor is found.
+    return assembly, fit if spec.weights.floor is not None else None, starts, hits
 
 
 def _from_all_starts(
@@ -170,17 +174,19 @@ _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]
 def _with_found_floor(
     assembly: Assembly,
     spec: FitSpec,
-    first: ElasticFit,
+    first: ElasticFit | None,
     starts: tuple[LocalOptimum, ...],
     hits: int,
     execution: Execution,
 ) -> _Found:
     """The estimate with the floor of the study, or where it gives none with that which the data show.
 
+    first: a fit with the floor of the study, if it gives one.
+
     Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
     lines, and springs and dampers take it up. There the floor is the usual one.
     """
-    if spec.weights.floor is not None:
+    if first is not None:
         return assembly, *_estimate(assembly, first, starts, hits, execution)
     bare = assembly.with_floor(None)
     found = _estimate(bare, bare.at(starts[0].x, spec.criterion), starts, hits, execution)
@@ -188,7 +194,10 @@ def _with_found_floor(
     if found[0].end.converged and not found[2].exceeds_noise and not is_distorted:
         return bare, *found
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
-    return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
+    at_start = found[0].at_start
+    del bare, found  # its weights are most of the memory of a fit
+    first = floored.at(starts[0].x, spec.criterion)
+    return floored, *_estimate(floored, first, starts, hits, execution, at_start)
 
 
 def _with_agreements(
@@ -206,7 +215,8 @@ def _with_agreements(
     def fitted(own: Assembly, searched: bool = False) -> _Found:
         first = own.at(begin.x, spec.criterion)
         ends = _from_all_starts(own, first, spec, Execution()) if searched else ((begin, *starts[1:]), hits)
-        return _with_found_floor(own, spec, first, *ends, Execution())
+        known = first if spec.weights.floor is not None else None
+        return _with_found_floor(own, spec, known, *ends, Execution())
 
     def compared(motors: FitResult) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None
@@ -242,10 +252,18 @@ def _disagree(agreement: StaticAgreement | ToolAgreement | None) -> bool:
 
 
 def _estimate(
-    assembly: Assembly, first: ElasticFit, starts: tuple[LocalOptimum, ...], hits: int, execution: Execution
+    assembly: Assembly,
+    first: ElasticFit,
+    starts: tuple[LocalOptimum, ...],
+    hits: int,
+    execution: Execution,
+    at_start: tuple[FrequencyResponse, ...] = (),
 ) -> tuple[RelinearisedOptimum, Uncertainty, FitResult]:
-    """The best start relinearised, its uncertainty, and both as a result without a status."""
-    optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first)
+    """The best start relinearised, its uncertainty, and both as a result without a status.
+
+    at_start: of `relinearise`.
+    """
+    optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first, at_start)
     fit, end = optimum.fit, optimum.end
     uncertainty = estimate_uncertainty(fit, optimum.responses, optimum.weights, end.x, execution)
     dof = fit.problem.dof

@@ -11,8 +11,8 @@ lines the columns are held by their factors (`Sensitivity`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.linear.linear_model import Slope
-from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.kernel import Images, Kernel
 
 AnyComplex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 
@@ -219,13 +219,15 @@ class Columns:
         V = _span(E.reshape(-1, n, n))
         return V, V.T @ E @ V
 
-    def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
-        """Block by block at theta (n_theta,)."""
+    def at(self, theta: FloatArray, held: Sequence[Images] | None = None) -> Iterator[Sensitivity]:
+        """Block by block at theta (n_theta,); held: `Kernel.images_at` there, if they are known."""
         rows, columns = self.elements
         (_, S), n_u, kernel = self._directions, self.kernel.model.B.shape[1], self.kernel
         places, is_own = rows * n_u + columns, np.array_equal(kernel.output_columns, np.arange(n_u))
-        of_factors = replace(kernel, wanted=kernel.factors)
-        images, of_images = of_factors.evaluate_images(theta) if kernel.is_held else (None, None)
+        images, of_images = None, None
+        if kernel.is_held:
+            held = kernel.images_at(theta) if held is None else held
+            images, of_images = kernel.evaluate_images(theta, held, kernel.factors)
         for block, s, gain, response, YX, moved in kernel.products(theta, self._asked):
             # The loops leave the lines of an element side by side.
             G = response.transpose(1, 2, 0).reshape(-1, len(s)).take(places, axis=0).T
@@ -251,20 +253,11 @@ class Columns:
         """The directions of all bases (n, n_1 + r)."""
         return np.hstack([self.pieces.y, self._directions[0]])
 
-    def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
+    def pull_images(self, held: Sequence[Images], weight: ComplexArray) -> FloatArray:
         """Re sum_fe weight_fe dG_fe (P,) of the images that are not in the columns, weight (F, n_e)."""
-        kernel, pulled = self.kernel, np.zeros(len(self.kernel.wanted))
-        spread = np.zeros((len(weight), len(kernel.model.outputs), len(kernel.model.inputs)), complex)
+        spread = np.zeros((len(weight), len(self.kernel.model.outputs), len(self.kernel.model.inputs)), complex)
         spread[:, *self.elements] = weight
-        places = [kernel.wanted.index(name) for name in self._images_of_others.wanted]
-        pulled[places] = self._images_of_others.pull_images(theta, spread)
-        return pulled
-
-    @cached_property
-    def _images_of_others(self) -> Kernel:
-        """The kernel of all parameters that do not multiply the response."""
-        factors = self.kernel.factors
-        return replace(self.kernel, wanted=tuple(name for name in self.kernel.wanted if name not in factors))
+        return self.kernel.pull_images(held, spread)
 
 
 @dataclass(frozen=True)

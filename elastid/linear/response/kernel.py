@@ -24,7 +24,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.response.ldl import Elimination, Leaves
-from elastid.linear.response.transfer import HoldImages, factor, hold_images
+from elastid.linear.response.transfer import Folding, HoldImages, factor, hold_images
 from elastid.robot import gain_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
@@ -45,6 +45,20 @@ class Products(NamedTuple):
     G: ComplexArray
     YX: ComplexArray
     moved: ComplexArray
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """Images of torques held at one rate, at one theta: how G (J, n_y, n_u) above half the rate folds, and its dG.
+
+    dG (P, J, n_y, n_u): of `wanted`, the parameters that may move G.
+    """
+
+    held: HoldImages
+    wanted: tuple[str, ...]
+    folding: Folding
+    G: ComplexArray
+    dG: ComplexArray
 
 
 @dataclass(frozen=True)
@@ -75,19 +89,21 @@ class RankOneTerms:
 
 def rank_one_terms(slopes: Sequence[Slope], n: int) -> tuple[FloatArray, tuple[RankOneTerms, ...]]:
     """Y (n, n_d) of the terms of all slopes (P), each direction once, and the slopes in groups of as many terms."""
+    given = [
+        (place, power, matrix)
+        for place, slope in enumerate(slopes)
+        for power, matrix in enumerate((slope.K, slope.D, slope.M))
+        if matrix is not None
+    ]
+    values, vectors = np.linalg.eigh(np.array([matrix for *_, matrix in given]).reshape(-1, n, n))
+    # The rest is rounding.
+    which, terms = np.nonzero(np.abs(values) > 1e-12 * np.abs(values).max(axis=1, initial=0.0, keepdims=True))
+    y = vectors[which, :, terms]
+    leading = np.argmax(np.abs(y) > 0.5 * np.abs(y).max(axis=1, initial=0.0, keepdims=True), axis=1)
+    stacked = np.where(y[np.arange(len(y)), leading, None] > 0, y, -y)
     parts: dict[int, list[tuple[int, float]]] = {}
-    directions: list[FloatArray] = []
-    for place, slope in enumerate(slopes):
-        for power, matrix in enumerate((slope.K, slope.D, slope.M)):
-            if matrix is None:
-                continue
-            eigenvalues, vectors = np.linalg.eigh(matrix)
-            for i in np.flatnonzero(np.abs(eigenvalues) > 1e-12 * np.abs(eigenvalues).max()):  # the rest is rounding
-                y = vectors[:, i]
-                leading = y[np.argmax(np.abs(y) > 0.5 * np.abs(y).max())]
-                parts.setdefault(place, []).append((power, float(eigenvalues[i])))
-                directions.append(y if leading > 0 else -y)
-    stacked = np.array(directions).reshape(-1, n)
+    for i, sigma in zip(which.tolist(), values[which, terms].tolist(), strict=True):
+        parts.setdefault(given[i][0], []).append((given[i][1], sigma))
     # A spring and its damper have the same direction: Y X is computed once for both.
     _, first, same = np.unique(np.round(stacked, 12), axis=0, return_index=True, return_inverse=True)
     ends = np.cumsum([len(terms) for terms in parts.values()])
@@ -144,7 +160,7 @@ class Kernel:
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
             dG[moving, block] += moved
         if self._above:
-            images, slopes = self.evaluate_images(theta)
+            images, slopes = self.evaluate_images(theta, self.images_at(theta), self.wanted)
             G, dG = G + images, dG + slopes
         return G, dG
 
@@ -155,35 +171,47 @@ class Kernel:
             total += images.folding(theta).images(above.response(images.undelayed(theta)))
         return total
 
-    def evaluate_images(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """The images in G (F, n_y, n_u) and their derivatives (P, F, n_y, n_u) at theta (n_theta,)."""
+    def images_at(self, theta: FloatArray) -> tuple[Images, ...]:
+        """The images of each rate at theta (n_theta,)."""
+        return tuple(
+            Images(images, above.wanted, images.folding(theta), *above.evaluate(images.undelayed(theta)))
+            for images, above in self._above
+        )
+
+    def evaluate_images(
+        self, theta: FloatArray, held: Sequence[Images], wanted: tuple[str, ...]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """The images in G (F, n_y, n_u), and their derivatives (P, F, n_y, n_u) to some of the wanted parameters.
+
+        held: of `images_at`.
+        """
         total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
-        slopes = np.zeros((len(self.wanted), *total.shape), complex)
+        slopes = np.zeros((len(wanted), *total.shape), complex)
         s = (2j * np.pi * self.freq_hz).astype(complex)
-        for images, above in self._above:
-            G_above, of_above = above.evaluate(images.undelayed(theta))
-            folding = images.folding(theta)
-            added = folding.images(G_above)
+        for each in held:
+            added = each.folding.images(each.G)
             total += added
-            slopes[[self.wanted.index(name) for name in above.wanted]] += folding.images(of_above)
-            for element in images.sensors.chain:
-                if element.name in self.wanted:
+            both = [name for name in each.wanted if name in wanted]
+            of_above = each.dG[[each.wanted.index(name) for name in both]]
+            slopes[[wanted.index(name) for name in both]] += each.folding.images(of_above)
+            for element in each.held.sensors.chain:
+                if element.name in wanted:
                     slope = element.log_slope(s, self.model.number(theta, element.name))
-                    slopes[self.wanted.index(element.name)] += slope[:, None, None] * added
-            if DELAY in self.wanted:
-                slopes[self.wanted.index(DELAY)] += images.folding(theta, order=1).images(G_above)
+                    slopes[wanted.index(element.name)] += slope[:, None, None] * added
+            if DELAY in wanted:
+                slopes[wanted.index(DELAY)] += each.held.folding(theta, order=1).images(each.G)
         return total, slopes
 
-    def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
+    def pull_images(self, held: Sequence[Images], weight: ComplexArray) -> FloatArray:
         """Re sum over lines and elements of weight (F, n_y, n_u) times the derivatives (P,) of `images`.
 
-        Zero for the delay and for lags of a sensor.
+        Zero for `factors`, whose derivatives `evaluate_images` has.  held: of `images_at`.
         """
         pulled = np.zeros(len(self.wanted))
-        for images, above in self._above:
-            slopes = above.evaluate(images.undelayed(theta))[1]
-            places = [self.wanted.index(name) for name in above.wanted]
-            pulled[places] += images.folding(theta).pull(weight, slopes)
+        for each in held:
+            others = [i for i, name in enumerate(each.wanted) if name not in self.factors]
+            places = [self.wanted.index(each.wanted[i]) for i in others]
+            pulled[places] += each.folding.pull(weight, each.dG[others])
         return pulled
 
     @property
