@@ -59,9 +59,9 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
 # Variance by noise and distortion over that by noise alone, from which on a response holds distortion.
 DISTORTED = 4.0
-# Rounds in which the effect of the motion is worked out: at the first optimum, and again at the next where that is by
-# more than so many standard deviations beside the first.
-AT_REST_ROUNDS, AT_REST_DISTANCE = 2, 0.3
+# The effect of the motion is worked out on a share of its lines at the first optimum, which it moves, and on all of
+# them at the next.
+AT_REST_SHARES = (1 / 3, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,14 +157,17 @@ class Assembly:
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
-    def at_rest(self, x: FloatArray) -> Assembly:
-        """The same without what the motion of the measurements adds to their responses at x (n_x,)."""
+    def at_rest(self, x: FloatArray, share: float = 1.0) -> Assembly:
+        """The same without what the motion of the measurements adds to their responses at x (n_x,).
+
+        share: of the lines on which that is worked out.
+        """
         if all(response.motion is None for response in self.responses):
             return self
         responses = []
         for response in self.responses:
             theta = self.parameters.expand(x, response.configuration.name)
-            effect = moved_posture(self.linearisation, response, theta)
+            effect = moved_posture(self.linearisation, response, theta, share)
             responses.append(response if effect is None else replace(response, G=response.G - effect))
         is_same = all(map(operator.is_, responses, self.responses))
         return self if is_same else replace(self, responses=tuple(responses))
@@ -215,7 +218,7 @@ class RelinearisedOptimum:
     """The end of a fit, with the linearised fit and the weights there; a note where x still moved.
 
     fit: of the responses without the systematic errors that were found; factors (n_b,): of those.  responses: those of
-    the posture at rest, their systematic errors as the model has them at the end; at_start: at rest where it began.
+    the posture at rest, their systematic errors as the model has them at the end.
     """
 
     end: LocalOptimum
@@ -224,7 +227,6 @@ class RelinearisedOptimum:
     weights: tuple[Weights, ...]
     notes: tuple[Note, ...] = ()
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
-    at_start: tuple[FrequencyResponse, ...] = ()
 
 
 def is_distorted_by_friction(response: FrequencyResponse) -> bool:
@@ -264,16 +266,12 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
 
 
 def relinearise(
-    assembly: Assembly,
-    start: LocalOptimum,
-    criterion: ResidualKind,
-    first: ElasticFit | None = None,
-    at_start: tuple[FrequencyResponse, ...] = (),
+    assembly: Assembly, start: LocalOptimum, criterion: ResidualKind, first: ElasticFit | None = None
 ) -> RelinearisedOptimum:
     """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
 
     Until it moves by less than 1e-3 standard deviations, for 5 rounds at most, 30 with a robust loss.
-    first: the fit by this criterion as the assembly has it elsewhere.  at_start: the responses at rest there, if known.
+    first: the fit by this criterion as the assembly has it elsewhere.
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 5 if is_square else 30
@@ -281,11 +279,8 @@ def relinearise(
     known, moved = assembly, math.inf
     for i in range(rounds):
         try:
-            if i == 0 and at_start:
-                rested = assembly if at_start is assembly.responses else replace(assembly, responses=at_start)
-            elif i < AT_REST_ROUNDS and moved > AT_REST_DISTANCE:
-                rested = assembly.at_rest(end.x)
-            at_start = at_start or rested.responses
+            if i < len(AT_REST_SHARES):
+                rested = assembly.at_rest(end.x, AT_REST_SHARES[i])
             current, models = rested.reweighted(end.x), rested.models(end.x)
             if len(c):
                 current = current.with_modelled_bias(current.of_models(models, criterion), end.x)
@@ -302,14 +297,15 @@ def relinearise(
         before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.rough(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
-        if moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)):
-            return RelinearisedOptimum(end, fit, current.responses, current.weights, (), c, at_start)
+        is_whole = i > 0 or rested is assembly
+        if is_whole and (moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof))):
+            return RelinearisedOptimum(end, fit, current.responses, current.weights, (), c)
     text = (
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
     notes = (Note("still-moving", text),)
-    return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c, at_start)
+    return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)
 
 
 def motion_notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:

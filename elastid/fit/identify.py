@@ -194,10 +194,8 @@ def _with_found_floor(
     if found[0].end.converged and not found[2].exceeds_noise and not is_distorted:
         return bare, *found
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
-    at_start = found[0].at_start
     del bare, found  # its weights are most of the memory of a fit
-    first = floored.at(starts[0].x, spec.criterion)
-    return floored, *_estimate(floored, first, starts, hits, execution, at_start)
+    return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
 
 
 def _with_agreements(
@@ -252,18 +250,10 @@ def _disagree(agreement: StaticAgreement | ToolAgreement | None) -> bool:
 
 
 def _estimate(
-    assembly: Assembly,
-    first: ElasticFit,
-    starts: tuple[LocalOptimum, ...],
-    hits: int,
-    execution: Execution,
-    at_start: tuple[FrequencyResponse, ...] = (),
+    assembly: Assembly, first: ElasticFit, starts: tuple[LocalOptimum, ...], hits: int, execution: Execution
 ) -> tuple[RelinearisedOptimum, Uncertainty, FitResult]:
-    """The best start relinearised, its uncertainty, and both as a result without a status.
-
-    at_start: of `relinearise`.
-    """
-    optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first, at_start)
+    """The best start relinearised, its uncertainty, and both as a result without a status."""
+    optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first)
     fit, end = optimum.fit, optimum.end
     uncertainty = estimate_uncertainty(fit, optimum.responses, optimum.weights, end.x, execution)
     dof = fit.problem.dof

@@ -47,11 +47,11 @@ _STEP = 1e-5  # rad or m, of central differences; equations are quadratic in the
 
 
 def effect_of_motion(
-    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: FrequencyResponse
+    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: FrequencyResponse, share: float = 1.0
 ) -> ComplexArray | None:
-    """`posture_effect` in a measured response; None where no motion is known of it, or where it cannot matter.
+    """`posture_effect` in a measured response, on a share of the lines; None where no motion is known of it.
 
-    None, too, for a motion to where the equations have no number (a gas spring beyond its end).
+    None, too, where it cannot matter, and for a motion to where the equations have no number (a gas spring at its end).
     No parameter of a fit moves by more standard deviations than the effect has, divided by those of all elements.
     """
     motion, known, freq_hz = response.motion, response.uncertainty, response.freq_hz
@@ -65,7 +65,7 @@ def effect_of_motion(
             shares = np.where(known.variance[some] > 0, np.abs(rough) ** 2 / known.variance[some], np.inf)
         if 2 * float(np.sum(shares)) * response.n_lines / len(some) < NEGLIGIBLE**2:
             return None
-    effect = about.effect(freq_hz, _MOST_LINES)
+    effect = about.effect(freq_hz, round(share * _MOST_LINES))
     return effect if np.isfinite(effect).all() else None
 
 
@@ -214,7 +214,7 @@ class _Moved:
         (_, K, n_r, m, n_k), s = met.shape, 1j * both[:, None]
         # R''[., e_1] of all z of an unknown: its own, its rate and its acceleration.
         torque = -np.tensordot([1.0, 1j * omega, -(omega**2)], met, axes=1).reshape(K, n_r, m * n_k)
-        x = self._inverse(both)[:, unknowns][:, :, rows[rows < e.n]] @ torque
+        x = self._inverse(both, rows[rows < e.n])[:, unknowns] @ torque
         weighted = (s ** np.arange(3))[:, None] @ partners
         total = (self.mean @ e.z(omega)).astype(np.complex128)
         total[np.ix_(rows, unknowns)] += np.sum(
@@ -242,16 +242,16 @@ class _Moved:
         partners = np.ascontiguousarray(parts.conj().transpose(1, 0, 3, 4, 2))
         return rows, unknowns, met, partners.reshape(K, 3, len(rows) * len(unknowns) * m)
 
-    def _inverse(self, omega: FloatArray) -> ComplexArray:
-        """From torques on the unknowns to e_2 (2 K, n, n)."""
+    def _inverse(self, omega: FloatArray, rows: IntArray) -> ComplexArray:
+        """From torques on some of the unknowns to e_2 (2 K, n, n_r)."""
         e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
         if self.feedback is None:
-            return e.held(omega)
+            return e.held(omega)[:, :, rows]
         s = 1j * np.where(rest, 1.0, omega)[:, None, None]
         integral, proportional, derivative = self.feedback
         F = integral / s + proportional + s * derivative
-        inverse = np.linalg.inv(e.L(s[:, 0, 0].imag) + e.B @ F @ e.B.T)
-        inverse[rest] = e.held(0.0)
+        inverse = np.linalg.solve(e.L(s[:, 0, 0].imag) + e.B @ F @ e.B.T, np.eye(e.n)[:, rows])
+        inverse[rest] = e.held(0.0)[:, rows]
         return np.asarray(inverse)
 
 

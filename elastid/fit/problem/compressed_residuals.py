@@ -34,8 +34,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.kernels import call
 from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind
 from elastid.fit.problem.weights import Whitening
-from elastid.linear.response.derivatives import Columns, Sensitivity
-from elastid.linear.response.kernel import Images
+from elastid.linear.response.derivatives import Columns, Images, Sensitivity
 
 BATCH = 16
 Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
@@ -294,7 +293,7 @@ class NormalEquations:
         np.maximum.at(scale, pieces.base, np.abs(pieces.sigma @ self.columns.size(theta)) * highest)
         scale[scale == 0] = 1.0
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
-        weights, R, held = [], self.residuals.compressed.R, self.columns.kernel.images_at(theta)
+        weights, R, held = [], self.residuals.compressed.R, self.columns.images_at(theta)
         for part in self.columns.at(theta, held):
             constant, e = self.residuals.at(part.block, part.G)
             sums = R.sums(part, e, scale, precision)
@@ -310,7 +309,7 @@ class NormalEquations:
         """V and J^T r (P,) of `at` alone."""
         pieces, highest = self.columns.pieces, self.columns.omega_0**self.columns.pieces.power
         V, pull, weights = 0.0, np.zeros((3, pieces.base.max(initial=-1) + 1), complex), []
-        held = self.columns.kernel.images_at(theta)
+        held = self.columns.images_at(theta)
         for part in self.columns.at(theta, held):
             constant, e = self.residuals.at(part.block, part.G)
             cost, weight = self.residuals.compressed.R.weight(part, e)

@@ -305,11 +305,13 @@ def places_of(response: FrequencyResponse | LinearModel) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*response.outputs, *(moved_by(name) for name in response.inputs if is_load(name)))))
 
 
-def moved_posture(linearisation: Linearisation, response: FrequencyResponse, theta: FloatArray) -> ComplexArray | None:
+def moved_posture(
+    linearisation: Linearisation, response: FrequencyResponse, theta: FloatArray, share: float
+) -> ComplexArray | None:
     """`effect_of_motion` in a response, of the model at theta (n_theta,), which ends with the delay."""
     if response.motion is None:
         return None
-    return effect_of_motion(linearisation.model, linear_model(linearisation, response, theta), theta, response)
+    return effect_of_motion(linearisation.model, linear_model(linearisation, response, theta), theta, response, share)
 
 
 def kernel_of(model: LinearModel, parameters: ParameterSet, freq_hz: FloatArray) -> Kernel:

@@ -24,7 +24,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.response.ldl import Elimination, Leaves
-from elastid.linear.response.transfer import Folding, HoldImages, factor, hold_images
+from elastid.linear.response.transfer import HoldImages, factor, hold_images
 from elastid.robot import gain_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
@@ -45,20 +45,6 @@ class Products(NamedTuple):
     G: ComplexArray
     YX: ComplexArray
     moved: ComplexArray
-
-
-@dataclass(frozen=True, eq=False)
-class Images:
-    """Images of torques held at one rate, at one theta: how G (J, n_y, n_u) above half the rate folds, and its dG.
-
-    dG (P, J, n_y, n_u): of `wanted`, the parameters that may move G.
-    """
-
-    held: HoldImages
-    wanted: tuple[str, ...]
-    folding: Folding
-    G: ComplexArray
-    dG: ComplexArray
 
 
 @dataclass(frozen=True)
@@ -159,68 +145,66 @@ class Kernel:
                 weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
             dG[moving, block] += moved
-        if self._above:
-            images, slopes = self.evaluate_images(theta, self.images_at(theta), self.wanted)
+        if self.above:
+            images, slopes = self.evaluate_images(theta)
             G, dG = G + images, dG + slopes
         return G, dG
 
     def images(self, theta: FloatArray) -> ComplexArray:
         """The images in G (F, n_y, n_u) of held torques at theta (n_theta,); zero without any."""
         total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
-        for images, above in self._above:
+        for images, above in self.above:
             total += images.folding(theta).images(above.response(images.undelayed(theta)))
         return total
 
-    def images_at(self, theta: FloatArray) -> tuple[Images, ...]:
-        """The images of each rate at theta (n_theta,)."""
-        return tuple(
-            Images(images, above.wanted, images.folding(theta), *above.evaluate(images.undelayed(theta)))
-            for images, above in self._above
-        )
-
-    def evaluate_images(
-        self, theta: FloatArray, held: Sequence[Images], wanted: tuple[str, ...]
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """The images in G (F, n_y, n_u), and their derivatives (P, F, n_y, n_u) to some of the wanted parameters.
-
-        held: of `images_at`.
-        """
+    def evaluate_images(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """The images in G (F, n_y, n_u) and their derivatives (P, F, n_y, n_u) at theta (n_theta,)."""
         total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
-        slopes = np.zeros((len(wanted), *total.shape), complex)
+        slopes = np.zeros((len(self.wanted), *total.shape), complex)
         s = (2j * np.pi * self.freq_hz).astype(complex)
-        for each in held:
-            added = each.folding.images(each.G)
+        for images, above in self.above:
+            G_above, of_above = above.evaluate(images.undelayed(theta))
+            folding = images.folding(theta)
+            added = folding.images(G_above)
             total += added
-            both = [name for name in each.wanted if name in wanted]
-            of_above = each.dG[[each.wanted.index(name) for name in both]]
-            slopes[[wanted.index(name) for name in both]] += each.folding.images(of_above)
-            for element in each.held.sensors.chain:
-                if element.name in wanted:
+            slopes[[self.wanted.index(name) for name in above.wanted]] += folding.images(of_above)
+            for element in images.sensors.chain:
+                if element.name in self.wanted:
                     slope = element.log_slope(s, self.model.number(theta, element.name))
-                    slopes[wanted.index(element.name)] += slope[:, None, None] * added
-            if DELAY in wanted:
-                slopes[wanted.index(DELAY)] += each.held.folding(theta, order=1).images(each.G)
+                    slopes[self.wanted.index(element.name)] += slope[:, None, None] * added
+            if DELAY in self.wanted:
+                slopes[self.wanted.index(DELAY)] += images.folding(theta, order=1).images(G_above)
         return total, slopes
 
-    def pull_images(self, held: Sequence[Images], weight: ComplexArray) -> FloatArray:
-        """Re sum over lines and elements of weight (F, n_y, n_u) times the derivatives (P,) of `images`.
+    def pull(self, theta: FloatArray, products: Sequence[Products], weight: ComplexArray) -> FloatArray:
+        """Re sum over lines and elements of weight (F, n_y, n_u) times dG (P,), 0 of `factors`.
 
-        Zero for `factors`, whose derivatives `evaluate_images` has.  held: of `images_at`.
+        products: at theta (n_theta,), with the directions `term_directions`.
         """
-        pulled = np.zeros(len(self.wanted))
-        for each in held:
-            others = [i for i, name in enumerate(each.wanted) if name not in self.factors]
-            places = [self.wanted.index(each.wanted[i]) for i in others]
-            pulled[places] += each.folding.pull(weight, each.dG[others])
+        pulled, n_u = np.zeros(len(self.wanted)), self.model.B.shape[1]
+        gains = np.outer(*self.model.channel_gains(theta))
+        moving = [self.wanted.index(name) for name in self.moved_outputs]
+        for block, s, gain, _, YX, moved in products:
+            left, right = YX[:, self.output_columns], YX[:, :n_u]
+            along = np.sum(left * ((gains * weight[block]) @ right), axis=1)
+            sums = -np.stack([gain, gain * s, gain * s**2]) @ along
+            for terms in self._directions_and_terms[1]:
+                pulled[terms.members] += np.sum(terms.sigma * sums[terms.power, terms.direction].real, axis=1)
+            pulled[moving] += np.sum(weight[block] * moved, axis=(1, 2, 3)).real
         return pulled
+
+    @property
+    def term_directions(self) -> FloatArray:
+        """Y (n, n_d) of the terms of all wanted parameters."""
+        return self._directions_and_terms[0]
 
     @property
     def is_held(self) -> bool:
         """True if G has images of held torques."""
-        return bool(self._above)
+        return bool(self.above)
 
     @cached_property
-    def _above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
+    def above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
         """The images of held torques, and the kernel of the response that they are made of."""
         return tuple(
             (images, Kernel(images.plant, images.nodes_hz, tuple(filter(images.moves_plant, self.wanted))))
