@@ -128,7 +128,7 @@ def frozen_value(cls: type[T] | None = None, /, *, eq: bool = True) -> type[T] |
 MIN_LARGE_VALUES = 1 << 25
 PIECE_VALUES = 1 << 20
 # And those of so many bytes of a file that is this large in all.
-MIN_PART_BYTES, MIN_LARGE_FILE = 1 << 20, 1 << 30
+MIN_PART_BYTES, MIN_LARGE_FILE = 1 << 15, 1 << 30
 
 
 @dataclass(frozen=True, eq=False)

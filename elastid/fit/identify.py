@@ -38,7 +38,7 @@ from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.diagnosis.tool_side import tool_agreement
 from elastid.fit.intervals import add_intervals
 from elastid.fit.parameter_choice import choose
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, by_criterion
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
@@ -163,7 +163,8 @@ def _from_all_starts(
     parameters = fit.parameters
     problems = [assembly.search_problem(fit, spec.criterion)]
     if spec.log_first and spec.criterion == "complex":
-        problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
+        logarithmic = by_criterion(fit, assembly.responses, assembly.weights, "log")
+        problems.insert(0, assembly.search_problem(logarithmic, "log"))
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     return multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
 

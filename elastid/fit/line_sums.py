@@ -90,7 +90,8 @@ def sum_lines(
         S = T @ noise @ hermitian(T)
         power = float(np.einsum("faa->", S).real)
         # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them.
-        smooth = T @ weights.noise.covariance @ hermitian(T)
+        is_exact = weights.noise.smooth is weights.noise.measured
+        smooth = S if is_exact else T @ weights.noise.covariance @ hermitian(T)
         dof = weights.noise.measured.dof
         spread = together * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])

@@ -271,8 +271,18 @@ def elastic_fit(
     parts = []
     for G, model, weight in zip(responses, models, weights, strict=True):
         counted = weight if correlated else replace(weight, is_correlated=False)
-        parts.append(_part(G, at_measured_places(model, G), counted, parameters, criterion))
+        kernel = kernel_of(at_measured_places(model, G), parameters, G.freq_hz)
+        parts.append(_part(G, kernel, counted, criterion))
     return ElasticFit(parameters, tuple(parts))
+
+
+def by_criterion(
+    fit: ElasticFit, responses: Sequence[FrequencyResponse], weights: Sequence[Weights], criterion: ResidualKind
+) -> ElasticFit:
+    """The fit with the same models by another criterion, element by element."""
+    each = zip(fit.parts, responses, weights, strict=True)
+    parts = (_part(G, part.kernel, replace(own, is_correlated=False), criterion) for part, G, own in each)
+    return replace(fit, parts=tuple(parts))
 
 
 def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearModel) -> LinearModel:
@@ -328,10 +338,7 @@ def kernel_of(model: LinearModel, parameters: ParameterSet, freq_hz: FloatArray)
     return Kernel(here, freq_hz, moved)
 
 
-def _part(
-    response: FrequencyResponse, model: LinearModel, weights: Weights, parameters: ParameterSet, criterion: ResidualKind
-) -> Part:
-    kernel = kernel_of(model, parameters, response.freq_hz)
+def _part(response: FrequencyResponse, kernel: Kernel, weights: Weights, criterion: ResidualKind) -> Part:
     used = weights.used
     if criterion == "log":
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -241,8 +242,8 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
 
     floor (F, n_y, n_u): its variance.  together: whether the elements of a line weigh together.
     """
-    if noise is None:
-        return np.ones(floor.shape)
+    if noise is None or math.isinf(noise.measured.dof):
+        return _ones(floor.shape)
     own = noise.own_matrix if together else noise.own_variance
     v = noise.variance
     share = np.divide(v, v + floor, out=np.zeros_like(v), where=v > 0)
