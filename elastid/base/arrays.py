@@ -206,8 +206,14 @@ class FileArray(np.memmap):
         array._mmap, array.place = pages, (path, offset)  # type: ignore[attr-defined]
         return array
 
+    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
+        """What is worked out of it is in memory."""
+        plain = np.asarray(array)
+        return plain[()] if return_scalar else plain
+
     def __reduce__(self) -> Any:
-        if not hasattr(self, "place"):  # a part of one
+        """Its place; of a part the numbers."""
+        if not hasattr(self, "place"):
             return np.array(self).__reduce__()
         return FileArray.at, (*self.place, self.dtype, self.shape)
 

@@ -395,6 +395,7 @@ def test_covariances_of_a_large_file_stay_in_it_and_go_to_workers_by_their_place
         there = estimate_uncertainty(replace(fit, parts=(part,)), [again], [of_again], parameters().x)
         ends.append((fit.evaluate(parameters().x).cost, there.covariance.tobytes()))
     assert isinstance(far.noise.matrix, base_arrays.FileArray)
+    assert type(2 * far.noise.matrix) is type(np.abs(far.noise.matrix)) is np.ndarray
     assert ends[0] == ends[1]
     assert len(tasks[1]) < len(tasks[0]) - 0.95 * matrix.nbytes
     assert len(problems[0]) == len(problems[1])

@@ -32,7 +32,7 @@ import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.kernels import call
-from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind
+from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
 from elastid.linear.response.derivatives import Columns, Images, Sensitivity
 
@@ -182,11 +182,19 @@ class CompressedResiduals:
         known = self.compressed
         if self.criterion == "complex":
             return float(known.constant[block].sum()), LineResiduals(known.q[block], G)
-        error = RESIDUALS[self.criterion](self.measured[block], self._full(G))[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error = self._log_measured[block] - self._full(np.log(G))
+            error.imag -= 2 * np.pi * np.rint(error.imag / (2 * np.pi))
         whitened = self._whitened(self._mixing, block, error)
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
         r = self._projected(known.Q[block], whitened)
         return float(np.vdot(whitened, whitened).real - np.vdot(r, r).real), LineResiduals(r, slope=slope)
+
+    @cached_property
+    def _log_measured(self) -> ComplexArray:
+        """ln Ghat (F, n_y, n_u), the same at every x."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.log(self.measured))
 
     def _full(self, G: ComplexArray) -> ComplexArray:
         """G (F, n_y, n_u) of its elements (F, n_e)."""
