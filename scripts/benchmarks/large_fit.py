@@ -6,7 +6,7 @@ The robot of fit.py, 18 coordinates and 40 parameters, 200 lines, six inputs and
 every line: 4.2 MB a configuration in frf.h5, whose arrays stay in the file. Two starts, a floor of 1 %, no profiles;
 search, covariance of the estimate and diagnosis as in a study. File and fit are made by processes of their own; the
 peak is all memory that the fit ever had (ru_maxrss), pages of the file included. Linux only. The last line is one
-JSON object; last_run.json has that of the last run.
+JSON object.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

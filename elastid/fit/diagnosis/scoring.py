@@ -22,7 +22,7 @@ from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import ParameterSet
 
 RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
-CONFIGURATIONS = 64  # of it, each of which brings some twenty numbers; with more, every so many are taken
+CONFIGURATIONS = 32  # of it, each of which brings some twenty numbers; with more, every so many are taken
 
 
 @dataclass(frozen=True)
