@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, release
 from elastid.base.display import Display, as_html, as_text
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
@@ -55,7 +55,7 @@ class Covariance:
         """cov(vec G) (F, n_y n_u, n_y n_u), vec column-major: elements of one input side by side."""
         F, n_y, n_u = self.variance.shape
         if self.matrix is not None:
-            return self.matrix
+            return np.asarray(self.matrix)
         if self.left is not None and self.right is not None:
             return np.asarray(np.einsum("fab,fcd->facbd", self.left, self.right).reshape(F, n_u * n_y, n_u * n_y))
         diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)
@@ -63,8 +63,14 @@ class Covariance:
 
     def lines(self, keep: BoolArray) -> Covariance:
         """The same on some of its lines; keep (F,) is True where a line stays."""
-        left, right, matrix = (None if part is None else part[keep] for part in (self.left, self.right, self.matrix))
+        parts = (self.left, self.right, self.matrix)
+        left, right, matrix = (None if part is None else np.asarray(part)[keep] for part in parts)
         return Covariance(self.variance[keep], self.dof, left, right, matrix)
+
+    def release(self) -> None:
+        """Give the memory of what is in a file back; it is read again where it is needed again."""
+        for part in (self.left, self.right, self.matrix):
+            release(part)
 
     def elements(self, rows: Sequence[int], columns: Sequence[int]) -> Covariance:
         """The same of some outputs and inputs, by their indices."""
@@ -72,7 +78,7 @@ class Covariance:
         of_vec = [i + n_y * j for j in columns for i in rows]
 
         def block(part: ComplexArray | None, kept: Sequence[int]) -> ComplexArray | None:
-            return None if part is None else part[:, kept][:, :, kept]
+            return None if part is None else np.asarray(part)[:, kept][:, :, kept]
 
         left, right = block(self.left, columns), block(self.right, rows)
         return Covariance(self.variance[:, rows][:, :, columns], self.dof, left, right, block(self.matrix, of_vec))

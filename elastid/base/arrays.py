@@ -6,7 +6,7 @@ import mmap
 import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import Field, dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast, dataclass_transform, overload
 
@@ -127,6 +127,8 @@ def frozen_value(cls: type[T] | None = None, /, *, eq: bool = True) -> type[T] |
 # Larger arrays are kept in files, and worked on in pieces of so many values.
 MIN_LARGE_VALUES = 1 << 25
 PIECE_VALUES = 1 << 20
+# And those of so many bytes of a file that is this large in all.
+MIN_PART_BYTES, MIN_LARGE_FILE = 1 << 15, 1 << 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +172,7 @@ def empty_in_file(shape: tuple[int, ...], dtype: Any = np.float64) -> FloatArray
         return np.memmap(file, dtype=dtype, mode="w+", shape=shape)
 
 
-def release(array: FloatArray | LargeArray) -> None:
+def release(array: NDArray[Any] | LargeArray | None) -> None:
     """Give the memory of an array in a file back, which keeps its values; nothing happens to an array in memory."""
     pages = getattr(array, "_mmap", None)
     if pages is not None and hasattr(mmap, "MADV_DONTNEED"):
@@ -187,14 +189,52 @@ def mean_of_rows(array: FloatArray | LargeArray, n: int) -> FloatArray:
     return np.asarray(total / n)
 
 
+class FileArray(np.memmap):
+    """A read-only array in its place in a file, which is mapped once for all of its arrays.
+
+    To another process, which must see the same file, only its place goes.
+    """
+
+    place: tuple[Path, int]
+
+    @classmethod
+    def at(cls, path: Path, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> FileArray:
+        """The array of a shape that begins so many bytes after the beginning of a file."""
+        content = path.stat()
+        pages = _pages(path, content.st_ino, content.st_mtime_ns)
+        array = np.ndarray.__new__(cls, shape, dtype, buffer=pages, offset=offset)
+        array._mmap, array.place = pages, (path, offset)  # type: ignore[attr-defined]
+        return array
+
+    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
+        """What is worked out of it is in memory."""
+        plain = np.asarray(array)
+        return plain[()] if return_scalar else plain
+
+    def __reduce__(self) -> Any:
+        """Its place; of a part the numbers."""
+        if not hasattr(self, "place"):
+            return np.array(self).__reduce__()
+        return FileArray.at, (*self.place, self.dtype, self.shape)
+
+
+@lru_cache(maxsize=4)
+def _pages(path: Path, inode: int, mtime_ns: int) -> mmap.mmap:
+    """A file as it is now: what takes its place later is another one."""
+    with path.open("rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+
+
 def mapped(path: Path, dataset: Any) -> FloatArray | None:
     """A large dataset of an HDF5 file in its place there; None of one that is small, or not stored in one piece."""
     offset, shape = dataset.id.get_offset(), dataset.shape
-    if dataset.size < MIN_LARGE_VALUES or offset is None:
+    is_part = dataset.nbytes >= MIN_PART_BYTES and path.stat().st_size >= MIN_LARGE_FILE
+    if offset is None or not (is_part or dataset.size >= MIN_LARGE_VALUES):
         return None
     if dataset.dtype == np.float32 and len(shape) == 2:
         return cast(FloatArray, LargeArray(shape, dataset.dtype, partial(_stored_rows, path, offset, shape[1])))
-    return np.memmap(path, dtype=np.float64, mode="r", offset=offset, shape=shape) if dataset.dtype == float else None
+    is_known = dataset.dtype in (np.float64, np.complex128)
+    return cast(FloatArray, FileArray.at(path.resolve(), offset, dataset.dtype, shape)) if is_known else None
 
 
 def _stored_rows(path: Path, offset: int, columns: int, first: int, last: int) -> NDArray[Any]:

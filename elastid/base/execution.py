@@ -156,7 +156,17 @@ class Execution:
 
     def ordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> list[Value]:
         """[function(item) for item in items]."""
-        return in_order(self.unordered(function, items))
+        return list(self.in_turn(function, items))
+
+    def in_turn(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[Value]:
+        """function(item) of each item in turn, as soon as it and all before it are known."""
+        known: dict[int, Value] = {}
+        index = 0
+        for finished, value in self.unordered(function, items):
+            known[finished] = value
+            while index in known:
+                yield known.pop(index)
+                index += 1
 
     def unordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
         """(index, function(item)) as they finish; in this process for one job or one item.

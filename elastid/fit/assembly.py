@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.note import Note
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model, moved_posture
+from elastid.fit.problem.elastic import ElasticFit, Part, elastic_fit, linear_model, moved_posture
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     RESIDUALS,
@@ -41,7 +41,7 @@ from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.linear.equilibrium import equilibrium, spring_notes
-from elastid.linear.linear_model import is_load
+from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -59,9 +59,9 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
 # Variance by noise and distortion over that by noise alone, from which on a response holds distortion.
 DISTORTED = 4.0
-# Rounds in which the effect of the motion is worked out: at the first optimum, and again at the next where that is by
-# more than so many standard deviations beside the first.
-AT_REST_ROUNDS, AT_REST_DISTANCE = 2, 0.3
+# The effect of the motion is worked out on a share of its lines at the first optimum, which it moves, and on all of
+# them at the next.
+AT_REST_SHARES = (1 / 3, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +88,10 @@ class Assembly:
         parameters: ParameterSet,
         model: ModelSpec = EXACT,
         loads: Sequence[PlacedTest] = (),
+        weights: tuple[Weights, ...] | None = None,
     ) -> Assembly:
-        """Weigh the responses and build the model, under the static loads, too."""
-        weights = tuple(weigh(response, spec) for response in responses)
+        """Weigh the responses, unless their weights are known, and build the model, under the static loads, too."""
+        weights = weights or tuple(weigh(response, spec) for response in responses)
         linearisation = Linearisation.of_robot(robot, model, parameters.names)
         static = StaticLoads.of(loads, robot, model, parameters) if loads else None
         assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model, static)
@@ -107,8 +108,8 @@ class Assembly:
 
     def with_floor(self, floor: float | None) -> Assembly:
         """The same with the weights of a floor."""
-        spec = with_floor(self.spec, floor)
-        return replace(self, spec=spec, weights=tuple(weigh(response, spec) for response in self.responses))
+        spec, pairs = with_floor(self.spec, floor), zip(self.responses, self.weights, strict=True)
+        return replace(self, spec=spec, weights=tuple(weigh(G, spec, weights.noise) for G, weights in pairs))
 
     @property
     def _moved(self) -> set[str]:
@@ -122,8 +123,15 @@ class Assembly:
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
         """The fit with every configuration linearised at x; full covariances weigh in the last stage only."""
+        return self.of_models(self.models(x), criterion)
+
+    def models(self, x: FloatArray) -> list[LinearModel]:
+        """Every configuration linearised at x."""
         thetas = (self.parameters.expand(x, G.configuration.name) for G in self.responses)
-        models = [linear_model(self.linearisation, *pair) for pair in zip(self.responses, thetas, strict=True)]
+        return [linear_model(self.linearisation, *pair) for pair in zip(self.responses, thetas, strict=True)]
+
+    def of_models(self, models: Sequence[LinearModel], criterion: ResidualKind) -> ElasticFit:
+        """The fit with the linear model of each configuration."""
         correlated = criterion == self.spec.criterion
         fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
         return replace(fit, inertias=moved_inertias(self.parameters, self.linearisation.model.robot), loads=self.loads)
@@ -149,14 +157,17 @@ class Assembly:
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
-    def at_rest(self, x: FloatArray) -> Assembly:
-        """The same without what the motion of the measurements adds to their responses at x (n_x,)."""
+    def at_rest(self, x: FloatArray, share: float = 1.0) -> Assembly:
+        """The same without what the motion of the measurements adds to their responses at x (n_x,).
+
+        share: of the lines on which that is worked out.
+        """
         if all(response.motion is None for response in self.responses):
             return self
         responses = []
         for response in self.responses:
             theta = self.parameters.expand(x, response.configuration.name)
-            effect = moved_posture(self.linearisation, response, theta)
+            effect = moved_posture(self.linearisation, response, theta, share)
             responses.append(response if effect is None else replace(response, G=response.G - effect))
         is_same = all(map(operator.is_, responses, self.responses))
         return self if is_same else replace(self, responses=tuple(responses))
@@ -231,11 +242,19 @@ def is_distorted_by_friction(response: FrequencyResponse) -> bool:
 
 def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
     """The least floor with which V at an optimum is no more than its degrees of freedom; at most the usual one."""
-    x, dof = optimum.end.x, optimum.fit.problem.dof
-    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors)
+    x, dof, criterion = optimum.end.x, optimum.fit.problem.dof, assembly.spec.criterion
+    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_floor(USUAL_FLOOR)
+    models = unbiased.models(x)
+    usual = unbiased.of_models(models, criterion)
+    at_x = [part.kernel.response(usual.theta(part, x)) for part in usual.parts]
+    besides = usual.besides(x).cost
 
     def exceeds(floor: float) -> bool:
-        return unbiased.with_floor(floor).at(x, assembly.spec.criterion).evaluate(x).cost > dof
+        parts = unbiased.with_floor(floor).of_models(models, criterion).parts
+        try:
+            return besides + sum(map(Part.cost, parts, at_x)) > dof
+        except np.linalg.LinAlgError:  # a covariance that is singular with so small a floor
+            return True
 
     low, high = USUAL_FLOOR / 100, USUAL_FLOOR
     if exceeds(high):
@@ -260,13 +279,13 @@ def relinearise(
     known, moved = assembly, math.inf
     for i in range(rounds):
         try:
-            if i < AT_REST_ROUNDS and moved > AT_REST_DISTANCE:
-                rested = assembly.at_rest(end.x)
-            current = rested.reweighted(end.x)
+            if i < len(AT_REST_SHARES):
+                rested = assembly.at_rest(end.x, AT_REST_SHARES[i])
+            current, models = rested.reweighted(end.x), rested.models(end.x)
             if len(c):
-                current = current.with_modelled_bias(current.at(end.x, criterion), end.x)
-                c = next_factors(current.unbiased(c).at(end.x, criterion), current.responses, end.x, c)
-            fit = current.unbiased(c).at(end.x, criterion)
+                current = current.with_modelled_bias(current.of_models(models, criterion), end.x)
+                c = next_factors(current.unbiased(c).of_models(models, criterion), current.responses, end.x, c)
+            fit = current.unbiased(c).of_models(models, criterion)
             # A logarithm counts other elements at each x.
             if first is not None and current is known and criterion == "complex":
                 fit = fit.with_residuals_of(first)
@@ -278,13 +297,15 @@ def relinearise(
         before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.rough(end.x), fit.problem.dof)
         rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
-        if moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)):
+        is_whole = i > 0 or rested is assembly
+        if is_whole and (moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof))):
             return RelinearisedOptimum(end, fit, current.responses, current.weights, (), c)
     text = (
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
-    return RelinearisedOptimum(end, fit, current.responses, current.weights, (Note("still-moving", text),), c)
+    notes = (Note("still-moving", text),)
+    return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)
 
 
 def motion_notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:

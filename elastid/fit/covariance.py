@@ -33,7 +33,7 @@ time. A model error that the parameters absorb equally in all configurations doe
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -48,6 +48,7 @@ from elastid.fit.line_sums import (
     correlation_length,
     disagreement,
     jackknife_variance,
+    line_powers,
     sum_lines,
 )
 from elastid.fit.problem.elastic import ElasticFit
@@ -58,39 +59,37 @@ from elastid.response import FrequencyResponse
 
 
 def information_shares(
-    parts: Sequence[LineSums], A_inverse: FloatArray, static: FloatArray
+    power: Sequence[FloatArray], freq_hz: Sequence[FloatArray], A_inverse: FloatArray, static: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Share (Q, n_x) of each configuration, and the band (n_x, 2) of the middle half of the responses' information.
 
-    static (n, n_x): J of load tests, whose share is the rest.
+    power: [A^-1 A_k A^-1]_ii (F, n_x) of the lines freq_hz (F,) of each.  static (n, n_x): J of load tests, whose share
+    is the rest.
     """
-    power = []  # [A^-1 A_k A^-1]_ii (F, n_x) of each line
-    for part in parts:
-        moved = (part.rows @ A_inverse) ** 2
-        power.append(moved.reshape(len(part.freq_hz), -1, moved.shape[1]).sum(axis=1))
     sums = [np.sum(lines, axis=0) for lines in power]
     total = np.sum(sums, axis=0)
     total[total == 0] = np.nan
-    freq_hz = np.concatenate([part.freq_hz for part in parts])
-    order = np.argsort(freq_hz, kind="stable")
+    every = np.concatenate(freq_hz)
+    order = np.argsort(every, kind="stable")
     rising = np.cumsum(np.concatenate(power)[order], axis=0) / total
     columns = np.nan_to_num(rising.T, nan=1.0)
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
-    band = freq_hz[order][np.minimum(places, len(freq_hz) - 1)]
+    band = every[order][np.minimum(places, len(every) - 1)]
     return np.array([own / (total + np.sum((static @ A_inverse) ** 2, axis=0)) for own in sums]), band
 
 
-def noise_dof(parts: Sequence[LineSums], A_inverse: FloatArray, static: FloatArray) -> FloatArray:
+def noise_dof(
+    power: Sequence[FloatArray], dof: Sequence[float], A_inverse: FloatArray, static: FloatArray
+) -> FloatArray:
     """Real degrees of freedom (n_x,) behind each variance by the measured noise, whose lines scatter independently.
 
     By Satterthwaite's rule, the elements of a line taken as one: errors whitened, a line of p_k of the variance with
     nu complex degrees of freedom leaves 2 (sum p_k)^2 / sum (p_k^2 / nu); static (n, n_x), J of load tests, has all.
+    power: of `information_shares`.  dof: nu of each configuration.
     """
     total, spread = np.sum((static @ A_inverse) ** 2, axis=0), np.zeros(len(A_inverse))
-    for part in parts:
-        moved = (part.rows @ A_inverse) ** 2
-        power = moved.reshape(len(part.freq_hz), -1, moved.shape[1]).sum(axis=1)
-        total, spread = total + power.sum(axis=0), spread + np.sum(power**2, axis=0) / part.noise_dof
+    for lines, nu in zip(power, dof, strict=True):
+        total, spread = total + lines.sum(axis=0), spread + np.sum(lines**2, axis=0) / nu
     return np.asarray(np.divide(2 * total**2, spread, out=np.full(len(total), np.inf), where=spread > 0))
 
 
@@ -136,8 +135,14 @@ def estimate_uncertainty(
     factors, n_x = find_factors(responses), len(x)
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
     # To other processes each part goes by itself.
-    sums = partial(sum_lines, replace(fit, parts=(), loads=None), x, factors)
-    parts = (execution or Execution()).ordered(sums, list(zip(fit.parts, responses, weights, strict=True)))
+    work, bare = execution or Execution(), replace(fit, parts=(), loads=None)
+    parts, floor_pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
+    for sums in work.in_turn(
+        partial(sum_lines, bare, x, factors), list(zip(fit.parts, responses, weights, strict=True))
+    ):
+        for key, pull in sums.floor_pull.items():
+            floor_pulls[key] = floor_pulls.get(key, 0.0) + pull
+        parts.append(replace(sums, floor_pull={}))
     static_r, static_J = _static(fit, x, len(factors))
     R = np.diag(prior)
     if len(static_J):
@@ -145,29 +150,32 @@ def estimate_uncertainty(
     for part in parts:  # R of the stacked J = Q R, configuration by configuration
         R = np.asarray(np.linalg.qr(np.vstack([R, part.rows]), mode="r"))
     A_inverse, singular_values, unreached, weakest = inverse_information(R)
+    pairs = list(zip(fit.parts, responses, strict=True))
+    power = work.ordered(partial(line_powers, bare, x, factors, A_inverse), pairs)
     dof = fit.problem.dof
     meat, expected_cost, cost_dof = _noise(prior, static_J, dof, parts, A_inverse)
     noise = A_inverse @ meat @ A_inverse
-    inflation = fit.n_residuals / max(dof, 1) * correlation_length([part.residual for part in parts])
+    inflation = fit.n_residuals / max(dof, 1) * _correlation_length(parts)
     pulls = np.hstack([_by_frequency(parts), static_J.T * static_r])
     residuals = inflation * np.sum((A_inverse @ pulls) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
     by_blocks = block_variance(blocks, A_inverse)
     cost = expected_cost if is_forecast else sum(part.cost for part in parts) + float(static_r @ static_r)
-    floor = _floor(parts, A_inverse, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
+    floor = _floor(parts, floor_pulls, A_inverse, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
     if is_in_error(cost, expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
     of_file = np.zeros(len(prior))  # tolerances scatter from file to file, not from measurement to measurement
     of_file[:n_x] = np.where([p.tolerated for p in fit.parameters.free], prior[:n_x], 0.0)
     scatter = np.diag(A_inverse @ (meat - np.diag(of_file**2)) @ A_inverse)
     repeated = np.divide(scatter, np.diag(noise), out=np.ones(len(prior)), where=np.diag(noise) > 0)
-    widened = small_sample_factors(noise_dof(parts, A_inverse, static_J) / np.maximum(repeated, 1e-6) ** 2)
+    known_dof = noise_dof(power, [part.noise_dof for part in parts], A_inverse, static_J)
+    widened = small_sample_factors(known_dof / np.maximum(repeated, 1e-6) ** 2)
     covariance = _larger(noise * np.outer(widened, widened), residuals, A_inverse) + floor
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
     known = np.diag(noise) + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
-    share, band_hz = information_shares(parts, A_inverse, static_J)
+    share, band_hz = information_shares(power, [part.freq_hz for part in parts], A_inverse, static_J)
     kept = slice(n_x)  # the factors are no part of the result
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
     parted = disagreement(blocks, A_inverse)
@@ -210,13 +218,18 @@ def _noise(
     known = any(part.blocks.noise is not None for part in parts)
     level, spread = sum(part.cost for part in parts) / max(dof, 1), 2 * power
     for part in parts:
-        if part.blocks.noise is None:
+        noise = part.blocks.total_noise
+        if noise is None:
             meat, power = meat + level * part.rows.T @ part.rows, power + level * part.n_residuals
             spread += 2 * level**2 * part.n_residuals
         else:
-            meat, power = meat + part.blocks.noise.sum(axis=0), power + part.noise_power
+            meat, power = meat + noise, power + part.noise_power
             spread += part.noise_spread
     return meat, power - float(np.trace(A_inverse @ meat)), 2 * power**2 / max(spread, 1e-300) if known else math.nan
+
+
+def _correlation_length(parts: Sequence[LineSums]) -> float:
+    return correlation_length([part.autocovariance for part in parts], sum(part.n_residuals for part in parts))
 
 
 def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:
@@ -237,16 +250,18 @@ def _larger(noise: FloatArray, residuals: FloatArray, A_inverse: FloatArray) -> 
 
 
 def _floor(
-    parts: Sequence[LineSums], A_inverse: FloatArray, cost: float, expected_cost: float, cost_dof: float
+    parts: Sequence[LineSums],
+    pulls: Mapping[tuple[str, str, int], ComplexArray],
+    A_inverse: FloatArray,
+    cost: float,
+    expected_cost: float,
+    cost_dof: float,
 ) -> FloatArray:
     """Covariance (n_x, n_x) of x by the floor, each element off by one random factor an octave, times s.
 
-    s: the share of its power for which V leaves room above the noise and two standard deviations of V.
+    pulls: `LineSums.floor_pull`, summed over the configurations.  s: the share of its power for which V leaves room
+    above the noise and two standard deviations of V.
     """
-    pulls: dict[tuple[str, str, int], ComplexArray] = {}
-    for part in parts:
-        for key, pull in part.floor_pull.items():
-            pulls[key] = pulls.get(key, 0.0) + pull
     shifts = A_inverse @ np.stack(list(pulls.values()), axis=1)
     power = sum(part.floor_power for part in parts)
     deviation = expected_cost * np.sqrt(2 / max(cost_dof, 1.0))

@@ -38,7 +38,7 @@ from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.diagnosis.tool_side import tool_agreement
 from elastid.fit.intervals import add_intervals
 from elastid.fit.parameter_choice import choose
-from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.elastic import ElasticFit, by_criterion
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
@@ -127,8 +127,11 @@ def _search(
     execution: Execution,
     parameters: ParameterSet | None = None,
     loads: Sequence[PlacedTest] = (),
-) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...], int]:
-    """The assembled fit, also at its start, where all starts ended, best first, and how many reached the best."""
+) -> tuple[Assembly, ElasticFit | None, tuple[LocalOptimum, ...], int]:
+    """The assembled fit, where all starts ended, best first, and how many reached the best.
+
+    Second the fit at its start, where its weights are those of the estimate, too.
+    """
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     checks.check_responses(responses, robot)
     parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])
@@ -149,7 +152,8 @@ def _search(
     starts, hits = _from_all_starts(assembly, fit, spec, execution)
     if has_tolerances(robot):
         assembly, fit, starts = release(assembly, starts, robot, loads)
-    return assembly, fit, starts, hits
+    # Its weights are most of the memory of a fit, and other ones follow where the floor is found.
+    return assembly, fit if spec.weights.floor is not None else None, starts, hits
 
 
 def _from_all_starts(
@@ -159,7 +163,8 @@ def _from_all_starts(
     parameters = fit.parameters
     problems = [assembly.search_problem(fit, spec.criterion)]
     if spec.log_first and spec.criterion == "complex":
-        problems.insert(0, assembly.search_problem(assembly.at(parameters.x, "log"), "log"))
+        logarithmic = by_criterion(fit, assembly.responses, assembly.weights, "log")
+        problems.insert(0, assembly.search_problem(logarithmic, "log"))
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     return multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
 
@@ -170,17 +175,19 @@ _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]
 def _with_found_floor(
     assembly: Assembly,
     spec: FitSpec,
-    first: ElasticFit,
+    first: ElasticFit | None,
     starts: tuple[LocalOptimum, ...],
     hits: int,
     execution: Execution,
 ) -> _Found:
     """The estimate with the floor of the study, or where it gives none with that which the data show.
 
+    first: a fit with the floor of the study, if it gives one.
+
     Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
     lines, and springs and dampers take it up. There the floor is the usual one.
     """
-    if spec.weights.floor is not None:
+    if first is not None:
         return assembly, *_estimate(assembly, first, starts, hits, execution)
     bare = assembly.with_floor(None)
     found = _estimate(bare, bare.at(starts[0].x, spec.criterion), starts, hits, execution)
@@ -188,6 +195,7 @@ def _with_found_floor(
     if found[0].end.converged and not found[2].exceeds_noise and not is_distorted:
         return bare, *found
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
+    del bare, found  # its weights are most of the memory of a fit
     return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
 
 
@@ -206,7 +214,8 @@ def _with_agreements(
     def fitted(own: Assembly, searched: bool = False) -> _Found:
         first = own.at(begin.x, spec.criterion)
         ends = _from_all_starts(own, first, spec, Execution()) if searched else ((begin, *starts[1:]), hits)
-        return _with_found_floor(own, spec, first, *ends, Execution())
+        known = first if spec.weights.floor is not None else None
+        return _with_found_floor(own, spec, known, *ends, Execution())
 
     def compared(motors: FitResult) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None

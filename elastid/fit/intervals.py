@@ -40,7 +40,7 @@ from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.assembly import RelinearisedOptimum
-from elastid.fit.line_sums import correlation_length
+from elastid.fit.line_sums import autocovariance, correlation_length
 from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.least_squares import RESIDUALS, Ending, Evaluation, LeastSquares, LocalOptimum, held_by_bounds
 from elastid.fit.problem.weights import Weights, vec
@@ -154,7 +154,7 @@ def _residual(part: Part, weights: Weights, theta: FloatArray) -> _Source:
     mixing = part.mixing
     whiten = gain[:, None, :] * (np.eye(r.shape[1]) if mixing is None else mixing)
     r = r if mixing is None else (mixing @ r[:, :, None])[:, :, 0]
-    block = min(F, math.ceil(correlation_length([r])))
+    block = min(F, math.ceil(correlation_length([autocovariance(r)], 2 * int(np.count_nonzero(r)))))
     return _Source(G, np.linalg.inv(whiten).astype(complex), used, r, block, part.criterion == "log")
 
 

@@ -41,9 +41,10 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class LineSums:
-    """Of one configuration, n_x free parameters and F lines.
+    """Of one configuration, n_x free parameters and F lines; small, since there may be a thousand of them.
 
-    rows (2 N, n_x): its part of J.  residual (F, n_y n_u): whitened.  pull (n_x, F): J_k^T r_k of each line.
+    rows (n_x, n_x): a triangle with the J^T J of its part.  autocovariance (F,): Re sum r_k^* r_{k+l} of its whitened
+    residuals, by lag.  n_residuals: real ones that are not zero.  pull (n_x, F): J_k^T r_k of each line.
     blocks: the pulls summed over bands, with their covariance under the measured noise.  noise_power: E|r|^2 under it,
     noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both NaN where
     no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
@@ -54,7 +55,8 @@ class LineSums:
 
     freq_hz: FloatArray
     rows: FloatArray
-    residual: ComplexArray
+    autocovariance: FloatArray
+    n_residuals: int
     pull: FloatArray
     blocks: Blocks
     noise_power: float
@@ -66,12 +68,7 @@ class LineSums:
     @property
     def cost(self) -> float:
         """sum |r|^2, this configuration's share of V."""
-        return float(np.vdot(self.residual, self.residual).real)
-
-    @property
-    def n_residuals(self) -> int:
-        """Real residuals that are not zero."""
-        return 2 * int(np.count_nonzero(self.residual))
+        return float(self.autocovariance[0])
 
 
 def sum_lines(
@@ -83,9 +80,7 @@ def sum_lines(
     """
     part, response, weights = configuration
     mixing = part.mixing
-    r, J = fit.block(part, x, mixing)
-    if factors:
-        J = np.concatenate([J, bias_slopes(part, response, factors, mixing)])
+    r, J = _block(fit, x, factors, part, response, mixing)
     T = _whitening(part, mixing)
     floor = vec(weights.floor * response.G)
     # A sum over lines whose errors are correlated has so many times the variance.
@@ -95,33 +90,80 @@ def sum_lines(
         S = T @ noise @ hermitian(T)
         power = float(np.einsum("faa->", S).real)
         # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them.
-        smooth = T @ weights.noise.covariance @ hermitian(T)
+        is_exact = weights.noise.smooth is weights.noise.measured
+        smooth = S if is_exact else T @ weights.noise.covariance @ hermitian(T)
         dof = weights.noise.measured.dof
         spread = together * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
-    rows, residual = as_real(J).reshape(len(J), -1).T, r.reshape(len(r), -1)
+    rows = np.asarray(np.linalg.qr(_rows(J), mode="r"))
+    residual, n_residuals = r.reshape(len(r), -1), 2 * int(np.count_nonzero(r))
     pull = np.einsum("pfab,fab->pf", J.conj(), r).real
     S = None if S is None else together * S
-    blocks = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([residual]))
+    lags = autocovariance(residual)
+    blocks = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([lags], n_residuals))
     floor_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
     floor_pull = _coherent(response, pulls.transpose(1, 0, 2))
-    return LineSums(response.freq_hz, rows, residual, pull, blocks, power, spread, dof, floor_power, floor_pull)
+    noise_sums, floor_sums = (power, spread, dof), (floor_power, floor_pull)
+    return LineSums(response.freq_hz, rows, lags, n_residuals, pull, blocks, *noise_sums, *floor_sums)
 
 
-def correlation_length(residuals: Sequence[ComplexArray]) -> float:
-    r"""tau of whitened residuals (F, n) of each configuration, pooled; 1 for white ones.
+def line_powers(
+    fit: ElasticFit,
+    x: FloatArray,
+    factors: Sequence[Factor],
+    A_inverse: FloatArray,
+    configuration: tuple[Part, FrequencyResponse],
+) -> FloatArray:
+    """[A^-1 A_k A^-1]_ii (F, n_x) of the lines of one configuration, A_k = J_k^T J_k; arguments as `sum_lines`.
+
+    The rows of J are worked out again, since those of all configurations would fill the memory.
+    """
+    part, response = configuration
+    _, J = _block(fit, x, factors, part, response, part.mixing)
+    moved = (_rows(J) @ A_inverse) ** 2
+    return np.asarray(moved.reshape(J.shape[1], -1, len(A_inverse)).sum(axis=1))
+
+
+def _block(
+    fit: ElasticFit,
+    x: FloatArray,
+    factors: Sequence[Factor],
+    part: Part,
+    response: FrequencyResponse,
+    mixing: ComplexArray | None,
+) -> tuple[ComplexArray, ComplexArray]:
+    """Whitened r (F, n_y, n_u) and J (n_x, F, n_y, n_u), with the columns of factors."""
+    r, J = fit.block(part, x, mixing)
+    if factors:
+        J = np.concatenate([J, bias_slopes(part, response, factors, mixing)])
+    return r, J
+
+
+def _rows(J: ComplexArray) -> FloatArray:
+    """J (n_x, F, n_y, n_u) as real rows (2 N, n_x)."""
+    return as_real(J).reshape(len(J), -1).T
+
+
+def autocovariance(residual: ComplexArray) -> FloatArray:
+    """Re sum_k r_k^* r_{k+l} (F,) of residuals (F, n), l = 0 ... F - 1."""
+    F = len(residual)
+    spectrum = np.sum(np.abs(np.fft.fft(residual, 2 * F, axis=0)) ** 2, axis=1)
+    return np.asarray(np.fft.ifft(spectrum)[:F].real)
+
+
+def correlation_length(autocovariances: Sequence[FloatArray], n_residuals: int) -> float:
+    r"""tau of whitened residuals of each configuration, pooled, n_residuals real ones of them not zero; 1 if white.
 
     .. math:: \tau = 1 + 2 \sum_{l=1}^{L} \rho(l), \qquad \rho(l) = \mathrm{Re} \sum_k r_k^* r_{k+l} / \sum_k |r_k|^2
 
     L is the last lag before rho falls to what chance explains, at most a quarter of the lines.
     """
-    power = sum(float(np.vdot(r, r).real) for r in residuals)
-    count = sum(int(np.count_nonzero(r)) for r in residuals)
-    longest = max((len(r) for r in residuals), default=0) // 4
+    power = sum(float(own[0]) for own in autocovariances if len(own))
+    longest = max((len(own) for own in autocovariances), default=0) // 4
     tau = 1.0
     for lag in range(1, longest + 1):
-        rho = sum(float(np.vdot(r[:-lag], r[lag:]).real) for r in residuals) / max(power, 1e-300)
-        if rho < np.sqrt(2 / max(count, 1)):  # two standard deviations of rho for white residuals
+        rho = sum(float(own[lag]) for own in autocovariances if lag < len(own)) / max(power, 1e-300)
+        if rho < np.sqrt(4 / max(n_residuals, 1)):  # two standard deviations of rho for white residuals
             break
         tau += 2 * rho
     return tau
@@ -154,10 +196,25 @@ MIN_BANDS, MAX_BANDS = 4, 24
 
 @frozen_value
 class Blocks:
-    """Of one configuration, B bands: pull (B, n_x), and its covariance noise (B, n_x, n_x), None where unknown."""
+    """Of one configuration, B bands: pull (B, n_x), and its covariance on and above the diagonal, None where unknown.
+
+    noise (B, n_x (n_x + 1) / 2): row by row.
+    """
 
     pull: FloatArray
     noise: FloatArray | None
+
+    @property
+    def total_noise(self) -> FloatArray | None:
+        """The covariance (n_x, n_x) of the sum of all pulls."""
+        return None if self.noise is None else symmetric(self.noise.sum(axis=0), self.pull.shape[1])
+
+
+def symmetric(triangle: FloatArray, n: int) -> FloatArray:
+    """The symmetric matrix (n, n) of what is on and above its diagonal, row by row."""
+    matrix = np.empty((n, n))
+    matrix[np.triu_indices(n)] = triangle
+    return np.asarray(np.triu(matrix) + np.triu(matrix, 1).T)
 
 
 def bands(n_lines: int, length: float) -> tuple[slice, ...]:
@@ -182,7 +239,7 @@ def sum_blocks(pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length
     if S is None:
         return Blocks(pulls, None)
     noise = [0.5 * np.sum(J[band].conj().transpose(0, 2, 1) @ S[band] @ J[band], axis=0).real for band in slices]
-    return Blocks(pulls, np.array(noise))
+    return Blocks(pulls, np.array(noise)[:, *np.triu_indices(len(pull))])
 
 
 def jackknife_variance(parts: Sequence[LineSums], A: FloatArray) -> FloatArray:
@@ -221,7 +278,7 @@ def disagreement(blocks: Sequence[Blocks], A_inverse: FloatArray) -> float:
     scale = np.sqrt(np.diag(A_inverse))
     for block in blocks:
         for pull, noise in zip(block.pull, () if block.noise is None else block.noise, strict=block.noise is not None):
-            values, vectors = np.linalg.eigh(noise * np.outer(scale, scale))
+            values, vectors = np.linalg.eigh(symmetric(noise, len(pull)) * np.outer(scale, scale))
             known = values > 1e-9 * max(float(values[-1]), 1e-300)
             total += float(np.sum((vectors[:, known].T @ (scale * pull)) ** 2 / values[known]))
             rank += int(np.count_nonzero(known))

@@ -73,7 +73,9 @@ def release(
         return wide
 
     starts = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
-    assembly = Assembly.of(assembly.responses, robot, assembly.spec, parameters, assembly.model, loads)
+    assembly = Assembly.of(
+        assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights
+    )
     begins = [starts[0], replace(starts[0], x=parameters.x, x_start=parameters.x, iterations=0), *starts[1:]]
     best: tuple[ElasticFit, LocalOptimum] | None = None
     for begin in begins[: RELEASE.attempts]:

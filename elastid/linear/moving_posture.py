@@ -47,24 +47,25 @@ _STEP = 1e-5  # rad or m, of central differences; equations are quadratic in the
 
 
 def effect_of_motion(
-    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: FrequencyResponse
+    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: FrequencyResponse, share: float = 1.0
 ) -> ComplexArray | None:
-    """`posture_effect` in a measured response; None where no motion is known of it, or where it cannot matter.
+    """`posture_effect` in a measured response, on a share of the lines; None where no motion is known of it.
 
-    None, too, for a motion to where the equations have no number (a gas spring beyond its end).
+    None, too, where it cannot matter, and for a motion to where the equations have no number (a gas spring at its end).
     No parameter of a fit moves by more standard deviations than the effect has, divided by those of all elements.
     """
-    motion, known = response.motion, response.uncertainty
-    if motion is None:
+    motion, known, freq_hz = response.motion, response.uncertainty, response.freq_hz
+    if motion is None or not motion.power.any():
         return None
+    about = _About.of(model, linear, theta, motion)
     if known is not None:
         some = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
-        rough = posture_effect(model, linear, theta, motion, response.freq_hz[some], _FEW)
+        rough = about.effect(freq_hz[some], _FEW)
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.where(known.variance[some] > 0, np.abs(rough) ** 2 / known.variance[some], np.inf)
         if 2 * float(np.sum(shares)) * response.n_lines / len(some) < NEGLIGIBLE**2:
             return None
-    effect = posture_effect(model, linear, theta, motion, response.freq_hz)
+    effect = about.effect(freq_hz, round(share * _MOST_LINES))
     return effect if np.isfinite(effect).all() else None
 
 
@@ -84,16 +85,43 @@ def posture_effect(
     """
     if not motion.power.any():
         return np.zeros((len(freq_hz), len(linear.outputs), len(linear.inputs)), complex)
-    expansion, omega = _expand(model, linear, theta), 2 * np.pi * freq_hz
-    places = [motion.motors.index(motor) if motor in motion.motors else -1 for motor in model.inputs]
-    moved = _Moved.of(expansion, motion, linear.configuration.angles, places, most)
-    nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
-    changes = _between(omega, nodes, np.stack([moved.change(node) for node in nodes]))
-    dG = np.stack([expansion.response_change(*each) for each in zip(omega, changes, strict=True)])
-    of_outputs, of_inputs = linear.channel_gains(theta)
-    inputs = [model.inputs.index(place) for place in linear.inputs]
-    gain = factor(linear, theta, (1j * omega).astype(np.complex128))[:, None, None]
-    return np.asarray(gain * of_outputs[:, None] * dG[:, :, inputs] * of_inputs)
+    return _About.of(model, linear, theta, motion).effect(freq_hz, most)
+
+
+@dataclass(frozen=True, eq=False)
+class _About:
+    """A motion about a posture: what its effect is worked out of, on any lines.
+
+    places (n_u,): of the model's motors in the motion, -1 for unknown.  mean: of `_Moved`.
+    """
+
+    model: ElasticModel
+    linear: LinearModel
+    theta: FloatArray
+    motion: MotorMotion
+    expansion: _Expansion
+    places: list[int]
+    mean: FloatArray
+
+    @classmethod
+    def of(cls, model: ElasticModel, linear: LinearModel, theta: FloatArray, motion: MotorMotion) -> _About:
+        """Arguments as `posture_effect`."""
+        expansion = _expand(model, linear, theta)
+        places = [motion.motors.index(motor) if motor in motion.motors else -1 for motor in model.inputs]
+        mean = _mean(expansion, motion, linear.configuration.angles, places)
+        return cls(model, linear, theta, motion, expansion, places, mean)
+
+    def effect(self, freq_hz: FloatArray, most: int) -> ComplexArray:
+        """dG (F, n_y, n_u) of `posture_effect`."""
+        expansion, linear, omega = self.expansion, self.linear, 2 * np.pi * freq_hz
+        moved = _Moved.of(expansion, self.motion, self.places, self.mean, most)
+        nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
+        changes = _between(omega, nodes, np.stack([moved.change(node) for node in nodes]))
+        dG = expansion.response_change(omega, changes)
+        of_outputs, of_inputs = linear.channel_gains(self.theta)
+        inputs = [self.model.inputs.index(place) for place in linear.inputs]
+        gain = factor(linear, self.theta, (1j * omega).astype(np.complex128))[:, None, None]
+        return np.asarray(gain * of_outputs[:, None] * dG[:, :, inputs] * of_inputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,22 +149,25 @@ class _Expansion:
 
     def L(self, omega: Any) -> ComplexArray:
         """The dynamic stiffness (n, n) with its constraints; (K, n, n) at K frequencies."""
-        n, n_q, s = self.n, self.n_q, 1j * np.asarray(omega)[..., None, None]
-        stiffness, damping, mass = np.split(self.J[:n], [n, n + n_q], axis=1)
-        L = stiffness + 0 * s
-        L[..., :n_q] += s * damping + s**2 * mass
-        return np.asarray(L)
+        return self._in_front_of_x(self.J[: self.n], omega)
 
-    def X(self, omega: float) -> ComplexArray:
-        """L^-1 B (n, n_u)."""
+    def _in_front_of_x(self, J: FloatArray, omega: Any) -> ComplexArray:
+        """J z (..., n_r, n) of rows J (n_r, n_z), z of the unknowns x at frequencies."""
+        n, n_q, s = self.n, self.n_q, 1j * np.asarray(omega)[..., None, None]
+        of_x = J[:, :n] + 0 * s
+        of_x[..., :n_q] += s * J[:, n : n + n_q] + s**2 * J[:, n + n_q :]
+        return np.asarray(of_x)
+
+    def X(self, omega: Any) -> ComplexArray:
+        """L^-1 B (..., n, n_u)."""
         return np.asarray(np.linalg.solve(self.L(omega), self.B), np.complex128)
 
-    def response_change(self, omega: float, change: ComplexArray) -> ComplexArray:
-        """Change of the outputs (n_y, n_u), as of positions, by the one of the equations and outputs (n + n_y, n)."""
-        X, n, s = self.X(omega), self.n, 1j * omega
-        dX = -np.linalg.solve(self.L(omega) + change[:n], change[:n] @ X)
-        moved = self.J[n:] @ self.z(omega) @ dX + change[n:] @ (X + dX)
-        return np.asarray(moved / s ** self.orders[:, None])
+    def response_change(self, omega: FloatArray, change: ComplexArray) -> ComplexArray:
+        """Change of the outputs (F, n_y, n_u), as of positions, by that of equations and outputs (F, n + n_y, n)."""
+        X, of_equations, of_outputs = self.X(omega), change[:, : self.n], change[:, self.n :]
+        dX = -np.linalg.solve(self.L(omega) + of_equations, of_equations @ X)
+        moved = self._in_front_of_x(self.J[self.n :], omega) @ dX + of_outputs @ (X + dX)
+        return np.asarray(moved / (1j * omega[:, None, None]) ** self.orders[:, None])
 
     def held(self, omega: Any) -> ComplexArray:
         """L^-1 (..., n, n) with motors that stand still."""
@@ -164,17 +195,9 @@ class _Moved:
     feedback: FloatArray | None
 
     @classmethod
-    def of(cls, expansion: _Expansion, motion: MotorMotion, angles: FloatArray, places: list[int], most: int) -> _Moved:
-        """angles (n_u,): of the configuration.  places (n_u,): of the model's motors in the motion, -1 for unknown."""
+    def of(cls, expansion: _Expansion, motion: MotorMotion, places: list[int], mean: FloatArray, most: int) -> _Moved:
+        """places: of `_About`.  most: lines of the motion."""
         measured, at = np.flatnonzero(np.array(places) >= 0), [place for place in places if place >= 0]
-        power = motion.power[:, at][:, :, at]
-        omega = 2 * np.pi * motion.freq_hz
-        every = _amplitudes(expansion, omega, power, measured)
-        covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
-        shift = np.zeros(len(places))
-        shift[measured] = motion.mean[at] - angles[measured]
-        shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # NaN, too
-        mean = _mean_slope(expansion, covariance) + _of_shift(expansion, covariance, shift)
         few = motion.grouped(most)
         sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
         W = _amplitudes(expansion, centres, sums, measured) / np.sqrt(2)  # of each sign of the frequency
@@ -187,51 +210,48 @@ class _Moved:
 
     def change(self, omega: float) -> ComplexArray:
         """(n + n_y, n): what the equations and the outputs gain in front of x at a frequency."""
-        e, both, (rows, places, unknowns) = self.expansion, omega + self.omega, self._curved_parts
-        Z, equations = e.z(omega)[np.ix_(places, unknowns)], rows[rows < e.n]
-        K, m = self.curved.shape[:2]
-        torque = -(self._met @ Z).reshape(K, len(equations), m * len(unknowns))  # R''[., e_1]
-        x = self._inverse(both)[:, :, equations] @ torque
-        # Of the places that are rates and accelerations, those of x.
-        order = (places >= e.n).astype(np.int64) + (places >= e.n + e.n_q)
-        of_x = places - np.array([0, e.n, e.n + e.n_q])[order]
-        z = x[:, of_x] * (1j * both[:, None, None]) ** order[:, None]
+        e, both, (rows, unknowns, met, partners) = self.expansion, omega + self.omega, self._curved_parts
+        (_, K, n_r, m, n_k), s = met.shape, 1j * both[:, None]
+        # R''[., e_1] of all z of an unknown: its own, its rate and its acceleration.
+        torque = -np.tensordot([1.0, 1j * omega, -(omega**2)], met, axes=1).reshape(K, n_r, m * n_k)
+        x = self._inverse(both, rows[rows < e.n])[:, unknowns] @ torque
+        weighted = (s ** np.arange(3))[:, None] @ partners
         total = (self.mean @ e.z(omega)).astype(np.complex128)
-        total[np.ix_(rows, unknowns)] += self._partners @ z.reshape(K * len(places) * m, len(unknowns))
+        total[np.ix_(rows, unknowns)] += np.sum(
+            weighted.reshape(K, len(rows), n_k * m) @ x.reshape(K, n_k * m, n_k), axis=0
+        )
         return np.asarray(total)
 
     @cached_property
-    def _curved_parts(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Rows and places of z with any curvature, and the unknowns of these; motors mostly have none."""
+    def _curved_parts(self) -> tuple[IntArray, IntArray, ComplexArray, ComplexArray]:
+        """Rows with any curvature, and the unknowns (n_k,) whose places in z have any; motors mostly have none.
+
+        R''[., e_1] there by the order of the place: of the equations (3, 2 K, n_rows, m, n_k), and of outputs, too, at
+        the frequencies of opposite sign (2 K, 3, n_rows n_k m).
+        """
         e, curvature = self.expansion, self.expansion.curvature != 0
-        places = np.flatnonzero(curvature.any(axis=(1, 2)))
-        unknowns = np.flatnonzero(e.z(1.0)[places].any(axis=0))
-        return np.flatnonzero(curvature.any(axis=(0, 2))), places, unknowns
+        rows, curved = np.flatnonzero(curvature.any(axis=(0, 2))), curvature.any(axis=(1, 2))
+        of_order = [np.arange(e.n), e.n + np.arange(e.n_q), e.n + e.n_q + np.arange(e.n_q)]
+        unknowns = np.flatnonzero(np.any([np.pad(curved[each], (0, e.n - len(each))) for each in of_order], axis=0))
+        K, m = self.curved.shape[:2]
+        parts = np.zeros((3, K, m, len(rows), len(unknowns)), complex)
+        for part, each in zip(parts, of_order, strict=True):
+            known = unknowns < len(each)
+            part[..., known] = self.curved[:, :, rows][..., each[unknowns[known]]]
+        met = np.ascontiguousarray(parts[:, :, :, rows < e.n].transpose(0, 1, 3, 2, 4))
+        partners = np.ascontiguousarray(parts.conj().transpose(1, 0, 3, 4, 2))
+        return rows, unknowns, met, partners.reshape(K, 3, len(rows) * len(unknowns) * m)
 
-    @cached_property
-    def _met(self) -> ComplexArray:
-        """(2 K n_rows m, n_places): R''[., e_1] of the equations as far as it is not zero."""
-        rows, places, _ = self._curved_parts
-        met = self.curved[:, :, rows[rows < self.expansion.n]][..., places]
-        return np.ascontiguousarray(met.swapaxes(1, 2)).reshape(int(np.prod(met.shape[:3])), len(places))
-
-    @cached_property
-    def _partners(self) -> ComplexArray:
-        """(n_rows, 2 K n_places m): the same of outputs, too, at the frequencies of opposite sign."""
-        rows, places, _ = self._curved_parts
-        met = self.curved[:, :, rows][..., places].conj()
-        return np.ascontiguousarray(met.transpose(2, 0, 3, 1)).reshape(len(rows), met[:, :, :1].size)
-
-    def _inverse(self, omega: FloatArray) -> ComplexArray:
-        """From torques on the unknowns to e_2 (2 K, n, n)."""
+    def _inverse(self, omega: FloatArray, rows: IntArray) -> ComplexArray:
+        """From torques on some of the unknowns to e_2 (2 K, n, n_r)."""
         e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
         if self.feedback is None:
-            return e.held(omega)
+            return e.held(omega)[:, :, rows]
         s = 1j * np.where(rest, 1.0, omega)[:, None, None]
         integral, proportional, derivative = self.feedback
         F = integral / s + proportional + s * derivative
-        inverse = np.linalg.inv(e.L(s[:, 0, 0].imag) + e.B @ F @ e.B.T)
-        inverse[rest] = e.held(0.0)
+        inverse = np.linalg.solve(e.L(s[:, 0, 0].imag) + e.B @ F @ e.B.T, np.eye(e.n)[:, rows])
+        inverse[rest] = e.held(0.0)[:, rows]
         return np.asarray(inverse)
 
 
@@ -246,15 +266,23 @@ def _between(omega: FloatArray, nodes: FloatArray, values: ComplexArray) -> Comp
 
 def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray) -> ComplexArray:
     """W (K, m, n_z) of motors' angles of mean square `power` (K, m, m), of all z; the other motors stand still."""
-    W = []
-    for w, S in zip(omega, power, strict=True):
-        values, vectors = np.linalg.eigh(S)
-        X = expansion.X(w)
-        per_angle = X @ np.linalg.inv(expansion.B.T @ X)[:, measured]
-        x = per_angle @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-        v = 1j * w * x[: expansion.n_q]
-        W.append(np.concatenate([x, v, 1j * w * v]).T)
-    return np.array(W)
+    values, vectors = np.linalg.eigh(power)
+    X, s = expansion.X(omega), 1j * omega[:, None, None]
+    per_angle = X @ np.linalg.inv(expansion.B.T @ X)[:, :, measured]
+    x = per_angle @ (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
+    v = s * x[:, : expansion.n_q]
+    return np.concatenate([x, v, s * v], axis=1).swapaxes(1, 2)
+
+
+def _mean(expansion: _Expansion, motion: MotorMotion, angles: FloatArray, places: list[int]) -> FloatArray:
+    """`_Moved.mean`; angles (n_u,): of the configuration.  places: of `_About`."""
+    measured, at = np.flatnonzero(np.array(places) >= 0), [place for place in places if place >= 0]
+    every = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
+    covariance = np.real(np.einsum("kmi,kmj->ij", every, every.conj()))
+    shift = np.zeros(len(places))
+    shift[measured] = motion.mean[at] - angles[measured]
+    shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # NaN, too
+    return _mean_slope(expansion, covariance) + _of_shift(expansion, covariance, shift)
 
 
 def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:

@@ -9,7 +9,6 @@ from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured,
 from elastid.base.execution import Execution
 from elastid.fit.covariance import noise_dof
 from elastid.fit.intervals import bootstrap, interval_errors, profiles
-from elastid.fit.line_sums import Blocks, LineSums
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import weigh
 from elastid.linear.fitted_model import response_deviation, uncertain_modes
@@ -22,12 +21,10 @@ X = parameters().x
 
 def test_a_variance_has_the_degrees_of_freedom_of_the_lines_that_make_it():
     """Of ten equal lines of nu complex ones 2 nu 10, of one among them that has all the information 2 nu."""
-    rows = np.zeros((20, 2))
-    rows[::2, 0], rows[7, 1] = 1.0, 1.0
-    blocks = Blocks(np.zeros((1, 2)), None)
-    part = LineSums(np.arange(10.0), rows, np.zeros((10, 1)), np.zeros((2, 10)), blocks, 1.0, 1.0, 4.0, 0.0, {})
-    np.testing.assert_allclose(noise_dof([part], np.eye(2), np.zeros((0, 2))), [80.0, 8.0])
-    assert np.all(np.isinf(noise_dof([replace(part, noise_dof=np.inf)], np.eye(2), np.zeros((0, 2)))))
+    power = np.zeros((10, 2))
+    power[:, 0], power[3, 1] = 1.0, 1.0
+    np.testing.assert_allclose(noise_dof([power], [4.0], np.eye(2), np.zeros((0, 2))), [80.0, 8.0])
+    assert np.all(np.isinf(noise_dof([power], [np.inf], np.eye(2), np.zeros((0, 2)))))
 
 
 NOISE = noise_of("relative", plant())

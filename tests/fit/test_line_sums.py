@@ -11,6 +11,7 @@ from elastid.fit.line_sums import (
     MIN_BANDS,
     Blocks,
     LineSums,
+    autocovariance,
     bands,
     block_variance,
     disagreement,
@@ -32,7 +33,7 @@ def drawn(rng: np.random.Generator, length: int, band: int) -> tuple[np.ndarray,
         x = A_inverse @ J.T @ r
         pull = (J * (r - J @ x)[:, None]).reshape(-1, band, N_X).sum(axis=1)
         known = np.einsum("kfi,kfj->kij", *2 * [J.reshape(-1, band, N_X)])
-        blocks = [Blocks(pull, known)]
+        blocks = [Blocks(pull, known[:, *np.triu_indices(N_X)])]
         found.append(x)
         stated.append(block_variance(blocks, A_inverse))
         parted.append(disagreement(blocks, A_inverse))
@@ -78,7 +79,8 @@ def test_few_blocks_and_unknown_noise_say_nothing() -> None:
 def evidence_of(J, r) -> LineSums:
     """A configuration of real residuals r (N,) with slopes J (N, n_x)."""
     pull = (J * r[:, None]).T
-    return LineSums(np.ones(len(r)), J, r[:, None] + 0j, pull, Blocks(pull.T, None), np.nan, np.nan, np.inf, 0.0, {})
+    lags, unknown = autocovariance(r[:, None] + 0j), (np.nan, np.nan, np.inf, 0.0, {})
+    return LineSums(np.ones(len(r)), J, lags, len(r), pull, Blocks(pull.T, None), *unknown)
 
 
 def left_out(blocks, y):

@@ -1,6 +1,7 @@
 """Plans, records and responses come back to the last bit, and plans as tables for a controller."""
 
 import csv
+import pickle
 from dataclasses import replace
 
 import h5py
@@ -10,11 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
 from plants.artefacts import NAME, NOTE, NUMBER, QUICK, REPAIRS, STAMP, complex_numbers, finite, names, positive, same
+from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 
+import elastid.base.arrays as base_arrays
 from elastid.base.note import Note
 from elastid.design.forecast import Forecast, LimitUse
 from elastid.experiment.plan.movement import Reference, Rehearsal
 from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.fit.covariance import estimate_uncertainty
+from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.problem.weights import weigh
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
 from elastid.record import Configuration, Record
@@ -365,3 +371,34 @@ def test_the_friction_taken_out_comes_back_to_the_last_bit(tmp_path, shapes) -> 
     assert same(read_friction(tmp_path / "frf.h5"), friction)
     write_responses(tmp_path / "frf.h5", ())
     assert read_friction(tmp_path / "frf.h5") is None
+
+
+def test_covariances_of_a_large_file_stay_in_it_and_go_to_workers_by_their_place(tmp_path, monkeypatch):
+    """A task of one configuration is smaller by its covariances, a search takes none along, and bits are the same."""
+    rng, model = np.random.default_rng(0), plant((0, 1, 2))
+    bare = measured(model, noise_of("relative", model), rng)
+    root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
+    matrix = root @ root.swapaxes(1, 2) + 0j
+    known = Covariance(np.einsum("faa->fa", matrix).real[:, :, None], np.inf, matrix=matrix)
+    write_responses(tmp_path / "frf.h5", [replace(bare, noise=known)])
+    (near,) = read_responses(tmp_path / "frf.h5")
+    monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", matrix.nbytes)
+    monkeypatch.setattr(base_arrays, "MIN_LARGE_FILE", 0)
+    (far,) = read_responses(tmp_path / "frf.h5")
+    tasks, problems, ends = [], [], []
+    for response in (near, far):
+        weights = weigh(response, NO_FLOOR)
+        fit = elastic_fit([response], [model], [weights], parameters(), "complex")
+        tasks.append(pickle.dumps((fit.parts[0], response, weights)))
+        problems.append(pickle.dumps(fit.problem.evaluate))
+        part, again, of_again = pickle.loads(tasks[-1])
+        there = estimate_uncertainty(replace(fit, parts=(part,)), [again], [of_again], parameters().x)
+        ends.append((fit.evaluate(parameters().x).cost, there.covariance.tobytes()))
+    assert isinstance(far.noise.matrix, base_arrays.FileArray)
+    assert type(2 * far.noise.matrix) is type(np.abs(far.noise.matrix)) is np.ndarray
+    assert ends[0] == ends[1]
+    assert len(tasks[1]) < len(tasks[0]) - 0.95 * matrix.nbytes
+    assert len(problems[0]) == len(problems[1])
+    assert pickle.loads(pickle.dumps(far.noise.matrix[3:5])).tobytes() == matrix[3:5].tobytes()
+    with pytest.raises(ValueError, match="read-only"):
+        far.noise.matrix[0, 0, 0] = 1.0

@@ -114,7 +114,7 @@ def _from_the_file(reading: Reading, evidence: Evidence) -> tuple[ElasticFit, Fl
     """
     own, robot = evidence.assembly, evidence.assembly.linearisation.model.robot
     parameters, x = choose(own.spec, robot, [G.configuration.name for G in own.responses]), own.parameters.x
-    held, end = Assembly.of(own.responses, robot, own.spec, parameters, own.model), parameters.x
+    held, end = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights), parameters.x
     stages: tuple[tuple[ResidualKind, float], ...] = (("log", NEAR), (own.spec.criterion, ROUGH))
     for criterion, tolerance in stages:
         fit = _read(reading, thinned(held.at(end, criterion)), end)

@@ -119,7 +119,7 @@ def _carrying(now: Evidence, file: Evidence, body: str, mass: float, place: Floa
     known = dict(zip(now.result.parameters.free_names, now.result.x.tolist(), strict=True))
     x = np.array([p.to_x(p.value) if p.tolerated else known[p.name] for p in parameters.free])
     try:
-        assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model)
+        assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
         for _ in range(2):
             x = solve(assembly.at(x, criterion).problem, x, ROUGH, LIMITS.iterations).x
         fit = assembly.at(x, criterion)
@@ -199,7 +199,7 @@ def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[Modif
     asked = np.array([not p.tolerated for p in parameters.free])
     for start in (np.where(asked, evidence.optimum.end.x, parameters.x), parameters.x):
         try:
-            assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model)
+            assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
             fit = thinned(assembly.at(start, own.spec.criterion))
             end = solve(fit.problem, start, ROUGH, LIMITS.iterations)
         except ElastidError:

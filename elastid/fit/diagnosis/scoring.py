@@ -21,6 +21,7 @@ from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.solve.solvers import ROUGH, solve
 
 RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
+CONFIGURATIONS = 32  # of it, each of which brings some twenty numbers; with more, every so many are taken
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ _Sums: TypeAlias = tuple[FloatArray, FloatArray, float, tuple[str, ...]]
 def score(evidence: Evidence) -> Scores:
     """The score test at the optimum; parameters at a bound stay there."""
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
-    held, thin = HeldModel.of(assembly, fit.parts[0].kernel.model), thinned(fit, RESIDUALS)
+    held, thin = HeldModel.of(assembly, fit.parts[0].kernel.model), thinned(_some(fit), RESIDUALS)
     columns = tuple(h.columns for h in evidence.hypotheses if h.columns is not None)
     sums = partial(_sums, held, thin, x, columns)
     A, b, V, names = _added(evidence.execution.ordered(sums, [part for part in thin.parts if part.n_residuals]), len(x))
@@ -59,6 +60,11 @@ def score(evidence: Evidence) -> Scores:
     noise, V = evidence.noise_cost * lines, V + pull - drop
     level = (noise or V) / max(thin.n_residuals - len(x), 1)
     return Scores(held, test, freed, V - noise, level, lines, evidence.noise_cost, moved)
+
+
+def _some(fit: ElasticFit) -> ElasticFit:
+    """The fit on as many configurations as the score test takes."""
+    return replace(fit, parts=fit.parts[:: math.ceil(len(fit.parts) / CONFIGURATIONS)])
 
 
 def at_file(evidence: Evidence) -> Evidence | None:

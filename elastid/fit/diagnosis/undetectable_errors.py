@@ -77,7 +77,8 @@ def find_undetectable_errors(result: FitResult, scores: Scores | None) -> tuple[
     """A sentence on the worst of several kinds of numbers, where the intervals are stated as they stand."""
     if scores is None or result.status not in ("converged", "at_bound") or not result.noise_is_known:
         return ()
-    errors = sorted(undetectable_errors(result, scores), key=lambda error: error.moved, reverse=True)
+    # Of two that do exactly the same, rounding does not choose.
+    errors = sorted(undetectable_errors(result, scores), key=lambda error: -float(f"{error.moved:.6g}"))
     errors = [error for error in errors if error.moved > MISFIT.effect]
     if not errors:
         return ()

@@ -32,9 +32,9 @@ import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.kernels import call
-from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind
+from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
-from elastid.linear.response.derivatives import Columns, Sensitivity
+from elastid.linear.response.derivatives import Columns, Images, Sensitivity
 
 BATCH = 16
 Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
@@ -182,11 +182,19 @@ class CompressedResiduals:
         known = self.compressed
         if self.criterion == "complex":
             return float(known.constant[block].sum()), LineResiduals(known.q[block], G)
-        error = RESIDUALS[self.criterion](self.measured[block], self._full(G))[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error = self._log_measured[block] - self._full(np.log(G))
+            error.imag -= 2 * np.pi * np.rint(error.imag / (2 * np.pi))
         whitened = self._whitened(self._mixing, block, error)
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
         r = self._projected(known.Q[block], whitened)
         return float(np.vdot(whitened, whitened).real - np.vdot(r, r).real), LineResiduals(r, slope=slope)
+
+    @cached_property
+    def _log_measured(self) -> ComplexArray:
+        """ln Ghat (F, n_y, n_u), the same at every x."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.log(self.measured))
 
     def _full(self, G: ComplexArray) -> ComplexArray:
         """G (F, n_y, n_u) of its elements (F, n_e)."""
@@ -293,8 +301,8 @@ class NormalEquations:
         np.maximum.at(scale, pieces.base, np.abs(pieces.sigma @ self.columns.size(theta)) * highest)
         scale[scale == 0] = 1.0
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
-        weights, R = [], self.residuals.compressed.R
-        for part in self.columns.at(theta):
+        weights, R, held = [], self.residuals.compressed.R, self.columns.images_at(theta)
+        for part in self.columns.at(theta, held):
             constant, e = self.residuals.at(part.block, part.G)
             sums = R.sums(part, e, scale, precision)
             V, pull, moments = V + (constant + sums.cost), pull + sums.pulled, moments + sums.moments
@@ -303,19 +311,20 @@ class NormalEquations:
         g = highest * pull[pieces.power, pieces.base].real
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
         A = sign * moments.take(places)
-        return V, pieces.sigma.T @ g - self._of_images(theta, weights), sigma.T @ A @ sigma
+        return V, pieces.sigma.T @ g - self._of_images(held, weights), sigma.T @ A @ sigma
 
     def slope(self, theta: FloatArray) -> tuple[float, FloatArray]:
         """V and J^T r (P,) of `at` alone."""
         pieces, highest = self.columns.pieces, self.columns.omega_0**self.columns.pieces.power
         V, pull, weights = 0.0, np.zeros((3, pieces.base.max(initial=-1) + 1), complex), []
-        for part in self.columns.at(theta):
+        held = self.columns.images_at(theta)
+        for part in self.columns.at(theta, held):
             constant, e = self.residuals.at(part.block, part.G)
             cost, weight = self.residuals.compressed.R.weight(part, e)
             V, pull = V + (constant + cost), pull + part.pull(weight)
             weights.append(weight)
         g = highest * pull[pieces.power, pieces.base].real
-        return V, pieces.sigma.T @ g - self._of_images(theta, weights)
+        return V, pieces.sigma.T @ g - self._of_images(held, weights)
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:
@@ -330,8 +339,8 @@ class NormalEquations:
         places = (order * n_b + np.minimum(base, base[:, None])) * n_b + np.maximum(base, base[:, None])
         return places, turned * np.array([1.0, -1.0, -1.0, 1.0])[apart % 4]
 
-    def _of_images(self, theta: FloatArray, weights: Sequence[ComplexArray]) -> FloatArray:
+    def _of_images(self, held: Sequence[Images], weights: Sequence[ComplexArray]) -> FloatArray:
         """Re sum weight dG / dtheta (P,) of images of held torques; weights (F, n_e) of each block of lines."""
-        if self.columns.kernel.model.hold is None or not weights:
+        if not (held and weights):
             return np.zeros(len(self.columns.kernel.wanted))
-        return self.columns.pull_images(theta, np.concatenate(weights))
+        return self.columns.pull_images(held, np.concatenate(weights))

@@ -82,10 +82,9 @@ def bias_slopes(
 def next_factors(fit: ElasticFit, responses: Sequence[FrequencyResponse], x: FloatArray, c: FloatArray) -> FloatArray:
     """c (n_b,) after one Gauss-Newton step in x and c together; fit: of the responses without their errors for c."""
     factors = find_factors(responses)
-    r_priors, slope = fit.residual(x)[0][fit.n_residuals :], fit.prior_slopes
-    n, known = len(x) + len(c), np.flatnonzero(slope)
-    A, g = np.diag(np.concatenate([slope**2, np.ones(len(c))])), np.concatenate([np.zeros(len(x)), c])
-    g[known] = slope[known] * r_priors
+    distance, slope = fit.priors(x)
+    n = len(x) + len(c)
+    A, g = np.diag(np.concatenate([slope**2, np.ones(len(c))])), np.concatenate([slope * distance, c])
     r_static, J_static = fit.static(x)
     A[: len(x), : len(x)] += J_static.T @ J_static
     g[: len(x)] += J_static.T @ r_static

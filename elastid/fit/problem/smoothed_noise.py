@@ -133,12 +133,20 @@ class SmoothedNoise:
 
     Both in the same form: matrices of all elements are worked out where they are needed and not kept.
     own_variance, own_matrix (F,): kappa, how much of variance and matrix is the line's own (`smooth_covariance`).
+    G (F, n_y, n_u), width: of the response, and asked for.
     """
 
     measured: Covariance
     smooth: Covariance
     own_variance: FloatArray
     own_matrix: FloatArray
+    G: ComplexArray
+    width: int
+
+    def is_of(self, response: FrequencyResponse, width: int) -> bool:
+        """True if this is what `smooth_noise` finds, the numbers of the response being the very same."""
+        is_noise = self.measured is response.total or self.measured is response.noise
+        return self.G is response.G and is_noise and self.width == width
 
     @property
     def variance(self) -> FloatArray:
@@ -176,11 +184,11 @@ def smooth_noise(response: FrequencyResponse, width: int = 0) -> SmoothedNoise |
         for i, j in np.ndindex(n_y, n_u):
             variance[:, i, j], _, w = smooth_variance(known.variance[:, i, j], response.G[:, i, j], known.dof, width)
             own = np.full(F, 1 / w)
-        return SmoothedNoise(known, Covariance(variance, known.dof), own, own)
+        return SmoothedNoise(known, Covariance(variance, known.dof), own, own, response.G, width)
     S = known.matrix if known.left is None or known.right is None else known.right
     assert S is not None
     if math.isinf(known.dof):
-        return SmoothedNoise(known, known, np.zeros(F), np.zeros(F))
+        return SmoothedNoise(known, known, np.zeros(F), np.zeros(F), response.G, width)
     covariance, own_matrix, own_variance = smooth_covariance(S, _model(response, known, S), known.dof, width)
     power = np.einsum("faa->fa", covariance).real
     if known.left is None:
@@ -188,7 +196,7 @@ def smooth_noise(response: FrequencyResponse, width: int = 0) -> SmoothedNoise |
     else:
         variance = power[:, :, None] * np.einsum("faa->fa", known.left).real[:, None, :]
         smooth = Covariance(variance, known.dof, known.left, covariance)
-    return SmoothedNoise(known, smooth, own_variance, own_matrix)
+    return SmoothedNoise(known, smooth, own_variance, own_matrix, response.G, width)
 
 
 def _model(response: FrequencyResponse, known: Covariance, S: ComplexArray) -> ComplexArray:

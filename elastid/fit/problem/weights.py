@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, frozen_value
 from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.names import posture_of
 from elastid.base.note import Note
@@ -21,36 +23,51 @@ from elastid.response import Covariance, FrequencyResponse
 class Whitening:
     """Whitens errors relative to sigma (F, n_y, n_u), inf where an element is left out; small, since not worked out.
 
-    noise: C~.  floor (F, n_y, n_u): alpha |G|.  phase (F, n_y, n_u): factors of modulus one between the residual and
-    the error of G.
+    noise: C~.  floor: alpha, of |G| (F, n_y, n_u).  phase (F, n_y, n_u), or (1, 1, 1): factors of modulus one between
+    the residual and the error of G.
     """
 
     noise: Covariance
-    floor: FloatArray
+    floor: float
+    G: ComplexArray
     sigma: FloatArray
     phase: ComplexArray | FloatArray
 
     @property
     def matrix(self) -> ComplexArray:
         """L^-1 diag(sigma phase) (F, n_y n_u, n_y n_u), elements in the order of G; computed at every call."""
+        return np.asarray(np.linalg.inv(self._lower) * self._turns[:, None])
+
+    def whitened(self, r: ComplexArray) -> ComplexArray:
+        """`matrix` times r (F, n_y n_u)."""
+        return np.asarray(np.linalg.solve(self._lower, (r * self._turns)[:, :, None])[:, :, 0])
+
+    @property
+    def _turns(self) -> ComplexArray | FloatArray:
+        return self.phase.reshape(len(self.phase), -1)
+
+    @property
+    def _lower(self) -> ComplexArray:
+        """L (F, n_y n_u, n_y n_u) of C~ relative to sigma."""
         F, n_y, n_u = self.sigma.shape
         row_by_row = np.arange(n_y * n_u).reshape(n_u, n_y).T.ravel()
-        C = self.noise.full()[:, row_by_row[:, None], row_by_row].copy()
+        C = self.noise.full()[:, row_by_row[:, None], row_by_row]
+        self.noise.release()
         used = np.isfinite(self.sigma).reshape(F, -1)
         s = np.where(used, self.sigma.reshape(F, -1), 1.0)
         diagonal = np.arange(n_y * n_u)
-        C[:, diagonal, diagonal] += self.floor.reshape(F, -1) ** 2
+        C[:, diagonal, diagonal] += (self.floor * np.abs(self.G)).reshape(F, -1) ** 2
         both = used[:, :, None] & used[:, None, :]
         relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
         relative[:, diagonal, diagonal] += ~used
-        L_inverse = np.linalg.inv(np.linalg.cholesky(relative))
-        return np.asarray(L_inverse * self.phase.reshape(F, 1, -1))
+        return np.asarray(np.linalg.cholesky(relative))
 
     def lines(self, keep: BoolArray | slice) -> Whitening:
         """The same on some lines."""
         mask = np.zeros(len(self.sigma), dtype=np.bool_)
         mask[keep] = True
-        return Whitening(self.noise.lines(mask), self.floor[keep], self.sigma[keep], self.phase[keep])
+        phase = self.phase if len(self.phase) == 1 else self.phase[keep]
+        return Whitening(self.noise.lines(mask), self.floor, self.G[keep], self.sigma[keep], phase)
 
 
 # The floor of a search, and of responses whose noise was not measured, where the study leaves it to the data: the
@@ -140,12 +157,15 @@ class Weights:
         if self.noise is None:
             return None
         t = vec(self.scale)
-        return np.asarray(t[:, :, None] * self.noise.measured.full() * t[:, None, :])
+        scaled = np.asarray(t[:, :, None] * self.noise.measured.full() * t[:, None, :])
+        self.noise.measured.release()
+        return scaled
 
 
-def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
+def weigh(response: FrequencyResponse, spec: FitSpec, known: SmoothedNoise | None = None) -> Weights:
     """The weights of one measured response under the study's band, floor, smoothing and factors.
 
+    known: smooth noise of it or of another response, which is smoothed again if it is not of the same numbers.
     Raises DataError where neither a variance nor a floor gives its lines a weight, and where a full covariance is
     asked for that is not there or singular.
     """
@@ -156,7 +176,8 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
             f"configuration {where}: no variance is known (that takes two periods or two realisations) and "
             "fit.weights.floor is 0; set the floor, for example 0.01"
         )
-    noise = smooth_noise(response, spec.weights.smooth)
+    is_known = known is not None and known.is_of(response, spec.weights.smooth)
+    noise = known if is_known else smooth_noise(response, spec.weights.smooth)
     variance = np.zeros(response.G.shape) if noise is None else noise.variance
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
@@ -173,6 +194,8 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
         texts.append(("elements-left-out", f"left out, {silent} elements of zero variance and no floor"))
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
     correlated = weighs_correlations(response, noise, sigma, spec.weights)
+    if noise is not None:
+        noise.measured.release()
     scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated)
     notes = tuple(Note(code, text, f"configuration {where}") for code, text in texts)
     return Weights(sigma, noise, scale, floor, notes, factor, correlated)
@@ -195,6 +218,8 @@ def vec(array: FloatArray | ComplexArray) -> Any:
 
 def _factors(response: FrequencyResponse, factors: Sequence[FactorSpec]) -> FloatArray:
     """Factors (F, n_y, n_u) of the study on the weights, each where all that it gives is true."""
+    if not factors:
+        return _ones(response.G.shape)
     product = np.ones(response.G.shape)
     for factor in factors:
         name = response.configuration.name
@@ -206,13 +231,19 @@ def _factors(response: FrequencyResponse, factors: Sequence[FactorSpec]) -> Floa
     return product
 
 
+@lru_cache(maxsize=8)
+def _ones(shape: tuple[int, ...]) -> FloatArray:
+    """The same array for all configurations."""
+    return frozen(np.ones(shape))
+
+
 def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> FloatArray:
     r"""(1 - \kappa s / \nu)^{-1/2} (F, n_y, n_u), s the noise's share of the variance that an element weighs with.
 
     floor (F, n_y, n_u): its variance.  together: whether the elements of a line weigh together.
     """
-    if noise is None:
-        return np.ones(floor.shape)
+    if noise is None or math.isinf(noise.measured.dof):
+        return _ones(floor.shape)
     own = noise.own_matrix if together else noise.own_variance
     v = noise.variance
     share = np.divide(v, v + floor, out=np.zeros_like(v), where=v > 0)

@@ -23,6 +23,7 @@ from elastid.fit.problem.least_squares import (
     Ending,
     LeastSquares,
     LocalOptimum,
+    distance,
     distance_to_optimum,
     held_by_bounds,
     is_far_from_noise,
@@ -37,6 +38,8 @@ SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 # estimate, ROUGH where another solve continues from there, NEAR where that one has another criterion or other lines,
 # and so another optimum.
 FINE, ROUGH, NEAR = 1e-3, 0.1, 3.0
+# Rough ends at this distance from each other, and less, are near one stationary point.
+SAME = 3 * ROUGH
 _SOLVERS: dict[SolverName, Callable[..., Ending]] = {"trust_region": trust_region, "ipopt": ipopt}
 
 
@@ -109,8 +112,9 @@ def multistart(
 ) -> tuple[tuple[LocalOptimum, ...], int]:
     """All starts (starts, n_x) solved, best first, and how many of them reached the best cost of the last problem.
 
-    Every start is solved roughly; those that can still reach the best cost are then solved finely, and the others end
-    where they are, with a message. The same under any execution; for several processes the problems must pickle.
+    Every start is solved roughly; of those that can still reach the best cost one in each place is then solved finely,
+    and the others end where they are, with a message. The same under any execution; for several processes the problems
+    must pickle.
     Raises FitError where none succeeds, Interrupted on Ctrl-C.
     """
     execution = execution or Execution()
@@ -122,12 +126,17 @@ def multistart(
     reach = best + _deviation(best, problems[-1])
     # One that ran out of iterations is continued where it is near enough.
     hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or (not end.converged and end.cost <= 30 * best)]
-    polish = partial(_polish, problems[-1], method)
+    polish, leader = partial(_polish, problems[-1], method), _leaders(problems[-1], rough, hopeful)
+    leaders = list(dict.fromkeys(leader.values()))
     try:
-        polished = _solved(polish, {f"polished-{i}": rough[i] for i in hopeful}, execution.quiet)
+        polished = _solved(polish, {f"polished-{i}": rough[i] for i in leaders}, execution.quiet)
     except Interrupted:
         raise Interrupted(rough) from None
-    ends = dict(enumerate(rough)) | dict(zip(hopeful, polished, strict=True))
+    of_leader = dict(zip(leaders, polished, strict=True))
+    ends = dict(enumerate(rough))
+    for i, first in leader.items():
+        further = of_leader[first].iterations - rough[first].iterations
+        ends[i] = replace(of_leader[first], x_start=rough[i].x_start, iterations=rough[i].iterations + further)
     for i, end in enumerate(rough):
         if i not in hopeful and math.isfinite(end.cost):
             ends[i] = replace(end, message=f"stopped early, far above the best cost; {end.message}")
@@ -135,6 +144,17 @@ def multistart(
     best = ranked[0].cost
     hit = best + MAX_HIT_EXCESS * _deviation(best, problems[-1])
     return ranked, sum(end.cost <= hit for end in ranked)
+
+
+def _leaders(problem: LeastSquares, rough: Sequence[LocalOptimum], hopeful: Sequence[int]) -> dict[int, int]:
+    """For each hopeful start the lowest one that ended in the same place, so that one of them is solved finely."""
+    lowest = min(hopeful, key=lambda i: rough[i].cost)
+    metric, leader = problem.evaluate(rough[lowest].x), dict[int, int]()
+    for i in sorted(hopeful, key=lambda i: rough[i].cost):
+        others = (j for j in leader if leader[j] == j)
+        same = (j for j in others if distance(rough[i].x - rough[j].x, metric, problem.dof) < SAME)
+        leader[i] = next(same, i)
+    return leader
 
 
 def _deviation(cost: float, problem: LeastSquares) -> float:

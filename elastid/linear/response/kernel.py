@@ -75,19 +75,21 @@ class RankOneTerms:
 
 def rank_one_terms(slopes: Sequence[Slope], n: int) -> tuple[FloatArray, tuple[RankOneTerms, ...]]:
     """Y (n, n_d) of the terms of all slopes (P), each direction once, and the slopes in groups of as many terms."""
+    given = [
+        (place, power, matrix)
+        for place, slope in enumerate(slopes)
+        for power, matrix in enumerate((slope.K, slope.D, slope.M))
+        if matrix is not None
+    ]
+    values, vectors = np.linalg.eigh(np.array([matrix for *_, matrix in given]).reshape(-1, n, n))
+    # The rest is rounding.
+    which, terms = np.nonzero(np.abs(values) > 1e-12 * np.abs(values).max(axis=1, initial=0.0, keepdims=True))
+    y = vectors[which, :, terms]
+    leading = np.argmax(np.abs(y) > 0.5 * np.abs(y).max(axis=1, initial=0.0, keepdims=True), axis=1)
+    stacked = np.where(y[np.arange(len(y)), leading, None] > 0, y, -y)
     parts: dict[int, list[tuple[int, float]]] = {}
-    directions: list[FloatArray] = []
-    for place, slope in enumerate(slopes):
-        for power, matrix in enumerate((slope.K, slope.D, slope.M)):
-            if matrix is None:
-                continue
-            eigenvalues, vectors = np.linalg.eigh(matrix)
-            for i in np.flatnonzero(np.abs(eigenvalues) > 1e-12 * np.abs(eigenvalues).max()):  # the rest is rounding
-                y = vectors[:, i]
-                leading = y[np.argmax(np.abs(y) > 0.5 * np.abs(y).max())]
-                parts.setdefault(place, []).append((power, float(eigenvalues[i])))
-                directions.append(y if leading > 0 else -y)
-    stacked = np.array(directions).reshape(-1, n)
+    for i, sigma in zip(which.tolist(), values[which, terms].tolist(), strict=True):
+        parts.setdefault(given[i][0], []).append((given[i][1], sigma))
     # A spring and its damper have the same direction: Y X is computed once for both.
     _, first, same = np.unique(np.round(stacked, 12), axis=0, return_index=True, return_inverse=True)
     ends = np.cumsum([len(terms) for terms in parts.values()])
@@ -143,7 +145,7 @@ class Kernel:
                 weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
             dG[moving, block] += moved
-        if self._above:
+        if self.above:
             images, slopes = self.evaluate_images(theta)
             G, dG = G + images, dG + slopes
         return G, dG
@@ -151,7 +153,7 @@ class Kernel:
     def images(self, theta: FloatArray) -> ComplexArray:
         """The images in G (F, n_y, n_u) of held torques at theta (n_theta,); zero without any."""
         total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
-        for images, above in self._above:
+        for images, above in self.above:
             total += images.folding(theta).images(above.response(images.undelayed(theta)))
         return total
 
@@ -160,7 +162,7 @@ class Kernel:
         total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
         slopes = np.zeros((len(self.wanted), *total.shape), complex)
         s = (2j * np.pi * self.freq_hz).astype(complex)
-        for images, above in self._above:
+        for images, above in self.above:
             G_above, of_above = above.evaluate(images.undelayed(theta))
             folding = images.folding(theta)
             added = folding.images(G_above)
@@ -174,25 +176,35 @@ class Kernel:
                 slopes[self.wanted.index(DELAY)] += images.folding(theta, order=1).images(G_above)
         return total, slopes
 
-    def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
-        """Re sum over lines and elements of weight (F, n_y, n_u) times the derivatives (P,) of `images`.
+    def pull(self, theta: FloatArray, products: Sequence[Products], weight: ComplexArray) -> FloatArray:
+        """Re sum over lines and elements of weight (F, n_y, n_u) times dG (P,), 0 of `factors`.
 
-        Zero for the delay and for lags of a sensor.
+        products: at theta (n_theta,), with the directions `term_directions`.
         """
-        pulled = np.zeros(len(self.wanted))
-        for images, above in self._above:
-            slopes = above.evaluate(images.undelayed(theta))[1]
-            places = [self.wanted.index(name) for name in above.wanted]
-            pulled[places] += images.folding(theta).pull(weight, slopes)
+        pulled, n_u = np.zeros(len(self.wanted)), self.model.B.shape[1]
+        gains = np.outer(*self.model.channel_gains(theta))
+        moving = [self.wanted.index(name) for name in self.moved_outputs]
+        for block, s, gain, _, YX, moved in products:
+            left, right = YX[:, self.output_columns], YX[:, :n_u]
+            along = np.sum(left * ((gains * weight[block]) @ right), axis=1)
+            sums = -np.stack([gain, gain * s, gain * s**2]) @ along
+            for terms in self._directions_and_terms[1]:
+                pulled[terms.members] += np.sum(terms.sigma * sums[terms.power, terms.direction].real, axis=1)
+            pulled[moving] += np.sum(weight[block] * moved, axis=(1, 2, 3)).real
         return pulled
+
+    @property
+    def term_directions(self) -> FloatArray:
+        """Y (n, n_d) of the terms of all wanted parameters."""
+        return self._directions_and_terms[0]
 
     @property
     def is_held(self) -> bool:
         """True if G has images of held torques."""
-        return bool(self._above)
+        return bool(self.above)
 
     @cached_property
-    def _above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
+    def above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
         """The images of held torques, and the kernel of the response that they are made of."""
         return tuple(
             (images, Kernel(images.plant, images.nodes_hz, tuple(filter(images.moves_plant, self.wanted))))

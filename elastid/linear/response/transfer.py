@@ -61,11 +61,11 @@ class Folding:
         folded = self.even @ flat.real + 1j * (self.odd @ flat.imag)
         return np.asarray(np.where(self.counts, folded.reshape(*folded.shape[:-1], *G.shape[-2:]), 0.0))
 
-    def pull(self, weight: ComplexArray, slopes: ComplexArray) -> FloatArray:
-        """Re sum_f,e weight (F, n_y, n_u) times the images of slopes (P, J, n_y, n_u): (P,)."""
+    def weight(self, weight: ComplexArray) -> ComplexArray:
+        """w (J, n_y, n_u) with Re sum w dG_j = Re sum over lines of weight (F, n_y, n_u) times the images of dG_j."""
         flat = np.where(self.counts, weight, 0.0).reshape(len(weight), self.counts.size)
-        even, odd = ((part.T @ flat).reshape(slopes.shape[1:]) for part in (self.even, 1j * self.odd))
-        return np.asarray(np.tensordot(slopes.real, even.real, 3) + np.tensordot(slopes.imag, odd.real, 3))
+        at_nodes = (self.even.T @ flat).real + 1j * (self.odd.T @ flat).imag
+        return np.asarray(at_nodes.reshape(-1, *weight.shape[1:]))
 
 
 @frozen_value(eq=False)
@@ -109,16 +109,12 @@ class HoldImages:
         """How G at the nodes adds to G at the lines; order 1: the derivative of that to the delay."""
         delay = self.model.number(theta, DELAY) if DELAY in self.model.parameters else 0.0
         s = (2j * np.pi * self.freq_hz).astype(complex)
-        further = 2j * np.pi * self.rate_hz * IMAGES
-        turn = np.exp(-further * delay)
-        even, odd = self._sums(turn) if not order else -s * self._sums(turn) - self._sums(further * turn)
+        even, odd = self._sums(delay, 0) if not order else -s * self._sums(delay, 0) - self._sums(delay, 1)
         gain = factor(self.sensors, theta, s) / s**2
         return Folding((gain * even).T, (gain * odd).T, self._counts)
 
-    def _sums(self, turn: ComplexArray) -> ComplexArray:
-        """(2, J, F): all images, each times its factor (n_m,)."""
-        terms = _terms(self.freq_hz.tobytes(), self.rate_hz, self._lowest)
-        return np.ascontiguousarray(terms @ turn.view(np.float64).reshape(-1, 2)).view(np.complex128)[..., 0]
+    def _sums(self, delay: float, order: int) -> ComplexArray:
+        return _image_sums(self.freq_hz.tobytes(), self.rate_hz, self._lowest, delay, order)
 
     @cached_property
     def _counts(self) -> BoolArray:
@@ -137,6 +133,18 @@ def hold_images(model: LinearModel, freq_hz: FloatArray) -> tuple[HoldImages, ..
         return ()
     rates = np.array(model.hold.rates_hz)
     return tuple(HoldImages(model, freq_hz, rate, rates == rate) for rate in np.unique(rates[rates > 0]).tolist())
+
+
+@lru_cache(maxsize=32)
+def _image_sums(freq_hz: bytes, rate_hz: float, lowest: float, delay: float, order: int) -> ComplexArray:
+    """(2, J, F): all images, each turned by the delay and times a power of its distance j m omega_s from the line.
+
+    The same for all configurations on the same lines.
+    """
+    further = 2j * np.pi * rate_hz * IMAGES
+    turn = further**order * np.exp(-further * delay)
+    terms = _terms(freq_hz, rate_hz, lowest)
+    return frozen(np.ascontiguousarray(terms @ turn.view(np.float64).reshape(-1, 2)).view(complex)[..., 0], complex)
 
 
 @lru_cache(maxsize=32)
