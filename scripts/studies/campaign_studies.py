@@ -152,7 +152,7 @@ def judged(number: int, seed: int, chosen: tuple[Seed, ...]) -> tuple[str, str]:
         for each in source.texts:
             (folder / each).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source.folder / each, folder / each)
-        is_fleet = source.study in FLEETS
+        is_fleet = source.study.startswith("fleet")
         damaged = folder / random.choice(source.texts[:-1] if is_fleet else source.texts)
         damaged.write_bytes(mutated(damaged.read_text(encoding="utf-8"), random))
         began = time.process_time()
