@@ -10,7 +10,7 @@ import os
 import shlex
 import sys
 from collections.abc import Sequence
-from errno import EDQUOT, EFBIG, ENOSPC
+from errno import EACCES, EDQUOT, EFBIG, ENOSPC, EPERM, EROFS
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -316,6 +316,8 @@ def explained(error: Exception) -> int:
             where = f"{error.filename}: " if error.filename else ""
             full = error.errno in (ENOSPC, EDQUOT, EFBIG)
             advice = "; make room, and the same command goes on where it was" if full else ""
+            if error.errno in (EACCES, EPERM, EROFS):
+                advice = "; check who may read and write there, or give another folder with --run"
             return _ended(f"{where}{error.strerror or error}{advice}", 1)
     raise error
 

@@ -189,8 +189,7 @@ def _write(run: Run, loops: Loops) -> None:
     write_rows(run.folder / RESULTS[2], gain_rows(loops))
     write_page_of_loops(loops, snippet(loops), run.folder, run.stamps["fit"].shown)
     keep_checksums(run.folder, RESULTS)
-    for name in RESULTS:
-        run.console.say(f"{NAME}: {run.folder / name}")
+    run.console.say(f"{NAME}: {', '.join(str(run.folder / name) for name in RESULTS)}")
 
 
 def snippet(loops: Loops) -> str:

@@ -80,7 +80,7 @@ def map_study(
         write_map_table(run.folder / RESULTS[1], workspace)
         write_page_of_map(workspace, run.folder, run.stamps["fit"].shown)
         keep_checksums(run.folder, RESULTS)
-        for line in (*sentences(workspace), *(str(run.folder / each) for each in RESULTS)):
+        for line in (*sentences(workspace), ", ".join(str(run.folder / each) for each in RESULTS)):
             run.console.say(f"map: {line}")
         if result.status not in TRUSTED:
             run.console.warn(

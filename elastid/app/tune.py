@@ -151,8 +151,8 @@ def _write(run: Run, tuned: TunedMove, identified: Robot) -> None:
     keep_checksums(run.folder, RESULTS)
     folder = clear_folder(run.folder, "tune")
     files = (*write_move(folder, tuned), *write_move_fmu(folder, identified, tuned))
-    for path in (*(run.folder / name for name in RESULTS), *files):
-        run.console.say(f"tune: {path}")
+    results = ", ".join(str(run.folder / name) for name in RESULTS)
+    run.console.say(f"tune: {results}, and {len(files)} files for controllers and simulators in {folder}")
 
 
 def write_table(path: Path, tuned: TunedMove) -> None:

@@ -78,6 +78,12 @@ class FrictionContent:
         )
 
     @property
+    def short_questions(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """The same without the numbers of each joint, which a table has, and with the first advice alone."""
+        good, fails, following = self.questions
+        return (good[0], (GOOD[self.result.status], *self._truths)), fails, (following[0], following[1][:1])
+
+    @property
     def answers(self) -> tuple[str, ...]:
         """The sentences of all questions."""
         return tuple(sentence for _, sentences in self.questions for sentence in sentences)
@@ -88,11 +94,14 @@ class FrictionContent:
         sentences = [answer(joint) for joint in self.result.joints]
         motions = [(joint, joint.motion) for joint in self.result.joints if joint.motion is not None]
         sentences += [f"Motions of joint {joint.joint}: {motion.seconds_words}." for joint, motion in motions]
-        known = [number for number in self.result.numbers if number.truth is not None]
-        if known:
-            held = sum(number.low <= number.truth <= number.high for number in known if number.truth is not None)
-            sentences.append(f"Of {len(known)} true values {held} lie within their 95 % intervals.")
-        return tuple(sentences)
+        return (*sentences, *self._truths)
+
+    @property
+    def _truths(self) -> tuple[str, ...]:
+        """How many true values their intervals hold; nothing of a real robot."""
+        known = [(number.low, number.truth, number.high) for number in self.result.numbers if number.truth is not None]
+        held = sum(low <= truth <= high for low, truth, high in known)
+        return (f"Of {len(known)} true values {held} lie within their 95 % intervals.",) if known else ()
 
     @property
     def _failures(self) -> tuple[str, ...]:

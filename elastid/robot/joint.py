@@ -111,12 +111,12 @@ class Limits:
     angle: Annotated[tuple[JointPosition, JointPosition], Key("Lowest and highest position [lower, upper].", "those of "
         "the cell where they are narrower than the robot's; designs keep excitation.margin from "
         "them.")] = (-math.inf, math.inf)
-    velocity: Annotated[JointVelocity, Key("Largest speed.", "a tenth above what the test may do; it bounds carriers, "
-        "passes and multisines.")] = math.inf
+    velocity: Annotated[JointVelocity, Key("Largest speed of the joint.", "a tenth above what the test may do; it "
+        "bounds carriers, passes and multisines.")] = math.inf
     torque: Annotated[JointTorque, Key("Largest torque of the motor.", "continuous torque of motor and gear at the "
         "link, not the peak, for experiments of minutes.")] = math.inf
-    acceleration: Annotated[JointAcceleration, Key("Largest acceleration.", "where drives trip by acceleration before "
-        "they do by torque.")] = math.inf
+    acceleration: Annotated[JointAcceleration, Key("Largest acceleration of the joint.", "where drives trip by "
+        "acceleration before they do by torque.")] = math.inf
     jerk: Annotated[JointJerk, Key("Largest jerk, which the moves of `elastid tune` keep.", "where the controller "
         "refuses or smooths a reference by its jerk.")] = math.inf
     # fmt: on

@@ -57,18 +57,19 @@ def load_fleet(path: Path) -> Fleet:
     spec, problems = validate(source.data, FleetSpec)
     if problems:
         raise make_error(source, problems)
-    study = path.parent / spec.study
-    if not os.path.isfile(study):
-        raise make_error(source, [Problem(("study",), f"no such file (looked for {study})")])
+    study, by = path.parent / spec.study, next(key for key in ("members", "table", "folders") if getattr(spec, key))
+    for key, file in (("study", spec.study), ("table", spec.table)):
+        if file is not None and not os.path.isfile(path.parent / file):
+            raise make_error(source, [Problem((key,), f"no such file (looked for {path.parent / file})")])
     members = sorted(_members(spec, path), key=lambda member: (member.robot, member.date))
-    if not members:
-        raise StudyError(f"{path.parent / (spec.table or path.name)}: there are no members; give a row for each")
     names = Counter(member.words for member in members)
+    if not members and spec.folders:
+        raise make_error(source, [Problem((by,), f"no folder is like that below {path.parent}; correct the pattern")])
+    if not members:
+        raise make_error(source, [Problem((by,), "there are no members; give a row for each")])
     if twice := [words for words, count in names.items() if count > 1]:
-        raise StudyError(
-            f"{path}: {', '.join(twice)} {'is' if len(twice) == 1 else 'are'} given twice; leave one out, or correct "
-            "its date"
-        )
+        given = f"{', '.join(twice)} {'is' if len(twice) == 1 else 'are'} given twice"
+        raise make_error(source, [Problem((by,), f"{given}; leave one out, or correct its date")])
     return Fleet(spec.name, study, tuple(members), spec.false_discovery_rate)
 
 
@@ -79,10 +80,8 @@ def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
         for own in _rows(path.parent / spec.table):
             yield _member(own, "", spec.set)
     if spec.folders is not None:
-        members = [_member(own, folder, spec.set) for own, folder in _folders(spec.folders, path.parent)]
-        if not members:
-            raise StudyError(f"{path}: no folder is like {spec.folders} (below {path.parent}); correct the pattern")
-        yield from members
+        for own, folder in _folders(spec.folders, path.parent):
+            yield _member(own, folder, spec.set)
 
 
 def _member(own: MemberSpec, folder: str, shared: Mapping[str, Any]) -> Member:
@@ -109,7 +108,7 @@ def _rows(path: Path) -> Iterator[MemberSpec]:
                 except ValueError as error:
                     raise StudyError(f"{path}:{rows.line_num}:1: {error}") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise StudyError(f"{path}: cannot be read as a table ({error})") from None
+        raise StudyError(f"{path}:1:1: cannot be read as a table ({error})") from None
 
 
 def _folders(pattern: str, base: Path) -> Iterator[tuple[MemberSpec, str]]:

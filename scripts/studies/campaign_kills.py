@@ -1,10 +1,11 @@
-"""Does a study lose anything that is killed at any moment, in any of its stages, and resumed?
+"""Does a command lose anything that is killed at any moment, in any of its stages, and resumed?
 
 Small studies of both kinds, an elastic joint and the friction of an axis, run from nothing or from the results of all
-stages but one. SIGINT to all processes as by Ctrl-C, SIGTERM or SIGKILL to the first one, at a moment drawn over the
-length of an undisturbed run, that is also while Python and its libraries load. Then the same command again. Asserted of
-every kill: exit code 130, or -9, no traceback, and no process left; of every resume: exit code 0 and a folder with the
-same bytes as that of the undisturbed run, but for run.log. Full size: 200 kills.
+stages but one; of the joint also a fleet, a live session, and a map, a move and the margins of its loops. SIGINT to all
+processes as by Ctrl-C, SIGTERM or SIGKILL to the first one, at a moment drawn over the length of an undisturbed run,
+that is also while Python and its libraries load. Then the same command again. Asserted of every kill: exit code 130, or
+-9, no traceback, and no process left; of every resume: exit code 0 and a folder with the same bytes as that of the
+undisturbed run, but for run.log. Full size: 200 kills.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ bodies:
         spring: {stiffness: 50, damping: 0.01}
         limits: {angle: [-90 deg, 90 deg]}
     inertia: 1e-3
+frames: [{name: tool, body: load, placement: {xyz: [0.2, 0, 0]}}]
 """
 STUDY = """\
 name: joint
@@ -59,6 +61,20 @@ FEW_PASSES = (
     "friction.law={stribeck: no, directions: no, load: no, temperature: no}",
     "report.formats=[]",
 )
+FLEET = """\
+name: joints
+study: study.yml
+members:
+  - {robot: "r ä", date: "2026-01-31", set: {seed: 1}}
+  - {robot: "2 [b]", date: "2026-01-31", set: {seed: 2}}
+"""
+MOVE = "1 deg\n-20\n35\n"
+BEGINNING = (("fleet", "fleet.yml"), ("live", "study.yml", "--goal", "k_1: 1 %", "--simulate"))
+FROM_A_FIT = (
+    ("map", "study.yml", "--random", "40"),
+    ("tune", "study.yml", "--path", "move.csv", "--time", "1"),
+    ("loops", "study.yml", "--draws", "20"),
+)
 WHOLE = "all stages"
 CODES = {signal.SIGINT: (130,), signal.SIGTERM: (130,), signal.SIGKILL: (-9,)}
 # Of a signal that finds Python before its own first instruction for it; no code of elastid runs by then.
@@ -69,27 +85,33 @@ PATIENCE_S = 20.0
 
 @dataclass
 class Kind:
-    """A kind of study: its folder with an undisturbed run in it, and how long the stages take, each alone."""
+    """A command and the folder of its file, with an undisturbed result, and how long its stages take, each alone.
+
+    words: command, file and options.  base: a finished run from which the command starts, None for an empty folder.
+    """
 
     folder: Path
-    options: tuple[str, ...]
+    words: tuple[str, ...]
     stages: dict[str, Stage]
+    base: Path | None = None
     lengths_s: dict[str, float] = field(default_factory=dict)
 
     def command(self, run: Path, jobs: int) -> list[str]:
-        """`elastid run` of the study into a folder."""
-        words = [word for option in self.options for word in ("--set", option)]
-        study = str(self.folder / "study.yml")
-        return [sys.executable, "-m", "elastid", "run", study, "--run", str(run), "--jobs", str(jobs), "-q", *words]
+        """The command into a folder."""
+        name, *rest = self.words
+        placed = [str(self.folder / word) if (self.folder / word).is_file() else word for word in rest]
+        return [sys.executable, "-m", "elastid", name, *placed, "--run", str(run), "--jobs", str(jobs), "-q"]
 
     @property
     def undisturbed(self) -> Path:
         """The folder that every other one must be like."""
-        return self.folder / "undisturbed"
+        return self.folder / f"undisturbed_{self.words[0]}"
 
     def begun(self, what: str, run: Path) -> None:
         """A folder in which one stage is missing, or all."""
         shutil.rmtree(run, ignore_errors=True)
+        if what == WHOLE and self.base is not None:
+            shutil.copytree(self.base, run)
         if what != WHOLE:
             shutil.copytree(self.undisturbed, run)
             for name in self.stages[what].leaves:
@@ -108,15 +130,20 @@ class Kind:
 
 
 def kinds(folder: Path) -> dict[str, Kind]:
-    """Both kinds of study, each run once."""
+    """The commands, each run once; those that use a fit start from the joint's."""
     joint, axis = folder / "joint", folder / "axis"
     joint.mkdir()
-    (joint / "robot.yml").write_text(ROBOT, encoding="utf-8")
-    (joint / "study.yml").write_text(STUDY, encoding="utf-8")
+    for name, text in (("robot.yml", ROBOT), ("study.yml", STUDY), ("fleet.yml", FLEET), ("move.csv", MOVE)):
+        (joint / name).write_text(text, encoding="utf-8")
     scaffold.new(axis, "friction")
     of_axis = {name: stage for name, stage in stages_of(FRICTION).items() if not stage.needs}
-    found = {"elastic": Kind(joint, (), stages_of(SIMULATED)), "friction": Kind(axis, FEW_PASSES, of_axis)}
+    few = tuple(word for option in FEW_PASSES for word in ("--set", option))
+    elastic = Kind(joint, ("run", "study.yml"), stages_of(SIMULATED))
+    found = {"elastic": elastic, "friction": Kind(axis, ("run", "study.yml", *few), of_axis)}
+    found |= {words[0]: Kind(joint, words, {}) for words in BEGINNING}
+    found |= {words[0]: Kind(joint, words, {}, elastic.undisturbed) for words in FROM_A_FIT}
     for kind in found.values():
+        kind.begun(WHOLE, kind.undisturbed)
         began = time.perf_counter()
         subprocess.run(kind.command(kind.undisturbed, 1), check=True, capture_output=True)
         kind.lengths_s[WHOLE] = time.perf_counter() - began

@@ -2,10 +2,11 @@
 
     python scripts/studies/campaign_studies.py [--quick] [--mutants 100000] [--seed 0] [--jobs 1]
 
-Mutants of all shipped studies, templates and robots: characters, lines and numbers exchanged, removed, repeated and
-put instead of others; tags, anchors, aliases, escapes, huge and odd numbers, deep nesting, bytes that are not
-UTF-8. Each is read and checked as `elastid check` does. It is taken, or refused with file, line and column; anything
-else, and anything above 10 s, is a finding and fails the campaign. The last line is one JSON object.
+Mutants of all shipped studies, templates and robots, and of fleets by members and by a table: characters, lines and
+numbers exchanged, removed, repeated and put instead of others; tags, anchors, aliases, escapes, huge and odd numbers,
+deep nesting, bytes that are not UTF-8. Each is read and checked as `elastid check` does. It is taken, or refused with
+file, line and column; anything else, and anything above 10 s, is a finding and fails the campaign. The last line is one
+JSON object.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from random import Random
 from elastid.base.errors import ElastidError
 from elastid.base.execution import ordered
 from elastid.study import load
+from elastid.study.fleet import load_fleet
 
 ROOT = Path(__file__).resolve().parents[2]
 MAX_S = 10.0
@@ -49,8 +51,19 @@ class Seed:
     texts: tuple[str, ...]
 
 
-def seeds() -> tuple[Seed, ...]:
-    """All studies that are shipped, each with its robot's file."""
+FLEETS = {
+    "study.yml": "name: line\n",
+    "fleet.yml": "name: line\nstudy: study.yml\nfalse_discovery_rate: 0.05\nset: {fit.starts: 3}\nmembers:\n"
+    "  - {robot: r ä, date: '2026-01-31', set: {seed: 1}}\n  - {robot: '2 [b]', date: '2026-02-28'}\n",
+    "fleet_by_table.yml": "name: line\nstudy: study.yml\ntable: members.csv\n",
+    "members.csv": "robot,date,seed\nr1,2026-01-31,1\nr2,2026-01-31,2\n",
+}
+
+
+def seeds(folder: Path) -> tuple[Seed, ...]:
+    """All studies that are shipped, each with its robot's file; and a fleet, which is written into a folder."""
+    for name, text in FLEETS.items():
+        (folder / name).write_text(text, encoding="utf-8")
     templates = Path(str(files("elastid") / "app" / "templates"))
     found = []
     for study in sorted([*templates.rglob("*.yml"), *(ROOT / "configs").rglob("*.yml")]):
@@ -60,7 +73,8 @@ def seeds() -> tuple[Seed, ...]:
         robot = re.search(r"^robot: *(\S+\.yml)", text, re.MULTILINE)
         there = robot is not None and (study.parent / robot[1]).is_file()
         found.append(Seed(study.parent, study.name, (study.name, robot[1]) if there and robot else (study.name,)))
-    return tuple(found)
+    by_table = Seed(folder, "fleet_by_table.yml", ("fleet_by_table.yml", "members.csv", "study.yml"))
+    return (*found, Seed(folder, "fleet.yml", ("fleet.yml", "study.yml")), by_table)
 
 
 def mutated(text: str, random: Random) -> bytes:
@@ -138,11 +152,12 @@ def judged(number: int, seed: int, chosen: tuple[Seed, ...]) -> tuple[str, str]:
         for each in source.texts:
             (folder / each).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source.folder / each, folder / each)
-        damaged = folder / random.choice(source.texts)
+        is_fleet = source.study.startswith("fleet")
+        damaged = folder / random.choice(source.texts[:-1] if is_fleet else source.texts)
         damaged.write_bytes(mutated(damaged.read_text(encoding="utf-8"), random))
         began = time.process_time()
         try:
-            load(folder / source.study)
+            (load_fleet if is_fleet else load)(folder / source.study)
         except ElastidError as error:
             word, wrong = "refused", _faults(str(error), folder)
         except Exception as error:
@@ -173,12 +188,14 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     count = 200 if given.quick else given.mutants
-    found = ordered(partial(judged, seed=given.seed, chosen=seeds()), range(count), given.jobs)
+    with tempfile.TemporaryDirectory() as folder:
+        chosen = seeds(Path(folder))
+        found = ordered(partial(judged, seed=given.seed, chosen=chosen), range(count), given.jobs)
     ended = Counter(word for word, _ in found)
     findings = [wrong for _, wrong in found if wrong]
     for each in findings[:40]:
         print(each)
-    print(f"{count} mutants of {len(seeds())} studies: {dict(ended)}, {len(findings)} findings")
+    print(f"{count} mutants of {len(set(chosen))} studies: {dict(ended)}, {len(findings)} findings")
     print(json.dumps({"mutants": count, "ended": dict(ended), "findings": len(findings)}))
     assert not findings
     assert ended["refused"] > count / 4

@@ -160,11 +160,17 @@ def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFi
             "one of members, table",
         ),
         ("name: f\nstudy: study.yml\nmembers: [{robot: a, date: 2026-01-01, set: {nothing: 1}}]\n", "nothing"),
-        ("name: f\nstudy: study.yml\ntable: t.csv\n", "cannot be read as a table"),
-        ("name: f\nstudy: study.yml\ntable: empty.csv\n", "empty.csv: there are no members; give a row for each"),
-        ("name: f\nstudy: study.yml\ntable: twice.csv\n", "my_arm on 2026-01-01 is given twice"),
+        ("name: f\nstudy: study.yml\ntable: t.csv\n", "fleet.yml:3:8: table: no such file"),
+        (
+            "name: f\nstudy: study.yml\ntable: empty.csv\n",
+            "fleet.yml:3:8: table: there are no members; give a row for each",
+        ),
+        ("name: f\nstudy: study.yml\ntable: twice.csv\n", "fleet.yml:3:8: table: my_arm on 2026-01-01 is given twice"),
         ("name: f\nstudy: study.yml\ntable: wrong.csv\n", "c on 2026-01-01: "),
-        ("name: f\nstudy: study.yml\nfolders: logs/{robot}/{date}\n", "no folder is like logs/{robot}/{date}"),
+        (
+            "name: f\nstudy: study.yml\nfolders: logs/{robot}/{date}\n",
+            "fleet.yml:3:10: folders: no folder is like that",
+        ),
     ):
         path.write_text(text)
         assert run_command(["fleet", str(path)]) == 2, text

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pytest
 from conftest import TINY_ROBOT, TINY_STUDY
 
 from elastid.app import cli
@@ -146,6 +147,22 @@ def logs_without_their_option(desk: Desk) -> None:
 
 @case("app/run.py", "elastid ‹› ‹›", slow=True)
 @case("store/artefacts.py", "elastid ‹› STUDY", "elastid inspect ‹›", slow=True)
+@case("app/cli.py", "--run")
+def folder_of_others(desk: Desk) -> None:
+    """One that the system refuses to make, whoever runs the tests."""
+    study, mkdir = desk.write(study=TINY_STUDY, robot=TINY_ROBOT), Path.mkdir
+
+    def guarded(folder: Path, *rest: int, **options: bool) -> None:
+        if "locked" in folder.parts:
+            raise PermissionError(13, "Permission denied", str(folder))
+        mkdir(folder, *rest, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "mkdir", guarded)
+        option = rendered("--run", desk.elastid("design", study, "--run", str(desk.folder / "locked")))
+        assert desk.elastid("design", study, option, str(desk.folder / "own")) == ""
+
+
 @case("report/overview.py", "elastid export STUDY --run FOLDER --to ‹›", slow=True)
 def stages_of_a_run(desk: Desk) -> None:
     """A stage before its time, a file of an older version, one of another kind, and the exports that the page names."""

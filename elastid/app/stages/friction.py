@@ -213,11 +213,12 @@ def conclude(run: Run) -> None:
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
             joints = f"joint{'s' if len(refusal.joints) > 1 else ''} {', '.join(refusal.joints)}"
-            run.console.say(f"{joints}: no {refusal.part}: {refusal.reason}")
+            run.console.detail(f"{joints}: no {refusal.part}: {refusal.reason}")
+    for question, sentences in FrictionContent(run.study.name, result, "", {}).short_questions:
+        run.console.say(f"{question} {' '.join(sentences)}")
     leaves = (*run.stages["report"].leaves, *run.stages["friction"].leaves[1:])
-    for path in (run.folder / name for name in leaves):
-        if path.exists():
-            run.console.say(str(path))
+    files = [run.folder / name for name in leaves]
+    run.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
     missing = [f"joint {each.joint}: {part_words(held)}" for each in result.joints for held in each.missing]
     if result.status == "failed":
         raise FitError(f"no friction was identified: {result.message}; the notes above say why")

@@ -121,6 +121,7 @@ def report_responses(
     from elastid.export.csv import write_modes_csv
     from elastid.modal.estimate import modes_of_responses
     from elastid.report.content import ResponsesContent
+    from elastid.report.overview import questions_of_responses
     from elastid.report.page.page import write_page_of_responses
 
     responses, friction = read_responses(estimate_file), read_friction(estimate_file)
@@ -136,6 +137,7 @@ def report_responses(
         words = f"modes at {frequencies} {own.frequency_unit}" if frequencies else "no mode"
         lines.append(f"report: {own.configuration}: {words}")
         lines += [f"report: {own.configuration}: {note.text}" for note in own.notes]
+    lines += [f"{question} {' '.join(sentences)}" for question, sentences in questions_of_responses(content)]
     tables: dict[str, Write] = {
         "modes.csv": lambda path, stamp: write_modes_csv(path, modes),
         "modes.h5": lambda path, stamp: write_modes(path, modes, stamp),

@@ -272,8 +272,25 @@ class FleetContent:
     def verdict(self) -> str:
         """The findings in a sentence."""
         robots = len({outcome.robot for outcome in self.outcomes})
-        done = sum(not outcome.failed for outcome in self.outcomes)
+        done = len(self.outcomes) - self.n_failed
         return f"{robots} robots, {done} of {len(self.outcomes)} measurements identified: {self._found}"
+
+    @property
+    def n_failed(self) -> int:
+        """Measurements that were not identified."""
+        return sum(outcome.failed for outcome in self.outcomes)
+
+    @property
+    def headline(self) -> tuple[str, str]:
+        """The verdict in a word, and what it counts."""
+        found = {finding.robot for finding in self.findings}
+        robots = len({outcome.robot for outcome in self.outcomes})
+        if found:
+            count = f"{len(self.findings)} finding{'s' if len(self.findings) > 1 else ''}"
+            return "CHANGED", f"{count} in {len(found)} of {robots} robots"
+        if self.n_failed:
+            return "FAILED", f"{self.n_failed} of {len(self.outcomes)} measurements; the others are alike"
+        return "ALIKE", f"no parameter of {robots} robots differs or drifts beyond what is natural"
 
     @property
     def _found(self) -> str:

@@ -64,6 +64,17 @@ def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path, monkeypatch
     assert {"value", "std", "interval95", "unit", "learnt_from", "truth"} <= set(summary["parameters"]["Fc_m1"])
 
 
+def test_a_study_of_friction_ends_with_three_answers(finished: Path) -> None:
+    """And where it is; what the data cannot show is a detail, for the page and `-v`."""
+    lines = (finished / "run" / "run.log").read_text(encoding="utf-8").splitlines()
+    said = [line.partition(" INFO    ")[2] for line in lines if " INFO " in line]
+    ending = said[next(i for i, line in enumerate(said) if line.startswith("Are the numbers good?")) :]
+    assert [line.partition("?")[0] for line in ending[1:3]] == ["Where does it fail, and why", "What next"]
+    assert "report.html" in ending[3]
+    assert len(ending) <= 12
+    assert any("DEBUG" in line and "joint 1: no exponent of the Stribeck curve: " in line for line in lines)
+
+
 def test_another_law_measures_nothing_again(finished: Path) -> None:
     """The law is read by friction and the stages after it, and by the advice of the design; loads by all."""
     other = run_of(finished, *SMALL, "friction.law.quadratic=yes")

@@ -51,6 +51,16 @@ KINDS = (
 )
 
 
+def test_a_study_of_responses_ends_with_three_answers(bench: Path) -> None:
+    """And the path of the page."""
+    lines = (bench / "run" / "run.log").read_text(encoding="utf-8").splitlines()
+    ending = lines[next(i for i, line in enumerate(lines) if "Are the responses good? Noise is" in line) :]
+    assert "Which modes are there? bench: 3 modes from 11.13 to 41.71 Hz." in ending[1]
+    assert "What next? The damping at 11.13 Hz is known least" in ending[2]
+    assert "report.html" in ending[3]
+    assert len(ending) <= 12
+
+
 def test_the_page_shows_responses_and_modes_and_no_fit(bench: Path) -> None:
     page = (bench / "run" / "report.html").read_text(encoding="utf-8")
     assert "Frequency responses" in page
