@@ -17,7 +17,7 @@ from elastid.frf.spectra import RecordSpectra, period_spectra, single_logs
 from elastid.nonlinear.motion import Motion, motion_of
 from elastid.nonlinear.reconstruct import other_images, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape, amplitudes, spectrum
+from elastid.nonlinear.shapes import Shape, amplitudes, friction_moments
 from elastid.record import Record
 
 _MIN_SINGULAR = 1e-9  # of the torques, over the largest singular value
@@ -166,7 +166,7 @@ def _with_motions(
     motions = {place: sharp_motion(record, place, friction) for place in places}
     y = record.y.copy()
     for place, motion in motions.items():
-        torque = spectrum(record, motion, friction.taken_shapes(place))
+        torque = friction_moments(record, motion, friction.taken_shapes(place))
         y[:, record.outputs.index(place)] += other_images(record, place, torque, friction)
     return RecordSpectra(replace(record, y=y)), motions
 

@@ -24,7 +24,7 @@ from elastid.nonlinear.choice import LIMITS
 from elastid.nonlinear.places import on_links, on_shafts
 from elastid.nonlinear.reconstruct import as_held, other_images, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import spectrum
+from elastid.nonlinear.shapes import friction_moments
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import Record
 from elastid.response import FrequencyResponse
@@ -136,7 +136,7 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
     record = over_whole_periods(record)
     u, y = record.u.copy(), record.y.copy()
     for place in friction.taken_places():
-        torque = spectrum(record, sharp_motion(record, place, friction), friction.taken_shapes(place))
+        torque = friction_moments(record, sharp_motion(record, place, friction), friction.taken_shapes(place))
         u[:, record.inputs.index(place)] -= as_held(torque, record, place)
         y[:, record.outputs.index(place)] += other_images(record, place, torque, friction)
     return replace(record, u=u, y=y)
