@@ -365,23 +365,26 @@ def over_whole_periods(record: Record) -> Record:
     return replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
 
 
-def other_images(record: Record, place: str, torque: Moments, friction: FrictionTakenOut) -> FloatArray:
-    """Addition to a motor's samples (n,) that makes their images those of its net torque, 0 where it has none.
+def net_samples(
+    record: Record, place: str, motion: Motion, friction: FrictionTakenOut, hold: ComplexArray
+) -> tuple[FloatArray, FloatArray]:
+    """A motor's friction as a torque that is held as u is, and what makes its samples' images those of the net torque.
 
-    torque: its friction along the sharp motion.
+    Each (n,), along the sharp motion; the second is 0 where a motor shows no images.  hold (n // 2 + 1, n_u): that of
+    the record (`hold_of`).
     """
-    n = whole_samples(record)
+    n, torque = whole_samples(record), friction_moments(record, motion, friction.taken_shapes(place))
+    low, H = torque.spectrum(n // 2 + 1), hold[:, record.inputs.index(place)]
+    # Near a zero of the hold the torque's samples do not determine the torque.
+    held = irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
     accelerance = friction.accelerance[friction.places.index(place)]
     if accelerance == 0 or not shows_images(record, place):
-        return np.zeros(n)
-    above = torque.images(2) - Moments.held(as_held(torque, record, place)).images(2)
-    return np.asarray(irfft(accelerance / record.rate_hz**2 * above, n))
+        return held, np.zeros(n)
+    above = torque.images(2) - Moments.held(held).images(2)
+    return held, irfft(accelerance / record.rate_hz**2 * above, n)
 
 
-def as_held(torque: Moments, record: Record, place: str) -> FloatArray:
-    """Samples (n,) of a torque that is held as u is, of the spectrum that `torque` has below half the rate."""
+def hold_of(record: Record) -> ComplexArray:
+    """H (n // 2 + 1, n_u) of the torques at the lines of all whole periods."""
     n = whole_samples(record)
-    low = torque.spectrum(n // 2 + 1)
-    H = record.hold_response(line_frequencies(np.arange(len(low)), record.rate_hz, n))[:, record.inputs.index(place)]
-    # Near a zero of the hold the torque's samples do not determine the torque.
-    return np.asarray(irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n))
+    return record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))

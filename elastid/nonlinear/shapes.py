@@ -132,7 +132,7 @@ def friction_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, 
 
 def reach(taken: Sequence[tuple[Shape, float]]) -> float:
     """The speed beyond which memoryless shapes are 1 or 0, to 1e-4."""
-    return max((5.0 if shape.kind == "sign" else 3.5) * shape.threshold for shape, _ in taken)
+    return max(((5.0 if shape.kind == "sign" else 3.5) * shape.threshold for shape, _ in taken), default=0.0)
 
 
 def steady(velocity: FloatArray, taken: Sequence[tuple[Shape, float]]) -> FloatArray:

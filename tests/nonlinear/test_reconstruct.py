@@ -140,6 +140,25 @@ def test_the_net_record_is_that_of_a_held_torque_without_friction() -> None:
     assert np.linalg.norm(expected - mended) < 0.01 * of_friction
 
 
+def test_friction_of_level_0_leaves_the_torque() -> None:
+    """A shape that fits nearly as well as others, but was not taken out."""
+    record, _ = simulated()
+    net = net_record(record, replace(friction_of(1 / J), levels=np.zeros(1)))
+    np.testing.assert_array_equal(net.u, record.u)
+    np.testing.assert_array_equal(net.y, record.y)
+
+
+def test_bristles_are_followed_in_all_samples() -> None:
+    """Reversals under a bristle that hardly bends are found, to a third of what they are late by the samples alone."""
+    record, _ = simulated()
+    bristle = replace(friction_of(1 / J), shapes=(Shape("motor 1", "stop", 1e-7),))
+    late, by_samples = (
+        lateness(motion) for motion in (sharp_motion(record, "motor 1", bristle), motion_of(record, "motor 1"))
+    )
+    assert len(late) == len(by_samples)
+    assert abs(late.mean()) < by_samples.mean() / 3
+
+
 def test_the_inertia_of_a_motor_is_found_above_the_excited_lines() -> None:
     """To 1 %, from an accelerance that is 10 % off."""
     record, _ = simulated()
