@@ -85,19 +85,33 @@ class Moments:
 
     def images(self, order: int) -> ComplexArray:
         """DFT (n // 2 + 1,) of the part above half the rate of that integral, as its samples show it."""
+        # By two cells, as the spectrum: 1 / sinc^2 is 1 - s^2 / 12 in cells.
+        return self._images(order) - self._images(order - 2) / (12 * self.cells**2)
+
+    def _images(self, order: int) -> ComplexArray:
+        """As `images`, of the signal that is constant in each cell."""
         s, step = _steps(self.mu.shape[1])
-        X = list[ComplexArray]()
+        X = [self._samples()]
         for p in range(1, order + 1):
             known = self._over_sample(p)
             for i in range(1, p):
-                known += X[p - 1 - i] / math.factorial(i)
+                known += X[p - i] / math.factorial(i)
             known /= step
             # What the mean of the integral is more than that of its samples.
-            within = self._over_sample(p + 1)[0] + sum(X[p - i][0] / math.factorial(i) for i in range(2, p + 1))
+            within = self._over_sample(p + 1)[0] + sum(X[p - i + 1][0] / math.factorial(i) for i in range(2, p + 1))
             known[0] = -within
             X.append(known)
-        X[-1][1:] -= (self.of_cells / s**order)[1:]
-        return X[-1]
+        images = X[order].copy()
+        images[1:] -= (self.of_cells / s**order)[1:]
+        return images
+
+    def _samples(self) -> ComplexArray:
+        """DFT (n // 2 + 1,) of the signal at the samples, between both sides, about; without its mean."""
+        degrees = np.arange(len(self.mu))
+        before, after = degrees + 0.5, (degrees + 0.5) * (-1.0) ** degrees
+        X = (before @ self.dft) / (_steps(self.mu.shape[1])[1] + 1) + after @ self.dft
+        X[0] = 0.0
+        return np.asarray(X)
 
     def _over_sample(self, order: int) -> ComplexArray:
         """DFT (n // 2 + 1,) of the integral of (1 - tau)^(p - 1) / (p - 1)! f, without its mean, over each sample."""
