@@ -151,32 +151,34 @@ def sliding_means(velocity: FloatArray, taken: Sequence[tuple[Shape, float]]) ->
     v, points, limit = velocity.ravel(), velocity.shape[1], reach(taken)
     slow, negative = np.abs(v) <= limit, np.signbit(v)
     turning = negative[:-1] != negative[1:]
-    near = slow[:-1] | slow[1:] | turning
+    near = np.zeros(len(v), bool)
+    near[:-1] = slow[:-1] | slow[1:] | turning
     near[points - 1 :: points] = False  # from one sample to another
-    cells = np.flatnonzero(near)
-    begin, end = v[cells], v[cells + 1]
-    gradual = [(shape, level) for shape, level in taken if shape.threshold > 0]
-    bend = _second_differences(velocity).ravel()[cells]
-    means = steady(v, taken)
-    means[cells] = _gradual_means(begin, end, bend, gradual) if gradual else 0.0
+    cells, means = np.flatnonzero(near), steady(v, taken)
+    means[cells] = 0.0
+    if gradual := [(shape, level) for shape, level in taken if shape.threshold > 0]:
+        ends = near.copy()
+        ends[1:] |= near[:-1]
+        begins = np.flatnonzero(near[ends])  # of cells, among the points at their ends
+        means[cells] = _gradual_means(v[ends], begins, _second_differences(velocity).ravel()[cells], gradual)
     if jump := sum(level for shape, level in taken if shape.threshold == 0):
         turns = turning[cells]
-        means[cells[~turns]] += jump * np.sign(begin + end)[~turns]
-        cells, begin = cells[turns], begin[turns]
-        means[cells] += jump * np.sign(begin) * (2 * _reversal(v, cells, points) - 1)
+        means[cells[~turns]] += jump * np.sign(v[cells] + v[cells + 1])[~turns]
+        cells = cells[turns]
+        means[cells] += jump * np.sign(v[cells]) * (2 * _reversal(v, cells, points) - 1)
     return np.asarray(means.reshape(velocity.shape)[:, :-1])
 
 
 def _gradual_means(
-    begin: FloatArray, end: FloatArray, bend: FloatArray, taken: Sequence[tuple[Shape, float]]
+    v: FloatArray, begins: IntArray, bend: FloatArray, taken: Sequence[tuple[Shape, float]]
 ) -> FloatArray:
-    """Means (k,) of gradual friction in cells from velocity begin (k,) to end (k,), of second difference bend (k,)."""
-    g, g_end = (sum(level * shape.sliding(x) for shape, level in taken) for x in (begin, end))
-    step, first, last = end - begin, np.abs(begin), np.abs(end)
-    constant = np.abs(step) <= 1e-6 * (first + last)
+    """Means (k,) of gradual friction in cells from v (n,) at `begins` (k,) to the next, of second difference bend."""
+    g = np.asarray(sum(level * shape.sliding(v) for shape, level in taken))
+    integral = sum(level * shape.integral(np.abs(v)) for shape, level in taken)
+    step, change, of_g = (np.diff(x)[begins] for x in (v, integral, g))
+    constant = np.abs(step) <= 2e-6 * np.abs(v[begins])
     step[constant] = 1.0
-    change = sum(level * (shape.integral(last) - shape.integral(first)) for shape, level in taken)
-    return np.where(constant, g, (change - bend / 12 * (g_end - g)) / step)
+    return np.where(constant, g[begins], (change - bend / 12 * of_g) / step)
 
 
 def _reversal(v: FloatArray, cells: IntArray, points: int) -> FloatArray:
