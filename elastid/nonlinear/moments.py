@@ -32,7 +32,7 @@ DEGREES = 8
 class Moments:
     """mu (DEGREES, n), or (1, n), of a signal that repeats after n samples, constant in each of `cells` of a sample.
 
-    cells: infinite of a signal that is so in truth, and no mean of another one.
+    cells: infinite where the signal is so in truth; otherwise its values there are the means of another one.
     """
 
     mu: FloatArray
@@ -137,7 +137,7 @@ def _of_power(order: int) -> FloatArray:
     return frozen(legendre.poly2leg(powers) / math.factorial(p))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _weights(n: int, lines: int) -> ComplexArray:
     """(2 l + 1) times the transform (DEGREES, lines) of P_l over a sample, at lines of n samples, by Gauss."""
     x, w = legendre.leggauss(24)
@@ -146,13 +146,13 @@ def _weights(n: int, lines: int) -> ComplexArray:
     return frozen((turns @ of_degrees).T, np.complex128)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _of_two_cells(n: int, lines: int, cells: float) -> FloatArray:
     """sinc^2 (lines,) of a cell at lines of n samples."""
     return frozen(np.sinc(np.arange(lines) / (n * cells)) ** 2)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _steps(n: int) -> tuple[ComplexArray, ComplexArray]:
     """j omega and z - 1 (n // 2 + 1,) at lines of n samples; 1 at the first, where they are 0."""
     s = 2j * np.pi / n * np.arange(n // 2 + 1)
