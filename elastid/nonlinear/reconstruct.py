@@ -71,7 +71,7 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape, friction_means, friction_moments, reach, sliding_means, steady
 from elastid.record import Record
 
-# Cells in a sample: friction's spectrum is then off by 2e-5, of which k and d are off by 1e-3 of a standard deviation.
+# Cells in a sample: friction's spectrum is then off by 2e-5 on six axes; with 8 by 1e-4 to 2e-4.
 SHARP_CELLS = 16
 # Points of a sample at which the velocity's smooth part is known, and points before and after that of its start which a
 # polynomial joins.
