@@ -23,22 +23,22 @@ _NOISY, _NEIGHBOURS = 0.01, 9
 class Motion:
     """Velocity (n cells + 1,) of a motor on the fine grid of a record of n samples, rad/s (m/s).
 
-    angle_spectrum (n cells // 2 + 1,): DFT of the angle, as of n samples, without its start and the ramp of its gain.
-    velocity_noise: standard deviation of the noise in the velocity.  cells: of the grid in a sample.
+    start: of the angle.  velocity_noise: standard deviation of the noise in the velocity.  cells: of the grid in a
+    sample.
     """
 
     velocity: FloatArray
-    angle_spectrum: ComplexArray
     start: float
-    gain: float
+    rate_hz: float
     velocity_noise: float
     cells: int
 
     @cached_property
     def angle(self) -> FloatArray:
-        """Angle (n cells + 1,) on the fine grid, rad (m)."""
-        count = len(self.velocity) - 1
-        return _fine(self.angle_spectrum, count, self.cells) + self.start + self.gain * np.arange(count + 1) / count
+        """Angle (n cells + 1,) on the fine grid, rad (m): its steps by Hermite's rule."""
+        step, v = 1 / (self.rate_hz * self.cells), self.velocity
+        steps = step / 2 * (v[:-1] + v[1:]) - step / 12 * np.diff(np.gradient(v))
+        return np.concatenate([[self.start], self.start + np.cumsum(steps)])
 
     @property
     def swings(self) -> FloatArray:
@@ -51,22 +51,51 @@ class Motion:
         """RMS of the velocity."""
         return float(np.sqrt(np.mean(self.velocity**2)))
 
+    @cached_property
+    def by_sample(self) -> FloatArray:
+        """Velocity (n, cells + 1) in each sample, its end included; a view."""
+        return np.lib.stride_tricks.sliding_window_view(self.velocity, self.cells + 1)[:: self.cells]
 
-def motion_of(record: Record, place: str, high: ComplexArray | None = None) -> Motion:
-    """The motion of a motor over all whole periods of a record, which it need not repeat.
+    @cached_property
+    def slowest(self) -> FloatArray:
+        """Least speed (n,) in each sample, 0 where it turns back."""
+        return slowest(self.by_sample)
+
+
+def slowest(velocity: FloatArray) -> FloatArray:
+    """Least speed (m,) among the points of each row (m, n), 0 where its sign changes."""
+    least, most = velocity.min(axis=1), velocity.max(axis=1)
+    return np.asarray(np.maximum(np.maximum(least, -most), 0.0))
+
+
+def motion_of(record: Record, place: str) -> Motion:
+    """The motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
 
     Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
-    line the share of its power that is not noise.  high (n cells // 2 + 1,): DFT of the angle as the torque has it, 0
-    at lower lines, as of n samples; of the record's own what it and its images do not explain is added.
+    line the share of its power that is not noise.
     """
     n = whole_samples(record)
     order = MOTION_ORDER[record.quantities[record.outputs.index(place)]]
     Y, start, gain = own_spectrum(record, place)
-    cells = CELLS if high is None else 2 * (len(high) - 1) // n
-    fine_s = laplace(n * cells // 2 + 1, n, record.rate_hz)
-    s = fine_s[: len(Y)]
-    if high is not None:
-        Y = Y - folded(integrated(high, fine_s, -order), n)
+    kept, noise = filtered(record, Y, order)
+    s = laplace(len(Y), n, record.rate_hz)
+    velocity = integrated(kept, s, order - 1)
+    if order != 1:
+        velocity[0] = gain * record.rate_hz  # a mean velocity is the gain of the angle
+    x = np.empty(n * CELLS + 1)
+    irfft(velocity, n * CELLS, out=x[:-1])
+    x[:-1] *= CELLS
+    x[-1] = x[0]
+    return Motion(x, start, record.rate_hz, noise, CELLS)
+
+
+def filtered(record: Record, Y: ComplexArray, order: int) -> tuple[ComplexArray, float]:
+    """Of the DFT Y (n // 2 + 1,) of a motion what is not noise, and the deviation of the velocity by the noise left.
+
+    order: of the derivative of the angle that Y is.
+    """
+    n = whole_samples(record)
+    s = laplace(len(Y), n, record.rate_hz)
     power = np.abs(Y) ** 2
     band = power[int((1 - 1 / 8) * len(power)) :]  # of the highest lines, where a robot barely moves
     noise = float(np.median(band)) / np.log(2)
@@ -75,13 +104,7 @@ def motion_of(record: Record, place: str, high: ComplexArray | None = None) -> M
     kept[~of_period] = _signal_share(power[~of_period], noise)
     if _velocity_noise(kept, s, noise, n, order) > _NOISY * _rms(integrated(kept * Y, s, order - 1), n):
         kept[of_period] = _signal_share(power[of_period], noise)
-    angle = np.zeros(len(fine_s), complex) if high is None else high.copy()
-    angle[: len(s)] += integrated(kept * Y, s, order)
-    velocity = fine_s * angle
-    velocity[0] = Y[0] if order == 1 else 0.0  # a mean velocity is the gain of the angle
-    fine = _fine(velocity, n * cells, cells)
-    fine += gain * record.rate_hz / n
-    return Motion(fine, angle, start, gain, _velocity_noise(kept, s, noise, n, order), cells)
+    return kept * Y, _velocity_noise(kept, s, noise, n, order)
 
 
 def _signal_share(power: FloatArray, noise: float) -> FloatArray:
@@ -133,24 +156,6 @@ def _velocity_noise(kept: FloatArray, s: ComplexArray, noise: float, n: int, ord
 def _rms(X: ComplexArray, n: int) -> float:
     """RMS of a signal of n samples from its spectrum."""
     return float(np.sqrt(2 * np.sum(np.abs(X) ** 2)) / n)
-
-
-def _fine(X: ComplexArray, points: int, cells: int) -> FloatArray:
-    """The signal of a spectrum, as of samples, at the points of the fine grid, its first point once more at the end."""
-    x = np.empty(points + 1)
-    irfft(X, points, out=x[:-1])
-    x[:-1] *= cells
-    x[-1] = x[0]
-    return x
-
-
-def folded(X: ComplexArray, n: int) -> ComplexArray:
-    """DFT (n // 2 + 1,) of the samples of a signal of DFT X (n cells // 2 + 1,), as of n samples; cells are even."""
-    above = X[:-1].reshape(-1, n).sum(axis=0)
-    below = np.concatenate([above[:1] - X[:1], above[:0:-1]]).conj()
-    samples = (above + below)[: n // 2 + 1]
-    samples[0] += X[-1]
-    return np.asarray(samples)
 
 
 @lru_cache(maxsize=16)

@@ -11,8 +11,14 @@ frequency, and hides there where a motor turns back, while the torque is known a
 the excited lines is by the torque, too, and what the angle says beyond it is added as far as it is more than noise.
 (3e-6 rad at 500 Hz with Coulomb friction of 0.3 of the rms torque: k known four times as well.)
 
-Its samples are images in the record's y; they are taken out, and the part itself is added between the samples. phi_i
-depend on the motion; so q_high is a fixed point, which repetition alone reaches slowly, and not at all where friction
+Its samples are images in the record's y; they are taken out, and the part itself is added between the samples. So
+
+.. math:: v = a \int \tau\, dt + w, \qquad \tau = H u - \sum_i f_i \phi_i
+
+where the integral has all kinks, which are exact at the ends of cells of a sample, and w is smooth: 4 points of a
+sample give it. Only samples in which the motor may turn back are followed in cells; elsewhere friction is steady.
+
+phi_i depend on the motion; so v is a fixed point, which repetition alone reaches slowly, and not at all where friction
 is 0.3 of the torque. An error of a leaves as large a part of what is mended.
 
 The fixed point is found by Anderson's method: the next x is that combination of the last ones whose residuals F(x) - x
@@ -46,25 +52,34 @@ torques adds. Above half the rate a motor moves as an inertia, so that its sampl
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import lru_cache, partial
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
 
 import numpy as np
-from numpy.fft import fft, irfft
+from numpy.fft import irfft
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.polynomial.legendre import legvander
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.execution import Execution
 from elastid.excitation.grids import line_frequencies
-from elastid.nonlinear.motion import Motion, folded, integrated, laplace, motion_of, own_spectrum, whole_samples
+from elastid.nonlinear.moments import Moments
+from elastid.nonlinear.motion import Motion, filtered, laplace, motion_of, own_spectrum, slowest, whole_samples
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import spectrum
+from elastid.nonlinear.shapes import Shape, friction_means, friction_moments, reach, sliding_means, steady
 from elastid.record import Record
 
-# Cells in a sample: with 8 of them k and d are off by up to 2.5 standard deviations of a good measurement.
-SHARP_CELLS = 32
-# Steps on the finer cells from there: one leaves friction several times as far from where repetition ends.
-_SHARP_STEPS = 2
+# Cells in a sample: friction's spectrum is then off by 2e-5 on six axes; with 8 by 1e-4 to 2e-4.
+SHARP_CELLS = 16
+# Points of a sample at which the velocity's smooth part is known, and points before and after that of its start which a
+# polynomial joins.
+_POINTS, _BEFORE, _AFTER = 4, 4, 8
+# A velocity at the start of a sample and one that grows over it, at the ends of cells.
+_LINE = np.stack([np.ones(SHARP_CELLS + 1), np.linspace(0, 1, SHARP_CELLS + 1)])
+# Part of the first error of the velocity that is left, and steps at most.
+_TOLERANCE, _STEPS = 0.01, 12
 # Of the power of the lines that show the acceleration per torque, at most, what does not repeat: a is then off by a
 # tenth of it, times the gain of the loop there, which is below one.
 _NOISE_SHARE = 0.1
@@ -72,28 +87,173 @@ _NOISE_SHARE = 0.1
 
 def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Motion:
     """The motion of a motor under the friction that was found; as `motion_of` where its samples show no images."""
-    m = friction.places.index(place)
-    motion = motion_of(record, place)
-    if not shows_images(record, place) or friction.accelerance[m] == 0:
+    if not shows_images(record, place) or friction.accelerance[friction.places.index(place)] == 0:
+        return motion_of(record, place)
+    motor = _HeldMotor.of(record, place, friction)
+    motion = motor.motion()
+    if motor.is_complete(motion):
         return motion
-    n = whole_samples(record)
-    held = held_spectrum(record.u[:n, record.inputs.index(place)])
-    above = _receptance_above(friction, m, n, record.rate_hz)
+    return replace(motor, slow=np.arange(len(motor.u))).motion()
 
-    def part_above(motion: Motion) -> ComplexArray:
-        torque = spectrum(record, motion, friction.taken_shapes(place))
-        np.subtract(held[: len(torque)], torque, out=torque)
-        torque *= above[: len(torque)]
-        return torque
 
-    def repeated(high: ComplexArray) -> ComplexArray:
-        return part_above(motion_of(record, place, high))
+@dataclass(frozen=True, eq=False)
+class _HeldMotor:
+    """A motor in a record of n samples, moved by a held torque u (n,), and its friction; times are in samples.
 
-    # To a tenth of the first error of the part above half the rate; most motions need 5 repetitions.
-    high = fixed_point(repeated, part_above(motion), 0.1, 12)
-    coarse = np.zeros(n * SHARP_CELLS // 2 + 1, complex)
-    coarse[: len(high)] = high
-    return motion_of(record, place, fixed_point(repeated, coarse, 0.0, _SHARP_STEPS))
+    Y, start, gain: of its angle (`own_spectrum`).  a, kappa: angle per torque a / s^2 (1 - kappa / s^2) from the line
+    `first` on.  held, held_images (n // 2 + 1,): the held torque, and images of its second integral in the samples.
+    by_samples (4 n,): the velocity that the samples alone show.  slow (m,): samples in which the motor may turn back.
+    """
+
+    record: Record
+    taken: Sequence[tuple[Shape, float]]
+    u: FloatArray
+    Y: ComplexArray
+    start: float
+    gain: float
+    a: float
+    kappa: float
+    first: int
+    held: Moments
+    held_images: ComplexArray
+    by_samples: FloatArray
+    slow: IntArray
+
+    @classmethod
+    def of(cls, record: Record, place: str, friction: FrictionTakenOut) -> _HeldMotor:
+        """A motor whose acceleration per torque is known."""
+        m, n, rate_hz = friction.places.index(place), whole_samples(record), record.rate_hz
+        taken, from_hz = friction.taken_shapes(place), friction.from_hz[m]
+        Y, start, gain = own_spectrum(record, place)
+        v = _points(filtered(record, Y, 0)[0] * laplace(len(Y), n, rate_hz), n) + gain * rate_hz / n
+        a, u = float(friction.accelerance[m]) / rate_hz**2, record.u[:n, record.inputs.index(place)]
+        slow = np.arange(n)
+        if all(shape.is_memoryless for shape, _ in taken):
+            # An eighth of the change by friction and by a step of the torque over one sample.
+            margin = a * rate_hz * (sum(level for _, level in taken) + np.abs(np.diff(u)).max()) / 8
+            of_samples = sliding_window_view(np.append(v, v[0]), _POINTS + 1)[::_POINTS]
+            slow = np.flatnonzero(slowest(of_samples) <= reach(taken) + margin)
+        first = math.ceil(from_hz * n / rate_hz) if from_hz > 0 else n // 2 + 1
+        held, kappa = Moments.held(u), float(friction.stiffness[m]) / rate_hz**2
+        return cls(
+            record, taken, u, Y, start, gain, a, kappa, first, held, held.images(2), v, slow
+        )  # fmt: skip
+
+    def motion(self) -> Motion:
+        """Its motion under its friction, which is that along the motion."""
+        velocity = fixed_point(self._repeated, self._at_first, _TOLERANCE, _STEPS)
+        means, moments = self._friction(velocity)
+        smooth, noise = self._smooth(moments)
+        every = self._velocity(smooth, moments, np.arange(len(self.u)))
+        every[self.slow, 1:] += self._by_friction(means)
+        points = np.append(every[:, :-1], every[-1, -1])
+        return Motion(points, self.start, self.record.rate_hz, noise, SHARP_CELLS)
+
+    def is_complete(self, motion: Motion) -> bool:
+        """True if a motion is slow in no sample but those that it was followed in."""
+        fast = np.ones(len(self.u), bool)
+        fast[self.slow] = False
+        return not fast.any() or float(motion.slowest[fast].min()) > reach(self.taken)
+
+    @cached_property
+    def _steady(self) -> FloatArray:
+        """Friction (n,) in the samples in which the motor is fast."""
+        return steady(self.by_samples[::_POINTS], self.taken)
+
+    @cached_property
+    def _at_first(self) -> FloatArray:
+        """Velocity (m, cells + 1) in the slow samples as the samples alone show it."""
+        return _between(self.by_samples, self.slow)
+
+    @cached_property
+    def _friction_at_first(self) -> tuple[FloatArray, Moments]:
+        """Friction along it."""
+        return self._friction(self._at_first)
+
+    @cached_property
+    def _spring_above(self) -> ComplexArray:
+        """Angle (n + 1,), from line n / 2 to 3 n / 2, by the spring: so small that friction as at first will do."""
+        n, half = len(self.u), len(self.Y)
+        lines = 3 * n // 2 + 1
+        torque = self.held.spectrum(lines) - self._friction_at_first[1].spectrum(lines)
+        return np.asarray(-self.kappa * self.a * torque[half:] / laplace(lines, n, 1.0)[half:] ** 4)
+
+    @cached_property
+    def _images_of_spring(self) -> ComplexArray:
+        """Its images (n // 2 + 1,) in the samples."""
+        n, half = len(self.u), len(self.Y)
+        lines = np.concatenate([np.zeros(half), self._spring_above])
+        return np.asarray(lines[n - half + 1 : n + 1][::-1].conj() + lines[n : n + half])
+
+    def _repeated(self, velocity: FloatArray) -> FloatArray:
+        """Velocity (m, cells + 1) in the slow samples under the friction along one."""
+        means, moments = self._friction_at_first if velocity is self._at_first else self._friction(velocity)
+        v = self._velocity(self._smooth(moments)[0], moments, self.slow)
+        v[:, 1:] += self._by_friction(means)
+        return v
+
+    def _friction(self, velocity: FloatArray) -> tuple[FloatArray, Moments]:
+        """Means (m, cells) of friction in cells of the slow samples along a velocity there, and moments of all."""
+        if all(shape.is_memoryless for shape, _ in self.taken):
+            means = sliding_means(velocity, self.taken)
+        else:
+            points = np.append(velocity[:, :-1], velocity[-1, -1])
+            motion = Motion(points, self.start, self.record.rate_hz, 0.0, SHARP_CELLS)
+            means = friction_means(self.record, motion, self.taken)
+        return means, Moments.of_steady(self._steady, self.slow, means)
+
+    def _smooth(self, friction: Moments) -> tuple[FloatArray, float]:
+        """The velocity (4 n,) without that of an inertia by the torque, and the deviation of its noise."""
+        n, first, a = len(self.u), self.first, self.a
+        s = laplace(len(self.Y), n, 1.0)[1:]
+        inertia = a / s**2 * (self.held.of_cells - friction.spectrum(len(self.Y)))[1:]
+        spring = -self.kappa * inertia[first - 1 :] / s[first - 1 :] ** 2
+        # Samples of the part above: all of the inertia's without the part below, and the spring's with its images.
+        above = a * (self.held_images - friction.images(2)) + self._images_of_spring
+        above[first:] += inertia[first - 1 :] + spring
+        rest, noise = filtered(self.record, self.Y - above, 0)
+        rest[1:first] -= inertia[: first - 1]
+        rest[first:] += spring
+        rest = np.concatenate([rest, self._spring_above])
+        rest *= laplace(len(rest), n, self.record.rate_hz)
+        rest[0] = self.gain * self.record.rate_hz
+        return _points(rest, n), noise
+
+    def _velocity(self, smooth: FloatArray, friction: Moments, samples: IntArray) -> FloatArray:
+        """Velocity (m, cells + 1) in some samples, in which friction is steady, from its smooth part."""
+        mu, size = friction.mu, self.a * self.record.rate_hz
+        torque = self.u - mu[0]
+        mean = float(np.mean(torque))
+        at_start = np.append(0.0, np.cumsum(torque[:-1] - mean))
+        at_start -= np.mean(at_start + (torque - mean + mu[1]) / 2)  # an integral without a mean
+        slope = self.u - self._steady - mean
+        lines = np.stack([size * at_start[samples], size * slope[samples]], axis=1)
+        return _between(smooth, samples) + lines @ _LINE
+
+    def _by_friction(self, means: FloatArray) -> FloatArray:
+        """Velocity (m, cells) at the ends of the cells of slow samples, by friction that is not steady."""
+        size = self.a * self.record.rate_hz / SHARP_CELLS
+        return np.asarray(size * np.cumsum(self._steady[self.slow, None] - means, axis=1))
+
+
+def _points(X: ComplexArray, n: int) -> FloatArray:
+    """The signal (4 n,) of a DFT, as of n samples."""
+    return irfft(X, _POINTS * n) * _POINTS
+
+
+@cache
+def _polynomials() -> FloatArray:
+    """From the points about a sample to its cells (13, cells + 1), by a polynomial through all."""
+    nodes = np.arange(-_BEFORE, _AFTER + 1) - (_AFTER - _BEFORE) / 2
+    cells = np.linspace(0, _POINTS, SHARP_CELLS + 1) - (_AFTER - _BEFORE) / 2
+    size, degree = float(nodes[-1]), len(nodes) - 1
+    return np.asarray(np.linalg.solve(legvander(nodes / size, degree).T, legvander(cells / size, degree).T))
+
+
+def _between(points: FloatArray, samples: IntArray) -> FloatArray:
+    """The signal (m, cells + 1) in some samples from its points (4 n,)."""
+    around = np.concatenate([points[-_BEFORE:], points, points[: _AFTER + 1 - _POINTS]])
+    return np.asarray(sliding_window_view(around, _BEFORE + _AFTER + 1)[::_POINTS][samples] @ _polynomials())
 
 
 def shows_images(record: Record, place: str) -> bool:
@@ -104,50 +264,12 @@ def shows_images(record: Record, place: str) -> bool:
     return images.rates_hz[record.inputs.index(place)] > 0 and images.sampled[record.outputs.index(place)]
 
 
-def held_spectrum(samples: FloatArray) -> ComplexArray:
-    """DFT (n SHARP_CELLS // 2 + 1,), as of n samples, of a torque held for one sample each; samples (n,) repeat."""
-    hold = _hold(len(samples))
-    return np.asarray(np.resize(fft(samples), len(hold)) * hold)
-
-
-@lru_cache(maxsize=4)
-def _hold(n: int) -> ComplexArray:
-    """H = (1 - e^{-j theta}) / (j theta), theta = 2 pi k / n, of lines k = 0 ... n SHARP_CELLS / 2.
-
-    Its numerator repeats with the DFT, so that it is exactly 0 at multiples of the rate.
-    """
-    H = np.resize(1 - np.exp(-2j * np.pi * np.arange(n) / n), n * SHARP_CELLS // 2 + 1)
-    H[1:] *= -1j * n / (2 * np.pi) / np.arange(1, len(H))
-    H[0] = 1
-    return frozen(H, np.complex128)
-
-
-def _receptance_above(friction: FrictionTakenOut, motor: int, n: int, rate_hz: float) -> FloatArray:
-    """Angle per torque (n SHARP_CELLS // 2 + 1,) at lines of n samples; 0 at those where it is not known."""
-    from_hz = friction.from_hz[motor]
-    first = int(np.ceil(from_hz * n / rate_hz)) if from_hz > 0 else n // 2 + 1
-    values = np.zeros(n * SHARP_CELLS // 2 + 1)
-    omega_squared = laplace(len(values), n, rate_hz)[first:].imag ** 2
-    values[first:] = -friction.accelerance[motor] / omega_squared * (1 + friction.stiffness[motor] / omega_squared)
-    return values
-
-
-@lru_cache(maxsize=4)
-def twice_above(lines: int, n: int, rate_hz: float) -> FloatArray:
-    """1 / s^2 (lines,) of lines of n samples, above half the rate, 0 at all lower ones."""
-    values = np.zeros(lines)
-    values[n // 2 + 1 :] = 1 / (laplace(lines, n, rate_hz)[n // 2 + 1 :] ** 2).real
-    return frozen(values)
-
-
-def fixed_point(
-    F: Callable[[ComplexArray], ComplexArray], x: ComplexArray, tolerance: float, limit: int
-) -> ComplexArray:
-    """x (n,) one step beyond that whose |F(x) - x| is below `tolerance` of the first one, or after `limit` steps."""
+def fixed_point(F: Callable[[FloatArray], FloatArray], x: FloatArray, tolerance: float, limit: int) -> FloatArray:
+    """x one step beyond that whose |F(x) - x| is below `tolerance` of the first one, or after `limit` steps."""
     mapped = F(x)
     residual = mapped - x
     first = float(np.linalg.norm(residual))
-    of_mapped, of_residual = list[ComplexArray](), list[ComplexArray]()
+    of_mapped, of_residual = list[FloatArray](), list[FloatArray]()
     for _ in range(limit - 1):
         if np.linalg.norm(residual) <= tolerance * first:
             break
@@ -161,16 +283,18 @@ def fixed_point(
 
 
 def _combined(
-    mapped: ComplexArray, residual: ComplexArray, of_mapped: list[ComplexArray], of_residual: list[ComplexArray]
-) -> ComplexArray:
-    """The next x (n,) from the last F(x) and its residual, and the steps of both before, oldest first."""
+    mapped: FloatArray, residual: FloatArray, of_mapped: list[FloatArray], of_residual: list[FloatArray]
+) -> FloatArray:
+    """The next x from the last F(x) and its residual, and the steps of both before, oldest first."""
     if not of_residual:
         return mapped
-    A = np.array([[np.vdot(a, b).real for b in of_residual] for a in of_residual])
-    pull = np.array([np.vdot(a, residual).real for a in of_residual])
+    A = np.array([[np.vdot(a, b) for b in of_residual] for a in of_residual])
+    pull = np.array([np.vdot(a, residual) for a in of_residual])
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     gamma = np.linalg.lstsq(A / np.outer(size, size), pull / size, rcond=1e-12)[0] / size
-    return np.asarray(mapped - sum(g * step for g, step in zip(gamma, of_mapped, strict=True)))
+    for g, step in zip(gamma, of_mapped, strict=True):
+        mapped = mapped - g * step
+    return mapped
 
 
 def with_inertial_accelerance(
@@ -225,13 +349,13 @@ def _equations(
     other = every[above & (every % repeats != 0)] if repeats > 1 else every[-len(every) // 8 :]
     equations = []
     for place in places:
-        torque = held_spectrum(record.u[:n, record.inputs.index(place)])
-        torque -= spectrum(record, sharp_motion(record, place, friction), friction.taken_shapes(place))
-        s = laplace(len(torque), n, rate_hz)
-        inertia = integrated(torque, s, 2)
-        spring = integrated(inertia, s / (2 * np.pi * lowest), 2)
+        motion = sharp_motion(record, place, friction)
+        braking = friction_moments(record, motion, friction.taken_shapes(place))
+        held = Moments.held(record.u[:n, record.inputs.index(place)])
+        inertia, spring = held.integral(2) - braking.integral(2), held.integral(4) - braking.integral(4)
+        X = np.stack([inertia, spring * (2 * np.pi * lowest / rate_hz) ** 2])[:, lines]
         Y, _, _ = own_spectrum(record, place)
-        equations.append((np.array([folded(inertia, n)[lines], folded(spring, n)[lines]]), Y[lines], Y[other]))
+        equations.append((np.asarray(X / rate_hz**2), Y[lines], Y[other]))
     return equations
 
 
@@ -241,24 +365,26 @@ def over_whole_periods(record: Record) -> Record:
     return replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
 
 
-def other_images(record: Record, place: str, torque: ComplexArray, friction: FrictionTakenOut) -> FloatArray:
-    """Addition to a motor's samples (n,) that makes their images those of its net torque, 0 where it has none.
+def net_samples(
+    record: Record, place: str, motion: Motion, friction: FrictionTakenOut, hold: ComplexArray
+) -> tuple[FloatArray, FloatArray]:
+    """A motor's friction as a torque that is held as u is, and what makes its samples' images those of the net torque.
 
-    torque (n cells // 2 + 1,): DFT, as of n samples, of its friction along the sharp motion.
+    Each (n,), along the sharp motion; the second is 0 where a motor shows no images.  hold (n // 2 + 1, n_u): that of
+    the record (`hold_of`).
     """
-    n = whole_samples(record)
+    n, torque = whole_samples(record), friction_moments(record, motion, friction.taken_shapes(place))
+    low, H = torque.spectrum(n // 2 + 1), hold[:, record.inputs.index(place)]
+    # Near a zero of the hold the torque's samples do not determine the torque.
+    held = irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
     accelerance = friction.accelerance[friction.places.index(place)]
     if accelerance == 0 or not shows_images(record, place):
-        return np.zeros(n)
-    above = (torque - held_spectrum(as_held(torque, record, place))) * twice_above(len(torque), n, record.rate_hz)
-    return np.asarray(irfft(folded(accelerance * above, n), n))
+        return held, np.zeros(n)
+    above = torque.images(2) - Moments.held(held).images(2)
+    return held, irfft(accelerance / record.rate_hz**2 * above, n)
 
 
-def as_held(torque: ComplexArray, record: Record, place: str) -> FloatArray:
-    """Samples (n,) of a torque that is held as u is, of the spectrum that `torque` has below half the rate."""
+def hold_of(record: Record) -> ComplexArray:
+    """H (n // 2 + 1, n_u) of the torques at the lines of all whole periods."""
     n = whole_samples(record)
-    lines = np.arange(n // 2 + 1)
-    H = record.hold_response(line_frequencies(lines, record.rate_hz, n))[:, record.inputs.index(place)]
-    low = torque[: len(lines)]
-    # Near a zero of the hold the torque's samples do not determine the torque.
-    return np.asarray(irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n))
+    return record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))

@@ -11,17 +11,16 @@ of a stribeck shape is F_s - F_c, the torque by which slow motion has more frict
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.fft import rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, labelled
 from elastid.friction.operators import Path, bristle, stop
-from elastid.nonlinear.motion import Motion, laplace, whole_samples
+from elastid.nonlinear.moments import Moments
+from elastid.nonlinear.motion import Motion, whole_samples
 from elastid.record import Record
 
 Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "stop rate", "bristle rate"]
@@ -46,6 +45,11 @@ class Shape:
         """The shape in fast steady sliding: 1 if its level is a part of F_c, else 0."""
         return float(self.kind != "stribeck" and not self.is_rate)
 
+    @property
+    def is_memoryless(self) -> bool:
+        """True if it depends on the velocity alone."""
+        return self.kind in ("sign", "stribeck")
+
     def reversal(self, distance: FloatArray) -> FloatArray:
         """The shape (n,) at `distance` (n,) after a reversal out of fast steady sliding: from -1 to 1."""
         if not self.when_fast:
@@ -64,139 +68,153 @@ class Shape:
         gradual = self.kind == "sign" and self.threshold > 0
         return np.asarray(np.tanh(velocity / self.threshold) if gradual else np.sign(velocity))
 
+    def integral(self, speed: FloatArray) -> FloatArray:
+        """The integral (n,) over velocity of a sign or Stribeck curve in steady sliding, up to speeds (n,)."""
+        if self.kind == "stribeck":
+            from scipy.special import erf
+
+            return np.asarray(self.threshold * np.sqrt(np.pi) / 2 * erf(speed / self.threshold))
+        gradual = self.threshold * np.log1p(np.exp(speed * (-2 / self.threshold))) if self.threshold > 0 else 0.0
+        return np.asarray(speed + gradual)
+
 
 def amplitudes(
     record: Record, motion: Motion, shapes: Sequence[Shape], periods: IntArray, lines: IntArray
 ) -> ComplexArray:
     """Amplitudes (n_f, F) of the shapes of a motor at lines (F,), in the mean over some repetitions of a record."""
-    L, n = record.repeat_samples * motion.cells, record.period_samples * motion.cells
-    dft = np.zeros((len(shapes), len(lines)), complex)
-    for shape, of_shape, means in zip(shapes, dft, _cell_means(record, motion, shapes), strict=True):
-        repetitions = means.reshape(-1, L)[periods]
-        mean = ((-1.0) ** periods @ repetitions if record.half_wave else repetitions.sum(axis=0)) / len(periods)
-        if record.half_wave:
-            mean = np.concatenate([mean, -mean])
-        of_shape[:] = rfft(mean)[lines]
-        if shape.is_rate:
-            of_shape *= 2j * np.pi * record.rate_hz / record.period_samples * shape.threshold * lines
-    return np.asarray(dft * _of_cells(n, motion.cells)[lines] * (2 / record.period_samples))
-
-
-def spectrum(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> ComplexArray:
-    """DFT (n cells // 2 + 1,), as of the n samples of whole periods, of a motor's friction: shapes, their levels."""
-    n = whole_samples(record)
-    # One transform of a sum: it costs more than a shape.
-    dft = rfft(_sum_of_cell_means(record, motion, [(shape, level) for shape, level in taken if not shape.is_rate]))
-    if rates := [(shape, level) for shape, level in taken if shape.is_rate]:
-        dft += rfft(_sum_of_cell_means(record, motion, rates)) * laplace(len(dft), n, record.rate_hz)
-    dft *= _of_cells(n * motion.cells, motion.cells)
-    return dft
-
-
-def _sum_of_cell_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> FloatArray:
-    """The mean (n cells,) in each cell of friction of some shapes; of rates, of the bristles times their thresholds."""
-    signs = [(shape.threshold, level) for shape, level in taken if shape.kind == "sign"]
-    total = sum_of_mean_signs(motion.velocity, signs) if signs else np.zeros(len(motion.velocity) - 1)
-    bent = [
-        (shape, level * (shape.threshold if shape.is_rate else 1.0)) for shape, level in taken if shape.kind != "sign"
-    ]
-    for (_, level), means in zip(bent, _cell_means(record, motion, [shape for shape, _ in bent]), strict=True):
-        total += level * means
-    return total
-
-
-def _cell_means(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
-    """The mean (n cells,) in each cell of each shape, or of the bristle whose rate it is."""
-    path = None
-    if any(shape.kind not in ("sign", "stribeck") for shape in shapes):
-        # The state of a bristle at the start is not known: the first period is run over twice.
-        before = motion.angle[: record.period_samples * motion.cells]
-        path = Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
-    for shape in shapes:
-        if shape.kind == "stribeck":
-            yield mean_stribeck(motion.velocity, shape.threshold)
-        elif path is None or shape.kind == "sign":
-            yield mean_sign(motion.velocity, shape.threshold)
+    dft, N = np.zeros((len(shapes), len(lines)), complex), record.period_samples
+    states = _states(record, motion, [shape for shape in shapes if not shape.is_memoryless])
+    for shape, of_shape in zip(shapes, dft, strict=True):
+        if shape.is_memoryless:
+            mu = friction_moments(record, motion, [(shape, 1.0)]).mu
+            mean = Moments(_mean_period(record, mu, periods), motion.cells)
         else:
-            s = (stop if shape.kind.startswith("stop") else bristle)(path, shape.threshold)
-            yield (s[:-1] + s[1:]) / (2 * shape.threshold)
+            s = next(states) / (2 * shape.threshold)
+            ends = [_mean_period(record, x[None], periods).reshape(N, motion.cells) for x in (s[:-1], s[1:])]
+            mean = Moments.of_means(ends[0] + ends[1])
+        of_shape[:] = mean.spectrum(int(lines.max()) + 1)[lines]
+        if shape.is_rate:
+            of_shape *= 2j * np.pi * record.rate_hz / N * shape.threshold * lines
+    return np.asarray(dft * (2 / N))
 
 
-@lru_cache(maxsize=4)
-def _of_cells(n: int, cells: int) -> ComplexArray:
-    """From the DFT (n // 2 + 1,) of the means over n cells to that of samples: a mean is the middle value, filtered by
-    sinc."""
-    x = np.arange(n // 2 + 1) / n
-    return frozen(np.exp(-1j * np.pi * x) / (np.sinc(x) * cells), np.complex128)
+def _mean_period(record: Record, x: FloatArray, periods: IntArray) -> FloatArray:
+    """The mean period (k, m) of signals (k, n) over some repetitions of a record."""
+    repetitions = x.reshape(len(x), whole_samples(record) // record.repeat_samples, -1)
+    if not record.half_wave:
+        return np.asarray(sum(repetitions[:, p] for p in periods) / len(periods))
+    half = sum((-1.0) ** p * repetitions[:, p] for p in periods) / len(periods)
+    return np.concatenate([half, -half], axis=1)
 
 
-def mean_sign(v: FloatArray, v_s: float) -> FloatArray:
-    """Mean (n - 1,) of tanh(v / v_s) over each cell between points v (n,), v linear in it; of sgn(v) where v_s = 0."""
-    return sum_of_mean_signs(v, [(v_s, 1.0)])
+def friction_moments(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> Moments:
+    """A motor's friction in the samples of whole periods: shapes, their levels."""
+    every = np.arange(len(motion.by_sample))
+    if not all(shape.is_memoryless for shape, _ in taken):
+        return Moments.of_means(friction_means(record, motion, taken))
+    slow = every[motion.slowest <= reach(taken)]
+    return Moments.of_steady(steady(motion.by_sample[:, 0], taken), slow, sliding_means(motion.by_sample[slow], taken))
 
 
-def mean_stribeck(v: FloatArray, v_s: float) -> FloatArray:
-    """Mean (n - 1,) of sgn(v) exp(-(v / v_s)^2) over each cell between points v (n,), v linear in it.
+def friction_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> FloatArray:
+    """A motor's friction (n, cells) in the cells of all samples."""
+    n = whole_samples(record)
+    memoryless = [(shape, level) for shape, level in taken if shape.is_memoryless]
+    means = sliding_means(motion.by_sample, memoryless) if memoryless else np.zeros((n, motion.cells))
+    bent = [(shape, level) for shape, level in taken if not shape.is_memoryless]
+    for (shape, level), s in zip(bent, _states(record, motion, [shape for shape, _ in bent]), strict=True):
+        if shape.is_rate:
+            means += (np.diff(s) * (level * motion.cells * record.rate_hz)).reshape(means.shape)
+        else:
+            means += ((s[:-1] + s[1:]) * (level / (2 * shape.threshold))).reshape(means.shape)
+    return means
 
-    By the integral v_s sqrt(pi) / 2 erf(|v| / v_s).
+
+def reach(taken: Sequence[tuple[Shape, float]]) -> float:
+    """The speed beyond which memoryless shapes are 1 or 0, to 1e-4."""
+    return max(((5.0 if shape.kind == "sign" else 3.5) * shape.threshold for shape, _ in taken), default=0.0)
+
+
+def steady(velocity: FloatArray, taken: Sequence[tuple[Shape, float]]) -> FloatArray:
+    """Memoryless friction (n,) at velocities (n,) beyond its reach."""
+    return np.copysign(sum(level for shape, level in taken if shape.kind == "sign"), velocity)
+
+
+def sliding_means(velocity: FloatArray, taken: Sequence[tuple[Shape, float]]) -> FloatArray:
+    r"""Means (m, cells) of memoryless friction in the cells of m samples, between points of velocity (m, cells + 1).
+
+    By the integral I of gradual friction g over velocity, where v is linear in a cell. The second difference of v, by
+    which it is not, moves the mean, g being integrated by parts:
+
+    .. math:: \bar g = \frac{\Delta I}{\Delta v} - \frac{\Delta^2 v}{12} \frac{\Delta g}{\Delta v}
     """
-    from scipy.special import erf
-
-    near, means = _means_near_reversals(
-        v,
-        6.5 * v_s,  # beyond, the exponential is below 1e-18
-        lambda speed: v_s * np.sqrt(np.pi) / 2 * erf(speed / v_s),
-        lambda middle: np.sign(middle) * np.exp(-((middle / v_s) ** 2)),
-    )
-    mean = np.zeros(len(v) - 1)
-    mean[near] = means
-    return mean
-
-
-def sum_of_mean_signs(v: FloatArray, signs: Sequence[tuple[float, float]]) -> FloatArray:
-    """Sum (n - 1,) of levels times `mean_sign`, of pairs of a speed v_s and a level; they share the search for cells.
-
-    By the integral v_s ln cosh(v / v_s), or |v|; so a reversal within a cell counts where it is.
-    """
-
-    def integral(speed: FloatArray) -> FloatArray:
-        total = sum(level for _, level in signs) * speed
-        for v_s, level in signs:
-            if v_s > 0:
-                total += level * v_s * np.log1p(np.exp(speed * (-2 / v_s)))
-        return np.asarray(total)
-
-    def limit(middle: FloatArray) -> FloatArray:
-        parts = (level * (np.tanh(middle / v_s) if v_s > 0 else np.sign(middle)) for v_s, level in signs)
-        return np.asarray(sum(parts))
-
-    # Beyond 12 v_s, tanh is 1 to 1e-10.
-    near, means = _means_near_reversals(v, 12.0 * max(v_s for v_s, _ in signs), integral, limit)
-    total = np.copysign(sum(level for _, level in signs), v[:-1])
-    total[near] = means
-    return np.asarray(total)
+    v, points, limit = velocity.ravel(), velocity.shape[1], reach(taken)
+    slow, negative = np.abs(v) <= limit, np.signbit(v)
+    turning = negative[:-1] != negative[1:]
+    near = np.zeros(len(v), bool)
+    near[:-1] = slow[:-1] | slow[1:] | turning
+    near[points - 1 :: points] = False  # from one sample to another
+    cells, means = np.flatnonzero(near), steady(v, taken)
+    means[cells] = 0.0
+    if gradual := [(shape, level) for shape, level in taken if shape.threshold > 0]:
+        ends = near.copy()
+        ends[1:] |= near[:-1]
+        begins = np.flatnonzero(near[ends])  # of cells, among the points at their ends
+        means[cells] = _gradual_means(v[ends], begins, _second_differences(velocity).ravel()[cells], gradual)
+    if jump := sum(level for shape, level in taken if shape.threshold == 0):
+        turns = turning[cells]
+        means[cells[~turns]] += jump * np.sign(v[cells] + v[cells + 1])[~turns]
+        cells = cells[turns]
+        means[cells] += jump * np.sign(v[cells]) * (2 * _reversal(v, cells, points) - 1)
+    return np.asarray(means.reshape(velocity.shape)[:, :-1])
 
 
-def _means_near_reversals(
-    v: FloatArray,
-    reach: float,
-    integral: Callable[[FloatArray], FloatArray],
-    limit: Callable[[FloatArray], FloatArray],
-) -> tuple[BoolArray, FloatArray]:
-    """Cells (n - 1,) between points v (n,) where v turns or is below `reach`, and the means of a function over these.
-
-    integral: of the function of |v|; limit: the function itself, for cells over which v is constant.
-    """
-    slow, negative = np.abs(v) <= reach, np.signbit(v)
-    near = slow[:-1] | slow[1:] | (negative[:-1] != negative[1:])
-    # The points of these cells, once each: neighbours among them are a cell, or lie at both sides of a gap.
-    begins = np.append(near, False)
-    is_point = begins.copy()
-    is_point[1:] |= near
-    points, is_cell = v[is_point], begins[is_point][:-1]
-    step, speed = np.diff(points), np.abs(points)
-    constant = np.abs(step) <= 1e-6 * (speed[1:] + speed[:-1])
+def _gradual_means(
+    v: FloatArray, begins: IntArray, bend: FloatArray, taken: Sequence[tuple[Shape, float]]
+) -> FloatArray:
+    """Means (k,) of gradual friction in cells from v (n,) at `begins` (k,) to the next, of second difference bend."""
+    g = np.asarray(sum(level * shape.sliding(v) for shape, level in taken))
+    integral = sum(level * shape.integral(np.abs(v)) for shape, level in taken)
+    step, change, of_g = (np.diff(x)[begins] for x in (v, integral, g))
+    constant = np.abs(step) <= 2e-6 * np.abs(v[begins])
     step[constant] = 1.0
-    means = np.diff(integral(speed)) / step
-    means[constant] = limit((points[1:] + points[:-1])[constant] / 2)
-    return near, means[is_cell]
+    return np.where(constant, g[begins], (change - bend / 12 * of_g) / step)
+
+
+def _reversal(v: FloatArray, cells: IntArray, points: int) -> FloatArray:
+    """The part (k,) of each of some cells after which v (n,) turns, between slopes as in the cells before and after.
+
+    v has a kink where friction jumps; a straight line, where a neighbour is in another sample or has another slope.
+    """
+    at, begin, end = cells % points, v[cells], v[cells + 1]
+    straight = begin / np.where(begin == end, 1.0, begin - end)
+    before = begin - v[np.maximum(cells - 1, 0)]
+    after = v[np.minimum(cells + 2, len(v) - 1)] - end
+    known = (at > 0) & (at < points - 2) & (before * after > 0) & (before * end > 0)
+    ratio = np.divide(after, before, out=np.ones(len(cells)), where=known)
+    ratio = np.clip(ratio, 0.1, 10.0)  # a motor that all but stops has no slope
+    return np.asarray(straight * ratio / (straight * ratio + 1 - straight))
+
+
+def _second_differences(v: FloatArray) -> FloatArray:
+    """Of velocity (m, n) in its cells (m, n), the mean of that at both ends; v has kinks at the ends of a row.
+
+    The last of a row is no cell.
+    """
+    inside = np.diff(v, 2, axis=1)
+    differences = np.zeros(v.shape)
+    differences[:, 0], differences[:, -2] = inside[:, 0], inside[:, -1]
+    np.add(inside[:, 1:], inside[:, :-1], out=differences[:, 1:-2])
+    differences[:, 1:-2] /= 2
+    return differences
+
+
+def _states(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
+    """The state (n cells + 1,) of each bristle, or of that whose rate is a shape, at all points of a motion."""
+    if not shapes:
+        return
+    # The state of a bristle at the start is not known: the first period is run over twice.
+    before = motion.angle[: record.period_samples * motion.cells]
+    path = Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
+    for shape in shapes:
+        yield (stop if shape.kind.startswith("stop") else bristle)(path, shape.threshold)

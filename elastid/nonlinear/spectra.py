@@ -15,9 +15,9 @@ from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra, single_logs
 from elastid.nonlinear.motion import Motion, motion_of
-from elastid.nonlinear.reconstruct import other_images, over_whole_periods, sharp_motion
+from elastid.nonlinear.reconstruct import hold_of, net_samples, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape, amplitudes, spectrum
+from elastid.nonlinear.shapes import Shape, amplitudes
 from elastid.record import Record
 
 _MIN_SINGULAR = 1e-9  # of the torques, over the largest singular value
@@ -164,10 +164,9 @@ def _with_motions(
         return spectra, {place: motion_of(record, place) for place in places}
     record = over_whole_periods(record)
     motions = {place: sharp_motion(record, place, friction) for place in places}
-    y = record.y.copy()
+    y, hold = record.y.copy(), hold_of(record)
     for place, motion in motions.items():
-        torque = spectrum(record, motion, friction.taken_shapes(place))
-        y[:, record.outputs.index(place)] += other_images(record, place, torque, friction)
+        y[:, record.outputs.index(place)] += net_samples(record, place, motion, friction, hold)[1]
     return RecordSpectra(replace(record, y=y)), motions
 
 

@@ -22,9 +22,8 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.choice import LIMITS
 from elastid.nonlinear.places import on_links, on_shafts
-from elastid.nonlinear.reconstruct import as_held, other_images, over_whole_periods, sharp_motion
+from elastid.nonlinear.reconstruct import hold_of, net_samples, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import spectrum
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import Record
 from elastid.response import FrequencyResponse
@@ -134,9 +133,10 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
     if not friction.shapes:
         return record
     record = over_whole_periods(record)
-    u, y = record.u.copy(), record.y.copy()
+    u, y, hold = record.u.copy(), record.y.copy(), hold_of(record)
     for place in friction.taken_places():
-        torque = spectrum(record, sharp_motion(record, place, friction), friction.taken_shapes(place))
-        u[:, record.inputs.index(place)] -= as_held(torque, record, place)
-        y[:, record.outputs.index(place)] += other_images(record, place, torque, friction)
+        motion = sharp_motion(record, place, friction)
+        torque, images = net_samples(record, place, motion, friction, hold)
+        u[:, record.inputs.index(place)] -= torque
+        y[:, record.outputs.index(place)] += images
     return replace(record, u=u, y=y)

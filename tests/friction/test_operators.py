@@ -2,12 +2,10 @@
 
 import hypothesis.strategies as st
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis.extra.numpy import arrays
 
 from elastid.friction.operators import Path, bristle, stop
-from elastid.nonlinear.shapes import mean_sign
 
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])  # a machine may be busy
@@ -29,13 +27,3 @@ def test_a_bristle_follows_its_differential_equation() -> None:
     for step in np.diff(q):
         s.append(s[-1] + step - abs(step) * s[-1] / 0.2)
     np.testing.assert_allclose(bristle(Path.of(q), 0.2), s, atol=1e-3)
-
-
-@pytest.mark.parametrize("v_s", [0.0, 1e-3, 0.5])
-def test_the_mean_of_a_sign_is_its_integral(v_s: float) -> None:
-    """Against a thousand points in each cell, of a velocity that turns within cells and stands still in others."""
-    v = np.array([1.0, 0.3, -0.4, -0.4, 0.0, 0.0, 2.0])
-    x = (np.arange(1000) + 0.5) / 1000
-    inside = v[:-1, None] + np.diff(v)[:, None] * x
-    expected = (np.tanh(inside / v_s) if v_s > 0 else np.sign(inside)).mean(axis=1)
-    np.testing.assert_allclose(mean_sign(v, v_s), expected, atol=2e-3)

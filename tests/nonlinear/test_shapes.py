@@ -7,7 +7,7 @@ import pytest
 
 from elastid.friction.operators import Path, stop
 from elastid.nonlinear.motion import motion_of
-from elastid.nonlinear.shapes import Shape, amplitudes, mean_stribeck, spectrum
+from elastid.nonlinear.shapes import Shape, amplitudes, friction_moments, sliding_means
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 200.0, 400
@@ -42,7 +42,7 @@ def test_the_sign_of_a_sinusoid_has_its_fourier_series(quantity: Motion, line: i
 def test_the_spectrum_over_a_record_and_amplitudes_are_the_same(shape: Shape) -> None:
     """At the lines of a period, of which the record has two."""
     record = swinging(3, 0.2)
-    found = spectrum(record, motion_of(record, "motor 1"), [(shape, 1.0)])
+    found = friction_moments(record, motion_of(record, "motor 1"), [(shape, 1.0)]).spectrum(19)
     np.testing.assert_allclose(
         found[[6, 18]] / N, amplitudes_of(record, shape, [3, 9]), atol=1e-3 * np.abs(found).max() / N
     )
@@ -63,7 +63,7 @@ def test_a_stribeck_shape_is_no_part_of_fast_sliding() -> None:
     shape = Shape("motor 1", "stribeck", 0.01)
     np.testing.assert_allclose(shape.sliding(np.array([1e-6, -1e-6, 0.06])), [1, -1, 0], atol=1e-7)
     assert shape.when_fast == 0
-    np.testing.assert_array_equal(mean_stribeck(np.zeros(3), 0.01), 0)
+    np.testing.assert_array_equal(sliding_means(np.zeros((1, 4)), [(shape, 1.0)]), 0)
 
 
 def test_half_periods_are_repetitions_with_the_other_sign() -> None:
@@ -106,3 +106,28 @@ def test_a_reversal_goes_from_one_direction_to_the_other() -> None:
     np.testing.assert_allclose(SIGN.reversal(np.array([0.0, 1e-9])), [-1, 1])
     np.testing.assert_allclose(Shape("motor 1", "bristle", 0.1).reversal(np.array([0.0, 5.0])), [-1, 1])
     np.testing.assert_allclose(Shape("motor 1", "stop rate", 0.1).reversal(np.array([0.0, 5.0])), 0)
+
+
+@pytest.mark.parametrize(("kind", "threshold"), [("sign", 1e-3), ("sign", 0.5), ("stribeck", 0.2)])
+def test_the_mean_over_a_cell_is_that_of_a_velocity_that_bends(kind: str, threshold: float) -> None:
+    """Parabolas that turn within cells, against ten thousand points of each cell; and one that stands still."""
+    shape = Shape("motor 1", kind, threshold)  # type: ignore[arg-type]
+    x = np.linspace(0, 1, 17)
+    between = (np.arange(160_000) + 0.5) / 160_000
+
+    def velocity(x: np.ndarray) -> np.ndarray:
+        return np.array([0.3 - x + 0.2 * x**2, 2 * (x - 0.21) + x * (1 - x), 0.4 + 0.0 * x])
+
+    expected = shape.sliding(velocity(between)).reshape(3, 16, -1).mean(axis=2)
+    found = sliding_means(velocity(x), [(shape, 1.0)])
+    np.testing.assert_allclose(found, expected, atol=4e-3)
+    np.testing.assert_allclose(found.mean(axis=1), expected.mean(axis=1), atol=3e-4 if threshold < 0.4 else 2e-6)
+
+
+def test_a_reversal_is_found_between_two_slopes() -> None:
+    """A velocity with a kink where it turns, as friction gives it: to rounding; a straight line is 0.05 off."""
+    x = np.linspace(0, 1, 17)
+    turn = 0.41
+    velocity = np.where(x < turn, 1.5 * (turn - x), 0.5 * (turn - x))[None]
+    (means,) = sliding_means(velocity, [(SIGN, 1.0)])
+    np.testing.assert_allclose(means.mean(), turn - (1 - turn), atol=1e-12)
