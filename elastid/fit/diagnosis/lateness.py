@@ -107,8 +107,9 @@ def as_delay(name: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class LatenessSearch:
-    """Configurations evaluated at one point.  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow."""
+    """Configurations evaluated at x (n_x,).  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow."""
 
+    x: FloatArray
     evaluated: Sequence[Evaluated]
     prior: FloatArray
     free: BoolArray
@@ -132,13 +133,15 @@ class LatenessSearch:
     def _edge_hz(self) -> float:
         return max(float(e.part.kernel.freq_hz.max()) for e in self.evaluated)
 
+    def late_by(self, factor: Factor, role: str, place: str, T: float) -> Prediction:
+        """The prediction with one form of lateness."""
+        reading = Reading("", "time", partial(_late, factor, T, role, place))
+        return predict(reading, self.evaluated, self.prior, self.free)
+
     def _between(self, form: str, factor: Factor, role: str, place: str, ends: tuple[float, float]) -> Late:
         from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
 
-        def at_time(T: float) -> Prediction:
-            reading = Reading(form, "time", partial(_late, factor, T, role, place))
-            return predict(reading, self.evaluated, self.prior, self.free)
-
+        at_time = partial(self.late_by, factor, role, place)
         limit = LIMITS.edge_phase / self._edge_hz
         low, high = (float(np.clip(T, -limit, limit)) for T in sorted(ends))
         options = {"maxiter": LIMITS.evaluations, "xatol": 1e-4 * max(abs(low), abs(high))}
@@ -162,20 +165,21 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     if not evidence.is_unexplained:
         return indices
     optimum, result = evidence.optimum, evidence.result
-    # Far out ln p has no slope that leads back: what the data barely constrain is at its start.
-    weak = ~(np.sqrt(np.diag(result.covariance)) < LIMITS.std)
-    log = np.array([p.log for p in optimum.fit.parameters.free])
-    x = np.where(weak & log, optimum.fit.parameters.x, optimum.end.x)
-    fit = thinned(optimum.fit)
-    search = LatenessSearch(evaluate(fit, x), optimum.fit.prior_slopes, ~result.at_bound)
-    if not search.evaluated:
+    fit, x = thinned(optimum.fit), optimum.end.x
+    # Far out ln p has no slope that leads back: what the data barely constrain is at its start, too.
+    weak = ~(np.sqrt(np.diag(result.covariance)) < LIMITS.std) & np.array([p.log for p in fit.parameters.free])
+    points = (x, np.where(weak, fit.parameters.x, x)) if weak.any() else (x,)
+    searches = [LatenessSearch(p, evaluate(fit, p), optimum.fit.prior_slopes, ~result.at_bound) for p in points]
+    if not searches[0].evaluated:
         return indices
-    cost = predict(AS_READ, evaluate(fit, optimum.end.x), search.prior, search.free).cost
+    cost = predict(AS_READ, searches[0].evaluated, searches[0].prior, searches[0].free).cost
     lines = fit.n_residuals / max(optimum.fit.n_residuals, 1)
     noise = scores.noise * lines
     excess = max(cost - noise, 1e-300)
 
-    def index(late: Late, linear: ModificationIndex | None, equal: list[Late]) -> ModificationIndex:
+    def index(
+        late: Late, linear: ModificationIndex | None, equal: list[Late], search: LatenessSearch
+    ) -> ModificationIndex:
         """linear: the delay that it is to first order.  equal: all forms that cannot be distinguished."""
         share = (cost - late.cost) / excess
         return ModificationIndex(
@@ -189,7 +193,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
             std=math.nan if linear is None else linear.std,
             drop=share * scores.excess / scores.lines,
             share=share,
-            effects=x - optimum.end.x + late.prediction.step,
+            effects=search.x - x + late.prediction.step,
             alike=tuple(other.name for other in equal if other is not late) + (linear.alike if linear else ()),
         )
 
@@ -197,17 +201,19 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     delays = [linear for linear in delays if linear.share > LIMITS.part_of_best * delays[0].share][: LIMITS.followed]
     extended = list(indices)
     for linear in delays:
-        best = search.best_forms(*_channel(linear.name, fit), float(linear.steps[0]))
-        forms = sorted(best, key=lambda late: late.cost)
+        where, T = _channel(linear.name, fit), float(linear.steps[0])
+        search = min(searches, key=lambda search: search.late_by(delay, *where, T).cost)
+        forms = sorted(search.best_forms(*where, T), key=lambda late: late.cost)
         tolerance = LIMITS.form_drop * scores.level + LIMITS.form_share * max(forms[0].cost - noise, 0.0)
         equal = [late for late in forms if late.cost < forms[0].cost + tolerance]
         place = extended.index(linear)
-        extended[place : place + 1] = [index(late, linear, equal) for late in equal]
+        extended[place : place + 1] = [index(late, linear, equal, search) for late in equal]
     if not any(linear.name == "delay" for linear in delays):
-        late = search.best_hold("delay" in result.parameters.free_names)
+        holds = [(search, search.best_hold("delay" in result.parameters.free_names)) for search in searches]
+        search, late = min(holds, key=lambda hold: hold[1].cost)
         drop, explained = cost - late.cost, max((linear.drop * lines for linear in delays), default=0.0)
         if drop > max(scores.significant[1], LIMITS.share * (cost - noise), explained):
-            extended.append(index(late, None, [late]))
+            extended.append(index(late, None, [late], search))
     return extended
 
 
