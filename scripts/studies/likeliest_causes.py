@@ -39,6 +39,7 @@ from functools import cache, partial
 
 import numpy as np
 from data_sheet_robots import PLANTS, Plant
+from further_causes import FURTHER
 from injected_causes import INJECTIONS, exact, noisy
 
 from elastid.base.execution import Execution, ordered
@@ -50,6 +51,7 @@ from elastid.robot import Tolerances
 
 CERTAIN = LIMITS.certain_share
 MIN_NAMED, STARTS = 0.9, 2
+EVERY = (*INJECTIONS, *FURTHER)
 QUICK = ("torque constant 2 20 % off", "gear 1 hardens by 10 %", "friction behind gear 2", "drive 2 late by 1 ms")
 
 
@@ -66,6 +68,7 @@ class Row:
     drop: float
     status: str
     alike: tuple[str, ...]
+    off: float
 
 
 @cache
@@ -82,12 +85,14 @@ def fitted(of: Plant, data: list[FrequencyResponse], is_exact: bool = False) -> 
 
 def judged(number: int, seed: int) -> Row:
     """An injected cause by its number, fitted."""
-    injection = INJECTIONS[number]
+    injection = EVERY[number]
     of = plant(injection.plant)
-    result = fitted(of, noisy(injection.measured(of), np.random.default_rng(seed)), injection.exact)
+    data = noisy(injection.measured(of), np.random.default_rng(seed))
+    result = fitted(replace(of, robot=injection.file(of.robot)), data, injection.exact)
+    off = _off(of, result)
     first = next((index for index in result.indices if index.place == 1), None)
     if first is None or not any(note.code == "modification-index" for note in result.notes):
-        return Row(injection.name, injection.plant, "", "none", False, 0.0, 0.0, result.status, ())
+        return Row(injection.name, injection.plant, "", "none", False, 0.0, 0.0, result.status, (), off)
 
     def is_right(name: str) -> bool:
         return any(fnmatch(name, pattern) for pattern in injection.right)
@@ -96,7 +101,17 @@ def judged(number: int, seed: int) -> Row:
     verdict = "right" if is_right(first.name) else "apart" if any(map(is_right, named)) else "wrong"
     is_certain = first.share >= CERTAIN and not first.alike
     about = injection.name, injection.plant, first.name, verdict, is_certain
-    return Row(*about, float(first.share), float(first.drop), result.status, named)
+    return Row(*about, float(first.share), float(first.drop), result.status, named, off)
+
+
+def _off(of: Plant, result: FitResult) -> float:
+    """The largest error of a stiffness over the half of its interval on that side."""
+    truth, errors = of.robot.parameters(), [0.0]
+    for name in (p.name for p in result.parameters.asked if p.name.startswith("k_")):
+        value, (low, high) = result.values[name], result.interval(name)
+        end = low if truth[name][0] < value else high
+        errors.append(abs(value - truth[name][0]) / max(abs(value - end), 1e-12 * value))
+    return max(errors)
 
 
 def names_a_cause(number: int, seed: int) -> bool:
@@ -115,15 +130,17 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     asked = parser.parse_args()
-    named = [(n, f"{i.name} {i.plant}", i.name in QUICK) for n, i in enumerate(INJECTIONS)]
+    named = [(n, f"{i.name} {i.plant}", i.name in QUICK) for n, i in enumerate(EVERY)]
     chosen = [n for n, words, is_quick in named if asked.only in words and (is_quick or not asked.quick)]
-    print(f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}first (or)")
+    print(f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}"
+          f"{'off':>6}  first (or)")  # fmt: skip
     rows = []
     for _, row in Execution(asked.jobs).unordered(partial(judged, seed=asked.seed), chosen):
         rows.append(row)
         certain = "certain" if row.is_certain else "doubted" if row.first else ""
-        judgement = f"{row.verdict:<8}{certain:<9}{100 * min(row.share, 1):5.0f}%{row.drop:10.3g}  {row.status:<13}"
-        print(f"{row.cause:<40}{row.robot:<10}{judgement}{' or '.join((row.first, *row.alike))}", flush=True)
+        numbers = f"{100 * min(row.share, 1):5.0f}%{row.drop:10.3g}"
+        judgement = f"{row.verdict:<8}{certain:<9}{numbers}  {row.status:<13}{row.off:6.1f}"
+        print(f"{row.cause:<40}{row.robot:<10}{judgement}  {' or '.join((row.first, *row.alike))}", flush=True)
     counts = Counter(row.verdict for row in rows)
     wrong = [row.cause for row in rows if row.verdict == "wrong" and row.is_certain]
     clean = 2 if asked.quick else 0 if asked.only else asked.clean

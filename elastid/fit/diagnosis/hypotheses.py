@@ -105,8 +105,12 @@ def _late(index: ModificationIndex) -> str:
     if form == "delay":
         return f"a delay of {T / 1e-3:.3g} ms{on}"
     if form == "low_pass":
-        size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz){on}"
-        return size if T > 0 else f"{size} that was taken out where there is none"
+        size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
+        if T > 0:
+            return f"{size}{on}"
+        if role == "y":
+            return f"{size}{on} that was taken out where there is none"
+        return f"{size} that torques pass before they are logged{on}"
     if T < 0:
         return f"a torque that acts {-T / 2e-3:.3g} ms earlier than it was taken to{on}"
     return f"a torque that acts {T / 2e-3:.3g} ms late, held for {T / 1e-3:.3g} ms{on}"
@@ -125,6 +129,8 @@ def _late_advice(index: ModificationIndex, result: FitResult) -> str:
         return f"{text}; where the torque loop or a log delays it, {delay}" if "delay" in names else text
     if index.name == "delay":
         return f"{delay}, or give the robot's chain its lags"
+    if (index.name == "low_pass" or index.name.startswith("low_pass_u")) and index.steps[0] < 0:
+        return "log torques before their filter, or take the filter out of what was logged"
     if index.name == "low_pass":
         return "give the robot's chain the sensor_lag of its encoders, or the torque_lag of its drives"
     return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
@@ -317,6 +323,16 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         phrase=lambda index: f"{index.name} instead of the file's",
         advice="check gravity in the robot's file: how is its base mounted?",
         search=find_other_robots,
+    ),
+    Hypothesis(
+        "postures",
+        phrase=lambda index: index.name,
+        advice="check unit, direction and order of the angles of experiment.configurations against the robot's axes",
+    ),
+    Hypothesis(
+        "side of the gear",
+        phrase=lambda index: index.name,
+        advice="the robot's file takes the inertia of a motor on the motor side, in kg*m^2",
     ),
     Hypothesis(
         "payload of the file",

@@ -10,7 +10,7 @@ step at each. A hold is that of a torque between its samples; a negative T is a 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
@@ -122,12 +122,16 @@ class LatenessSearch:
         for form, factor, T in forms:
             yield self._between(form, factor, role, place, (0.3 * T, 2.0 * T))
 
-    def best_hold(self, delay_is_free: bool = False) -> Late:
-        """The best hold of all torques; next to a free delay, which takes its phase, by its amplitude alone."""
-        factor, edge_hz = hold_amplitude if delay_is_free else hold, self._edge_hz
+    def best_filters(self, delay_is_free: bool = False) -> Iterator[Late]:
+        """The best hold of all torques, and the best low pass; a hold next to a free delay by its amplitude alone."""
         # Starts by f T at the upper edge: next to a free delay the sinc is flat at zero.
-        ends = [(0.2 * phase / edge_hz, 2 * phase / edge_hz) for phase in (-0.1, 0.1, 0.4)]
-        return min((self._between("hold", factor, "", "", pair) for pair in ends), key=lambda late: late.cost)
+        forms = (
+            ("hold", hold_amplitude if delay_is_free else hold, (-0.1, 0.1, 0.4)),
+            ("low_pass", low_pass, (-0.4, -0.1, 0.1)),
+        )
+        for form, factor, phases in forms:
+            ends = [(0.2 * phase / self._edge_hz, 2 * phase / self._edge_hz) for phase in phases]
+            yield min((self._between(form, factor, "", "", pair) for pair in ends), key=lambda late: late.cost)
 
     @property
     def _edge_hz(self) -> float:
@@ -161,7 +165,7 @@ def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated,
 
 
 def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """The indices with the forms of what is late, where a delay would explain a part; a hold in any case."""
+    """The indices with forms of lateness where a delay explains a part; a hold or a low pass of all in any case."""
     if not evidence.is_unexplained:
         return indices
     optimum, result = evidence.optimum, evidence.result
@@ -197,23 +201,28 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
             alike=tuple(other.name for other in equal if other is not late) + (linear.alike if linear else ()),
         )
 
+    def equally_good(forms: Iterable[Late]) -> list[Late]:
+        """The best form and those that cannot be distinguished from it."""
+        best = sorted(forms, key=lambda late: late.cost)
+        tolerance = LIMITS.form_drop * scores.level + LIMITS.form_share * max(best[0].cost - noise, 0.0)
+        return [late for late in best if late.cost < best[0].cost + tolerance]
+
+    is_free = "delay" in result.parameters.free_names
     delays = [linear for linear in indices if linear.name.startswith("delay") and linear.share > LIMITS.share]
     delays = [linear for linear in delays if linear.share > LIMITS.part_of_best * delays[0].share][: LIMITS.followed]
     extended = list(indices)
     for linear in delays:
         where, T = _channel(linear.name, fit), float(linear.steps[0])
         search = min(searches, key=lambda search: search.late_by(delay, *where, T).cost)
-        forms = sorted(search.best_forms(*where, T), key=lambda late: late.cost)
-        tolerance = LIMITS.form_drop * scores.level + LIMITS.form_share * max(forms[0].cost - noise, 0.0)
-        equal = [late for late in forms if late.cost < forms[0].cost + tolerance]
+        equal = equally_good(search.best_forms(*where, T))
         place = extended.index(linear)
         extended[place : place + 1] = [index(late, linear, equal, search) for late in equal]
     if not any(linear.name == "delay" for linear in delays):
-        holds = [(search, search.best_hold("delay" in result.parameters.free_names)) for search in searches]
-        search, late = min(holds, key=lambda hold: hold[1].cost)
-        drop, explained = cost - late.cost, max((linear.drop * lines for linear in delays), default=0.0)
+        filters = ((search, equally_good(search.best_filters(is_free))) for search in searches)
+        search, equal = min(filters, key=lambda trial: trial[1][0].cost)
+        drop, explained = cost - equal[0].cost, max((linear.drop * lines for linear in delays), default=0.0)
         if drop > max(scores.significant[1], LIMITS.share * (cost - noise), explained):
-            extended.append(index(late, None, [late], search))
+            extended += [index(late, None, equal, search) for late in equal]
     return extended
 
 
