@@ -27,7 +27,7 @@ from elastid.fit.diagnosis.misreadings import READINGS, find_misreading, find_wr
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.other_robots import find_other_robots
 from elastid.fit.diagnosis.payload_search import MASS_KG
-from elastid.fit.diagnosis.sensitivities import (
+from elastid.fit.diagnosis.response_columns import (
     channel_delays,
     gear_couplings,
     gear_ratios,
@@ -162,6 +162,10 @@ def _transmission(index: ModificationIndex) -> str:
     return f"a transmission error of gear {_axis(index)} (effective ratio {_by_posture(index)})"
 
 
+def _reading(index: ModificationIndex) -> str:
+    return f"an encoder of motor {_axis(index)} that reads {_by_posture(index)}"
+
+
 def _load(index: ModificationIndex) -> str:
     gear, percent = f"a stiffness of gear {_axis(index)} that rises with the torque", 100 * float(index.steps[0])
     if index.name.startswith("play"):
@@ -276,6 +280,14 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         Size(0.01, 0.3, unit="1"),
         phrase=_transmission,
         advice="measure it against a second encoder behind the gear; more postures average it",
+        is_stated=False,
+    ),
+    Hypothesis(
+        "reading by posture",
+        ("reading",),
+        Size(0.01, 0.3, unit="1"),
+        phrase=_reading,
+        advice="is its resolver or its disc eccentric? a motion over whole turns of the motor averages it",
         is_stated=False,
     ),
     Hypothesis(

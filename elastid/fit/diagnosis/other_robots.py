@@ -211,7 +211,7 @@ def _angles(evidence: Evidence) -> Iterator[Variant]:
     for name, change in changes.items():
         stood = stated @ change.T
         if not np.allclose(stood, stated):
-            places = [replace(G.configuration, angles=tuple(row)) for G, row in zip(own.responses, stood, strict=True)]
+            places = [replace(G.configuration, angles=row) for G, row in zip(own.responses, stood, strict=True)]
             responses = (replace(G, configuration=place) for G, place in zip(own.responses, places, strict=True))
             yield _named(name, "postures"), replace(own, responses=tuple(responses))
 
