@@ -98,8 +98,9 @@ def judged(number: int, seed: int) -> Row:
         return any(fnmatch(name, pattern) for pattern in injection.right)
 
     named = first.alike[: LIMITS.alternatives]
-    verdict = "right" if is_right(first.name) else "apart" if any(map(is_right, named)) else "wrong"
     is_certain = first.share >= CERTAIN and not first.alike
+    wrong = "wrong" if injection.right or is_certain else "doubt"
+    verdict = "right" if is_right(first.name) else "apart" if any(map(is_right, named)) else wrong
     about = injection.name, injection.plant, first.name, verdict, is_certain
     return Row(*about, float(first.share), float(first.drop), result.status, named, off)
 
@@ -145,8 +146,9 @@ def main() -> None:
     wrong = [row.cause for row in rows if row.verdict == "wrong" and row.is_certain]
     clean = 2 if asked.quick else 0 if asked.only else asked.clean
     alarms = sum(ordered(partial(names_a_cause, seed=asked.seed), range(clean), asked.jobs))
-    total = counts["right"] + counts["apart"]
-    print(f"\n{total} of {len(rows)} named ({counts['right']} first, {counts['apart']} not to be told apart); "
+    total = counts["right"] + counts["apart"] + counts["doubt"]
+    print(f"\n{total} of {len(rows)} named ({counts['right']} first, {counts['apart']} not to be told apart, "
+          f"{counts['doubt']} without a hypothesis and doubted); "
           f"{len(wrong)} wrong and certain; {alarms} of {clean} clean data sets with a cause")  # fmt: skip
     assert asked.only or total >= MIN_NAMED * len(rows), counts
     assert not wrong, wrong

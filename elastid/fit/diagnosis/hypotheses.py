@@ -26,7 +26,6 @@ from elastid.fit.diagnosis.lateness import find_lateness
 from elastid.fit.diagnosis.misreadings import READINGS, find_misreading, find_wrong_frequency_unit
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.other_robots import find_other_robots
-from elastid.fit.diagnosis.payload_search import MASS_KG
 from elastid.fit.diagnosis.response_columns import (
     channel_delays,
     gear_couplings,
@@ -243,8 +242,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2)),
     Hypothesis(
         "payload",
-        ("m_payload",),
-        Size(MASS_KG, 50.0, unit="kg", grows=True),
         phrase=_payload,
         advice="is a payload forgotten? give it as payload in the robot's file, or check body {where}",
         plausibility=20.0,  # what a robot carries changes, its links do not

@@ -4,7 +4,6 @@ r"""Residuals at the optimum and their derivatives to everything that the fit he
 geometry and the gains of its channels these are:
 
 - angle_2: an offset of the angle at which axis 2 stood, in all configurations; angle_2@c1: in one.
-- payload: a point mass at the tool, where the robot carries none.
 - torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
 - base_x: that of what the robot stands on, about x of its first body before it turns.
 - loop_2: the square of the bandwidth omega_2 of a position loop of motor 2, which makes a spring of omega_2^2 M_22
@@ -38,7 +37,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
-from elastid.robot import Body, Joint, Payload, Robot, Spring, gain_name
+from elastid.robot import Body, Joint, Robot, Spring, gain_name
 
 RATE = "rate"
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -46,7 +45,7 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 @dataclass(frozen=True, eq=False)
 class HeldModel:
-    """linearisation: of the robot with its geometry, gains, a payload and stiff springs among the parameters.
+    """linearisation: of the robot with its geometry, gains and stiff springs among the parameters.
 
     rigid: the parameters of the stiff springs, k_arm_x, and the name of the compliance that each stands for.
     loads: the torque at rest of each driven joint, N m, by configuration.
@@ -58,7 +57,7 @@ class HeldModel:
 
     @classmethod
     def of(cls, assembly: Assembly, fitted: LinearModel) -> HeldModel:
-        """The extended equations, without torsions, payload or geometry where impossible; fitted: one of the fit."""
+        """The extended equations, without torsions or geometry where impossible; fitted: one of the fit."""
         robot = assembly.linearisation.model.robot
         channels = [gain_name("u", place) for place in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
@@ -67,9 +66,8 @@ class HeldModel:
         places = tuple(name for name in robot.geometry if not name.startswith("zero_") or name in known)
         refused: ElastidError | ValueError | None = None
         for (extended, rigid), geometry in (
-            (_with_torsions(_with_payload(robot)), places),
-            ((_with_payload(robot), {}), places),
-            ((_with_payload(robot), {}), known),
+            (_with_torsions(robot), places),
+            ((robot, {}), places),
             ((robot, {}), known),
         ):
             try:
@@ -131,14 +129,6 @@ def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
         torques = equilibrium(model, theta, configuration).u
         loads[configuration.name] = {j.name: float(u) for j, u in zip(model.robot.driven, torques, strict=True)}
     return loads
-
-
-def _with_payload(robot: Robot) -> Robot:
-    """The robot with a payload of no mass at its tool, or at its last body, where it carries none."""
-    if robot.payload is not None:
-        return robot
-    tools = [frame.name for frame in robot.frames if frame.name == "tool"]
-    return replace(robot, payload=Payload(0.0, at=(tools or [robot.bodies[-1].name])[0]))
 
 
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
@@ -276,6 +266,9 @@ def evaluate_held(
                 del numbers[name]
             for k in np.flatnonzero(row):
                 free[k] += row[k] * by_name[name]
+    for name in held.rigid:  # springs that the robot does not have are free of friction
+        numbers.pop(name.replace("k_", "d_", 1), None)
+        numbers.pop(name.replace("k_", "f_", 1), None)
     response = HeldResponse(held.linearisation.model.robot, model, theta, kernel.freq_hz, G, by_name, held.loads)
     for further in columns:
         numbers |= further(response)
