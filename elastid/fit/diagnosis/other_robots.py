@@ -220,10 +220,10 @@ def _motor_inertias(evidence: Evidence) -> Iterator[Variant]:
     """The robot with an inertia of its file, of one motor or of all, that is referred to the link side of the gear."""
     own = evidence.assembly
     robot = own.linearisation.model.robot
-    inertias = {joint.name: robot.parameters()[f"Jm_{joint.name}"][0] for joint in robot.driven}
-    every = {f"Jm_{name}": value / robot.ratio(name) ** 2 for name, value in inertias.items()}
-    of_one = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
-    for name, numbers in (of_one | {"inertias of all motors": every}).items():
+    given = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
+    every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in given.items()}
+    groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
+    for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
         index = _named(f"{name} given on the link side, or in kg cm^2", "side of the gear")
         yield index, _of_robot(evidence, robot.with_parameters(numbers), _about(own.parameters, numbers))
 
