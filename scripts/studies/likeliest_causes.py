@@ -18,7 +18,9 @@ Then clean data sets of the same robots: none may name a cause.  It is asserted 
 right, apart or doubted, no wrong one certain, and no stiffness off by more than SILENT half intervals where a fit
 converged and names nothing.  The last line is one JSON object.
 
-COUNTS
+With `--only` of a robot and seed 0: of two axes 26 of 26 are named, 24 of them first; of the linkage 3 of 3 first; of
+the first 26 rows of the demo 26 first, and of 8 of its further causes 6 first and 2, which have no hypothesis, doubted.
+None is wrong and certain.  Of 30 clean data sets none has a cause.  Six axes were not run on this code.
 What tolerances take up whole is not among the causes, as a payload of 3 kg on two axes, whose file is not exact.
 """
 
