@@ -278,9 +278,11 @@ def _of_residuals(result: FitResult) -> Action | None:
     if first is not None and excess:
         if not first.members:
             return Action(f"Check the reading “{first.name}”.", excess)
-        if not set(first.members) <= set(result.parameters.names):  # nothing that a fit could free
+        # A prior of a share is of one positive number; the common factor of an inertia's entries is none of a study.
+        tied = {p.tie.to for p in result.parameters if p.tie is not None}
+        if not {*first.members} <= {*result.parameters.names} - tied or len(first.members) > 1 or not first.log[0]:
             return Action(f"Check {first.name}: the first warning says how.", excess)
-        text = f"--set 'fit.parameters.{first.members[0]}={{prior: {{std: {ADVICE.prior_std}}}}}'"
+        text = f"--set 'fit.parameters.{first.name}={{prior: {{std: {ADVICE.prior_std}}}}}'"
         return Action(f"Free {first.name}, with a prior of {percent(ADVICE.prior_std)}.", excess, text)
     if not result.exceeds_noise:
         return None

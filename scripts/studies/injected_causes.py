@@ -29,7 +29,7 @@ NOISE = 0.005
 class Injection:
     """A cause.  measured: exact responses of the plant's robot with it.  right: patterns of names that are the cause.
 
-    exact: True if the fit takes the robot's file as exact.
+    exact: True if the fit takes the robot's file as exact.  file: the robot's file, of the plant's robot.
     """
 
     name: str
@@ -37,6 +37,7 @@ class Injection:
     measured: Callable[[Plant], Responses]
     right: tuple[str, ...]
     exact: bool = False
+    file: Callable[[Robot], Robot] = lambda robot: robot
 
 
 def exact(plant: Plant, robot: Robot, angles: Mapping[str, Sequence[float]] | None = None) -> list[FrequencyResponse]:

@@ -2,24 +2,25 @@
 
     python scripts/studies/likeliest_causes.py [--quick] [--only WORD] [--clean 50] [--seed 0] [--jobs 2]
 
-Causes of scripts/studies/injected_causes.py are injected one by one into exact responses of robots of two, three and
-six axes and of a linkage, with 0.5 % of noise; the fit takes the robot's file with its common tolerances, or as exact
-where the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain
-it was stated, its share of the excess of V, its drop of V, and the status.
+Causes of injected_causes.py and further_causes.py are injected one by one into exact responses of robots of two, three
+and six axes and of a linkage, with 0.5 % of noise; the fit takes the robot's file with its common tolerances, or as
+exact where the table says so.  A row has the injected cause, the first that the fit names, whether it
+is right, how certain it was stated, its share of the excess of V, its drop of V, the status, and the largest error of a
+stiffness over the half of its interval.
 
 - right: the first cause is the injected one.
 - apart: the injected one is named in the same sentence as what the data cannot distinguish from the first.
-- wrong: neither.  It is certain where the sentence states no doubt: it explains CERTAIN of the excess, and nothing that
-  the data cannot distinguish is named with it.
+- doubt: there is no hypothesis of the injected one, and the first is said not to be certain.
+- wrong: none of these.  It is certain where the sentence states no doubt: it explains CERTAIN of the excess, and
+  nothing that the data cannot distinguish is named with it.
 
 Then clean data sets of the same robots: none may name a cause.  It is asserted that at least 90 % of the causes are
-right or apart, and no wrong one certain.  The last line is one JSON object.
+right, apart or doubted, no wrong one certain, and no stiffness off by more than SILENT half intervals where a fit
+converged and names nothing.  The last line is one JSON object.
 
-On the present code with seeds 0 and 1 a soft base (91 %), backlash (97 and 98 %), exchanged postures and a mirrored
-motor of the demo, each by itself (`--only`), are named first; they were wrong, with 3 to 87 % of the excess, before.
-With `--only two-axis --seed 3` 21 of 21 are named, 19 first, no wrong one; of ten clean data sets of seed 5 none has a
-cause.
-Not named first at the last full run: a delay of all channels of the linkage, with a wrong cause stated as doubtful.
+With `--only` of a robot and seed 0: of two axes 26 of 26 are named, 24 of them first; of the linkage 3 of 3 first; of
+the first 26 rows of the demo 26 first, and of 8 of its further causes 6 first and 2, which have no hypothesis, doubted.
+None is wrong and certain.  Of 30 clean data sets none has a cause.  Six axes were not run on this code.
 What tolerances take up whole is not among the causes, as a payload of 3 kg on two axes, whose file is not exact.
 """
 
@@ -39,6 +40,7 @@ from functools import cache, partial
 
 import numpy as np
 from data_sheet_robots import PLANTS, Plant
+from further_causes import FURTHER
 from injected_causes import INJECTIONS, exact, noisy
 
 from elastid.base.execution import Execution, ordered
@@ -49,7 +51,8 @@ from elastid.response import FrequencyResponse
 from elastid.robot import Tolerances
 
 CERTAIN = LIMITS.certain_share
-MIN_NAMED, STARTS = 0.9, 2
+MIN_NAMED, STARTS, SILENT = 0.9, 2, 2.0
+EVERY = (*INJECTIONS, *FURTHER)
 QUICK = ("torque constant 2 20 % off", "gear 1 hardens by 10 %", "friction behind gear 2", "drive 2 late by 1 ms")
 
 
@@ -66,6 +69,7 @@ class Row:
     drop: float
     status: str
     alike: tuple[str, ...]
+    off: float
 
 
 @cache
@@ -82,21 +86,34 @@ def fitted(of: Plant, data: list[FrequencyResponse], is_exact: bool = False) -> 
 
 def judged(number: int, seed: int) -> Row:
     """An injected cause by its number, fitted."""
-    injection = INJECTIONS[number]
+    injection = EVERY[number]
     of = plant(injection.plant)
-    result = fitted(of, noisy(injection.measured(of), np.random.default_rng(seed)), injection.exact)
+    data = noisy(injection.measured(of), np.random.default_rng(seed))
+    result = fitted(replace(of, robot=injection.file(of.robot)), data, injection.exact)
+    off = _off(of, result)
     first = next((index for index in result.indices if index.place == 1), None)
     if first is None or not any(note.code == "modification-index" for note in result.notes):
-        return Row(injection.name, injection.plant, "", "none", False, 0.0, 0.0, result.status, ())
+        return Row(injection.name, injection.plant, "", "none", False, 0.0, 0.0, result.status, (), off)
 
     def is_right(name: str) -> bool:
         return any(fnmatch(name, pattern) for pattern in injection.right)
 
     named = first.alike[: LIMITS.alternatives]
-    verdict = "right" if is_right(first.name) else "apart" if any(map(is_right, named)) else "wrong"
     is_certain = first.share >= CERTAIN and not first.alike
+    wrong = "wrong" if injection.right or is_certain else "doubt"
+    verdict = "right" if is_right(first.name) else "apart" if any(map(is_right, named)) else wrong
     about = injection.name, injection.plant, first.name, verdict, is_certain
-    return Row(*about, float(first.share), float(first.drop), result.status, named)
+    return Row(*about, float(first.share), float(first.drop), result.status, named, off)
+
+
+def _off(of: Plant, result: FitResult) -> float:
+    """The largest error of a stiffness over the half of its interval on that side."""
+    truth, errors = of.robot.parameters(), [0.0]
+    for name in (p.name for p in result.parameters.asked if p.name.startswith("k_")):
+        value, (low, high) = result.values[name], result.interval(name)
+        end = low if truth[name][0] < value else high
+        errors.append(abs(value - truth[name][0]) / max(abs(value - end), 1e-12 * value))
+    return max(errors)
 
 
 def names_a_cause(number: int, seed: int) -> bool:
@@ -115,24 +132,29 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     asked = parser.parse_args()
-    named = [(n, f"{i.name} {i.plant}", i.name in QUICK) for n, i in enumerate(INJECTIONS)]
+    named = [(n, f"{i.name} {i.plant}", i.name in QUICK) for n, i in enumerate(EVERY)]
     chosen = [n for n, words, is_quick in named if asked.only in words and (is_quick or not asked.quick)]
-    print(f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}first (or)")
+    print(f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}"
+          f"{'off':>6}  first (or)")  # fmt: skip
     rows = []
     for _, row in Execution(asked.jobs).unordered(partial(judged, seed=asked.seed), chosen):
         rows.append(row)
         certain = "certain" if row.is_certain else "doubted" if row.first else ""
-        judgement = f"{row.verdict:<8}{certain:<9}{100 * min(row.share, 1):5.0f}%{row.drop:10.3g}  {row.status:<13}"
-        print(f"{row.cause:<40}{row.robot:<10}{judgement}{' or '.join((row.first, *row.alike))}", flush=True)
+        numbers = f"{100 * min(row.share, 1):5.0f}%{row.drop:10.3g}"
+        judgement = f"{row.verdict:<8}{certain:<9}{numbers}  {row.status:<13}{row.off:6.1f}"
+        print(f"{row.cause:<40}{row.robot:<10}{judgement}  {' or '.join((row.first, *row.alike))}", flush=True)
     counts = Counter(row.verdict for row in rows)
     wrong = [row.cause for row in rows if row.verdict == "wrong" and row.is_certain]
+    silent = [row.cause for row in rows if not row.first and row.status == "converged" and row.off > SILENT]
     clean = 2 if asked.quick else 0 if asked.only else asked.clean
     alarms = sum(ordered(partial(names_a_cause, seed=asked.seed), range(clean), asked.jobs))
-    total = counts["right"] + counts["apart"]
-    print(f"\n{total} of {len(rows)} named ({counts['right']} first, {counts['apart']} not to be told apart); "
+    total = counts["right"] + counts["apart"] + counts["doubt"]
+    print(f"\n{total} of {len(rows)} named ({counts['right']} first, {counts['apart']} not to be told apart, "
+          f"{counts['doubt']} without a hypothesis and doubted); "
           f"{len(wrong)} wrong and certain; {alarms} of {clean} clean data sets with a cause")  # fmt: skip
     assert asked.only or total >= MIN_NAMED * len(rows), counts
     assert not wrong, wrong
+    assert not silent, silent
     assert alarms <= 0.01 * clean, alarms
     print(json.dumps({"causes": len(rows), "verdicts": counts, "wrong and certain": wrong, "clean": clean,
                       "false alarms": alarms, "rows": [asdict(row) for row in rows]}))  # fmt: skip

@@ -16,7 +16,8 @@ RUNNABLE = sorted(
     path
     for folder in FOLDERS
     for path in folder.glob("*.py")
-    if path.stem not in ("study_plants", "clean_logs", "fast_rig", "timing", "fit_peers", "injected_causes")
+    if path.stem
+    not in ("study_plants", "clean_logs", "fast_rig", "timing", "fit_peers", "injected_causes", "further_causes")
 )
 
 

@@ -20,6 +20,7 @@ from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.identify import identify
 from elastid.fit.result import ModificationIndex
 from elastid.fit.spec import ParameterSpec
+from elastid.model.formulation import EXACT, formulate
 from elastid.report.content import parameter_rows
 from elastid.report.overview import next_steps
 from elastid.response import BENT
@@ -89,11 +90,15 @@ def singular_covariance(desk: Desk) -> None:
     "fit.parameters: {{{name}: {{start: {start:.2g}}}}}",
 )
 def freed_number(desk: Desk) -> None:
-    """Every number of the robot, as a message would name it: the study takes what is said of it."""
+    """Every number of the robot, and factors of inertias, as a message names them: the study takes what it says."""
     study = Path(desk.write(study=STUDY, robot=ROBOT))
-    evidence: Any = SimpleNamespace(hypotheses=HYPOTHESES, result=None)
+    robot = load(study).study.robot
+    model: Any = SimpleNamespace(linearisation=SimpleNamespace(model=formulate(robot, EXACT)))
+    evidence: Any = SimpleNamespace(hypotheses=HYPOTHESES, result=None, assembly=model)
+    factors = {f"I_{body.name}": (1.0, "1") for body in robot.bodies if len(body.inertia_entries) > 1}
+    assert factors
     starts = 0
-    for name, (value, unit) in load(study).study.robot.parameters().items():
+    for name, (value, unit) in (robot.parameters() | factors).items():
         family = hypothesis.hypothesis_of(name, HYPOTHESES).family
         index = ModificationIndex(
             name=name, group=family, members=(name,), values=np.array([value]), units=(unit,), log=(value > 0,),

@@ -155,6 +155,21 @@ def test_a_number_that_explains_a_thousandth_of_the_residuals_is_no_cause():
     assert "y turned" in residual_sentence(replace(result, indices=(replace(small, share=0.5),)), [])
 
 
+def test_a_cause_is_freed_by_a_command_only_where_a_study_takes_it():
+    """A positive number by itself; not the common factor to which others are tied, several, or a place."""
+    result = replace(fit_result(), cost=4000.0, cost_expected=100.0, cost_dof=200.0, status="misfit")
+    for members, log, is_command in (
+        (("mass",), (True,), True), (("d_1",), (True,), False), (("mass", "k_1"), (True, True), False),
+        (("x_c",), (False,), False),
+    ):  # fmt: skip
+        n, effects = len(members), np.zeros(len(result.x))
+        cause = ModificationIndex(
+            members[0], "mass", members, np.ones(n), ("kg",) * n, log, np.full(n, 0.1), 0.1, 9.0, 0.9, effects, (), 1
+        )
+        texts = [action.text for action in next_steps(replace(result, indices=(cause,)), rows_of(result))]
+        assert (f"--set 'fit.parameters.{members[0]}={{prior: {{std: {ADVICE.prior_std}}}}}'" in texts) == is_command
+
+
 def test_lines_of_the_model_hold_the_measured_ones_and_resolve_a_resonance():
     measured = np.arange(2.0, 60.0, 4.0)
     lines = model_lines(measured, [29.68, 32.96], [0.01, 0.01])

@@ -7,11 +7,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from elastid.fit.diagnosis.hypothesis import Hypothesis
+from elastid.fit.diagnosis.response_columns import inertial
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber
-from elastid.robot import Body, Robot
+from elastid.robot import Robot
 
 # Families of numbers that depend on the posture alone.
-OF_POSTURES = ("friction by posture", "transmission")
+OF_POSTURES = ("friction by posture", "transmission", "reading by posture")
 
 
 def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
@@ -65,9 +66,3 @@ def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, st
         word = family.partition(" ")[0]
         for joint in robot.driven:
             yield f"{word}_{joint.name}", family, [f"{word}_{joint.name}@{posture}" for posture in postures]
-
-
-def inertial(body: Body) -> list[str]:
-    """Names of the mass, the centre of mass and the inertia of a body."""
-    entries = (f"I_{body.name}{suffix}" for suffix in body.inertia_entries)
-    return [f"m_{body.name}", *(f"c_{body.name}_{axis}" for axis in "xyz"), *entries]

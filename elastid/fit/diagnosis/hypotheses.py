@@ -26,8 +26,7 @@ from elastid.fit.diagnosis.lateness import find_lateness
 from elastid.fit.diagnosis.misreadings import READINGS, find_misreading, find_wrong_frequency_unit
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.other_robots import find_other_robots
-from elastid.fit.diagnosis.payload_search import MASS_KG
-from elastid.fit.diagnosis.sensitivities import (
+from elastid.fit.diagnosis.response_columns import (
     channel_delays,
     gear_couplings,
     gear_ratios,
@@ -107,8 +106,12 @@ def _late(index: ModificationIndex) -> str:
     if form == "delay":
         return f"a delay of {T / 1e-3:.3g} ms{on}"
     if form == "low_pass":
-        size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz){on}"
-        return size if T > 0 else f"{size} that was taken out where there is none"
+        size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
+        if T > 0:
+            return f"{size}{on}"
+        if role == "y":
+            return f"{size}{on} that was taken out where there is none"
+        return f"{size} that torques pass before they are logged{on}"
     if T < 0:
         return f"a torque that acts {-T / 2e-3:.3g} ms earlier than it was taken to{on}"
     return f"a torque that acts {T / 2e-3:.3g} ms late, held for {T / 1e-3:.3g} ms{on}"
@@ -127,6 +130,8 @@ def _late_advice(index: ModificationIndex, result: FitResult) -> str:
         return f"{text}; where the torque loop or a log delays it, {delay}" if "delay" in names else text
     if index.name == "delay":
         return f"{delay}, or give the robot's chain its lags"
+    if (index.name == "low_pass" or index.name.startswith("low_pass_u")) and index.steps[0] < 0:
+        return "log torques before their filter, or take the filter out of what was logged"
     if index.name == "low_pass":
         return "give the robot's chain the sensor_lag of its encoders, or the torque_lag of its drives"
     return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
@@ -156,6 +161,10 @@ def _friction(index: ModificationIndex) -> str:
 
 def _transmission(index: ModificationIndex) -> str:
     return f"a transmission error of gear {_axis(index)} (effective ratio {_by_posture(index)})"
+
+
+def _reading(index: ModificationIndex) -> str:
+    return f"an encoder of motor {_axis(index)} that reads {_by_posture(index)}"
 
 
 def _load(index: ModificationIndex) -> str:
@@ -235,8 +244,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2)),
     Hypothesis(
         "payload",
-        ("m_payload",),
-        Size(MASS_KG, 50.0, unit="kg", grows=True),
         phrase=_payload,
         advice="is a payload forgotten? give it as payload in the robot's file, or check body {where}",
         plausibility=20.0,  # what a robot carries changes, its links do not
@@ -272,6 +279,14 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         Size(0.01, 0.3, unit="1"),
         phrase=_transmission,
         advice="measure it against a second encoder behind the gear; more postures average it",
+        is_stated=False,
+    ),
+    Hypothesis(
+        "reading by posture",
+        ("reading",),
+        Size(0.01, 0.3, unit="1"),
+        phrase=_reading,
+        advice="is its resolver or its disc eccentric? a motion over whole turns of the motor averages it",
         is_stated=False,
     ),
     Hypothesis(
@@ -319,6 +334,16 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         phrase=lambda index: f"{index.name} instead of the file's",
         advice="check gravity in the robot's file: how is its base mounted?",
         search=find_other_robots,
+    ),
+    Hypothesis(
+        "postures",
+        phrase=lambda index: index.name,
+        advice="check unit, direction and order of the angles of experiment.configurations against the robot's axes",
+    ),
+    Hypothesis(
+        "side of the gear",
+        phrase=lambda index: index.name,
+        advice="the robot's file takes the inertia of a motor on the motor side, in kg*m^2",
     ),
     Hypothesis(
         "payload of the file",

@@ -289,7 +289,10 @@ def _advice(index: ModificationIndex, evidence: Evidence) -> str:
         return advice(index, evidence.result)
     size = hypothesis and hypothesis.size
     usual = min(size.usual if size else 0.1, LIMITS.prior_std)
-    return advice.format(name=index.name, where=index.name.partition("_")[2], usual=usual)
+    # The common factor of an inertia's entries is no parameter of a study; they are.
+    is_factor = index.name.startswith("I_") and index.name not in evidence.assembly.linearisation.model.parameters
+    name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name
+    return advice.format(name=name, where=index.name.partition("_")[2], usual=usual)
 
 
 def hypothesis_of_index(index: ModificationIndex, hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:

@@ -10,7 +10,7 @@ step at each. A hold is that of a torque between its samples; a negative T is a 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
@@ -107,8 +107,9 @@ def as_delay(name: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class LatenessSearch:
-    """Configurations evaluated at one point.  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow."""
+    """Configurations evaluated at x (n_x,).  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow."""
 
+    x: FloatArray
     evaluated: Sequence[Evaluated]
     prior: FloatArray
     free: BoolArray
@@ -121,24 +122,30 @@ class LatenessSearch:
         for form, factor, T in forms:
             yield self._between(form, factor, role, place, (0.3 * T, 2.0 * T))
 
-    def best_hold(self, delay_is_free: bool = False) -> Late:
-        """The best hold of all torques; next to a free delay, which takes its phase, by its amplitude alone."""
-        factor, edge_hz = hold_amplitude if delay_is_free else hold, self._edge_hz
+    def best_filters(self, delay_is_free: bool = False) -> Iterator[Late]:
+        """The best hold of all torques, and the best low pass; a hold next to a free delay by its amplitude alone."""
         # Starts by f T at the upper edge: next to a free delay the sinc is flat at zero.
-        ends = [(0.2 * phase / edge_hz, 2 * phase / edge_hz) for phase in (-0.1, 0.1, 0.4)]
-        return min((self._between("hold", factor, "", "", pair) for pair in ends), key=lambda late: late.cost)
+        forms = (
+            ("hold", hold_amplitude if delay_is_free else hold, (-0.1, 0.1, 0.4)),
+            ("low_pass", low_pass, (-0.4, -0.1, 0.1)),
+        )
+        for form, factor, phases in forms:
+            ends = [(0.2 * phase / self._edge_hz, 2 * phase / self._edge_hz) for phase in phases]
+            yield min((self._between(form, factor, "", "", pair) for pair in ends), key=lambda late: late.cost)
 
     @property
     def _edge_hz(self) -> float:
         return max(float(e.part.kernel.freq_hz.max()) for e in self.evaluated)
 
+    def late_by(self, factor: Factor, role: str, place: str, T: float) -> Prediction:
+        """The prediction with one form of lateness."""
+        reading = Reading("", "time", partial(_late, factor, T, role, place))
+        return predict(reading, self.evaluated, self.prior, self.free)
+
     def _between(self, form: str, factor: Factor, role: str, place: str, ends: tuple[float, float]) -> Late:
         from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
 
-        def at_time(T: float) -> Prediction:
-            reading = Reading(form, "time", partial(_late, factor, T, role, place))
-            return predict(reading, self.evaluated, self.prior, self.free)
-
+        at_time = partial(self.late_by, factor, role, place)
         limit = LIMITS.edge_phase / self._edge_hz
         low, high = (float(np.clip(T, -limit, limit)) for T in sorted(ends))
         options = {"maxiter": LIMITS.evaluations, "xatol": 1e-4 * max(abs(low), abs(high))}
@@ -158,24 +165,25 @@ def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated,
 
 
 def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """The indices with the forms of what is late, where a delay would explain a part; a hold in any case."""
+    """The indices with forms of lateness where a delay explains a part; a hold or a low pass of all in any case."""
     if not evidence.is_unexplained:
         return indices
     optimum, result = evidence.optimum, evidence.result
-    # Far out ln p has no slope that leads back: what the data barely constrain is at its start.
-    weak = ~(np.sqrt(np.diag(result.covariance)) < LIMITS.std)
-    log = np.array([p.log for p in optimum.fit.parameters.free])
-    x = np.where(weak & log, optimum.fit.parameters.x, optimum.end.x)
-    fit = thinned(optimum.fit)
-    search = LatenessSearch(evaluate(fit, x), optimum.fit.prior_slopes, ~result.at_bound)
-    if not search.evaluated:
+    fit, x = thinned(optimum.fit), optimum.end.x
+    # Far out ln p has no slope that leads back: what the data barely constrain is at its start, too.
+    weak = ~(np.sqrt(np.diag(result.covariance)) < LIMITS.std) & np.array([p.log for p in fit.parameters.free])
+    points = (x, np.where(weak, fit.parameters.x, x)) if weak.any() else (x,)
+    searches = [LatenessSearch(p, evaluate(fit, p), optimum.fit.prior_slopes, ~result.at_bound) for p in points]
+    if not searches[0].evaluated:
         return indices
-    cost = predict(AS_READ, evaluate(fit, optimum.end.x), search.prior, search.free).cost
+    cost = predict(AS_READ, searches[0].evaluated, searches[0].prior, searches[0].free).cost
     lines = fit.n_residuals / max(optimum.fit.n_residuals, 1)
     noise = scores.noise * lines
     excess = max(cost - noise, 1e-300)
 
-    def index(late: Late, linear: ModificationIndex | None, equal: list[Late]) -> ModificationIndex:
+    def index(
+        late: Late, linear: ModificationIndex | None, equal: list[Late], search: LatenessSearch
+    ) -> ModificationIndex:
         """linear: the delay that it is to first order.  equal: all forms that cannot be distinguished."""
         share = (cost - late.cost) / excess
         return ModificationIndex(
@@ -189,25 +197,32 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
             std=math.nan if linear is None else linear.std,
             drop=share * scores.excess / scores.lines,
             share=share,
-            effects=x - optimum.end.x + late.prediction.step,
+            effects=search.x - x + late.prediction.step,
             alike=tuple(other.name for other in equal if other is not late) + (linear.alike if linear else ()),
         )
 
+    def equally_good(forms: Iterable[Late]) -> list[Late]:
+        """The best form and those that cannot be distinguished from it."""
+        best = sorted(forms, key=lambda late: late.cost)
+        tolerance = LIMITS.form_drop * scores.level + LIMITS.form_share * max(best[0].cost - noise, 0.0)
+        return [late for late in best if late.cost < best[0].cost + tolerance]
+
+    is_free = "delay" in result.parameters.free_names
     delays = [linear for linear in indices if linear.name.startswith("delay") and linear.share > LIMITS.share]
     delays = [linear for linear in delays if linear.share > LIMITS.part_of_best * delays[0].share][: LIMITS.followed]
     extended = list(indices)
     for linear in delays:
-        best = search.best_forms(*_channel(linear.name, fit), float(linear.steps[0]))
-        forms = sorted(best, key=lambda late: late.cost)
-        tolerance = LIMITS.form_drop * scores.level + LIMITS.form_share * max(forms[0].cost - noise, 0.0)
-        equal = [late for late in forms if late.cost < forms[0].cost + tolerance]
+        where, T = _channel(linear.name, fit), float(linear.steps[0])
+        search = min(searches, key=lambda search: search.late_by(delay, *where, T).cost)
+        equal = equally_good(search.best_forms(*where, T))
         place = extended.index(linear)
-        extended[place : place + 1] = [index(late, linear, equal) for late in equal]
+        extended[place : place + 1] = [index(late, linear, equal, search) for late in equal]
     if not any(linear.name == "delay" for linear in delays):
-        late = search.best_hold("delay" in result.parameters.free_names)
-        drop, explained = cost - late.cost, max((linear.drop * lines for linear in delays), default=0.0)
+        filters = ((search, equally_good(search.best_filters(is_free))) for search in searches)
+        search, equal = min(filters, key=lambda trial: trial[1][0].cost)
+        drop, explained = cost - equal[0].cost, max((linear.drop * lines for linear in delays), default=0.0)
         if drop > max(scores.significant[1], LIMITS.share * (cost - noise), explained):
-            extended.append(index(late, None, [late]))
+            extended += [index(late, None, equal, search) for late in equal]
     return extended
 
 

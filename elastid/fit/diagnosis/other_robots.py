@@ -1,14 +1,16 @@
 """Other robots than the file's, each fitted with the tolerances about its own numbers.
 
-They are mounted otherwise, do not carry the payload that the file has, or have a spring that it lacks.  A fit that
+They stand at the angles as another unit, direction or order has them, are mounted otherwise, do not carry the payload
+that the file has, have inertias of motors of the other side of the gears, or have a spring that it lacks.  A fit that
 moved numbers within their tolerances to make up for a cause ends where no step leads to it; these begin at the file.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -19,7 +21,7 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
-from elastid.fit.diagnosis.prediction import thinned
+from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.scoring import at_file, score
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import ModificationIndex
@@ -28,7 +30,7 @@ from elastid.fit.tolerances import with_tolerances
 from elastid.parameters import Parameter, ParameterSet
 from elastid.robot import Payload, Robot
 
-Variant: TypeAlias = tuple[ModificationIndex, Robot, ParameterSet]
+Variant: TypeAlias = tuple[ModificationIndex, Assembly]
 
 
 @dataclass(frozen=True)
@@ -36,11 +38,13 @@ class Limits:
     """Thresholds of the search among other robots.  False alarms of 300 clean logs: modification-index 1."""
 
     explained_share: float = 0.9  # of the excess; where something else explains more, no other robot is tried
+    whole: float = 0.99  # of it; where something else explains more, nor is another reading of the study
     share: float = 0.3  # of the excess that another robot explains
     cost_ratio: float = 1.1  # of V, below which those mounted otherwise cannot be distinguished
     left: float = 1e-3  # of a payload that is not carried
     iterations: int = 30  # of each fit
     rounds: int = 3  # in which a load is found
+    residuals: int = 2_000  # of a study that is read otherwise
     enough: float = 0.5  # of V as read, below which a fit needs no further start
 
 
@@ -50,12 +54,13 @@ LIMITS = Limits()
 def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """The indices with other robots that explain a part, in place of their linear steps, where nothing explains all."""
     explained = max((index.share for index in indices), default=0.0)
-    if not evidence.is_unexplained or explained > LIMITS.explained_share:
+    if not evidence.is_unexplained or explained > LIMITS.whole:
         return indices
     found = list[ModificationIndex]()
-    for search in (_with_load, _mounted_otherwise, _with_springs):  # by their time
-        if max((index.share for index in found), default=0.0) < LIMITS.explained_share:
+    for search in (_read_otherwise, _with_load, _mounted_otherwise, _with_springs):  # by their time
+        if search is _read_otherwise or explained <= LIMITS.explained_share:
             found += search(evidence, scores)
+            explained = max((explained, *(index.share for index in found)))
     by_name = {index.name: index for index in found if index.share > LIMITS.share}
     better = {name for name, index in by_name.items() if index.share > _share_of(name, indices)}
     return [*(index for index in indices if index.name not in better), *(by_name[name] for name in better)]
@@ -155,7 +160,7 @@ def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationI
     directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
                   for axis, row in zip("xyz", np.eye(3), strict=True) for sign in "+-"}  # fmt: skip
     variants: list[Variant] = [
-        (_named(name, "gravity"), replace(robot, gravity=tuple(gravity.tolist())), parameters)
+        (_named(name, "gravity"), _of_robot(evidence, replace(robot, gravity=tuple(gravity.tolist())), parameters))
         for name, gravity in (directions | {"no gravity": np.zeros(3)}).items()
         if not np.allclose(gravity, robot.gravity, atol=0.1 * size)
     ]
@@ -163,12 +168,77 @@ def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationI
         numbers = {n: v for n, (v, _) in robot.parameters().items() if n == "m_payload" or n.startswith("I_payload")}
         left = {name: LIMITS.left * value for name, value in numbers.items()}
         name = _named("the payload of the file not carried", "payload of the file")
-        variants.append((name, robot.with_parameters(left), _about(parameters, left)))
-    judged = sorted((_judged(v, evidence, scores) for v in variants), key=lambda trial: trial[1])
-    if not judged:
+        variants.append((name, _of_robot(evidence, robot.with_parameters(left), _about(parameters, left))))
+    return _best(_judged(variant, evidence, scores) for variant in variants)
+
+
+def _best(judged: Iterable[tuple[ModificationIndex, float]]) -> list[ModificationIndex]:
+    """The index of least V, with the names of those that cannot be distinguished from it."""
+    by_cost = sorted(judged, key=lambda trial: trial[1])
+    equal = (index.name for index, V in by_cost[1:] if LIMITS.cost_ratio * by_cost[0][1] > V)
+    return [replace(by_cost[0][0], alike=tuple(equal))] if by_cost else []
+
+
+def _of_robot(evidence: Evidence, robot: Robot, parameters: ParameterSet) -> Assembly:
+    own = evidence.assembly
+    return Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
+
+
+def _read_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """By angles of all configurations, or inertias of motors, that the study does not mean as they are read."""
+    if not evidence.is_suspect:
         return []
-    equal = tuple(index.name for index, V in judged[1:] if LIMITS.cost_ratio * judged[0][1] > V)
-    return [replace(judged[0][0], alike=equal)]
+    return _best(_settled(variant, evidence, scores) for variant in (*_angles(evidence), *_motor_inertias(evidence)))
+
+
+def _angles(evidence: Evidence) -> Iterator[Variant]:
+    """The study with the angles of its configurations in the other unit, direction or order."""
+    own = evidence.assembly
+    driven = own.linearisation.model.robot.driven
+    turns, n = np.array([not joint.slides for joint in driven]), len(driven)
+    degree = math.radians(1)
+    changes = {
+        "angles of all configurations in degrees, read as radians": np.diag(np.where(turns, degree, 1.0)),
+        "angles of all configurations in radians, read as degrees": np.diag(np.where(turns, 1 / degree, 1.0)),
+    }
+    for i, joint in enumerate(driven):
+        counted = f"angle of axis {joint.name} counted in the other direction in all configurations"
+        changes[counted] = np.diag([-1.0 if j == i else 1.0 for j in range(n)])
+    for i, (first, second) in enumerate(pairwise(driven)):
+        order = [*range(i), i + 1, i, *range(i + 2, n)]
+        changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
+    stated = np.array([G.configuration.angles for G in own.responses])
+    for name, change in changes.items():
+        stood = stated @ change.T
+        if not np.allclose(stood, stated):
+            places = [replace(G.configuration, angles=row) for G, row in zip(own.responses, stood, strict=True)]
+            responses = (replace(G, configuration=place) for G, place in zip(own.responses, places, strict=True))
+            yield _named(name, "postures"), replace(own, responses=tuple(responses))
+
+
+def _motor_inertias(evidence: Evidence) -> Iterator[Variant]:
+    """The robot with an inertia of its file, of one motor or of all, that is referred to the link side of the gear."""
+    own = evidence.assembly
+    robot = own.linearisation.model.robot
+    given = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
+    every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in given.items()}
+    groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
+    for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
+        index = _named(f"{name} given on the link side, or in kg cm^2", "side of the gear")
+        yield index, _of_robot(evidence, robot.with_parameters(numbers), _about(own.parameters, numbers))
+
+
+def _settled(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
+    """The index of another study, and V of all lines at the optimum that a few steps reach from the start."""
+    index, assembly = variant
+    cost, x = math.inf, assembly.parameters.x
+    try:
+        fit = thinned(assembly.at(x, assembly.spec.criterion), LIMITS.residuals)
+        cost, x = settle(AS_READ, fit, x, np.ones(len(x), dtype=bool))
+        cost *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
+    except ElastidError:  # no robot stands there
+        pass
+    return _against(index, cost, x, evidence, scores), cost
 
 
 def _named(name: str, family: str) -> ModificationIndex:
@@ -194,13 +264,12 @@ def _about(parameters: ParameterSet, numbers: Mapping[str, float]) -> ParameterS
 
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
     """The index of another robot, and V of its fit on thinned lines, from the optimum's parameters and the study's."""
-    index, robot, parameters = variant
-    own, cost, x = evidence.assembly, math.inf, evidence.optimum.end.x
+    index, assembly = variant
+    cost, x, parameters = math.inf, evidence.optimum.end.x, assembly.parameters
     asked = np.array([not p.tolerated for p in parameters.free])
     for start in (np.where(asked, evidence.optimum.end.x, parameters.x), parameters.x):
         try:
-            assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
-            fit = thinned(assembly.at(start, own.spec.criterion))
+            fit = thinned(assembly.at(start, assembly.spec.criterion))
             end = solve(fit.problem, start, ROUGH, LIMITS.iterations)
         except ElastidError:
             continue

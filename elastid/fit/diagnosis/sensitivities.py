@@ -4,7 +4,6 @@ r"""Residuals at the optimum and their derivatives to everything that the fit he
 geometry and the gains of its channels these are:
 
 - angle_2: an offset of the angle at which axis 2 stood, in all configurations; angle_2@c1: in one.
-- payload: a point mass at the tool, where the robot carries none.
 - torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
 - base_x: that of what the robot stands on, about x of its first body before it turns.
 - loop_2: the square of the bandwidth omega_2 of a position loop of motor 2, which makes a spring of omega_2^2 M_22
@@ -16,16 +15,7 @@ geometry and the gains of its channels these are:
 
 A stiff spring stands in for a rigid coordinate: dK = -k^2 dc (...).
 
-Other numbers have a derivative that follows from the response itself; each is the `columns` of a hypothesis:
-
-.. math:: \text{delay of an output or input}: \; -j \omega G \text{ in its row or column}, \qquad
-          \text{rate}: \; \frac{dG}{d\epsilon} = \omega \frac{\partial G}{\partial \omega} - 2 G
-
-.. math:: \text{ratio of motor } i: \quad \dot S G + G \dot S^T
-          + 2 \Big( J_m \frac{\partial G}{\partial J_m} + f_m \frac{\partial G}{\partial f_m} + \ldots \Big),
-          \qquad \dot S = E^{-1} e_i e_i^T E
-
-since torque and angle were referred to the link side by the wrong ratio.
+`elastid.fit.diagnosis.response_columns` has numbers whose derivative follows from the response itself.
 """
 
 from __future__ import annotations
@@ -33,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import permutations
 
 import numpy as np
 
@@ -48,19 +37,15 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
-from elastid.robot import Body, Joint, Payload, Robot, Spring, gain_name
+from elastid.robot import Body, Joint, Robot, Spring, gain_name
 
 RATE = "rate"
-# Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
-LOAD_RATIO = 0.8
-# Of the largest torque, below which a gear carries none.
-NO_LOAD = 0.01
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True, eq=False)
 class HeldModel:
-    """linearisation: of the robot with its geometry, gains, a payload and stiff springs among the parameters.
+    """linearisation: of the robot with its geometry, gains and stiff springs among the parameters.
 
     rigid: the parameters of the stiff springs, k_arm_x, and the name of the compliance that each stands for.
     loads: the torque at rest of each driven joint, N m, by configuration.
@@ -72,7 +57,7 @@ class HeldModel:
 
     @classmethod
     def of(cls, assembly: Assembly, fitted: LinearModel) -> HeldModel:
-        """The extended equations, without torsions, payload or geometry where impossible; fitted: one of the fit."""
+        """The extended equations, without torsions or geometry where impossible; fitted: one of the fit."""
         robot = assembly.linearisation.model.robot
         channels = [gain_name("u", place) for place in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
@@ -81,9 +66,8 @@ class HeldModel:
         places = tuple(name for name in robot.geometry if not name.startswith("zero_") or name in known)
         refused: ElastidError | ValueError | None = None
         for (extended, rigid), geometry in (
-            (_with_torsions(_with_payload(robot)), places),
-            ((_with_payload(robot), {}), places),
-            ((_with_payload(robot), {}), known),
+            (_with_torsions(robot), places),
+            ((robot, {}), places),
             ((robot, {}), known),
         ):
             try:
@@ -145,14 +129,6 @@ def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
         torques = equilibrium(model, theta, configuration).u
         loads[configuration.name] = {j.name: float(u) for j, u in zip(model.robot.driven, torques, strict=True)}
     return loads
-
-
-def _with_payload(robot: Robot) -> Robot:
-    """The robot with a payload of no mass at its tool, or at its last body, where it carries none."""
-    if robot.payload is not None:
-        return robot
-    tools = [frame.name for frame in robot.frames if frame.name == "tool"]
-    return replace(robot, payload=Payload(0.0, at=(tools or [robot.bodies[-1].name])[0]))
 
 
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
@@ -290,114 +266,13 @@ def evaluate_held(
                 del numbers[name]
             for k in np.flatnonzero(row):
                 free[k] += row[k] * by_name[name]
+    for name in held.rigid:  # springs that the robot does not have are free of friction
+        numbers.pop(name.replace("k_", "d_", 1), None)
+        numbers.pop(name.replace("k_", "f_", 1), None)
     response = HeldResponse(held.linearisation.model.robot, model, theta, kernel.freq_hz, G, by_name, held.loads)
     for further in columns:
         numbers |= further(response)
     return Evaluated(part, part.mixing, G, free, numbers)
-
-
-def rate_column(response: HeldResponse) -> dict[str, ComplexArray]:
-    """Derivative to a sampling rate 1 + e of the stated one."""
-    return {RATE: response.slopes[RATE] - 2 * response.G}
-
-
-def channel_delays(response: HeldResponse) -> dict[str, ComplexArray]:
-    """Derivatives to the delay of each output and input in s; a single one is the delay of all."""
-    s, model, columns = 2j * np.pi * response.freq_hz[:, None, None], response.model, dict[str, ComplexArray]()
-    for role, places, axis in (("y", model.outputs, 1), ("u", model.inputs, 2)):
-        for i, place in enumerate(places if len(places) > 1 else ()):
-            mask = np.zeros((1, len(model.outputs), len(model.inputs)))
-            mask[(slice(None),) * axis + (i,)] = 1.0
-            columns[gain_name(role, place).replace("gain", "delay", 1)] = -s * mask * response.G
-    return columns
-
-
-def gear_ratios(response: HeldResponse) -> dict[str, ComplexArray]:
-    """Derivatives to the logarithm of each gear ratio."""
-    robot, model, G, slopes = response.robot, response.model, response.G, response.slopes
-    values = dict(zip(model.parameters, response.theta.tolist(), strict=True))
-    inverse, columns = np.linalg.inv(robot.mixing), {}
-    for i, joint in enumerate(robot.driven):
-        turn = np.outer(inverse[:, i], robot.mixing[i])
-        left, right = (_between(turn, robot, places) for places in (model.outputs, model.inputs))
-        scaled = [f"{letters}_{joint.name}" for letters in ("Jm", "fm", "km", "dm")]
-        moved = sum((2 * values[name] * slopes[name] for name in scaled if name in slopes), np.zeros_like(G))
-        columns[f"ratio_{joint.name}"] = left @ G + G @ right.T + moved
-    return columns
-
-
-def posture_angles(response: HeldResponse) -> dict[str, ComplexArray]:
-    """Derivatives to the angle of each axis in this configuration alone, rad."""
-    name = response.model.configuration.name
-    return {f"angle_{j.name}@{name}": response.slopes[f"angle_{j.name}"] for j in response.robot.driven}
-
-
-def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
-    """Derivatives to what differs in this configuration alone.
-
-    delay@c1 of all its channels, s; friction_1@c1: ln fm_1; transmission_1@c1: ln of the effective ratio, which a
-    transmission error changes by its slope at the posture's angle; m_fore@c1 ...: the numbers of the last body, which
-    carries a load.  None of a single configuration.
-    """
-    name, robot, last = response.model.configuration.name, response.robot, response.robot.bodies[-1]
-    if len(response.loads) < 2:
-        return {}
-    columns = {f"{DELAY}@{name}": -2j * np.pi * response.freq_hz[:, None, None] * response.G}
-    for ratio, column in gear_ratios(response).items():
-        columns[f"{ratio.replace('ratio', 'transmission')}@{name}"] = column
-    for joint in robot.driven:
-        friction = f"fm_{joint.name}"
-        if friction in response.slopes and response.value(friction) > 0:
-            columns[f"friction_{joint.name}@{name}"] = response.value(friction) * response.slopes[friction]
-    carried = (f"m_{last.name}", *(f"c_{last.name}_{axis}" for axis in "xyz"))
-    for number in (*carried, *(f"I_{last.name}{suffix}" for suffix in last.inertia_entries)):
-        if number in response.slopes:
-            columns[f"{number}@{name}"] = response.slopes[number]
-    return columns
-
-
-def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
-    r"""Derivatives to the change of each gear's stiffness with the torque tau that it carries.
-
-    load_2, of a gear that hardens, and play_2, of one with backlash, whose tangent is soft near no torque:
-
-    .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2), \qquad k\, (1 - e\, \tau_{min}^4 / \tau^4)
-    """
-    columns = {}
-    for joint in (each.name for each in response.robot.driven):
-        loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
-        most, spring = max(loads.values(), default=0.0), f"k_{joint}"
-        if most > 0 and min(loads.values()) < LOAD_RATIO * most and spring in response.slopes:
-            own, least = loads[response.model.configuration.name], max(min(loads.values()), NO_LOAD * most)
-            slope = response.value(spring) * response.slopes[spring]
-            columns[f"load_{joint}"] = (own / most) ** 2 * slope
-            columns[f"play_{joint}"] = -((least / max(own, least)) ** 4) * slope
-    return columns
-
-
-def gear_couplings(response: HeldResponse) -> dict[str, ComplexArray]:
-    """Derivatives to the turns of motor i, link side, per turn of joint j, where the file couples them by no gear."""
-    robot, model, G, s = response.robot, response.model, response.G, 2j * np.pi * response.freq_hz[:, None, None]
-    driven, inverse, columns = robot.driven, np.linalg.inv(robot.mixing), dict[str, ComplexArray]()
-    places = model.outputs
-    if model.inputs != places or model.quantity != "acceleration" or not set(places) <= set(robot.motor_locations):
-        return {}
-    rotors = [(response.value(f"Jm_{j.name}"), response.value(f"fm_{j.name}")) for j in driven]
-    squared = [abs(j.motor.ratio) ** 2 if j.motor is not None else 0.0 for j in driven]
-    for i, j in permutations(range(len(driven)), 2):
-        turn = inverse[:, [i]] * np.eye(len(driven))[j]
-        rows, columns_of = (_between(turn, robot, p) for p in (places, places))
-        rotor = squared[i] * (rotors[i][0] + rotors[i][1] / s)
-        pair = np.outer(robot.mixing[i], np.eye(len(driven))[j])
-        moved = _between(pair + pair.T, robot, places)
-        columns[f"coupling_{driven[i].name}_{driven[j].name}"] = rows @ G + G @ columns_of.T - rotor * (G @ moved @ G)
-    return columns
-
-
-def _between(turn: FloatArray, robot: Robot, places: tuple[str, ...]) -> FloatArray:
-    """The entries of a matrix over motors (n_u, n_u) between places, zero for other places."""
-    index = [robot.motor_locations.index(place) if place in robot.motor_locations else -1 for place in places]
-    return np.array([[turn[i, j] if min(i, j) >= 0 else 0.0 for j in index] for i in index])
 
 
 def _flat(mixing: ComplexArray | None, values: ComplexArray) -> FloatArray:
