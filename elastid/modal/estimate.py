@@ -44,7 +44,8 @@ class ModeLimits:
     max_damping: float = 0.35
     damping_significance: float = 2.5  # damping over its standard deviation
     freq_std: float = 0.05  # of the frequency, at most: a slow pole at the edge of the band is no mode
-    input_share: float = 0.01  # least singular value of the inputs over its largest: 40 dB
+    input_share: float = 0.01  # least singular value of the inputs over its largest: 40 dB,
+    sure_coherence: float = 0.9  # unless the coherence shows that less suffices
     coherence: float = 0.2  # multiple, median over some lines of the best output
     coherence_lines: int = 21
     lines: int = 16  # of a response that has modes
@@ -54,6 +55,9 @@ class ModeLimits:
     twin_mac: float = 0.9
     wide_damping: float = 0.2  # half of its 95 % interval over the damping, from which on it is reported
     twin_share: float = 0.1  # of the stronger one's residue
+    broad: float = 0.03  # damping, from which on a pole may be background that stronger modes leave
+    visible_share: float = 0.1  # of the rms of G within its half powers, that a broad mode's peak has at least
+    residue_std: float = 0.5  # of a broad mode's residue, relative
     undamped_std: float = 4.0  # standard deviations by which a damping is below 0
     lines_in_width: float = 1.5  # of a resonance between its half powers, below which its damping is doubtful
     chosen_distance: float = 0.05  # of a pole from the frequency that it was chosen by, relative
@@ -79,7 +83,7 @@ def estimate_modes(
 
     .. math:: \lambda = \lambda_w + 1 / \tau
 
-    Lines that the inputs do not reach (40 dB below their best) or that have no coherence are left out.  Raises
+    Lines that the inputs do not reach (40 dB below their best, coherence below 0.9) or without coherence are left out.  Raises
     DataError where fewer than 16 lines are left, ValueError for numbers that a `modal` section does not take.
     """
     check_kind(response, FrequencyResponse, "response", "elastid.estimate(records, EstimatorSpec()) makes one")
@@ -137,7 +141,8 @@ def _reached(response: FrequencyResponse) -> BoolArray:
     size = min(LIMITS.coherence_lines, response.n_lines)
     force = median_filter(weakest, size, mode="nearest")
     coherence = median_filter(quality.multiple_coherence.max(axis=1), size, mode="nearest")
-    return np.asarray((force > LIMITS.input_share * force.max()) & (coherence > LIMITS.coherence))
+    is_forced = (force > LIMITS.input_share * force.max()) | (coherence > LIMITS.sure_coherence)
+    return np.asarray(is_forced & (coherence > LIMITS.coherence))
 
 
 def _residual_variance(response: FrequencyResponse, fit: ModalFit) -> FloatArray:
@@ -212,12 +217,15 @@ def _modes(
         orders = int(np.max(np.where(np.abs(stable[0] - pole) < -pole.real, stable[1], 0), initial=0))
         fitted.append(_FittedMode.of(response, influences, r, pole + shift, orders, float(chance[r])))
     if poles_hz is None:
-        found = _without_twins([mode for mode in fitted if mode.is_within(response)])
+        within = _without_twins([mode for mode in fitted if mode.is_within(response)])
+        found = [mode for mode in within if not mode.is_background(response)]
     else:
+        within = []
         found = [mode for mode in fitted if mode.is_near(poles_hz)]
     modes = _gathered(response, fit, found, diagram)
+    background = [mode for mode in within if mode not in found]
     notes = (*_lost_notes(found, response, poles_hz), *_window_notes(fitted, shift, response))
-    return replace(modes, notes=(*modes.notes, *notes))
+    return replace(modes, notes=(*modes.notes, *notes, *_background_notes(background, response)))
 
 
 @dataclass(frozen=True)
@@ -254,6 +262,16 @@ class _FittedMode:
         inside = response.freq_hz[0] <= self.freq_hz <= response.freq_hz[-1]
         inside = inside and self.freq_std <= LIMITS.freq_std * self.freq_hz
         return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < LIMITS.max_damping)
+
+    def is_background(self, response: FrequencyResponse) -> bool:
+        """True for a broad pole of little height within its half powers, or of a shape that is not known."""
+        if self.zeta < LIMITS.broad:
+            return False
+        size, half_width = float(np.linalg.norm(self.residue)), self.freq_hz * self.zeta
+        G = response.G[np.abs(response.freq_hz - self.freq_hz) <= half_width]
+        rms = float(np.linalg.norm(G)) / np.sqrt(max(len(G), 1))
+        is_unknown = float(np.linalg.norm(self.residue_std)) > LIMITS.residue_std * size
+        return bool(is_unknown or size / (2 * np.pi * half_width) < LIMITS.visible_share * rms)
 
     def is_near(self, poles_hz: Sequence[float]) -> bool:
         """True where one of these frequencies is within 5 %, or within the half width: poles may wander in a fit."""
@@ -318,6 +336,19 @@ def _lost_notes(
         "elsewhere; choose stable poles in the stabilisation diagram, and name those beside them, too"
     )
     return (Note("no-pole", text, response.configuration.name),)
+
+
+def _background_notes(poles: Sequence[_FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
+    """A note on broad poles that are not called modes."""
+    if not poles:
+        return ()
+    unit = "Hz" if response.rate_is_known else "of the sampling rate"
+    where = ", ".join(f"{mode.freq_hz:.4g} {unit} (damping {percent(mode.zeta, 2)})" for mode in poles)
+    text = (
+        f"poles at {where} are background of the modes within their width: less than "
+        f"{percent(LIMITS.visible_share, 2)} of the response there, or of uncertain shape; poles_hz can name them"
+    )
+    return (Note("broad-poles", text, response.configuration.name, severity="information"),)
 
 
 def _window_notes(modes: Sequence[_FittedMode], shift: float, response: FrequencyResponse) -> tuple[Note, ...]:

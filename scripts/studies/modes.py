@@ -44,7 +44,8 @@ RATE_HZ, HIGHEST = 512.0, 0.4
 BENCH = Configuration("bench", np.zeros(0))
 SPECS = {
     "multisine": EstimatorSpec(),
-    "random": EstimatorSpec(method="h1"),
+    "random": EstimatorSpec(method="local_rational", resolution_hz=0.05),
+    "segments": EstimatorSpec(method="h1"),
     "hammer": EstimatorSpec(method="local_rational", resolution_hz=0.04),
 }
 
@@ -118,7 +119,7 @@ def _forces(kind: str, n_u: int, rng: np.random.Generator):
             for e in range(n_u):
                 signs = np.array([(-1) ** bin(e & j).count("1") for j in range(n_u)])
                 yield m, e, _signal(lines, X * signs, N), True, slice(None)
-    elif kind == "random":
+    elif kind in ("random", "segments"):
         N, L = int(60 * RATE_HZ), int(90 * RATE_HZ)
         lines = np.arange(10, int(0.42 * L))
         X = rng.normal(size=(len(lines), n_u)) + 1j * rng.normal(size=(len(lines), n_u))
@@ -196,7 +197,7 @@ def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, obje
         assert noise <= max(0.01 * noise_records, few / 2)
         assert strong - found <= max(0.02 * strong, few)
         assert false <= max(0.01 * strong, few / 2)
-        assert np.all(held > (0.85 if quick else 0.88 if kind == "hammer" else 0.92))
+        assert np.all(held > (0.85 if quick else 0.92))
     return table
 
 
