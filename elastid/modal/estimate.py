@@ -118,7 +118,9 @@ def _reached(response: FrequencyResponse) -> BoolArray:
     size = min(LIMITS.coherence_lines, response.n_lines)
     force = median_filter(weakest, size, mode="nearest")
     coherence = median_filter(quality.multiple_coherence.max(axis=1), size, mode="nearest")
-    is_forced = (force > LIMITS.input_share * force.max()) | (coherence > LIMITS.sure_coherence)
+    is_forced = force > LIMITS.input_share * force.max()
+    if not response.window:  # few segments, as of hits, have a coherence near 1 whatever they hold
+        is_forced |= coherence > LIMITS.sure_coherence
     return np.asarray(is_forced & (coherence > LIMITS.coherence))
 
 

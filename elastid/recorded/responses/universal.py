@@ -72,6 +72,13 @@ def uff_contents(path: Path) -> tuple[str, ...]:
     )
 
 
+def uff_places(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Outputs of a universal file with their quantities (acceleration where it is not stated), and its inputs."""
+    sets = _responses(path)
+    outputs = {_place(data_set, "rsp"): _quantity(data_set) or "acceleration" for data_set in sets}
+    return outputs, tuple(dict.fromkeys(_place(data_set, "ref") for data_set in sets))
+
+
 def geometry_of_files(spec: ResponsesSpec | None, folder: Path) -> GeometrySpec | None:
     """That of the first universal file with nodes of the places of a study; None where no file has any."""
     paths = () if spec is None else (folder / file.path for file in spec.files)
