@@ -3,16 +3,16 @@
     python scripts/studies/modes.py [--quick] [--draws 100] [--seed 0] [--excitation multisine]
 
 Random structures of 3 to 12 modes of 0.3 to 3 % damping, 512 samples a second, band to 0.4 of the rate; noise of 0.1 to
-3 % of each output's rms.  multisine: two realisations of three periods of 8 s; random: 60 s, lines 0.05 Hz apart; hammer: six hits in
-48 s, local_rational on lines 0.04 Hz apart.  Each response by `estimate`, its modes by `estimate_modes`.
+3 % of each output's rms.  multisine: two realisations of three periods of 8 s; random: 60 s, local_rational on lines
+0.05 Hz apart; segments: the same by h1; hammer: six hits in 48 s, local_rational on lines 0.04 Hz apart.  Each response
+by `estimate`, its modes by `estimate_modes`.
 
 noise: records whose outputs are noise alone, 1 x 1 and 3 x 1.  found: share of the modes whose peak is above three
 standard deviations of the response there.  false: modes that are none, over modes.  held: share of the 95 % intervals,
 of modes that were found, that hold the true frequency and damping.  The last line is one JSON object.
 
 Random noise is estimated as `auto` does, by the local rational method, whose model holds leakage; segments: the same
-records by h1, whose intervals are too wide by half, since leakage of segments that overlap cancels from line to line in
-the direction in which a frequency moves G.
+records by h1, whose intervals of frequency are too wide.
 The assertions are the goals: of noise at most 1 %, found at least 98 %, false at most 1 %, held at least 92 % (a bound
 for 95 % with that many modes, of which those of one record have noise in common).
 """
