@@ -13,6 +13,7 @@ of modes that were found, that hold the true frequency and damping.  The last li
 
 Random noise is estimated as `auto` does, by the local rational method, whose model holds leakage; segments: the same
 records by h1, whose intervals of frequency are too wide.
+30 draws of multisine: noise 0 of 30, found 254 of 255, false 0, held 92.9 % (frequency) and 95.7 % (damping).
 The assertions are the goals: of noise at most 1 %, found at least 98 %, false at most 1 %, held at least 92 % (a bound
 for 95 % with that many modes, of which those of one record have noise in common).
 """
