@@ -27,6 +27,7 @@ from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
 from elastid.nonlinear.gear_result import GearResult, with_gears
+from elastid.recorded.responses.universal import geometry_of_files
 from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
@@ -180,6 +181,9 @@ def _export_responses(run: Run, target: str) -> tuple[Path, ...]:
         from elastid.modal.estimate import modes_of_responses  # SciPy's linear algebra
 
         write = partial(write, modes=modes_of_responses(responses, run.study.modal))
+        if target == "uff":
+            spec = run.study.experiment.responses
+            write = partial(write, geometry=run.study.modal.geometry or geometry_of_files(spec, run.loaded.base))
     return _reported(run, write(folder, run.study.name, responses))
 
 

@@ -35,6 +35,7 @@ from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.periodicity import find_period, repetition
 from elastid.recorded.repair.clock import delay
 from elastid.recorded.repair.time_stamps import STAMPS, even_grid
+from elastid.recorded.responses.universal import is_universal_file, uff_places
 from elastid.study.checks.logs import TIME_UNITS, is_time, time_of
 
 _MAX_SAMPLES = 1 << 18
@@ -64,6 +65,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
     Raises StudyError or DataError for a log that cannot be read, or in which nothing moves.
     """
     first = logs[0]
+    if first.is_file() and is_universal_file(first):
+        return {"study.yml": _joined([*_head("responses", first), *_universal(logs, folder)])}
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
@@ -237,6 +240,27 @@ def _friction(guess: LogGuess, clock: Clock) -> Iterator[str]:
     for i, joint in enumerate(guess.joints, start=1):
         yield _channel("u", f"motor {i}", joint.torque, "force" if joint.slides else "torque")
         yield _channel("y", f"motor {i}", joint.motion)
+
+
+def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
+    """Responses of universal files, a configuration for each, with the places of the first."""
+    outputs, inputs = uff_places(paths[0])
+    names = ["bench"] if len(paths) == 1 else [f"bench_{i}" for i in range(1, len(paths) + 1)]
+    yield "experiment:"
+    yield f"  configurations: {{{', '.join(f'{name}: []' for name in names)}}} # guessed: a state each"
+    yield "  responses:"
+    yield "    channels: # node and direction of each place; `at` is a name of your choice"
+    for place in inputs:
+        is_turned = "r" in place
+        quantity, unit = ("torque", "N*m") if is_turned else ("force", "N")
+        yield f"      - {{role: u, at: {place}, channel: {place}, quantity: {quantity}, unit: {unit}}}"
+    for place, quantity in outputs.items():
+        unit = ("rad" if "r" in place else "m") + {"position": "", "velocity": "/s", "acceleration": "/s^2"}[quantity]
+        yield f"      - {{role: y, at: {place}, channel: {place}, quantity: {quantity}, unit: {unit}}}"
+    yield "    files:"
+    for path, name in zip(paths, names, strict=True):
+        shown = Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+        yield f"      - {{path: {_quoted(shown)}, configuration: {name}}}"
 
 
 def _responses(guess: LogGuess, clock: Clock, period: Sequence[str]) -> Iterator[str]:

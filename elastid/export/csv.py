@@ -27,24 +27,24 @@ from elastid.store.files import write_rows
 def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
     """One row for each mode of each response; frequencies in Hz, or in units of an unknown sampling rate.
 
-    Shapes, the largest entry 1, as re_<output>, im_<output> and std_<output>; empty where another response has it.
+    Shapes, the largest entry 1, as re_<place>, im_<place> and std_<place>; empty where another response has it.
     """
     return _table(path, _measured_modes(modes))
 
 
 def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
-    outputs = list(dict.fromkeys(output for own in modes for output in own.outputs))
+    places = list(dict.fromkeys(place for own in modes for place in own.places))
     columns = "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "phase_collinearity"
-    shapes = [f"{part}_{output}" for output in outputs for part in ("re", "im", "std")]
-    yield "configuration", *columns, *shapes
+    yield "configuration", *columns, *(f"{part}_{place}" for place in places for part in ("re", "im", "std"))
     for own in modes:
+        shapes, std = own.place_shapes
         numbers = zip(own.freq_hz, own.freq_std, own.zeta, own.zeta_std, own.collinearity, strict=True)
         for r, row in enumerate(numbers):
             entries: list[Any] = []
-            for output in outputs:
-                if output in own.outputs:
-                    i = own.outputs.index(output)
-                    entries += [own.shapes[i, r].real, own.shapes[i, r].imag, own.shape_std[i, r]]
+            for place in places:
+                if place in own.places:
+                    i = own.places.index(place)
+                    entries += [shapes[i, r].real, shapes[i, r].imag, std[i, r]]
                 else:
                     entries += ["", "", ""]
             yield own.configuration, *row, *entries

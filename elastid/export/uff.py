@@ -1,8 +1,9 @@
-"""Export to universal files, by pyuff (the extra `uff`): responses as data sets 58, their modes as data sets 55.
+"""Export to universal files, by pyuff (the extra `uff`): responses as data sets 58, their modes as data sets 55, and
+where points are known the units (164), nodes (15) and trace lines (82), by which shapes move.
 
 A data set has room for ten letters of a name, so places become nodes: `3z` (or `tip 3z`) is node 3 along z, `tip x` the
-next free node, that of `tip y` as well, along x, any other name the next free one, without a direction. nodes.csv lists
-them.
+next free node, that of `tip y` as well, along x, any other name the next free one, without a direction. A geometry says
+at which point and along which direction a place is. nodes.csv lists them.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from elastid.base.errors import StudyError
 from elastid.base.escape import file_name, uff_text
 from elastid.base.files import replacing
 from elastid.modal.modes import Modes
+from elastid.modal.spec import GeometrySpec
 from elastid.record import Motion
 from elastid.response import FrequencyResponse
 from elastid.store.files import write_rows
@@ -33,15 +36,23 @@ _FREQUENCY, _FREQUENCY_RESPONSE, _COMPLEX_DOUBLE = 18, 4, 6
 
 
 def write_uff(
-    folder: Path, name: str, responses: Sequence[FrequencyResponse], modes: Sequence[Modes] = ()
+    folder: Path,
+    name: str,
+    responses: Sequence[FrequencyResponse],
+    modes: Sequence[Modes] = (),
+    geometry: GeometrySpec | None = None,
 ) -> tuple[Path, ...]:
-    """<configuration>.uff for each response, with its modes where given, and nodes.csv; StudyError without pyuff."""
+    """<configuration>.uff for each response, with its modes where given, and nodes.csv; StudyError without pyuff.
+
+    geometry: points and lines of the structure, which each file gets.
+    """
     try:
         import pyuff
     except ImportError:
         missing = "universal files are written by pyuff, which is not installed"
         raise StudyError(f"{missing}: pip install 'elastid[uff]', or export to csv") from None
-    nodes = numbered(place for response in responses for place in (*response.outputs, *response.inputs))
+    places = dict.fromkeys(place for response in responses for place in (*response.outputs, *response.inputs))
+    nodes, points = _located(list(places), geometry)
     folder.mkdir(parents=True, exist_ok=True)
     paths, own_modes = [], {own.configuration: own for own in modes}
     for response in responses:
@@ -49,13 +60,13 @@ def write_uff(
         with replacing(path) as temporary, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # Written as text: pyuff overwrites binary files with headers alone.
-            sets = list(_sets(name, response, nodes))
+            sets = [*_geometry_sets(geometry, points), *_sets(name, response, nodes)]
             if response.configuration.name in own_modes:
                 sets += _mode_sets(name, own_modes[response.configuration.name], nodes)
             pyuff.UFF(str(temporary)).write_sets(sets, "overwrite")
         paths.append(path)
     table = folder / "nodes.csv"
-    rows = [(place, node, _DIRECTIONS[direction]) for place, (node, direction) in nodes.items()]
+    rows = [(place, node, "-" * (code < 0) + _DIRECTIONS[abs(code)]) for place, (node, code) in nodes.items()]
     write_rows(table, [("place", "node", "direction"), *rows])
     return (*paths, table)
 
@@ -74,6 +85,39 @@ def numbered(places: Iterable[str]) -> dict[str, tuple[int, int]]:
         node = points.setdefault(point if is_directed else name, first + len(points))
         nodes[name] = (node, _DIRECTIONS.index(direction) if is_directed else 0)
     return nodes
+
+
+def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[dict[str, tuple[int, int]], dict[str, int]]:
+    """Node and direction of each place, negative against an axis, and the node of each point of the geometry."""
+    if geometry is None:
+        return numbered(places), {}
+
+    def at(point: str, direction: str) -> str:
+        return f"{point}{direction}" if point.isdigit() else f"{point} {direction}"
+
+    where = {place: found for place in places if (found := geometry.direction_of(place)) is not None}
+    names = {place: at(point, direction.lstrip("+-")) for place, (point, direction) in where.items()}
+    nodes = numbered((*(names.get(place, place) for place in places), *(at(point, "x") for point in geometry.points)))
+    signs = {place: -1 if direction.startswith("-") else 1 for place, (_, direction) in where.items()}
+    located = {place: nodes[names.get(place, place)] for place in places}
+    signed = {place: (node, signs.get(place, 1) * code) for place, (node, code) in located.items()}
+    return signed, {point: nodes[at(point, "x")][0] for point in geometry.points}
+
+
+def _geometry_sets(geometry: GeometrySpec | None, points: dict[str, int]) -> Iterable[dict[str, Any]]:
+    """Units, nodes and trace lines."""
+    if geometry is None:
+        return
+    yield {
+        "type": 164, "units_code": 1, "units_description": "SI: m, N", "temp_mode": 1,
+        "length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,
+    }  # fmt: skip
+    coordinates = np.array([geometry.points[point] for point in points], dtype=float)
+    x, y, z = coordinates.T
+    yield {"type": 15, "node_nums": list(points.values()), "x": x, "y": y, "z": z}
+    for i, (first, last) in enumerate(geometry.lines or pairwise(points), start=1):
+        nodes = np.array([points[first], points[last]])
+        yield {"type": 82, "trace_num": i, "n_nodes": 2, "id": f"line {i}", "nodes": nodes}
 
 
 def _sets(name: str, response: FrequencyResponse, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
@@ -108,13 +152,13 @@ def _sets(name: str, response: FrequencyResponse, nodes: dict[str, tuple[int, in
 
 
 def _mode_sets(name: str, modes: Modes, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
-    """Shapes along x, y and z of the nodes, those of rotations and of outputs without a direction left out."""
-    translating = [(i, *nodes[output]) for i, output in enumerate(modes.outputs) if 1 <= nodes[output][1] <= 3]
+    """Shapes along x, y and z of the nodes, those of rotations and of places without a direction left out."""
+    translating = [(i, *nodes[place]) for i, place in enumerate(modes.places) if 1 <= abs(nodes[place][1]) <= 3]
     numbers = sorted({node for _, node, _ in translating})
     for r in range(modes.n_modes if numbers else 0):
         shape = np.zeros((3, len(numbers)), complex)
         for i, node, direction in translating:
-            shape[direction - 1, numbers.index(node)] = modes.shapes[i, r]
+            shape[abs(direction) - 1, numbers.index(node)] = np.sign(direction) * modes.place_shapes[0][i, r]
         yield {
             "type": 55,
             "id1": uff_text(name),

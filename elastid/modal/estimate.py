@@ -13,16 +13,24 @@ one beyond its noise is a repeated root, two modes with one pole.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.base.display import percent
 from elastid.base.errors import DataError, check_kind
 from elastid.base.note import Note
-from elastid.base.statistics import QUANTILE_95
 from elastid.modal.basis import Basis, unstacked
+from elastid.modal.fitted_mode import (
+    LIMITS,
+    FittedMode,
+    background_notes,
+    damping_notes,
+    line_notes,
+    lost_notes,
+    window_notes,
+    without_twins,
+)
 from elastid.modal.model import ModalData, ModalFit
 from elastid.modal.modes import Modes, without_modes
 from elastid.modal.noise import floored, has_variance, line_variance, smoothed
@@ -33,33 +41,6 @@ from elastid.modal.spec import ModalSpec
 from elastid.modal.uncertainty import Influences
 from elastid.response import FrequencyResponse
 
-
-@dataclass(frozen=True)
-class ModeLimits:
-    """Judgement of poles that are more than noise.
-
-    In 40 random structures under multisines, of 321 modes, one was missed and none false (`scripts/studies/modes.py`).
-    """
-
-    max_damping: float = 0.35
-    damping_significance: float = 2.5  # damping over its standard deviation
-    freq_std: float = 0.05  # of the frequency, at most: a slow pole at the edge of the band is no mode
-    input_share: float = 0.01  # least singular value of the inputs over its largest: 40 dB
-    coherence: float = 0.2  # multiple, median over some lines of the best output
-    coherence_lines: int = 21
-    lines: int = 16  # of a response that has modes
-    second_shape: float = 0.1  # singular value of a residue over its first, from which on a root is repeated
-    second_shape_std: float = 6.0  # and over its standard deviation
-    twin_distance: float = 1.5  # in half widths, of poles with one shape, of which the weaker mends the stronger
-    twin_mac: float = 0.9
-    wide_damping: float = 0.2  # half of its 95 % interval over the damping, from which on it is reported
-    twin_share: float = 0.1  # of the stronger one's residue
-    undamped_std: float = 4.0  # standard deviations by which a damping is below 0
-    lines_in_width: float = 1.5  # of a resonance between its half powers, below which its damping is doubtful
-    chosen_distance: float = 0.05  # of a pole from the frequency that it was chosen by, relative
-
-
-LIMITS = ModeLimits()
 NO_POLES: ComplexArray = np.empty(0, complex)
 
 
@@ -79,8 +60,8 @@ def estimate_modes(
 
     .. math:: \lambda = \lambda_w + 1 / \tau
 
-    Lines that the inputs do not reach (40 dB below their best) or that have no coherence are left out.  Raises
-    DataError where fewer than 16 lines are left, ValueError for numbers that a `modal` section does not take.
+    Lines that the inputs do not reach (40 dB below their best, coherence below 0.9) or without coherence are left out.
+    Raises DataError where fewer than 16 lines are left, ValueError for numbers that a `modal` section does not take.
     """
     check_kind(response, FrequencyResponse, "response", "elastid.estimate(records, EstimatorSpec()) makes one")
     ModalSpec(band_hz, max_order, None if poles_hz is None else tuple(poles_hz), exponential_s)
@@ -137,7 +118,10 @@ def _reached(response: FrequencyResponse) -> BoolArray:
     size = min(LIMITS.coherence_lines, response.n_lines)
     force = median_filter(weakest, size, mode="nearest")
     coherence = median_filter(quality.multiple_coherence.max(axis=1), size, mode="nearest")
-    return np.asarray((force > LIMITS.input_share * force.max()) & (coherence > LIMITS.coherence))
+    is_forced = force > LIMITS.input_share * force.max()
+    if not response.window:  # few segments, as of hits, have a coherence near 1 whatever they hold
+        is_forced |= coherence > LIMITS.sure_coherence
+    return np.asarray(is_forced & (coherence > LIMITS.coherence))
 
 
 def _residual_variance(response: FrequencyResponse, fit: ModalFit) -> FloatArray:
@@ -210,161 +194,57 @@ def _modes(
     for r in np.argsort(np.abs(fit.poles)).tolist():
         pole = complex(fit.poles[r] * scale)
         orders = int(np.max(np.where(np.abs(stable[0] - pole) < -pole.real, stable[1], 0), initial=0))
-        fitted.append(_FittedMode.of(response, influences, r, pole + shift, orders, float(chance[r])))
+        fitted.append(FittedMode.of(response, influences, r, pole + shift, orders, float(chance[r])))
     if poles_hz is None:
-        found = _without_twins([mode for mode in fitted if mode.is_within(response)])
+        within = without_twins([mode for mode in fitted if mode.is_within(response)])
+        found = [mode for mode in within if not mode.is_background(response)]
     else:
+        within = []
         found = [mode for mode in fitted if mode.is_near(poles_hz)]
     modes = _gathered(response, fit, found, diagram)
-    notes = (*_lost_notes(found, response, poles_hz), *_window_notes(fitted, shift, response))
-    return replace(modes, notes=(*modes.notes, *notes))
-
-
-@dataclass(frozen=True)
-class _FittedMode:
-    """Frequency and damping with standard deviations, the residue (n_y, n_u) and its standard deviation."""
-
-    freq_hz: float
-    freq_std: float
-    zeta: float
-    zeta_std: float
-    residue: ComplexArray
-    residue_std: FloatArray
-    orders: int
-    chance: float
-
-    @classmethod
-    def of(
-        cls, response: FrequencyResponse, influences: Influences, r: int, pole: complex, orders: int, chance: float
-    ) -> _FittedMode:
-        """The pole r of a fit; pole: the same in 1/s, without windows."""
-        fit, size, scale = influences.fit, abs(pole), influences.fit.data.basis.scale
-        C = influences.pole_covariances[r] * scale**2
-        # zeta = -Re lambda / |lambda|
-        of_freq = np.array([pole.real, pole.imag]) / size / (2 * np.pi)
-        of_zeta = np.array([-(pole.imag**2), pole.real * pole.imag]) / size**3
-        freq_std, zeta_std = (float(np.sqrt(max(float(g @ C @ g), 0.0))) for g in (of_freq, of_zeta))
-        shape = response.G.shape[1:]
-        residue = (fit.residues[r] * scale).reshape(shape)
-        std = (influences.residue_std(r) * fit.data.scale * scale).reshape(shape)
-        return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, orders, chance)
-
-    def is_within(self, response: FrequencyResponse) -> bool:
-        """True within the band, with a frequency and a damping that are known."""
-        inside = response.freq_hz[0] <= self.freq_hz <= response.freq_hz[-1]
-        inside = inside and self.freq_std <= LIMITS.freq_std * self.freq_hz
-        return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < LIMITS.max_damping)
-
-    def is_near(self, poles_hz: Sequence[float]) -> bool:
-        """True where one of these frequencies is within 5 %, or within the half width: poles may wander in a fit."""
-        return any(abs(self.freq_hz / f - 1) < max(LIMITS.chosen_distance, self.zeta) for f in poles_hz)
-
-    def is_twin_of(self, other: _FittedMode) -> bool:
-        """True for a weak pole within a resonance of the same shape: it follows an error of that one."""
-        size, size_of_other = float(np.linalg.norm(self.residue)), float(np.linalg.norm(other.residue))
-        width = LIMITS.twin_distance * max(self.freq_hz * self.zeta, other.freq_hz * other.zeta)
-        overlap = abs(np.vdot(self.residue, other.residue)) / (size * size_of_other)
-        is_weak = size < LIMITS.twin_share * size_of_other
-        return bool(is_weak and abs(self.freq_hz - other.freq_hz) < width and overlap**2 > LIMITS.twin_mac)
-
-
-def _without_twins(modes: Sequence[_FittedMode]) -> list[_FittedMode]:
-    return [mode for mode in modes if not any(mode.is_twin_of(other) for other in modes if other is not mode)]
+    background = [mode for mode in within if mode not in found]
+    notes = (*lost_notes(found, response, poles_hz), *window_notes(fitted, shift, response))
+    return replace(modes, notes=(*modes.notes, *notes, *background_notes(background, response)))
 
 
 def _gathered(
-    response: FrequencyResponse, fit: ModalFit, modes: Sequence[_FittedMode], diagram: StabilisationDiagram
+    response: FrequencyResponse, fit: ModalFit, modes: Sequence[FittedMode], diagram: StabilisationDiagram
 ) -> Modes:
-    numbers, shapes, stds, participations = [], [], [], []
+    numbers, shapes, stds, participations, participation_stds = [], [], [], [], []
     for mode in modes:
         std = mode.residue_std
         U, s, Vh = np.linalg.svd(mode.residue)
         count = 1 + int(len(s) > 1 and s[1] > _second_singular_value(s, std))
         for k in range(count):
-            largest = int(np.argmax(np.abs(U[:, k])))
-            shape = U[:, k] / U[largest, k]
+            shape, participation = U[:, k] / U[np.argmax(np.abs(U[:, k])), k], Vh[k] / Vh[k, np.argmax(np.abs(Vh[k]))]
             numbers.append((mode.freq_hz, mode.freq_std, mode.zeta, mode.zeta_std, mode.orders, mode.chance))
             shapes.append(shape)
-            participations.append(Vh[k] * s[k] * U[largest, k])
-            # By the entries of a residue along the input that drives it, the length of the shape fixed.
-            noise = np.sqrt((std**2) @ (np.abs(Vh[k]) ** 2)) / (s[k] * np.abs(U[largest, k]))
-            stds.append(noise * np.sqrt(1 + np.abs(shape) ** 2) * (np.arange(len(shape)) != largest))
+            participations.append(Vh[k] * s[k] * U[np.argmax(np.abs(U[:, k])), k])
+            # By the entries of a residue along the input, or output, that goes with it.
+            stds.append(_relative_std(shape, np.sqrt(std**2 @ np.abs(Vh[k]) ** 2) / (s[k] * np.abs(U[:, k]).max())))
+            noise = np.sqrt(np.abs(U[:, k]) ** 2 @ std**2) / (s[k] * np.abs(Vh[k]).max())
+            participation_stds.append(_relative_std(participation, noise))
     n_y, n_u = response.G.shape[1:]
     f, f_std, zeta, zeta_std, orders, chance = np.array(numbers).reshape(-1, 6).T
     synthesis = fit.synthesis().reshape(response.G.shape)
     power = np.maximum(np.mean(np.abs(response.G) ** 2, axis=(1, 2)), np.finfo(float).tiny)
     stated = np.sqrt(np.mean(line_variance(response), axis=(1, 2)) / power)
-    shape_matrix = np.array(shapes, complex).reshape(-1, n_y).T
+    shape_matrix, drive = np.array(shapes, complex).reshape(-1, n_y).T, np.array(participations).reshape(-1, n_u).T
     return Modes(
         response.configuration.name, response.inputs, response.outputs, response.quantity, response.unit,
         response.rate_is_known, f, f_std, zeta, zeta_std, shape_matrix, np.array(stds).reshape(-1, n_y).T,
-        np.array(participations, complex).reshape(-1, n_u).T,
-        phase_collinearity(shape_matrix) if shapes else np.empty(0), orders.astype(int), chance,
+        drive, phase_collinearity(drive if n_u > n_y else shape_matrix) if shapes else np.empty(0),
+        orders.astype(int), chance,
         response.freq_hz, synthesis, np.sqrt(np.mean(np.abs(response.G - synthesis) ** 2, axis=(1, 2)) / power),
-        stated, mode_indicators(response.G), diagram, (*_damping_notes(modes, response), *_line_notes(modes, response)),
+        stated, mode_indicators(response.G), diagram, (*damping_notes(modes, response), *line_notes(modes, response)),
+        np.array(participation_stds).reshape(-1, n_u).T,
     )  # fmt: skip
 
 
-def _lost_notes(
-    modes: Sequence[_FittedMode], response: FrequencyResponse, poles_hz: Sequence[float] | None
-) -> tuple[Note, ...]:
-    """A note on chosen frequencies without a pole."""
-    lost = [f"{f:g}" for f in poles_hz or () if not any(mode.is_near([f]) for mode in modes)]
-    if not lost:
-        return ()
-    unit = "Hz" if response.rate_is_known else "of the sampling rate"
-    text = (
-        f"no pole is at {', '.join(lost)} {unit}, which poles_hz names: fitted from there it moves to a resonance "
-        "elsewhere; choose stable poles in the stabilisation diagram, and name those beside them, too"
-    )
-    return (Note("no-pole", text, response.configuration.name),)
-
-
-def _window_notes(modes: Sequence[_FittedMode], shift: float, response: FrequencyResponse) -> tuple[Note, ...]:
-    """A note on poles with clearly less damping than the window that is taken out."""
-    count = sum(mode.zeta < -LIMITS.undamped_std * mode.zeta_std for mode in modes) if shift else 0
-    if not count:
-        return ()
-    text = (
-        f"an exponential window of {1 / shift:g} s has more damping than {count} of {len(modes)} poles, which "
-        "cannot have gone through it; give the time constant that the analyser states, or none"
-    )
-    return (Note("window-damping", text, response.configuration.name),)
-
-
-def _damping_notes(modes: Sequence[_FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
-    """A note on dampings with wide intervals, and how much more to measure."""
-    half_widths = np.array([QUANTILE_95 * mode.zeta_std / mode.zeta for mode in modes])
-    wide = np.flatnonzero(half_widths > LIMITS.wide_damping)
-    if not wide.size:
-        return ()
-    worst = int(np.argmax(half_widths))
-    unit = "Hz" if response.rate_is_known else "of the sampling rate"
-    narrower = 2 ** int(np.ceil(np.log2(half_widths[worst] / LIMITS.wide_damping)))
-    text = (
-        f"the damping of {wide.size} of {len(modes)} modes is uncertain, by {percent(half_widths[worst], 2)} of itself "
-        f"at {modes[worst].freq_hz:.4g} {unit}: four times as many hits, periods or seconds of noise halve its "
-        f"interval, {narrower**2} times as many bring it below {percent(LIMITS.wide_damping, 2)}"
-    )
-    return (Note("uncertain-damping", text, response.configuration.name, severity="information"),)
-
-
-def _line_notes(modes: Sequence[_FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
-    """A note on modes whose half-power width 2 zeta f holds too few lines: records too short for their damping."""
-    spacing = float(np.median(np.diff(response.freq_hz)))
-    lines = np.array([2 * mode.zeta * mode.freq_hz / spacing for mode in modes])
-    if not np.any(lines < LIMITS.lines_in_width):
-        return ()
-    worst, count = int(np.argmin(lines)), int(np.sum(lines < LIMITS.lines_in_width))
-    mode = modes[worst]
-    unit, per_line = ("Hz", " s") if response.rate_is_known else ("of the sampling rate", " samples")
-    text = (
-        f"the resonances of {count} of {len(modes)} modes are narrower than {LIMITS.lines_in_width:g} lines, that at "
-        f"{mode.freq_hz:.4g} {unit} has {lines[worst]:.2g}: too few for its damping of {percent(mode.zeta, 2)}; lines "
-        f"{mode.zeta * mode.freq_hz / 2:.2g} {unit} apart, of {2 / (mode.zeta * mode.freq_hz):.3g}{per_line} and more "
-        "of record or period, hold four; of a long record resolution_hz brings them closer"
-    )
-    return (Note("narrow-resonances", text, response.configuration.name),)
+def _relative_std(shape: ComplexArray, noise: FloatArray) -> FloatArray:
+    """Standard deviation (n,) of entries over the largest one, which is 1, with noise (n,) on each."""
+    largest = int(np.argmax(np.abs(shape)))
+    return np.asarray(np.sqrt(noise**2 + (np.abs(shape) * noise[largest]) ** 2) * (np.arange(len(shape)) != largest))
 
 
 def _second_singular_value(s: FloatArray, std: FloatArray) -> float:

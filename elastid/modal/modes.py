@@ -19,8 +19,8 @@ class Modes:
     """Modes by rising frequency, of one response.
 
     freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation
-    (n_u, n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC.  orders (n,): of
-    the estimator that have the pole.  chance (n,): probability that a record of noise has such a pole.
+    (n_u, n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC at `places`.
+    orders (n,): of the estimator that have the pole.  chance (n,): probability that a record of noise has such a pole.
     at_hz (F,), synthesis (F, n_y, n_u): of the model; error (F,): |G - synthesis| over |G|, both RMS over elements, and
     stated (F,): of that the part by the noise.  indicators (F, n): CMIF.  diagram: of stabilisation.
     """
@@ -48,6 +48,9 @@ class Modes:
     indicators: FloatArray = labelled("complex mode indicator functions", "{unit}", "at_hz rank")
     diagram: StabilisationDiagram
     notes: tuple[Note, ...] = field(default=())
+    participation_std: FloatArray | None = labelled(
+        "standard deviation of participation over its largest entry", "", "inputs mode", default=None
+    )
 
     __repr__, _repr_html_ = as_text, as_html
 
@@ -63,6 +66,21 @@ class Modes:
                          percent(QUANTILE_95 * zeta_std, 2), number(mpc, 3)))  # fmt: skip
         head = (f"frequency in {self.frequency_unit}", "+- 95 %", "damping", "+- 95 %", "phase collinearity")
         return Display(f"{len(rows)} modes of {self.configuration}", head, rows)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Places of mode shapes: the outputs, or the inputs where these are more, by reciprocity (roving hammer)."""
+        return self.inputs if len(self.inputs) > len(self.outputs) else self.outputs
+
+    @property
+    def place_shapes(self) -> tuple[ComplexArray, FloatArray]:
+        """Shapes (n, n_m) at `places`, the largest entry 1, and their standard deviation, NaN where it is not known."""
+        if self.places == self.outputs:
+            return self.shapes, self.shape_std
+        largest = np.abs(self.participation).argmax(axis=0)
+        shapes = self.participation / np.take_along_axis(self.participation, largest[None], axis=0)
+        unknown = np.full(shapes.shape, np.nan)
+        return shapes, unknown if self.participation_std is None else self.participation_std
 
     @property
     def frequency_unit(self) -> str:

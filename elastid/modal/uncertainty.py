@@ -14,13 +14,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.statistics import small_sample_factors
 from elastid.modal.basis import unstacked
 from elastid.modal.model import ModalFit
 
 # Lines to either side over which residuals are averaged.
 AVERAGED_LINES = 20
+# Of noise in the residuals, and of the degrees of freedom of its level, at least.
+LEAST_FREE, LEAST_DOF = 0.2, 4.0
 # Lags of their autocorrelation, in correlated lines.
 CORRELATION_LAGS = 2.0
 
@@ -38,18 +42,23 @@ class Influences:
         # Lines that matter; most of a pole's influence is within its half widths.
         used = np.flatnonzero(power > 1e-4 * power.max())
         low, high = int(used[0]), int(used[-1]) + 1
-        F, residual = len(self._normalised), self._normalised
-        scaled = influence[:, low:high] * np.sqrt(self.fit.data.variance[low:high]) * self._phase.conj()[low:high]
-        half = min(AVERAGED_LINES, F // 2)
+        half = self._half
+        own = np.sqrt(self.fit.data.variance / self._free[:, None]) * self._phase.conj()
+        scaled = influence[:, low:high] * own[low:high]
         # Row k + half of the residuals belongs to line k; reflected at the ends.
-        padded = np.pad(residual, ((half, half), (0, 0)), "symmetric")[low : high + 2 * half]
+        padded = np.pad(self._normalised, ((half, half), (0, 0)), "symmetric")[low : high + 2 * half]
         conjugate = scaled.conj()
         total, shifts = np.zeros((len(influence), len(influence))), range(2 * half + 1)
         for shift in shifts:
             # t (p, F): errors of the number if line k had the residuals of another line.
             t = np.einsum("pkc,kc->pk", conjugate, padded[shift : shift + high - low])
             total += 0.5 * (t @ t.conj().T).real
-        return total / len(shifts) * self._line_factor(scaled)
+        total *= self._line_factor(scaled) / len(shifts)
+        # Intervals are 1.96 standard deviations, of a variance that is itself from some lines: Student's quantile.
+        weight = np.sum(np.abs(scaled) ** 2, axis=(0, 2))
+        lines = len(shifts) + float(weight.sum() ** 2 / (weight @ weight)) - 1
+        dof = 2 * lines * float(weight @ self._free[low:high]) / float(weight.sum()) / self._together
+        return np.asarray(total * small_sample_factors(np.array(max(dof, LEAST_DOF))) ** 2)
 
     def _line_factor(self, influence: ComplexArray) -> float:
         """Variance with correlated lines over that without, by the autocorrelation of the residuals."""
@@ -58,9 +67,8 @@ class Influences:
             product = complex(np.vdot(influence[:, :-lag], influence[:, lag:])) / own
             seen += 2 * (product * rho).real
             stated += 2 * max(1 - lag / self.correlated_lines, 0.0) * product.real
-        # Leakage, most of the noise of segments at a resonance, is independent from line to line there; errors of local
-        # methods are not, though a fit takes their correlation out of the residuals.
-        return max(seen, 1.0 if self.fit.data.basis.correlation is not None else stated, 1.0)
+        # A fit takes the correlation of errors of local methods out of the residuals.
+        return max(seen, stated if self._together > 1 else 1.0, 1.0)
 
     @cached_property
     def _autocorrelation(self) -> ComplexArray:
@@ -75,12 +83,25 @@ class Influences:
 
     @cached_property
     def _normalised(self) -> ComplexArray:
-        """Residuals (F, C) over their stated standard deviation, as large as they were before the fit took its part."""
-        fit = self.fit
-        leverage = np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2
-        leverage = leverage + self._pole_leverage()
-        free = np.maximum(1 - leverage, 0.1)
-        return np.asarray(unstacked(fit.residual) / np.sqrt(fit.data.variance * free[:, None]) * self._phase.conj())
+        """Residuals (F, C) over their stated standard deviation."""
+        return np.asarray(unstacked(self.fit.residual) / np.sqrt(self.fit.data.variance) * self._phase.conj())
+
+    @property
+    def _together(self) -> float:
+        """Lines whose errors are one: those of local methods; of segments, leakage at a resonance is independent."""
+        return self.correlated_lines if self.fit.data.basis.correlation is None else 1.0
+
+    @property
+    def _half(self) -> int:
+        """Lines to either side over which residuals are averaged."""
+        return min(AVERAGED_LINES, len(self._normalised) // 2)
+
+    @cached_property
+    def _free(self) -> FloatArray:
+        """Part (F,) of the noise that a fit leaves in the residuals about a line: of lines together it takes more."""
+        taken = np.sum(np.abs(unstacked(self.fit.Q)) ** 2, axis=1) / 2 + self._pole_leverage()
+        mean = uniform_filter1d(self._together * taken, 2 * self._half + 1, mode="reflect")
+        return np.asarray(np.maximum(1 - mean, LEAST_FREE))
 
     @cached_property
     def _phase(self) -> ComplexArray:
@@ -129,7 +150,8 @@ class Influences:
         Q, R, norms = fit.factors
         pair = np.linalg.pinv(R, rcond=1e-12)[rows] @ Q.T / norms[rows, None]
         power = np.abs(unstacked(pair.T)) ** 2  # (F, 2)
-        local = np.einsum("fp,fc->c", power, np.abs(self._normalised) ** 2 * fit.data.variance) / 2
+        seen = uniform_filter1d(np.abs(self._normalised) ** 2, 2 * self._half + 1, axis=0, mode="reflect")
+        local = np.einsum("fp,fc->c", power, seen / self._free[:, None] * fit.data.variance) / 2
         level = local * self._line_factor(unstacked(pair.T).T[:, :, None])
         slope = np.stack([np.linalg.lstsq(R, Q.T @ d, rcond=1e-12)[0] / norms for d in self._derivative(r).T])
         b, C = fit.directions[r], self.pole_covariances[r]

@@ -85,16 +85,16 @@ def measured_modes_row(own: Modes, geometry: GeometrySpec | None) -> ModeRow:
     """The modes of a measured response, whose coordinates are its outputs."""
     known = own.configuration, own.freq_hz, own.zeta, own.freq_std, own.zeta_std
     drawing = None if geometry is None or not own.n_modes else measured_drawing(own, geometry)
-    return ModeRow(*known, coordinates=own.outputs, shapes=own.shapes, drawing=drawing)
+    return ModeRow(*known, coordinates=own.places, shapes=own.place_shapes[0], drawing=drawing)
 
 
 def measured_drawing(own: Modes, geometry: GeometrySpec) -> ModeDrawing | None:
-    """Points that move as the outputs at them do; None where no output has a point."""
+    """Points that move as the places of the shapes at them do; None where none has a point."""
     names = list(geometry.points)
     points = np.array([geometry.points[name] for name in names], dtype=float)
     moved = np.zeros((len(names), 3, own.n_modes), complex)
-    for output, shape in zip(own.outputs, own.shapes, strict=True):
-        if (where := geometry.direction_of(output)) is not None:
+    for place, shape in zip(own.places, own.place_shapes[0], strict=True):
+        if (where := geometry.direction_of(place)) is not None:
             point, direction = where
             sign = -1.0 if direction.startswith("-") else 1.0
             moved[names.index(point), "xyz".index(direction.lstrip("+-"))] += sign * shape

@@ -3,19 +3,19 @@
     python scripts/studies/modes.py [--quick] [--draws 100] [--seed 0] [--excitation multisine]
 
 Random structures of 3 to 12 modes of 0.3 to 3 % damping, 512 samples a second, band to 0.4 of the rate; noise of 0.1 to
-3 % of each output's rms.  multisine: two realisations of three periods of 8 s; random: 60 s, h1; hammer: six hits in
-48 s, local_rational on lines 0.04 Hz apart.  Each response by `estimate`, its modes by `estimate_modes`.
+3 % of each output's rms.  multisine: two realisations of three periods of 8 s; random: 60 s, local_rational on lines
+0.05 Hz apart; segments: the same by h1; hammer: six hits in 48 s, local_rational on lines 0.04 Hz apart.  Each response
+by `estimate`, its modes by `estimate_modes`.
 
 noise: records whose outputs are noise alone, 1 x 1 and 3 x 1.  found: share of the modes whose peak is above three
 standard deviations of the response there.  false: modes that are none, over modes.  held: share of the 95 % intervals,
 of modes that were found, that hold the true frequency and damping.  The last line is one JSON object.
 
-40 draws of multisine: noise 0 of 40, found 320 of 321, false 0, held 92.6 % (frequency) and 95.3 % (damping); 20 of
-random: 0 of 20, 178 of 179, 0, 98.9 and 96.6 %: intervals of frequency by segments are too wide by half; 24 of hammer:
-0 of 24, 207 of 208, 0, 90.4 and 95.7 %: those of frequency by the local rational method are too narrow by 7 %.
-The assertions are the goals: of noise at most 1 %, found at least 98 %, false at most 1 %, held at least
-92 % (a bound for 95 % with that many modes, of which those of one record have noise in common), of hammer, which falls
-short of it, 88 %.
+Random noise is estimated as `auto` does, by the local rational method, whose model holds leakage; segments: the same
+records by h1, whose intervals of frequency are too wide.
+30 draws of multisine: noise 0 of 30, found 254 of 255, false 0, held 92.9 % (frequency) and 95.7 % (damping).
+The assertions are the goals: of noise at most 1 %, found at least 98 %, false at most 1 %, held at least 92 % (a bound
+for 95 % with that many modes, of which those of one record have noise in common).
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -44,7 +44,8 @@ RATE_HZ, HIGHEST = 512.0, 0.4
 BENCH = Configuration("bench", np.zeros(0))
 SPECS = {
     "multisine": EstimatorSpec(),
-    "random": EstimatorSpec(method="h1"),
+    "random": EstimatorSpec(method="local_rational", resolution_hz=0.05),
+    "segments": EstimatorSpec(method="h1"),
     "hammer": EstimatorSpec(method="local_rational", resolution_hz=0.04),
 }
 
@@ -118,7 +119,7 @@ def _forces(kind: str, n_u: int, rng: np.random.Generator):
             for e in range(n_u):
                 signs = np.array([(-1) ** bin(e & j).count("1") for j in range(n_u)])
                 yield m, e, _signal(lines, X * signs, N), True, slice(None)
-    elif kind == "random":
+    elif kind in ("random", "segments"):
         N, L = int(60 * RATE_HZ), int(90 * RATE_HZ)
         lines = np.arange(10, int(0.42 * L))
         X = rng.normal(size=(len(lines), n_u)) + 1j * rng.normal(size=(len(lines), n_u))
@@ -196,7 +197,7 @@ def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, obje
         assert noise <= max(0.01 * noise_records, few / 2)
         assert strong - found <= max(0.02 * strong, few)
         assert false <= max(0.01 * strong, few / 2)
-        assert np.all(held > (0.85 if quick else 0.88 if kind == "hammer" else 0.92))
+        assert np.all(held > (0.85 if quick else 0.92))
     return table
 
 

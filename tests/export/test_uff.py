@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from plants.fitted_models import close, responses_of
 
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.export.uff import write_uff
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.modal.estimate import estimate_modes
+from elastid.modal.spec import GeometrySpec
 from elastid.record import Configuration
+from elastid.recorded.responses.universal import uff_geometry, uff_table
 from elastid.response import FrequencyResponse
 
 
@@ -39,5 +42,29 @@ def test_responses_are_those_of_the_linear_model(model: FittedRobot, tmp_path: P
     pyuff = pytest.importorskip("pyuff")
     for i, path in enumerate(write_uff(tmp_path, model.name, model.responses)[: len(model.linear)]):
         sets, G = pyuff.UFF(str(path)).read_sets(), responses_of(model, i)
-        read = np.array([each["data"] for each in (sets if isinstance(sets, list) else [sets])]).T.reshape(G.shape)
+        read = np.array([each["data"] for each in sets if each["type"] == 58]).T.reshape(G.shape)
         assert close(read, G, 1e-6)
+
+
+def test_geometry_and_roving_hammer_are_read_back(tmp_path: Path) -> None:
+    """Two points that a hammer hits, one against z, and a corner without any: nodes, lines, signs and shapes."""
+    pyuff = pytest.importorskip("pyuff")
+    points = {"1": (0.0, 0.0, 0.0), "2": (0.5, 0.0, 0.0), "corner": (0.5, 0.25, 0.0)}
+    geometry = GeometrySpec(points=points, lines=(("1", "2"), ("2", "corner")), motion={"hit 2": ("2", "-z")})
+    freq_hz = np.arange(20, 400) / 8
+    omega, natural = 2 * np.pi * freq_hz, 2 * np.pi * 20.0
+    shape = np.array([1.0, -0.5])
+    G = (1 / (natural**2 - omega**2 + 0.02j * natural * omega))[:, None, None] * shape
+    bench = Configuration("bench", np.zeros(0))
+    response = FrequencyResponse(freq_hz, G, ("1 z", "hit 2"), ("1 z",), "position", bench)
+    path = write_uff(tmp_path, "study", [response], [estimate_modes(response)], geometry)[0]
+    hammer = ChannelSpec("u", "hit 2", channel="2z", quantity="force", sign=-1)
+    places = (hammer, ChannelSpec("y", "1 z", channel="1z", quantity="position"))
+    found = uff_geometry(path, places)
+    assert found is not None
+    assert [found.points[node] for node in "123"] == list(points.values())
+    assert found.lines == (("1", "2"), ("2", "3"))
+    assert found.motion == {"hit 2": ("2", "-z"), "1 z": ("1", "z")}
+    np.testing.assert_allclose(uff_table(path, ()).G[:, 0], G[:, 0] * [1, -1], rtol=1e-5)
+    (modes,) = [each for each in pyuff.UFF(str(path)).read_sets() if each["type"] == 55]
+    np.testing.assert_allclose(modes["r3"], [1, 0.5], atol=1e-4)

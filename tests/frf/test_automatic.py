@@ -15,10 +15,11 @@ from scipy.signal import lfilter
 
 from elastid.base.errors import DataError
 from elastid.frf import automatic
+from elastid.frf.automatic import inputs_pass
 from elastid.frf.estimate import estimate
 from elastid.frf.local.response import local_response
 from elastid.frf.spec import EstimatorSpec
-from elastid.record import Record
+from elastid.record import Configuration, Record
 from elastid.response import FrequencyResponse
 
 ARM = Path(__file__).parents[3] / "shared" / "data" / "daisy_robot_arm" / "robot_arm_dat.mat"
@@ -161,3 +162,17 @@ def test_a_swept_arm_keeps_its_antiresonance_at_2_45_hz(band_hz: tuple[float, fl
     response = estimate([record], EstimatorSpec(band_hz=band_hz))
     near = (response.freq_hz > 1.5) & (response.freq_hz < 3.5)
     assert response.freq_hz[near][np.argmin(np.abs(response.G[near, 0, 0]))] == pytest.approx(2.45, abs=0.04)
+
+
+@pytest.mark.parametrize(("kind", "passes"), [("sweep", True), ("hits", True), ("noise", False)])
+def test_sweeps_and_hits_pass_and_noise_does_not(kind: str, passes: bool) -> None:
+    """A sine from 5 to 120 Hz in 16 s, four blows, and noise, at 512 samples a second."""
+    rng = np.random.default_rng(0)
+    t = np.arange(8192) / 512
+    u = {"sweep": np.sin(2 * np.pi * (5 * t + 115 / 32 * t**2)), "noise": rng.normal(size=8192),
+         "hits": np.isin(np.arange(8192), [200, 2300, 4400, 6500]).astype(float)}[kind]  # fmt: skip
+    names = ("u",), ("y",), ("acceleration",)
+    own = Record(
+        "r", Configuration("c", np.zeros(0)), 0, 0, 512.0, 8192, *names, u[:, None], u[:, None], is_periodic=False
+    )
+    assert inputs_pass([own]) is passes

@@ -182,3 +182,30 @@ def test_a_band_without_lines_is_refused_and_a_study_goes_on() -> None:
     (none,) = modes_of_responses([response], ModalSpec(band_hz=(40.0, 41.0)))
     assert none.n_modes == 0
     assert "9 lines" in none.notes[0].text
+
+
+def test_a_roving_hammer_shows_shapes_where_it_hits() -> None:
+    """The transposed response of one accelerometer and three hits: the same shapes and intervals, at the inputs."""
+    shapes = np.random.default_rng(1).normal(size=(3, 5))
+    still = modal_response(FREQ_HZ, NATURAL, ZETA, shapes, noise=0.02)
+    uncertain = Covariance(still.std.transpose(0, 2, 1) ** 2, np.inf)
+    roving = FrequencyResponse(
+        FREQ_HZ, still.G.transpose(0, 2, 1), still.outputs, still.inputs, still.quantity, BENCH, noise=uncertain
+    )
+    expected, modes = estimate_modes(still), estimate_modes(roving)
+    assert modes.places == still.outputs
+    np.testing.assert_allclose(modes.freq_hz, expected.freq_hz, rtol=1e-5)
+    np.testing.assert_allclose(modes.place_shapes[0], expected.shapes, atol=1e-2)
+    np.testing.assert_allclose(modes.place_shapes[1], expected.shape_std, rtol=0.1)
+
+
+def test_a_broad_pole_of_little_height_is_background() -> None:
+    """A pole of 10 % damping under the resonance at 41 Hz: named in a note, and a mode when it is chosen."""
+    natural, zeta = np.append(NATURAL, 43.0), np.append(ZETA, 0.1)
+    shapes = np.random.default_rng(1).normal(size=(3, 6))
+    shapes[:, 5] = 0.15
+    modes = estimate_modes(modal_response(FREQ_HZ, natural, zeta, shapes, noise=0.001))
+    assert np.all(modes.zeta < 0.03)
+    assert [note.code for note in modes.notes if note.code == "broad-poles"] == ["broad-poles"]
+    chosen = estimate_modes(modal_response(FREQ_HZ, natural, zeta, shapes, noise=0.001), poles_hz=natural.tolist())
+    assert np.any(np.abs(chosen.zeta - 0.1) < 0.02)

@@ -16,7 +16,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
-from elastid.modal.spec import GeometrySpec, ModalSpec
+from elastid.modal.spec import ModalSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.content import ReportContent, dense_models
@@ -120,6 +120,7 @@ def report_responses(
     # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
     from elastid.export.csv import write_modes_csv
     from elastid.modal.estimate import modes_of_responses
+    from elastid.recorded.responses.universal import geometry_of_files
     from elastid.report.content import ResponsesContent
     from elastid.report.overview import questions_of_responses
     from elastid.report.page.page import write_page_of_responses
@@ -129,7 +130,7 @@ def report_responses(
     # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
     if friction is not None and estimator.friction == "auto" and not friction.shapes:
         friction = None
-    geometry = modal.geometry or _geometry_of_files(experiment, files)
+    geometry = modal.geometry or geometry_of_files(experiment.responses, files)
     content = ResponsesContent(name, responses, modes, text, work.stamp.shown, friction, geometry)
     lines = []
     for own in modes:
@@ -143,13 +144,3 @@ def report_responses(
         "modes.h5": lambda path, stamp: write_modes(path, modes, stamp),
     }
     return page_artefacts(write_page_of_responses, content, report, work, tables, lines)
-
-
-def _geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec | None:
-    """That of the first universal file with nodes of its outputs; None where no file has any."""
-    from elastid.recorded.responses.universal import is_universal_file, uff_geometry
-
-    spec = experiment.responses
-    paths = () if spec is None else (folder / file.path for file in spec.files)
-    found = (uff_geometry(path, spec.channels) for path in paths if spec is not None and is_universal_file(path))
-    return next((geometry for geometry in found if geometry is not None), None)

@@ -19,6 +19,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.base.units import TABLE
 from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.modal.spec import GeometrySpec
 from elastid.recorded.responses.table import ResponseTable, label
 
@@ -71,10 +72,24 @@ def uff_contents(path: Path) -> tuple[str, ...]:
     )
 
 
-def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | None:
-    """Nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of its outputs.
+def uff_places(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Outputs of a universal file with their quantities (acceleration where it is not stated), and its inputs."""
+    sets = _responses(path)
+    outputs = {_place(data_set, "rsp"): _quantity(data_set) or "acceleration" for data_set in sets}
+    return outputs, tuple(dict.fromkeys(_place(data_set, "ref") for data_set in sets))
 
-    channels: of the study, whose outputs move in the directions of their nodes.
+
+def geometry_of_files(spec: ResponsesSpec | None, folder: Path) -> GeometrySpec | None:
+    """That of the first universal file with nodes of the places of a study; None where no file has any."""
+    paths = () if spec is None else (folder / file.path for file in spec.files)
+    found = (uff_geometry(path, spec.channels) for path in paths if spec is not None and is_universal_file(path))
+    return next((geometry for geometry in found if geometry is not None), None)
+
+
+def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | None:
+    """Nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of its places.
+
+    channels: of the study, whose places move in the directions of their nodes.
     """
     metre = _length_and_force(path)[0]
     points = {
@@ -85,7 +100,7 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec]) -> GeometrySpec | 
     motion = {}
     for channel in channels:
         match = re.fullmatch(r"(\d+)([xyz])", label(channel))
-        if channel.role == "y" and match and match[1] in points:
+        if match and match[1] in points and channel.at not in motion:
             motion[channel.at] = match[1], f"{'-' if channel.sign < 0 else ''}{match[2]}"
     if not motion:
         return None

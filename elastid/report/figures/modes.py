@@ -38,12 +38,14 @@ def mode_shapes(row: ModeRow, title: str, rate_is_known: bool) -> Figure:
     figure, panels = style.panels(n_m, 1, (width, height), margins, (0.0, 0.35), sharex=True, sharey=True)
     x = np.arange(n)
     colors = [style.START if name.startswith("motor") else style.MEASURED for name in names]
+    bar = 0.6 * 72 * (width - margins[0] - margins[1]) / n  # points
     for m, axes in enumerate(panels.flat):
-        axes.bar(x, shapes[:, m].real, width=0.6, color=colors)
+        axes.xaxis.set_visible(m == n_m - 1)  # ticks of all panels would take most of the time
+        axes.vlines(x, 0, shapes[:, m].real, colors=colors, linewidth=bar)
         axes.plot(x, shapes[:, m].imag, ls="none", marker="_", ms=7, mew=1, color=style.TRUTH)
         axes.axhline(0, color=style.TRUTH, lw=0.5)
         axes.set_yticks([-1, 0, 1])
-        axes.set_ylim(-1.15, 1.15)
+        axes.set(xlim=(-0.6, n - 0.4), ylim=(-1.15, 1.15))
         axes.set_title(style.plain(row.energy_text[m]), loc="left", fontsize=style.SMALL, pad=2)
         numbers = f"{number(row.frequency_hz[m])} {style.frequency_unit(rate_is_known)}"
         numbers += f"\n{number(100 * row.damping_ratio[m], 2)} %"

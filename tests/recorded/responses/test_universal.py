@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.responses.universal import uff_geometry, uff_table
+from elastid.recorded.responses.universal import uff_geometry, uff_places, uff_table
 
 pyuff = pytest.importorskip("pyuff")
 FREQ_HZ = np.arange(1.0, 40.0)
@@ -57,11 +57,16 @@ def test_a_unit_of_the_study_overrides_that_of_the_file(tmp_path: Path) -> None:
 
 
 def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path: Path) -> None:
-    """Millimetres in m; a trace line is interrupted at 0; an output with the other sign moves the other way."""
+    """Millimetres in m; a trace line is interrupted at 0; a place with the other sign moves the other way."""
     geometry = uff_geometry(written(tmp_path / "a.uff", 10), channels("m/s^2"))
     assert geometry is not None
     np.testing.assert_allclose([geometry.points[name] for name in "123"], [[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0.05]])
     assert geometry.lines == (("1", "2"), ("2", "3"))
-    assert geometry.motion == {"tip": ("2", "-z")}
+    assert geometry.motion == {"hammer": ("1", "z"), "tip": ("2", "-z")}
     other = (ChannelSpec("y", "tip", channel="9z", quantity="acceleration"),)
     assert uff_geometry(tmp_path / "a.uff", other) is None
+
+
+def test_places_are_those_of_the_responses(tmp_path: Path) -> None:
+    """Node 2 along z answers node 1: the channels of a study that `new --from` writes."""
+    assert uff_places(written(tmp_path / "a.uff", 1)) == ({"2z": "acceleration"}, ("1z",))

@@ -22,7 +22,8 @@ def test_the_bars_of_a_mode_are_its_shape():
     figure = mode_shapes(row, "c1", True)
     assert len(figure.axes) == 2
     for m, axes in enumerate(figure.axes):
-        np.testing.assert_allclose([bar.get_height() for bar in axes.patches], row.shapes[:, m].real)
+        bars = np.array(axes.collections[0].get_segments())
+        np.testing.assert_allclose(bars[:, 1, 1] - bars[:, 0, 1] + 0.0, row.shapes[:, m].real)
     assert [label.get_text() for label in figure.axes[-1].get_xticklabels()] == list(row.coordinates)
     dashes = [
         lines[0] for axes in figure.axes if (lines := [one for one in axes.get_lines() if one.get_marker() == "_"])
