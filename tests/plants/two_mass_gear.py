@@ -107,6 +107,7 @@ def records(
         c = gear.slopes(x + h / 2 * b, applied(x + h / 2 * b, i + 1))
         last = gear.slopes(x + h * c, applied(x + h * c, (i + 2) % n))
         x = x + h / 6 * (a + 2 * b + 2 * c + last)
+        x[4] = np.clip(x[4], -gear.bends, gear.bends)  # a step goes on to where the spring has slid long since
     logged, angle = np.array(u), np.array(q)
     logged = logged + 0.2 * rng.standard_normal(logged.shape)
     angle = angle + 2e-7 * rng.standard_normal(angle.shape)

@@ -59,6 +59,7 @@ _SHAPES: tuple[dict[Kind, float], ...] = (
     {"cubic": 0.0, "progressive": 0.0, "range": 1.0, "gap": 0.2}, {"stop": 0.3, "bristle": 0.3}
 )  # fmt: skip
 _APART = 1.5  # between the scales of two ranges or two elements of hysteresis of one gear, at least
+_NEXT = 2.0  # times the end of a range, at which that of the next one starts
 _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
 
 
@@ -150,7 +151,11 @@ def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
 def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[Kind, float]) -> Levels:
     """With another spring or loop of a gear, if it explains more, or as much by fewer numbers; along its own motion."""
     data, _, linearisation, _ = arguments
-    springs = [effect for effect in found.effects if effect.joint == joint and effect.kind in family]
+
+    def springs_of(levels: Levels) -> list[GearEffect]:
+        return [effect for effect in levels.effects if effect.joint == joint and effect.kind in family]
+
+    springs = springs_of(found)
     if not springs:
         return found
     others = np.array([effect not in springs for effect in found.effects], bool)
@@ -160,15 +165,20 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
     def cost(levels: Levels) -> float:
         return lack(data, levels) + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
 
-    best, least = found, cost(found)
+    trials = [found]
     for kind, part in family.items():
         if any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             continue
         effects = (*kept, GearEffect(kind, joint, part * deflection))
         trial = find_levels(*arguments, found.x, effects, np.append(found.levels[others], 0.0))
-        trial = _pruned(arguments, trial)
-        if cost(trial) < least:
-            best, least = trial, cost(trial)
+        trials.append(_pruned(arguments, trial))
+    best = min(trials, key=cost)
+    ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
+    if ranged is not best:  # one range may explain less than a law of another kind, and two much more
+        (first,) = springs_of(ranged)
+        effects = (*ranged.effects, replace(first, scale=_NEXT * first.scale))
+        trial = find_levels(*arguments, ranged.x, effects, np.append(ranged.levels, 0.0))
+        best = min(best, _pruned(arguments, trial), key=cost)
     return _named(arguments, best, joint)
 
 

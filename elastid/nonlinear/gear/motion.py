@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
@@ -32,7 +32,7 @@ from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
 # is measured, what moves the link is not.
 _AT_LINKS = 10.0
 _WINDOW = 15  # lines over which the power of residuals is averaged
-_STEPS, _HALVINGS, _NEAR = 8, 5, 1e-4  # Newton's method
+_STEPS, _HALVINGS, _NEAR = 8, 5, 1e-5  # Newton's method
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +42,22 @@ class Estimate:
     folded (F, n_u, M, n_f): what their motion beyond half the rate adds to the sampled angles.  above (L, n, M): the
     explicit ones' forces at the lines above.
     unknowns: deflections and velocities x (n_x, n) of each experiment, from which the next estimate starts.
+    loads (M, n_j, n): size of the gears' torques, by which friction of the next estimate grows with load.
     """
 
     Phi: ComplexArray
     folded: ComplexArray
     above: ComplexArray
     unknowns: tuple[FloatArray, ...]
+    loads: FloatArray
 
     @classmethod
     def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> Estimate:
         """Without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
-        return cls(Phi, folded, np.zeros((len(lines.above), n, M), complex), (np.zeros((0, 0)),) * M)
+        above, loads = np.zeros((len(lines.above), n, M), complex), np.zeros((M, len(drive.k), lines.samples * CELLS))
+        return cls(Phi, folded, above, (np.zeros((0, 0)),) * M, loads)
 
     def of_first(self, n_f: int) -> Estimate:
         """The same of the first effects alone."""
@@ -114,13 +117,15 @@ def estimate_motion(
     base = base + gain @ (y - drive.C @ base)
     base = np.concatenate([base, drive.moved_above - drive.H_above @ before.above])
     after, unknowns = Estimate.start(lines, drive, len(effects)), []
-    problem = _Problem(lines, drive, tuple(joints), ratios, tuple(effects), levels, of_force)
+    problem = _Problem(lines, drive, tuple(joints), ratios, tuple(effects), levels, of_force, before.loads)
     CH_above = drive.C[lines.sampled] @ drive.H_above
     F = len(lines.U)
     for m in range(lines.U.shape[2]):
         q, x = problem.solve(base[:, :, m], m, before.unknowns[m] if before.unknowns[m].size else None)
         unknowns.append(x)
         motions = {joint: problem.motion(q, problem.joints.index(joint), m, x) for joint in {e.joint for e in effects}}
+        for joint, motion in motions.items():
+            after.loads[m, problem.joints.index(joint)] = np.abs(motion.torque)
         for i, effect in enumerate(effects):
             j = problem.joints.index(effect.joint)
             for place, phi in forces(effect, motions[effect.joint]):
@@ -135,7 +140,7 @@ def estimate_motion(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The unknown deflections and velocities of one configuration; of_force (F, n, n): q by force."""
+    """The unknown deflections and velocities of one configuration; of_force (F, n, n): q by force; loads: as before."""
 
     lines: PeriodLines
     drive: DriveLines
@@ -144,6 +149,7 @@ class _Problem:
     effects: tuple[GearEffect, ...]
     levels: FloatArray
     of_force: ComplexArray
+    loads: FloatArray
 
     @cached_property
     def s(self) -> ComplexArray:
@@ -167,8 +173,8 @@ class _Problem:
         x_0 = lines.fine((s * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
         A = s[:, :, None] * (rows @ self.of_force @ rows.T)
         softness = np.where(power == 0, 1 / drive.k[[j for _, j in signals]], 0.0)
-        x = newton(self._law, _Linear(lines, A, softness), x_0, x_0 if start is None else start)
-        torque = lines.all_amplitudes(self._law(x)[0]).T
+        x = newton(partial(self._law, m), _Linear(lines, A, softness), x_0, x_0 if start is None else start)
+        torque = lines.all_amplitudes(self._law(m, x)[0]).T
         return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x
 
     @property
@@ -198,15 +204,16 @@ class _Problem:
         row = self.drive.directions("motor", j)
         return np.asarray(self.lines.fine((q @ row)[None])[0] + row @ self.drive.B @ self.lines.mean[:, m])
 
-    def _law(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Force (n_x, n) by each unknown, and its slope."""
+    def _law(self, m: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Force (n_x, n) by each unknown of an experiment, and its slope."""
         force, slope = np.zeros_like(x), np.zeros_like(x)
         for effect, f in zip(self.effects, self.levels, strict=True):
             if effect.is_implicit and f:
-                i = self.signals.index((effect.place, self.joints.index(effect.joint)))
+                j = self.joints.index(effect.joint)
+                i, size = self.signals.index((effect.place, j)), self.loads[m, j] if effect.kind == "load" else 1.0
                 phi, dphi = implicit_law(effect, x[i])
-                force[i] += f * phi
-                slope[i] += f * dphi
+                force[i] += f * size * phi
+                slope[i] += f * size * dphi
         return force, slope
 
     def motion(self, q: ComplexArray, j: int, m: int, x: FloatArray) -> GearMotion:
@@ -224,7 +231,7 @@ class _Problem:
             link_velocity = x[signals.index(("link", j))]
         torque = drive.k[j] * deflection + drive.d[j] * lines.fine((self.s * gear)[None])[0]
         if ("gear", j) in signals:
-            torque = torque + self._law(x)[0][signals.index(("gear", j))]
+            torque = torque + self._law(m, x)[0][signals.index(("gear", j))]
         return GearMotion(self._angle(q, j, m), velocity, link_velocity, deflection, torque, float(self.ratios[j]),
                           float(drive.k[j]), float(drive.d[j]))  # fmt: skip
 
