@@ -155,7 +155,7 @@ def _steps(x: FloatArray) -> FloatArray:
 def _log_cosh(u: FloatArray, ratio: FloatArray) -> FloatArray:
     """ln(cosh u - ratio sinh u) (n,), |ratio| < 1."""
     side = ratio * np.sign(u)
-    return np.abs(u) + np.log((1 - side + (1 + side) * np.exp(-2 * np.abs(u))) / 2)
+    return np.asarray(np.abs(u) + np.log((1 - side + (1 + side) * np.exp(-2 * np.abs(u))) / 2))
 
 
 def _broken_line(kind: Kind, x: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:

@@ -79,7 +79,7 @@ def find_levels(
     joints, ratios = joints_of(linearisation)
     n_x, n_f = len(x), len(effects)
     levels = np.zeros(n_f) if levels is None else levels
-    scales = _scales_of(effects)
+    scales = scales_of(effects)
     effects = _with_common_scales(effects, scales)
     estimates: list[Estimate | None] = [None] * len(data)
     move, covariance, std = np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
@@ -116,7 +116,7 @@ def find_levels(
     return Levels(parameters, tuple(effects), x, levels, covariance, count, move, estimated, tuple(drives), scale_std)
 
 
-def _scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
+def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
     """The effects that have each scale: friction of a motor turns over one velocity, that by load with the rest."""
     own: dict[tuple[object, ...], list[int]] = {}
     for i, effect in enumerate(effects):
