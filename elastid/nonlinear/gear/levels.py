@@ -26,7 +26,8 @@ from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
 
-_ROUNDS, _MOVE = 40, 0.05  # until no number moves by more than this part of its standard deviation
+_ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation
+_NEAR, _CLOSE = (1e-4, 1e-5), 2.0  # error of the motion, and from which move on it is the smaller
 _STEP = 0.3  # of a scale, at most
 _SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
 _SEEN = 2.0  # standard deviations of a level, from which on its scale moves
@@ -74,6 +75,7 @@ def find_levels(
     x: FloatArray,
     effects: Sequence[GearEffect],
     levels: FloatArray | None = None,
+    rounds: int = _ROUNDS,
 ) -> Levels:
     """Parameters and levels from x (n_x,), the optimum of a fit without the effects, and levels (n_f,), 0 if None."""
     joints, ratios = joints_of(linearisation)
@@ -84,13 +86,13 @@ def find_levels(
     estimates: list[Estimate | None] = [None] * len(data)
     move, covariance, std = np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
-    for count in range(1, _ROUNDS + 1):
+    for count in range(1, rounds + 1):
         drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
         for _ in range(2 if count == 1 else 1):
             estimates = [
-                estimate_motion(lines, drive, joints, ratios, every, with_edges, before)
+                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, _NEAR[move < _CLOSE])
                 for lines, drive, before in zip(data, drives, estimates, strict=True)
             ]
         known = [estimate for estimate in estimates if estimate is not None]
@@ -107,7 +109,7 @@ def find_levels(
         x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_SMALLER, _LARGER)), step[:n_x])
         levels = levels + step[n_x : n_x + n_f]
         effects = _rescaled(effects, scales, step[n_x + n_f :])
-        if move < _MOVE:
+        if move < MOVE:
             break
     scale_std = np.zeros(n_f)
     for own, relative in zip(scales, std[n_x + n_f :], strict=True):

@@ -32,7 +32,7 @@ from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
 # is measured, what moves the link is not.
 _AT_LINKS = 10.0
 _WINDOW = 15  # lines over which the power of residuals is averaged
-_STEPS, _HALVINGS, _NEAR = 8, 5, 1e-5  # Newton's method
+_STEPS, _HALVINGS = 8, 5  # Newton's method
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +105,12 @@ def estimate_motion(
     effects: Sequence[GearEffect],
     levels: FloatArray,
     before: Estimate | None,
+    near: float = 1e-4,
 ) -> Estimate:
-    """The motion of all experiments under effects of given levels (n_f,), and the effects along it."""
+    """The motion of all experiments under effects of given levels (n_f,), and the effects along it.
+
+    near: error of the implicit motion at which it ends, over its RMS.
+    """
     before = Estimate.start(lines, drive, len(effects)) if before is None else before
     gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, levels)))
     of_force = np.concatenate([drive.H - gain @ (drive.C @ drive.H), drive.H_above])
@@ -117,7 +121,7 @@ def estimate_motion(
     base = base + gain @ (y - drive.C @ base)
     base = np.concatenate([base, drive.moved_above - drive.H_above @ before.above])
     after, unknowns = Estimate.start(lines, drive, len(effects)), []
-    problem = _Problem(lines, drive, tuple(joints), ratios, tuple(effects), levels, of_force, before.loads)
+    problem = _Problem(lines, drive, tuple(joints), ratios, tuple(effects), levels, of_force, before.loads, near)
     CH_above = drive.C[lines.sampled] @ drive.H_above
     F = len(lines.U)
     for m in range(lines.U.shape[2]):
@@ -150,6 +154,7 @@ class _Problem:
     levels: FloatArray
     of_force: ComplexArray
     loads: FloatArray
+    near: float
 
     @cached_property
     def s(self) -> ComplexArray:
@@ -173,7 +178,7 @@ class _Problem:
         x_0 = lines.fine((s * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
         A = s[:, :, None] * (rows @ self.of_force @ rows.T)
         softness = np.where(power == 0, 1 / drive.k[[j for _, j in signals]], 0.0)
-        x = newton(partial(self._law, m), _Linear(lines, A, softness), x_0, x_0 if start is None else start)
+        x = newton(partial(self._law, m), _Linear(lines, A, softness), x_0, x_0 if start is None else start, self.near)
         torque = lines.all_amplitudes(self._law(m, x)[0]).T
         return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x
 
@@ -254,9 +259,11 @@ def newton(
     linear: Callable[[FloatArray], FloatArray],
     x_0: FloatArray,
     x: FloatArray,
+    near: float = 1e-4,
 ) -> FloatArray:
     """x (n_x, n) of x + linear(law(x)) = x_0, from x or x_0; law gives a force and its slope, point by point.
 
+    near: error at which it ends, over the size of x.
     Steps are halved until the error falls; where none does, the last x, whose error the residuals then show.
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
@@ -271,7 +278,7 @@ def newton(
     if norm(error(x_0)) < norm(e):
         x, e = x_0, error(x_0)
     for _ in range(_STEPS):
-        if norm(e) < _NEAR:
+        if norm(e) < near:
             break
         slope = law(x)[1]
 
