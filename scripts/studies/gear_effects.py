@@ -163,8 +163,8 @@ def coverage(name: str, z: FloatArray, results: list[dict[str, Any]]) -> dict[st
     share, means = float(holds.mean()), z.mean(axis=0).round(2).tolist()
     worst = [100 * float(np.abs([one["found"][i] for one in results]).max()) for i in (0, 1)]
     print(
-        f"{name}: {holds.sum()} of {holds.size} intervals hold the truth ({100 * share:.1f} %); errors over std of k, d "
-        f"and levels {means} in the mean; k {worst[0]:.4f}, d {worst[1]:.3f} % at most",
+        f"{name}: {holds.sum()} of {holds.size} intervals hold the truth ({100 * share:.1f} %); errors over std of k, "
+        f"d and levels {means} in the mean; k {worst[0]:.4f}, d {worst[1]:.3f} % at most",
         flush=True,
     )
     # Each set's numbers are nearly independent of each other; wrong by chance once in a hundred times.

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
+from numpy.fft import rfft
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
@@ -178,7 +179,9 @@ class _Problem:
         x_0 = lines.fine((s * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
         A = s[:, :, None] * (rows @ self.of_force @ rows.T)
         softness = np.where(power == 0, 1 / drive.k[[j for _, j in signals]], 0.0)
-        x = newton(partial(self._law, m), _Linear(lines, A, softness), x_0, x_0 if start is None else start, self.near)
+        beyond = np.arange(len(s) + 1, lines.samples * CELLS // 2)[:, None]
+        linear = _Linear(lines, A, (len(s) / beyond) ** (2 - power), softness)
+        x = newton(partial(self._law, m), linear, x_0, x_0 if start is None else start, self.near)
         torque = lines.all_amplitudes(self._law(m, x)[0]).T
         return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x
 
@@ -243,14 +246,22 @@ class _Problem:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """x by force: A (F, n_x, n_x) on the lines, softness (n_x,) at rest."""
+    """x by force: A (F, n_x, n_x) on the lines, softness (n_x,) at rest.
+
+    beyond (K, n_x): what is left of the last line's at those above, up to half the rate of the fine grid, where all is
+    inertia: (s_F / s)^2 of a deflection, s_F / s of a velocity, and no phase.
+    """
 
     lines: PeriodLines
     A: ComplexArray
+    beyond: FloatArray
     softness: FloatArray
 
     def __call__(self, force: FloatArray) -> FloatArray:
-        X = (self.A @ self.lines.all_amplitudes(force).T[:, :, None])[:, :, 0]
+        F, spectrum = len(self.A), rfft(force)[:, 1:-1].T * (2 / force.shape[1])
+        X = np.empty_like(spectrum)
+        X[:F] = (self.A @ spectrum[:F, :, None])[:, :, 0]
+        X[F:] = (spectrum[F:] @ self.A[-1].T) * self.beyond
         return np.asarray(self.lines.fine(X.T) + (force.mean(axis=1) * self.softness)[:, None])
 
 
