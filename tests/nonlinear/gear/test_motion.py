@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from elastid.base.arrays import FloatArray
-from elastid.nonlinear.gear.motion import newton
+from elastid.nonlinear.gear.effects import turning
+from elastid.nonlinear.gear.motion import _Linear, newton
+from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
+from tests.plants.two_mass_gear import POSTURE
 
 
 @pytest.mark.parametrize("h", [1.0, 50.0])
@@ -28,3 +31,22 @@ def test_coulomb_friction_that_turns_gradually_sticks_and_slides() -> None:
     assert w + np.tanh(w / 0.2) == pytest.approx(w_0, abs=1e-3)
     fast = np.abs(w_0) > 1.8
     assert w[fast] == pytest.approx((w_0 - np.sign(w_0))[fast], abs=2e-3)
+
+
+@pytest.mark.parametrize("told", [390, 100])
+def test_an_inertia_braked_by_friction_has_the_velocity_of_its_impulse(told: int) -> None:
+    """w' = sgn v is a triangle: right to 3 % of a cell at points, kinks between them, by all lines or a quarter.
+
+    By means over two cells the corners were a fifth of a cell too low.
+    """
+    none = np.zeros((told, 1, 1), complex)
+    lines = PeriodLines(POSTURE, 500.0, 100, none, none, np.zeros((1, 1)), np.zeros(1), np.zeros((told, 1)),
+                        np.ones(told, bool), np.zeros(1, int), none[:0], np.ones(1, bool))  # fmt: skip
+    n = lines.samples * CELLS
+    beyond = np.arange(told + 1, n // 2)[:, None]
+    linear = _Linear(lines, 1 / lines.s[:, None, None], told / beyond, np.zeros(1))
+    for shift in np.linspace(0, 1, 5):
+        phase = 2 * np.pi * (np.arange(n) - shift) / n
+        way = np.abs((phase + np.pi) % (2 * np.pi) - np.pi)  # from the reversal where w is least
+        w = linear(turning(np.sin(phase), 0.0)[0][None])[0]
+        assert w == pytest.approx((way - np.pi / 2) / (2 * np.pi) * 0.2, abs=0.03 * 0.2 / n)
