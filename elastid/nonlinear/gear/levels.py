@@ -6,7 +6,7 @@ r"""Levels of effects and parameters of the model together, from the records' ow
 with S the covariance of the residuals, averaged over experiments and neighbouring lines, so that what the model does
 not explain widens the intervals. Gauss-Newton in x and f with the motion held, then the motion along the new x and f,
 until neither moves. The fit of a strongly nonlinear gear starts from that of a linear one and needs no amplitude to be
-small.
+small. Scales s are found with the levels, by the change f_i d Phi_i / d s of every effect that turns or bends over s.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def find_levels(
     n_x, n_f = len(x), len(effects)
     levels = np.zeros(n_f) if levels is None else levels
     scales = scales_of(effects)
-    effects = _with_common_scales(effects, scales)
+    effects = _rescaled(effects, scales, np.zeros(len(scales)))
     estimates: list[Estimate | None] = [None] * len(data)
     move, covariance, std = np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
@@ -128,15 +128,6 @@ def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
     return list(own.values())
 
 
-def _with_common_scales(effects: Sequence[GearEffect], scales: Sequence[Sequence[int]]) -> list[GearEffect]:
-    """All those of one scale with that of the first."""
-    common = list(effects)
-    for first, *others in scales:
-        for i in others:
-            common[i] = replace(effects[i], scale=effects[first].scale)
-    return common
-
-
 def _by_scales(
     effects: Sequence[GearEffect], levels: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
@@ -165,11 +156,11 @@ def scale_priors(
 
 
 def _rescaled(effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], parts: FloatArray) -> list[GearEffect]:
-    """With scales that grew by parts (n_s,) of themselves, by _STEP at most."""
+    """With scales that grew by parts (n_s,) of themselves, _STEP at most, from that of the first which has them on."""
     grown = list(effects)
     for own, part in zip(scales, np.clip(parts, -_STEP, _STEP).tolist(), strict=True):
         for i in own:
-            grown[i] = replace(effects[i], scale=effects[i].scale * (1 + part))
+            grown[i] = replace(effects[i], scale=effects[own[0]].scale * (1 + part))
     return grown
 
 

@@ -11,7 +11,8 @@ of a linear structure with few nonlinear elements by alternating frequency and t
 56, 1989.)
 
 Above the measured lines q is q_0. Without it a reversal would be rounded and come too late or too early, k some 0.05 %
-too low beside friction of 0.15 of the torque. Its part beyond half the rate is folded into the sampled angles.
+too low beside friction of 0.15 of the torque. Its part beyond half the rate is folded into the sampled angles. Beyond
+those lines, up to half the rate of the fine grid, forces move inertias: a reversal bends a velocity within a cell.
 """
 
 from __future__ import annotations
