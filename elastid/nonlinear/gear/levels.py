@@ -168,7 +168,7 @@ def lack(data: Sequence[PeriodLines], found: Levels) -> float:
     """Sum of ln det S of the residuals, by which alternatives are compared: -2 ln of their likelihood."""
     total = 0.0
     for lines, drive, estimate in zip(data, found.drives, found.estimates, strict=True):
-        S = smoothed_covariance(residuals(lines, drive, estimate, found.levels))[_used(lines)]
+        S = smoothed_covariance(residuals(lines, drive, estimate, found.levels), lines, drive)[_used(lines)]
         total += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
     return total
 
@@ -221,7 +221,7 @@ def normal_equations(
     for lines, drive, estimate in zip(data, drives, estimates, strict=True):
         r = residuals(lines, drive, estimate, levels)
         used = _used(lines)
-        white = np.linalg.inv(np.linalg.cholesky(smoothed_covariance(r)[used] / 2))
+        white = np.linalg.inv(np.linalg.cholesky(smoothed_covariance(r, lines, drive)[used] / 2))
         J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, levels, n_x)[used])
         e = white @ r[used]
         for i in np.searchsorted(realisations, np.unique(lines.realisation)):

@@ -73,20 +73,36 @@ def residuals(lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels:
     return np.asarray(lines.Y - drive.G @ lines.U + drive.sensor[:, :, None] * explained)
 
 
-def smoothed_covariance(r: ComplexArray) -> ComplexArray:
-    """E r r^H (F, n_u, n_u) of residuals (F, n_u, M), over experiments and neighbouring lines."""
-    S = r @ r.conj().swapaxes(1, 2) / r.shape[2]
+def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) -> ComplexArray:
+    """E r r^H (F, n_u, n_u) of residuals (F, n_u, M), over experiments and neighbouring lines.
+
+    Of neighbours their ratio to noise of torques that the model passes on, and of angles: near resonances, and where a
+    robot moves less and less, they are not alike themselves.
+    """
+    of_torque = drive.G * _sizes(lines) @ drive.G.conj().swapaxes(1, 2)
+    passed = np.einsum("fii->f", of_torque).real
+    most = np.argsort(passed)[-max(1, len(passed) // 4) :]  # where torque shows most
+    power = np.mean(np.sum(np.abs(r[most]) ** 2, axis=1), axis=1) - lines.noise.sum()
+    c = max(float(np.median(power / passed[most])), 1e-300)
+    factor = np.linalg.cholesky(c * of_torque + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
+    white = np.linalg.solve(factor, r)
+    S = white @ white.conj().swapaxes(1, 2) / r.shape[2]
     kernel, half = np.ones(_WINDOW) / _WINDOW, _WINDOW // 2
     padded = np.pad(S, ((half, half), (0, 0), (0, 0)), mode="edge").reshape(len(S) + 2 * half, -1)
     columns = [np.convolve(column, kernel, "valid") for column in padded.T]
-    return np.stack(columns, axis=1).reshape(S.shape)
+    return np.asarray(factor @ np.stack(columns, axis=1).reshape(S.shape) @ factor.conj().swapaxes(1, 2))
+
+
+def _sizes(lines: PeriodLines) -> FloatArray:
+    """Mean powers (n_u,) of the torques, over the largest."""
+    power = np.mean(np.abs(lines.U) ** 2, axis=(0, 2))
+    return np.asarray(power / power.max())
 
 
 def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArray:
     """Of the estimate to residuals of the angles (F, n, n_u)."""
     CH = drive.C @ drive.H
-    size = np.mean(np.abs(lines.U) ** 2, axis=(0, 2))
-    size = size / size.max()
+    size = _sizes(lines)
     rows = [drive.B.T, _AT_LINKS**0.5 * drive.places["link"]]
     weights = np.concatenate([size, np.resize(size, len(rows[1]))])
     P = np.concatenate(rows).T
@@ -114,7 +130,7 @@ def estimate_motion(
     near: error of the implicit motion at which it ends, over its RMS.
     """
     before = Estimate.start(lines, drive, len(effects)) if before is None else before
-    gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, levels)))
+    gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, levels), lines, drive))
     of_force = np.concatenate([drive.H - gain @ (drive.C @ drive.H), drive.H_above])
     implicit = np.array([effect.is_implicit for effect in effects], bool)
     given = np.tensordot(before.Phi[..., ~implicit], levels[~implicit], axes=1)
