@@ -4,9 +4,10 @@ r"""Levels of effects and parameters of the model together, from the records' ow
           r = y - G(x)\, u + C H(x) \sum_i f_i P_i \Phi_i(\hat q)
 
 with S the covariance of the residuals, averaged over experiments and neighbouring lines as a multiple of what the model
-makes of noise of torques and angles, so that what it does not explain widens the intervals. Gauss-Newton in x and f with the motion held, then the motion along the new x and f,
-until neither moves. The fit of a strongly nonlinear gear starts from that of a linear one and needs no amplitude to be
-small. Scales s are found with the levels, by the change f_i d Phi_i / d s of every effect that turns or bends over s.
+makes of noise of torques and angles, so that what it does not explain widens the intervals. Gauss-Newton in x and f
+with the motion held, then the motion along the new x and f, until neither moves. The fit of a strongly nonlinear gear
+starts from that of a linear one and needs no amplitude to be small. Scales s are found with the levels, by the change
+f_i d Phi_i / d s of every effect that turns or bends over s.
 """
 
 from __future__ import annotations
