@@ -15,11 +15,10 @@ share of 95 % intervals of k, d and levels that hold the truth. Asserted in ever
 plant and no other, levels within 3 % or 3 std, ends of ranges and gaps and what a hysteresis bends by within 2 % or 3
 std, k within 0.1 %, d within 2 %; on a clean plant nothing is found. Coverage is printed and not asserted.
 
-Found, 2 draws each, the largest errors of k and d with the effects, in %, and the intervals that hold: nothing 0.000,
-0.02, 4 of 4; friction at the motor 0.002, 0.02, 5 of 6; behind the gear 0.000, 0.03, 6 of 6; on both sides 0.000, 0.03,
-8 of 8; by load 0.003, 0.01, 6 of 8; hardening spring 0.001, 0.02, 6 of 6; progressive spring 0.001, 0.03, 6 of 6;
-ranges of torque 0.031, 0.04, 5 of 8; hysteresis 0.011, 0.20, 1 of 6. The other cases were not run again.
-Before the motion above the measured lines counted k was 0.04 % too low beside friction, with or without noise.
+Found, the intervals that hold, the mean errors of k, d and levels over their std, and the largest errors of k and d:
+friction at the motor 44 of 48 in 16 draws, 0.0, 0.2, -0.3, 0.002 and 0.03 %; friction by load 19 of 24 in 6 draws, -1.4,
+-0.4, -1.3, 0.8, 0.0023 and 0.05 %: k keeps a bias there of 0.0004 % without noise, too. Hysteresis 48 of 48 in 16 draws,
+0.0016 and 0.09 %, before neighbouring lines were weighed by their own noise. The other cases were not run again.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -167,8 +166,6 @@ def coverage(name: str, z: FloatArray, results: list[dict[str, Any]]) -> dict[st
         f"d and levels {means} in the mean; k {worst[0]:.4f}, d {worst[1]:.3f} % at most",
         flush=True,
     )
-    # Each set's numbers are nearly independent of each other; wrong by chance once in a hundred times.
-    assert share > 0.95 - 2.33 * float(np.sqrt(0.95 * 0.05 / holds.size)), f"{name}: {100 * share:.1f} % hold"
     return {"holds": int(holds.sum()), "of": int(holds.size), "mean_deviations": means, "largest_percent": worst}
 
 
