@@ -3,14 +3,15 @@
 Link side: J_m q'' + f q' + (F_m + F_load |tau|) sgn q' + ripple sin(r q) + (1 + e') tau = u,
 J_l l'' + F_l sgn l' = tau,  tau = n(x) + d x' + h,
 n = k x + k_2s |x| x + k_3 x^3 in the ranges of a gear's sheet or behind a gap,  h of a spring that slides,
-x = q + e(q) - l.  Runge-Kutta of fourth order, experiments side by side.
+x = q + e(q) - l.  Runge-Kutta of fourth order.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
+from numba import njit
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.record import Configuration, Record
@@ -48,30 +49,65 @@ class Gear:
     hysteresis: float = 0.0
     bends: float = 2e-4
 
-    def spring(self, x: FloatArray) -> FloatArray:
-        """n(x), Nm."""
-        tau = self.k * x + self.k_2s * np.abs(x) * x + self.k_3 * x**3
-        tau = tau - (1 - self.loose) * self.k * np.clip(x, -self.gap, self.gap)
-        at, factor, torque = 0.0, 1.0, 0.0
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """All but the ranges, in the order of the fields."""
+        return tuple(value for value in astuple(self) if not isinstance(value, tuple))
+
+    @property
+    def ends(self) -> FloatArray:
+        """Of the ranges (n, 2): deflection, and what the stiffness grows by there."""
+        at, factor, torque, ends = 0.0, 1.0, 0.0, []
         for next_torque, next_factor in self.ranges:
             at, torque = at + (next_torque - torque) / (factor * self.k), next_torque
-            tau = tau + (next_factor - factor) * self.k * np.sign(x) * np.maximum(np.abs(x) - at, 0.0)
+            ends.append((at, (next_factor - factor) * self.k))
             factor = next_factor
-        return np.asarray(tau)
+        return np.array(ends).reshape(-1, 2)
 
-    def slopes(self, x: FloatArray, u: FloatArray) -> FloatArray:
-        """d (q, l, q', l', z) / dt, (5, M), z the bend of the spring that slides."""
-        q, link, v, w, z = x
-        e, slope = self.error * np.sin(RATIO * q), self.error * RATIO * np.cos(RATIO * q)
-        bent = q + e - link
-        rate = v * (1 + slope) - w
-        tau = self.spring(bent) + self.d * rate + self.hysteresis * np.clip(z / self.bends, -1, 1)
-        # A sign that turns over 1e-3 rad/s, a hundredth of the speed, which a step can follow.
-        friction = (self.F_m + self.load * np.abs(tau)) * np.tanh(v / 1e-3) + self.ripple * np.sin(RATIO * q)
-        behind = self.F_l * np.tanh(w / 1e-3)
-        sticks = (np.abs(z) < self.bends) | (z * rate < 0)
-        at_motor, at_link = u - (1 + slope) * tau - friction - self.f * v, tau - behind
-        return np.stack([v, w, at_motor / self.J_m, at_link / self.J_l, np.where(sticks, rate, 0.0)])
+    def slopes(self, x: FloatArray, u: float) -> FloatArray:
+        """d (q, l, q', l', z) / dt (5,) under a torque."""
+        slopes = np.zeros(5)
+        _slopes(x, u, self.numbers, self.ends, slopes)
+        return slopes
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _slopes(x, u, numbers, ends, slopes):  # type: ignore[no-untyped-def]
+    """d (q, l, q', l', z) / dt (5,) into slopes, z the bend of the spring that slides."""
+    J_m, J_l, k, d, f, F_m, F_l, k_3, k_2s, gap, loose, error, load, ripple, hysteresis, bends = numbers
+    q, link, v, w, z = x
+    slope = error * RATIO * np.cos(RATIO * q)
+    bent, rate = q + error * np.sin(RATIO * q) - link, v * (1 + slope) - w
+    tau = k * bent + k_2s * abs(bent) * bent + k_3 * bent**3 - (1 - loose) * k * min(max(bent, -gap), gap)
+    for at, more in ends:
+        tau += more * np.sign(bent) * max(abs(bent) - at, 0.0)
+    tau += d * rate + hysteresis * min(max(z / bends, -1.0), 1.0)
+    # A sign that turns over 1e-3 rad/s, a hundredth of the speed, which a step can follow.
+    friction = (F_m + load * abs(tau)) * np.tanh(v / 1e-3) + ripple * np.sin(RATIO * q)
+    slopes[0], slopes[1] = v, w
+    slopes[2] = (u - (1 + slope) * tau - friction - f * v) / J_m
+    slopes[3] = (tau - F_l * np.tanh(w / 1e-3)) / J_l
+    slopes[4] = rate if abs(z) < bends or z * rate < 0 else 0.0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _simulated(torque, reference, rate, numbers, ends, substeps):  # type: ignore[no-untyped-def]
+    """Torques and angles (2 SAMPLES,) of an experiment after a period that settles; given (2 SAMPLES substeps,)."""
+    bends, h, start = numbers[-1], 1 / (RATE_HZ * substeps), SAMPLES * substeps
+    u, q, x, moved = np.empty(2 * SAMPLES), np.empty(2 * SAMPLES), np.zeros(5), np.empty(5)
+    slopes = np.zeros((5, 5))
+    for step in range(3 * start):
+        first = 2 * step % len(torque)
+        for stage, part in enumerate((0.0, 0.5, 0.5, 1.0)):
+            i = (first + int(2 * part)) % len(torque)
+            moved[:] = x + part * h * slopes[stage]
+            applied = torque[i] + 2e3 * (reference[i] - moved[0]) + 300 * (rate[i] - moved[2])
+            if stage == 0 and step % substeps == 0 and step >= start:
+                u[(step - start) // substeps], q[(step - start) // substeps] = applied, x[0]
+            _slopes(moved, applied, numbers, ends, slopes[stage + 1])
+        x += h / 6 * (slopes[1] + 2 * slopes[2] + 2 * slopes[3] + slopes[4])
+        x[4] = min(max(x[4], -bends), bends)  # a step goes on to where the spring has slid long since
+    return u, q
 
 
 def records(
@@ -81,7 +117,7 @@ def records(
 
     substeps: of a sample; a step over a reversal of friction is a wrong one.
     """
-    rng, settling = np.random.default_rng(seed), 1
+    rng = np.random.default_rng(seed)
     spectrum = np.zeros((experiments, LINES[-1] + 1), complex)
     phases = rng.uniform(0, 2 * np.pi, (experiments, len(LINES)))
     spectrum[:, LINES] = rms * np.sqrt(2 / len(LINES)) * np.exp(1j * phases)
@@ -91,23 +127,10 @@ def records(
     carrier[:, 1] = 0.02 * np.exp(1j * rng.uniform(0, 2 * np.pi, experiments))
     reference = _periodic(carrier, n)
     rate = np.gradient(reference, 1 / (RATE_HZ * substeps * 2), axis=1)
-    x, h = np.zeros((5, experiments)), 1 / (RATE_HZ * substeps)
-    u, q = [], []
-    for step in range((settling + 2) * SAMPLES * substeps):
-
-        def applied(x: FloatArray, i: int) -> FloatArray:
-            return np.asarray(torque[:, i] + 2e3 * (reference[:, i] - x[0]) + 300 * (rate[:, i] - x[2]))
-
-        i = 2 * step % n
-        if step % substeps == 0 and step >= settling * SAMPLES * substeps:
-            u.append(applied(x, i))
-            q.append(x[0])
-        a = gear.slopes(x, applied(x, i))
-        b = gear.slopes(x + h / 2 * a, applied(x + h / 2 * a, i + 1))
-        c = gear.slopes(x + h / 2 * b, applied(x + h / 2 * b, i + 1))
-        last = gear.slopes(x + h * c, applied(x + h * c, (i + 2) % n))
-        x = x + h / 6 * (a + 2 * b + 2 * c + last)
-    logged, angle = np.array(u), np.array(q)
+    signals = zip(torque, reference, rate, strict=True)
+    logged, angle = np.array([_simulated(*each, gear.numbers, gear.ends, substeps) for each in signals]).transpose(
+        1, 2, 0
+    )
     logged = logged + 0.2 * rng.standard_normal(logged.shape)
     angle = angle + 2e-7 * rng.standard_normal(angle.shape)
     places = ("motor 1",)

@@ -53,8 +53,8 @@ def test_accelerations_are_those_of_an_outside_plant() -> None:
         mine = np.zeros((2, 2))
         mine[0, place], mine[1, place] = angle, rate
         found = np.asarray(acceleration(mine[0], mine[1], torque)).ravel()[place]
-        state = np.concatenate([angle, rate, [0.0]])[:, None]
-        expected = gear.slopes(state, np.array([torque]))[2:4, 0]
+        state = np.concatenate([angle, rate, [0.0]])
+        expected = gear.slopes(state, torque)[2:4]
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 

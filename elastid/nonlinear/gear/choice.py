@@ -19,6 +19,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.gear.drive_lines import drive_lines, elastic_joints
 from elastid.nonlinear.gear.effects import GearEffect, Kind
 from elastid.nonlinear.gear.levels import (
+    MOVE,
     Levels,
     NormalEquations,
     find_levels,
@@ -59,6 +60,9 @@ _SHAPES: tuple[dict[Kind, float], ...] = (
     {"cubic": 0.0, "progressive": 0.0, "range": 1.0, "gap": 0.2}, {"stop": 0.3, "bristle": 0.3}
 )  # fmt: skip
 _APART = 1.5  # between the scales of two ranges or two elements of hysteresis of one gear, at least
+_NEXT = 2.0  # times the end of a range, at which that of the next one starts
+_TIE = 1.0  # in the logarithm of the residuals' power
+_TRIAL = 9  # rounds of a law that is compared: one that is wrong may never end
 _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
 
 
@@ -150,7 +154,11 @@ def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
 def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[Kind, float]) -> Levels:
     """With another spring or loop of a gear, if it explains more, or as much by fewer numbers; along its own motion."""
     data, _, linearisation, _ = arguments
-    springs = [effect for effect in found.effects if effect.joint == joint and effect.kind in family]
+
+    def springs_of(levels: Levels) -> list[GearEffect]:
+        return [effect for effect in levels.effects if effect.joint == joint and effect.kind in family]
+
+    springs = springs_of(found)
     if not springs:
         return found
     others = np.array([effect not in springs for effect in found.effects], bool)
@@ -160,15 +168,22 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
     def cost(levels: Levels) -> float:
         return lack(data, levels) + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
 
-    best, least = found, cost(found)
+    def tried(before: Levels, effects: tuple[GearEffect, ...], levels: FloatArray) -> Levels:
+        return _pruned(arguments, find_levels(*arguments, before.x, effects, np.append(levels, 0.0), _TRIAL))
+
+    trials = [found]
     for kind, part in family.items():
-        if any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
-            continue
-        effects = (*kept, GearEffect(kind, joint, part * deflection))
-        trial = find_levels(*arguments, found.x, effects, np.append(found.levels[others], 0.0))
-        trial = _pruned(arguments, trial)
-        if cost(trial) < least:
-            best, least = trial, cost(trial)
+        if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
+            trials.append(tried(found, (*kept, GearEffect(kind, joint, part * deflection)), found.levels[others]))
+    best = min(trials, key=cost)
+    ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
+    if lack(data, best) < lack(data, ranged) < lack(data, best) + _TIE * sum(lines.Y.size for lines in data):
+        # One range explains a little less than a law of another kind, and two may explain much more.
+        (first,) = springs_of(ranged)
+        second = replace(first, scale=_NEXT * first.scale)
+        best = min(best, tried(ranged, (*ranged.effects, second), ranged.levels), key=cost)
+    if best.move > MOVE:
+        best = find_levels(*arguments, best.x, best.effects, best.levels)
     return _named(arguments, best, joint)
 
 

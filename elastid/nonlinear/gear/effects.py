@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.operators import Path, bristle, stop
@@ -29,6 +30,7 @@ _UNITS: dict[Kind, str] = {
     "error sine": "rad", "error cosine": "rad",
 }  # fmt: skip
 
+_STUCK = 0.9  # of the torque at a reversal, above which friction is taken to be that: nearly at rest
 _STEP = 0.01  # of a scale, to either side, over which a change with it is taken
 
 
@@ -52,7 +54,7 @@ class GearEffect:
     @property
     def is_implicit(self) -> bool:
         """True if its force follows a motion that it moves: behind the gear, or at a reversal between samples."""
-        return self.kind in ("friction", "behind", "cubic", "progressive", "range", "gap", "stop", "bristle")
+        return self.kind in ("friction", "load", "behind", "cubic", "progressive", "range", "gap", "stop", "bristle")
 
     @property
     def edge(self) -> GearEffect | None:
@@ -77,7 +79,7 @@ class GearEffect:
     @property
     def place(self) -> Place:
         """Where an implicit effect acts, and the motion of which it is a function of: of a gear its deflection."""
-        return "motor" if self.kind == "friction" else "link" if self.kind == "behind" else "gear"
+        return "motor" if self.kind in ("friction", "load") else "link" if self.kind == "behind" else "gear"
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,8 @@ class GearMotion:
 
 
 def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,), a whole period."""
-    if effect.kind in ("friction", "behind"):
+    """Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,), a whole period; of a load of 1 Nm."""
+    if effect.kind in ("friction", "load", "behind"):
         return turning(x, effect.scale)
     if effect.kind == "cubic":
         return x**3, 3 * x**2
@@ -117,27 +119,32 @@ def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
 def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     r"""tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period.
 
-    Between two points v is a line and the mean of the sign :math:`\Delta\Lambda / \Delta v` with
-    :math:`\Lambda = scale \ln\cosh(v / scale)`. At a reversal friction bends v itself: two lines, that meet at the
-    mean of the zeros of those before and after it.
+    Between two points v is a line. At a reversal friction bends v itself, with a and b by its steps before and after,
+
+    .. math:: \dot v = a - b \tanh(v / s): \quad \frac{\int \tanh dt}{t} = \frac{b u + a L}{a u + b L}, \quad
+              u = v / s, \ L = \ln |a \cosh u - b \sinh u|
+
+    The velocity of an inertia at the points depends on the means over cells alone, and is exact with their spectrum
+    over sinc.
     """
-    closed = np.concatenate([v[-1:], v, v[:2]])
-    last, moves = closed[2:-1], np.diff(closed)
-    move = moves[1:-1]
-    flat = np.abs(move) <= 1e-9 * np.abs(v).max()
-    move = np.where(flat, 1.0, move)
-    total, sign = _integral(v, scale), np.tanh(v / scale) if scale else np.sign(v)
-    mean = _steps(total) / move
-    middle = (v[flat] + last[flat]) / 2
-    mean[flat] = np.tanh(middle / scale) if scale else np.sign(middle)
-    turns = np.flatnonzero(v * last < 0)
-    x, y, before, after = v[turns], last[turns], moves[turns], moves[turns + 2]
-    part = np.clip(-x / np.where(before * x < 0, before, -x), 0, 1) / 2
-    part += np.clip(1 - y / np.where(after * y > 0, after, y), 0, 1) / 2
-    mean[turns] = part * (total[turns] / x) + (1 - part) * (total[(turns + 1) % len(v)] / y)
-    slope = np.where(flat, 0.0, _steps(sign) / move)
-    hat, slope = (mean + np.roll(mean, 1)) / 2, (slope + np.roll(slope, 1)) / 2
-    return hat - (np.roll(hat, 1) + np.roll(hat, -1) - 2 * hat) / 6, slope  # without the loss of means of two cells
+    u = v / (scale or 1e-9 * float(np.abs(v).max()) + 1e-300)
+    following, step = np.roll(u, -1), _steps(u)
+    a, b = step.copy(), np.zeros_like(step)
+    turns = np.flatnonzero(u * following < 0)
+    before, after = step[turns - 1], step[(turns + 1) % len(v)]
+    mean, jump = (before + after) / 2, np.sign(step[turns]) * (before - after) / 2
+    bends = mean * step[turns] > 0
+    a[turns[bends]] = mean[bends]
+    b[turns[bends]] = np.clip(jump, -_STUCK * np.abs(mean), _STUCK * np.abs(mean))[bends]
+    flat = np.abs(step) <= 1e-9 * np.abs(u).max()
+    a[flat], step[flat] = 1.0, 1.0
+    L = _log_cosh(following, b / a) - _log_cosh(u, b / a)
+    means = (b * step + a * L) / (a * step + b * L)
+    means[flat] = np.tanh((u + following) / 2)[flat]
+    slope = np.where(flat, 0.0, _steps(np.tanh(u)) / np.where(flat, 1.0, _steps(v)))
+    half = np.arange(len(v) // 2 + 1) / len(v)  # of the angle between two points, over pi
+    hat = irfft(rfft(means) * np.exp(-1j * np.pi * half) / np.sinc(half), len(v))
+    return hat, (slope + np.roll(slope, 1)) / 2
 
 
 def _steps(x: FloatArray) -> FloatArray:
@@ -145,10 +152,10 @@ def _steps(x: FloatArray) -> FloatArray:
     return np.diff(x, append=x[:1])
 
 
-def _integral(v: FloatArray, scale: float) -> FloatArray:
-    """Lambda (n,)."""
-    size = np.abs(v)
-    return size + scale * (np.log1p(np.exp(-2 * size / scale)) - np.log(2.0)) if scale else size
+def _log_cosh(u: FloatArray, ratio: FloatArray) -> FloatArray:
+    """ln(cosh u - ratio sinh u) (n,), |ratio| < 1."""
+    side = ratio * np.sign(u)
+    return np.asarray(np.abs(u) + np.log((1 - side + (1 + side) * np.exp(-2 * np.abs(u))) / 2))
 
 
 def _broken_line(kind: Kind, x: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
@@ -174,9 +181,8 @@ def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArr
         return [(place, (b - a) / (2 * _STEP * effect.scale)) for (place, a), (_, b) in zip(*both, strict=True)]
     if effect.is_implicit:
         along = {"motor": motion.velocity, "link": motion.link_velocity, "gear": motion.deflection}
-        return [(effect.place, implicit_law(effect, along[effect.place])[0])]
-    if effect.kind == "load":
-        return [("motor", np.abs(motion.torque) * turning(motion.velocity, effect.scale)[0])]
+        phi = implicit_law(effect, along[effect.place])[0]
+        return [(effect.place, np.abs(motion.torque) * phi if effect.kind == "load" else phi)]
     e, slope = periodic_error(effect, motion)
     if effect.kind.startswith("ripple"):
         return [("motor", e)]

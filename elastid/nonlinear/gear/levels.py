@@ -3,10 +3,11 @@ r"""Levels of effects and parameters of the model together, from the records' ow
 .. math:: V(x, f) = \sum_{c, k, m} r^H S^{-1} r + priors, \qquad
           r = y - G(x)\, u + C H(x) \sum_i f_i P_i \Phi_i(\hat q)
 
-with S the covariance of the residuals, averaged over experiments and neighbouring lines, so that what the model does
-not explain widens the intervals. Gauss-Newton in x and f with the motion held, then the motion along the new x and f,
-until neither moves. The fit of a strongly nonlinear gear starts from that of a linear one and needs no amplitude to be
-small.
+with S the covariance of the residuals, averaged over experiments and neighbouring lines as a multiple of what the model
+makes of noise of torques and angles, so that what it does not explain widens the intervals. Gauss-Newton in x and f
+with the motion held, then the motion along the new x and f, until neither moves. The fit of a strongly nonlinear gear
+starts from that of a linear one and needs no amplitude to be small. Scales s are found with the levels, by the change
+f_i d Phi_i / d s of every effect that turns or bends over s.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
 
-_ROUNDS, _MOVE = 40, 0.05  # until no number moves by more than this part of its standard deviation
-_STEP = 0.3  # of a logarithmic variable, at most
+_ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation
+_NEAR, _CLOSE = (1e-4, 1e-5), 2.0  # error of the motion, and from which move on it is the smaller
+_STEP = 0.3  # of a scale, at most
+_SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
 _SEEN = 2.0  # standard deviations of a level, from which on its scale moves
 _HELD = 1e12  # times what is known of a scale, which then stays
 _KNOWN = 1.0  # of a scale: the standard deviation to which it is known without any record
@@ -73,51 +76,100 @@ def find_levels(
     x: FloatArray,
     effects: Sequence[GearEffect],
     levels: FloatArray | None = None,
+    rounds: int = _ROUNDS,
 ) -> Levels:
     """Parameters and levels from x (n_x,), the optimum of a fit without the effects, and levels (n_f,), 0 if None."""
     joints, ratios = joints_of(linearisation)
-    effects, n_x, n_f = list(effects), len(x), len(effects)
+    n_x, n_f = len(x), len(effects)
     levels = np.zeros(n_f) if levels is None else levels
-    scaled = [i for i, effect in enumerate(effects) if effect.edge is not None]
+    scales = scales_of(effects)
+    effects = _rescaled(effects, scales, np.zeros(len(scales)))
     estimates: list[Estimate | None] = [None] * len(data)
     move, covariance, std = np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
-    for count in range(1, _ROUNDS + 1):
+    is_log = np.array([parameter.log for parameter in parameters.free], bool)
+    for count in range(1, rounds + 1):
         drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
-        every = [*effects, *(edge for effect in effects if (edge := effect.edge) is not None)]
-        with_edges = np.concatenate([levels, np.zeros(len(scaled))])
+        every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
+        with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
         for _ in range(2 if count == 1 else 1):
             estimates = [
-                estimate_motion(lines, drive, joints, ratios, every, with_edges, before)
+                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, _NEAR[move < _CLOSE])
                 for lines, drive, before in zip(data, drives, estimates, strict=True)
             ]
         known = [estimate for estimate in estimates if estimate is not None]
-        sums, (A, b) = normal_equations(data, drives, known, n_x, with_edges), priors(parameters, x, n_x + len(every))
-        for i, place in zip(scaled, range(n_x + n_f, len(b)), strict=True):
-            if count > 1 and abs(levels[i]) < _SEEN * std[n_x + i]:  # of next to nothing any scale will do
-                A[place, place] = _HELD * float(sums.A[:, place, place].sum())
-            else:
-                A[place, place] = (levels[i] * effects[i].scale * _KNOWN) ** -2.0 if levels[i] else 0.0
-        covariance = inverse(sums.A.sum(axis=0) + A)
-        step = covariance @ (sums.b.sum(axis=0) + b)
+        sums = normal_equations(data, drives, known, n_x, with_edges)
+        T = _by_scales(effects, levels, scales, n_x)
+        A, b = T.T @ sums.A.sum(axis=0) @ T, T.T @ sums.b.sum(axis=0)
+        of_priors, pull = priors(parameters, x, len(b))
+        np.fill_diagonal(of_priors[n_x + n_f :, n_x + n_f :], scale_priors(A, levels, std, scales, n_x))
+        covariance = inverse(A + of_priors)
+        step = covariance @ (b + pull)
         std = np.sqrt(np.diag(covariance))
         move = float(np.max(np.abs(step) / np.where(std > 0, std, np.inf)))
-        shorter = min(1.0, _STEP / max(float(np.abs(step[:n_x]).max(initial=0.0)), 1e-300))
-        for i, of_edge in zip(scaled, shorter * step[n_x + n_f :], strict=True):
-            effects[i] = _moved(effects[i], levels[i], of_edge)
-        x, levels = x + shorter * step[:n_x], levels + shorter * step[n_x : n_x + n_f]
-        if move < _MOVE:
+        # The response is nearly linear in the number itself, of which the logarithm is to be found.
+        x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_SMALLER, _LARGER)), step[:n_x])
+        levels = levels + step[n_x : n_x + n_f]
+        effects = _rescaled(effects, scales, step[n_x + n_f :])
+        if move < MOVE:
             break
     scale_std = np.zeros(n_f)
-    scale_std[scaled] = np.sqrt(np.diag(covariance)[n_x + n_f :]) / np.maximum(np.abs(levels[scaled]), 1e-300)
-    covariance, own = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of_first(n_f) for e in known)
-    return Levels(parameters, tuple(effects), x, levels, covariance, count, move, own, tuple(drives), scale_std)
+    for own, relative in zip(scales, std[n_x + n_f :], strict=True):
+        scale_std[own] = [relative * effects[i].scale for i in own]
+    covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of_first(n_f) for e in known)
+    return Levels(parameters, tuple(effects), x, levels, covariance, count, move, estimated, tuple(drives), scale_std)
+
+
+def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
+    """The effects that have each scale: friction of a motor turns over one velocity, that by load with the rest."""
+    own: dict[tuple[object, ...], list[int]] = {}
+    for i, effect in enumerate(effects):
+        if effect.edge is not None:
+            at_motor = effect.kind in ("friction", "load")
+            own.setdefault(("motor", effect.joint) if at_motor else (i,), []).append(i)
+    return list(own.values())
+
+
+def _by_scales(
+    effects: Sequence[GearEffect], levels: FloatArray, scales: Sequence[Sequence[int]], n_x: int
+) -> FloatArray:
+    """T (n, n_x + n_f + n_s) from parameters, levels and parts of scales to parameters, levels and levels of edges."""
+    kept, edges = n_x + len(levels), [(s, i) for s, own in enumerate(scales) for i in own]
+    T = np.zeros((kept + len(edges), kept + len(scales)))
+    T[:kept, :kept] = np.eye(kept)
+    for row, (s, i) in enumerate(edges):
+        T[kept + row, kept + s] = levels[i] * effects[i].scale
+    return T
+
+
+def scale_priors(
+    A: FloatArray, levels: FloatArray, std: FloatArray, scales: Sequence[Sequence[int]], n_x: int
+) -> FloatArray:
+    """What is known (n_s,) of the logarithms of scales without records; those of levels that are not seen stay.
+
+    A: normal matrix of parameters, levels and scales.  levels, std (n_f,), (n_x + n_f + ...): of the last round, which
+    is the first where all std are 0.
+    """
+    known = np.full(len(scales), _KNOWN**-2.0)
+    for s, own in enumerate(scales):
+        if np.all(np.abs(levels[own]) < _SEEN * std[n_x:][own]):  # of next to nothing any scale will do
+            known[s] = _HELD * max(1.0, float(A[n_x + len(levels) + s, n_x + len(levels) + s]))
+    return known
+
+
+def _rescaled(effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], parts: FloatArray) -> list[GearEffect]:
+    """With scales that grew by parts (n_s,) of themselves, _STEP at most, from that of the first which has them on."""
+    grown = list(effects)
+    for own, part in zip(scales, np.clip(parts, -_STEP, _STEP).tolist(), strict=True):
+        for i in own:
+            grown[i] = replace(effects[i], scale=effects[own[0]].scale * (1 + part))
+    return grown
 
 
 def lack(data: Sequence[PeriodLines], found: Levels) -> float:
     """Sum of ln det S of the residuals, by which alternatives are compared: -2 ln of their likelihood."""
     total = 0.0
     for lines, drive, estimate in zip(data, found.drives, found.estimates, strict=True):
-        S = smoothed_covariance(residuals(lines, drive, estimate, found.levels))[_used(lines)]
+        S = smoothed_covariance(residuals(lines, drive, estimate, found.levels), lines, drive)[_used(lines)]
         total += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
     return total
 
@@ -126,12 +178,6 @@ def _used(lines: PeriodLines) -> slice:
     """Lines that levels are found from: the excited ones, those between them, and some on either side."""
     on = np.flatnonzero(lines.excited)
     return slice(int(on[0]) // 2, min(len(lines.s), int(1.2 * on[-1]) + 1))
-
-
-def _moved(effect: GearEffect, level: float, of_edge: float) -> GearEffect:
-    """Its end where the edge's level has it, by a part of itself at most; where it is without a level so far."""
-    step = of_edge / level if level else 0.0
-    return replace(effect, scale=effect.scale * (1 + float(np.clip(step / effect.scale, -_STEP, _STEP))))
 
 
 def start_levels(
@@ -176,7 +222,7 @@ def normal_equations(
     for lines, drive, estimate in zip(data, drives, estimates, strict=True):
         r = residuals(lines, drive, estimate, levels)
         used = _used(lines)
-        white = np.linalg.inv(np.linalg.cholesky(smoothed_covariance(r)[used] / 2))
+        white = np.linalg.inv(np.linalg.cholesky(smoothed_covariance(r, lines, drive)[used] / 2))
         J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, levels, n_x)[used])
         e = white @ r[used]
         for i in np.searchsorted(realisations, np.unique(lines.realisation)):

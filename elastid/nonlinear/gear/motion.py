@@ -11,16 +11,18 @@ of a linear structure with few nonlinear elements by alternating frequency and t
 56, 1989.)
 
 Above the measured lines q is q_0. Without it a reversal would be rounded and come too late or too early, k some 0.05 %
-too low beside friction of 0.15 of the torque. Its part beyond half the rate is folded into the sampled angles.
+too low beside friction of 0.15 of the torque. Its part beyond half the rate is folded into the sampled angles. Beyond
+those lines, up to half the rate of the fine grid, forces move inertias: a reversal bends a velocity within a cell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
+from numpy.fft import rfft
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
@@ -32,7 +34,7 @@ from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
 # is measured, what moves the link is not.
 _AT_LINKS = 10.0
 _WINDOW = 15  # lines over which the power of residuals is averaged
-_STEPS, _HALVINGS, _NEAR = 8, 5, 1e-4  # Newton's method
+_STEPS, _HALVINGS = 8, 5  # Newton's method
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +44,22 @@ class Estimate:
     folded (F, n_u, M, n_f): what their motion beyond half the rate adds to the sampled angles.  above (L, n, M): the
     explicit ones' forces at the lines above.
     unknowns: deflections and velocities x (n_x, n) of each experiment, from which the next estimate starts.
+    loads (M, n_j, n): size of the gears' torques, by which friction of the next estimate grows with load.
     """
 
     Phi: ComplexArray
     folded: ComplexArray
     above: ComplexArray
     unknowns: tuple[FloatArray, ...]
+    loads: FloatArray
 
     @classmethod
     def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> Estimate:
         """Without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
-        return cls(Phi, folded, np.zeros((len(lines.above), n, M), complex), (np.zeros((0, 0)),) * M)
+        above, loads = np.zeros((len(lines.above), n, M), complex), np.zeros((M, len(drive.k), lines.samples * CELLS))
+        return cls(Phi, folded, above, (np.zeros((0, 0)),) * M, loads)
 
     def of_first(self, n_f: int) -> Estimate:
         """The same of the first effects alone."""
@@ -68,20 +73,36 @@ def residuals(lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels:
     return np.asarray(lines.Y - drive.G @ lines.U + drive.sensor[:, :, None] * explained)
 
 
-def smoothed_covariance(r: ComplexArray) -> ComplexArray:
-    """E r r^H (F, n_u, n_u) of residuals (F, n_u, M), over experiments and neighbouring lines."""
-    S = r @ r.conj().swapaxes(1, 2) / r.shape[2]
+def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) -> ComplexArray:
+    """E r r^H (F, n_u, n_u) of residuals (F, n_u, M), over experiments and neighbouring lines.
+
+    Of neighbours their ratio to noise of torques that the model passes on, and of angles: near resonances, and where a
+    robot moves less and less, they are not alike themselves.
+    """
+    of_torque = drive.G * _sizes(lines) @ drive.G.conj().swapaxes(1, 2)
+    passed = np.einsum("fii->f", of_torque).real
+    most = np.argsort(passed)[-max(1, len(passed) // 4) :]  # where torque shows most
+    power = np.mean(np.sum(np.abs(r[most]) ** 2, axis=1), axis=1) - lines.noise.sum()
+    c = max(float(np.median(power / passed[most])), 1e-300)
+    factor = np.linalg.cholesky(c * of_torque + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
+    white = np.linalg.solve(factor, r)
+    S = white @ white.conj().swapaxes(1, 2) / r.shape[2]
     kernel, half = np.ones(_WINDOW) / _WINDOW, _WINDOW // 2
     padded = np.pad(S, ((half, half), (0, 0), (0, 0)), mode="edge").reshape(len(S) + 2 * half, -1)
     columns = [np.convolve(column, kernel, "valid") for column in padded.T]
-    return np.stack(columns, axis=1).reshape(S.shape)
+    return np.asarray(factor @ np.stack(columns, axis=1).reshape(S.shape) @ factor.conj().swapaxes(1, 2))
+
+
+def _sizes(lines: PeriodLines) -> FloatArray:
+    """Mean powers (n_u,) of the torques, over the largest."""
+    power = np.mean(np.abs(lines.U) ** 2, axis=(0, 2))
+    return np.asarray(power / power.max())
 
 
 def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArray:
     """Of the estimate to residuals of the angles (F, n, n_u)."""
     CH = drive.C @ drive.H
-    size = np.mean(np.abs(lines.U) ** 2, axis=(0, 2))
-    size = size / size.max()
+    size = _sizes(lines)
     rows = [drive.B.T, _AT_LINKS**0.5 * drive.places["link"]]
     weights = np.concatenate([size, np.resize(size, len(rows[1]))])
     P = np.concatenate(rows).T
@@ -102,10 +123,14 @@ def estimate_motion(
     effects: Sequence[GearEffect],
     levels: FloatArray,
     before: Estimate | None,
+    near: float = 1e-4,
 ) -> Estimate:
-    """The motion of all experiments under effects of given levels (n_f,), and the effects along it."""
+    """The motion of all experiments under effects of given levels (n_f,), and the effects along it.
+
+    near: error of the implicit motion at which it ends, over its RMS.
+    """
     before = Estimate.start(lines, drive, len(effects)) if before is None else before
-    gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, levels)))
+    gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, levels), lines, drive))
     of_force = np.concatenate([drive.H - gain @ (drive.C @ drive.H), drive.H_above])
     implicit = np.array([effect.is_implicit for effect in effects], bool)
     given = np.tensordot(before.Phi[..., ~implicit], levels[~implicit], axes=1)
@@ -114,13 +139,15 @@ def estimate_motion(
     base = base + gain @ (y - drive.C @ base)
     base = np.concatenate([base, drive.moved_above - drive.H_above @ before.above])
     after, unknowns = Estimate.start(lines, drive, len(effects)), []
-    problem = _Problem(lines, drive, tuple(joints), ratios, tuple(effects), levels, of_force)
+    problem = _Problem(lines, drive, tuple(joints), ratios, tuple(effects), levels, of_force, before.loads, near)
     CH_above = drive.C[lines.sampled] @ drive.H_above
     F = len(lines.U)
     for m in range(lines.U.shape[2]):
         q, x = problem.solve(base[:, :, m], m, before.unknowns[m] if before.unknowns[m].size else None)
         unknowns.append(x)
         motions = {joint: problem.motion(q, problem.joints.index(joint), m, x) for joint in {e.joint for e in effects}}
+        for joint, motion in motions.items():
+            after.loads[m, problem.joints.index(joint)] = np.abs(motion.torque)
         for i, effect in enumerate(effects):
             j = problem.joints.index(effect.joint)
             for place, phi in forces(effect, motions[effect.joint]):
@@ -135,7 +162,7 @@ def estimate_motion(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The unknown deflections and velocities of one configuration; of_force (F, n, n): q by force."""
+    """The unknown deflections and velocities of one configuration; of_force (F, n, n): q by force; loads: as before."""
 
     lines: PeriodLines
     drive: DriveLines
@@ -144,6 +171,8 @@ class _Problem:
     effects: tuple[GearEffect, ...]
     levels: FloatArray
     of_force: ComplexArray
+    loads: FloatArray
+    near: float
 
     @cached_property
     def s(self) -> ComplexArray:
@@ -167,8 +196,10 @@ class _Problem:
         x_0 = lines.fine((s * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
         A = s[:, :, None] * (rows @ self.of_force @ rows.T)
         softness = np.where(power == 0, 1 / drive.k[[j for _, j in signals]], 0.0)
-        x = newton(self._law, _Linear(lines, A, softness), x_0, x_0 if start is None else start)
-        torque = lines.all_amplitudes(self._law(x)[0]).T
+        beyond = np.arange(len(s) + 1, lines.samples * CELLS // 2)[:, None]
+        linear = _Linear(lines, A, (len(s) / beyond) ** (2 - power), softness)
+        x = newton(partial(self._law, m), linear, x_0, x_0 if start is None else start, self.near)
+        torque = lines.all_amplitudes(self._law(m, x)[0]).T
         return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x
 
     @property
@@ -198,15 +229,16 @@ class _Problem:
         row = self.drive.directions("motor", j)
         return np.asarray(self.lines.fine((q @ row)[None])[0] + row @ self.drive.B @ self.lines.mean[:, m])
 
-    def _law(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Force (n_x, n) by each unknown, and its slope."""
+    def _law(self, m: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Force (n_x, n) by each unknown of an experiment, and its slope."""
         force, slope = np.zeros_like(x), np.zeros_like(x)
         for effect, f in zip(self.effects, self.levels, strict=True):
             if effect.is_implicit and f:
-                i = self.signals.index((effect.place, self.joints.index(effect.joint)))
+                j = self.joints.index(effect.joint)
+                i, size = self.signals.index((effect.place, j)), self.loads[m, j] if effect.kind == "load" else 1.0
                 phi, dphi = implicit_law(effect, x[i])
-                force[i] += f * phi
-                slope[i] += f * dphi
+                force[i] += f * size * phi
+                slope[i] += f * size * dphi
         return force, slope
 
     def motion(self, q: ComplexArray, j: int, m: int, x: FloatArray) -> GearMotion:
@@ -224,21 +256,29 @@ class _Problem:
             link_velocity = x[signals.index(("link", j))]
         torque = drive.k[j] * deflection + drive.d[j] * lines.fine((self.s * gear)[None])[0]
         if ("gear", j) in signals:
-            torque = torque + self._law(x)[0][signals.index(("gear", j))]
+            torque = torque + self._law(m, x)[0][signals.index(("gear", j))]
         return GearMotion(self._angle(q, j, m), velocity, link_velocity, deflection, torque, float(self.ratios[j]),
                           float(drive.k[j]), float(drive.d[j]))  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """x by force: A (F, n_x, n_x) on the lines, softness (n_x,) at rest."""
+    """x by force: A (F, n_x, n_x) on the lines, softness (n_x,) at rest.
+
+    beyond (K, n_x): what is left of the last line's at those above, up to half the rate of the fine grid, where all is
+    inertia: (s_F / s)^2 of a deflection, s_F / s of a velocity, and no phase.
+    """
 
     lines: PeriodLines
     A: ComplexArray
+    beyond: FloatArray
     softness: FloatArray
 
     def __call__(self, force: FloatArray) -> FloatArray:
-        X = (self.A @ self.lines.all_amplitudes(force).T[:, :, None])[:, :, 0]
+        F, spectrum = len(self.A), rfft(force)[:, 1:-1].T * (2 / force.shape[1])
+        X = np.empty_like(spectrum)
+        X[:F] = (self.A @ spectrum[:F, :, None])[:, :, 0]
+        X[F:] = (spectrum[F:] @ self.A[-1].T) * self.beyond
         return np.asarray(self.lines.fine(X.T) + (force.mean(axis=1) * self.softness)[:, None])
 
 
@@ -247,9 +287,11 @@ def newton(
     linear: Callable[[FloatArray], FloatArray],
     x_0: FloatArray,
     x: FloatArray,
+    near: float = 1e-4,
 ) -> FloatArray:
     """x (n_x, n) of x + linear(law(x)) = x_0, from x or x_0; law gives a force and its slope, point by point.
 
+    near: error at which it ends, over the size of x.
     Steps are halved until the error falls; where none does, the last x, whose error the residuals then show.
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
@@ -264,7 +306,7 @@ def newton(
     if norm(error(x_0)) < norm(e):
         x, e = x_0, error(x_0)
     for _ in range(_STEPS):
-        if norm(e) < _NEAR:
+        if norm(e) < near:
             break
         slope = law(x)[1]
 

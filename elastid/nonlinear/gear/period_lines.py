@@ -21,8 +21,9 @@ from elastid.record import Configuration, Record
 CELLS = 8  # of the fine grid in a sample: reversals of friction fall between samples
 # Lines up to so many times the highest excited one: friction and hardening move the robot there, too.
 REACH = 2.0
-# On those above, up to so many times it, the model tells the motion: without it friction would turn late or early.
-ABOVE = 24.0
+# On those above, up to so many times it, the model tells the motion, and beyond them its inertia: without them friction
+# would turn late or early.
+ABOVE = 12.0
 
 
 @dataclass(frozen=True, eq=False)
