@@ -120,7 +120,7 @@ def find_bends(
     if problem is None:
         return
     bent = [i for i, joint in enumerate(drives.joints) if joint and problem.bend(i, joint) is not None]
-    if bent and not robot.loops:  # the arm's own distortion looks like that of a gear
+    if bent:  # the arm's own distortion looks like that of a gear
         problem = problem.on_arm(robot, first.configuration)
     for i in bent:
         if (bend := problem.bend(i, drives.joints[i])) is not None:
