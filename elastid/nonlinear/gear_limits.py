@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,13 +14,10 @@ from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
 from elastid.nonlinear.gear.drive_lines import DriveLines, drive_lines, elastic_joints
-from elastid.nonlinear.gear.levels import Levels
 from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.response import FrequencyResponse
 
 _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
-# Of the rms deflection of a gear at the excited lines, above which the noise of its motor's angle hides the effects.
-COARSE = 0.1
 # Of the motion, above which periods differ by more than friction that sticks and slips makes them: 7 settled sets of
 # records (tests/plants/two_mass_gear.py, the demo, configs/gear.yml) reach 0.06 %, unsettled ones 4.6 %.
 UNSETTLED = 1e-2
@@ -128,59 +124,3 @@ def largest_torques(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -
     """Of each joint's gear in the records."""
     pairs, count = list(zip(data, drives, strict=True)), len(drives[0].k)
     return [max(float(np.abs(gear_torque(*pair, j)).max()) for pair in pairs) for j in range(count)]
-
-
-def preloads(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: Sequence[str]) -> list[Note]:
-    """Joints whose gear never changes the sign of its torque, so that it never crosses its lost motion."""
-    notes = []
-    for j, joint in enumerate(joints):
-        torques = [gear_torque(lines, drive, j) for lines, drive in zip(data, drives, strict=True)]
-        low, high = min(float(tau.min()) for tau in torques), max(float(tau.max()) for tau in torques)
-        if all(tau.min() > 0 or tau.max() < 0 for tau in torques):
-            text = (
-                f"gravity preloads its gear, whose torque goes from {low:.3g} to {high:.3g} N*m in the records, never "
-                "through 0 in one of them, where lost motion shows: it is neither found nor bounded; measure a posture "
-                "in which gravity loads the joint less, or with more torque"
-            )
-            notes.append(Note("gear-preloaded", text, f"joint {joint}"))
-    return notes
-
-
-def rigid_gears(found: Levels, joints: Sequence[str]) -> list[Note]:
-    """Gears of which the model has no deflection: what is lost, and the friction of their motors."""
-    notes = []
-    for joint in joints:
-        own = [i for i, effect in enumerate(found.effects) if effect.joint == joint]
-        level, row = sum(float(found.levels[i]) for i in own), np.zeros(len(found.covariance))
-        row[[len(found.x) + i for i in own]] = 1.0
-        std = math.sqrt(float(row @ found.covariance @ row))
-        friction = f"{level:.4g} N*m, std {std:.2g}, link side" if own else "none seen"
-        text = (
-            "its gear has no spring of its own in the model (rigid, or in series with that of a shaft), so that "
-            f"friction at its motor alone was looked for ({friction}); what the gear does otherwise is left out, and "
-            "has no bound"
-        )
-        notes.append(Note("gear-left-out", text, f"joint {joint}", "information"))
-    return notes
-
-
-def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: Sequence[str]) -> list[Note]:
-    """Joints whose deflection is not large against the noise of their motor's angle."""
-    notes = []
-    for j, joint in enumerate(joints):
-        if not drives[0].directions("gear", j).any():
-            continue
-        bent, noise = [], []
-        for lines, drive in zip(data, drives, strict=True):
-            bent.append(np.sum(np.mean(np.abs(deflections(lines, drive, j)[lines.excited]) ** 2, axis=1)))
-            row = drive.directions("motor", j) @ np.linalg.pinv(drive.C)
-            noise.append(np.sum(lines.scatter[lines.excited] @ row**2))
-        size, error = np.sqrt(np.mean(bent) / 2), np.sqrt(np.mean(noise) / 2)
-        if error > COARSE * size:
-            text = (
-                f"its angle has {error:.2g} rad of noise at the excited lines, and its gear bends by {size:.2g} rad: "
-                "effects of this gear are hidden, and its bounds are wide; take an encoder of more counts, more "
-                "periods, or more torque"
-            )
-            notes.append(Note("coarse-encoder", text, f"motor {joint}"))
-    return notes

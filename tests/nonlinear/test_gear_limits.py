@@ -17,15 +17,8 @@ from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.nonlinear.gear_limits import (
-    coarse_encoders,
-    difference,
-    drives_of,
-    gear_torque,
-    left,
-    preloads,
-    refusal,
-)
+from elastid.nonlinear.gear_limits import difference, drives_of, gear_torque, left, refusal
+from elastid.nonlinear.gear_notes import coarse_encoders, preloads
 from elastid.parameters import Parameter, ParameterSet
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -67,7 +60,7 @@ def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
     G = FrequencyResponse(freq_hz, np.zeros((len(LINES), 1, 1), complex), place, place, "acceleration", POSTURE)
     scatter = np.full((F, 1), noise**2)
     lines = PeriodLines(
-        POSTURE, RATE_HZ, SAMPLES, U, U, np.zeros((1, 2)), np.array([noise**2]), scatter, excited, np.arange(2),
+        POSTURE, RATE_HZ, SAMPLES, U, U, *np.zeros((2, 1, 2)), np.array([noise**2]), scatter, excited, np.arange(2),
         np.zeros((0, 1, 2), complex), np.ones(1, bool),
     )  # fmt: skip
     drives = drives_of([lines], [G], linearisation, result)

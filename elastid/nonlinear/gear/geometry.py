@@ -111,7 +111,7 @@ class _RigidArm:
         Z[:, self.model.passive] = -follow @ self._loops(q, 0 * q)[1] @ self.moved
         dq, ddq = (np.einsum("kij,jk->ik", Z, x) for x in (v, a))
         ddq[self.model.passive] -= np.einsum("kij,jk->ik", follow, self._loops(q, dq)[2])
-        return np.einsum("kji,jk->ik", Z, self.dynamics.map(q.shape[1])(q, dq, ddq).full())
+        return np.asarray(np.einsum("kji,jk->ik", Z, self.dynamics.map(q.shape[1])(q, dq, ddq).full()))
 
     def _closed(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """q (n_q, N) with passive joints where the loops close; their motion (N, n_p, n_c) by gaps of these."""
@@ -120,7 +120,7 @@ class _RigidArm:
             phi, Phi, _ = self._loops(q, 0 * q)
             follow, gap = np.linalg.pinv(Phi[:, :, passive]), float(np.abs(phi).max())
             if gap < _CLOSED:
-                return q, follow
+                return q, np.asarray(follow)
             q[passive] -= np.einsum("kij,jk->ik", follow, phi)
         raise DataError(
             f"the loops of robot {self.model.robot.name} stay open by {gap:.2g} m along the motion of the records, so "

@@ -29,7 +29,8 @@ ABOVE = 24.0
 class PeriodLines:
     """Amplitudes of M experiments of one configuration at lines 1 to F: torques U (F, n_u, M), angles Y (F, n_u, M).
 
-    Y of the motors that U acts on, in their order, rad on the link side.  mean (n_u, M): mean angles.  noise (n_u,):
+    Y of the motors that U acts on, in their order, rad on the link side.  mean, load (n_u, M): mean angles and torques,
+    of whole periods.  noise (n_u,):
     variance of the noise of an element of Y that does not fall with frequency.  scatter (F, n_u): variance of the mean
     over the periods, of Y.  excited (F,).  samples: of a period.
     above (L, n_u, M): torques at lines F + 1 to F + L, beyond half the rate as they are held.  sampled (n_u,): whether
@@ -42,6 +43,7 @@ class PeriodLines:
     U: ComplexArray
     Y: ComplexArray
     mean: FloatArray
+    load: FloatArray
     noise: FloatArray
     scatter: FloatArray
     excited: BoolArray
@@ -125,6 +127,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
         U[:F],
         np.stack([Y.mean(axis=0) for Y in of_periods], axis=2),
         np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
+        np.stack([record.u[: record.n_periods * record.period_samples].mean(axis=0) for record in records], axis=1),
         np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0),
         scatter,
         np.isin(lines[:F], excited),

@@ -88,10 +88,10 @@ def test_torques_of_a_linkage_are_those_of_its_two_absolute_angles(rod_stiffness
 
 def test_a_loop_that_cannot_close_along_the_motion_is_said() -> None:
     """A crank that runs away from the lower arm by half a turn takes the rod where it does not reach."""
-    robot, at, s = parallel_linkage().robot, Configuration("a", np.array([0.2, 0.1])), 2j * np.pi * 0.5 * np.arange(1, 9)
+    robot, at = parallel_linkage().robot, Configuration("a", np.array([0.2, 0.1]))
     short = replace(robot.loops[0], rod=replace(robot.loops[0].rod, length=0.9))
     with pytest.raises(DataError, match="stay open by"):
-        geometric_torques(replace(robot, loops=(short,)), at, moved(8, 1.5), s)
+        geometric_torques(replace(robot, loops=(short,)), at, moved(8, 1.5), 2j * np.pi * 0.5 * np.arange(1, 9))
 
 
 def test_springs_of_gears_have_no_part_in_it() -> None:
