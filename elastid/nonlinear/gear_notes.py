@@ -15,12 +15,10 @@ from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import Levels
 from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.nonlinear.gear_bounds import Bound, family_of
-from elastid.nonlinear.gear_limits import deflections, gear_torque
+from elastid.nonlinear.gear_limits import gear_torque
 from elastid.nonlinear.gear_result import BENT_STILL
 from elastid.response import BENT, NOT_STRAIGHT, FrequencyResponse
 
-# Of the rms deflection of a gear at the excited lines, above which the noise of its motor's angle hides the effects.
-COARSE = 0.1
 _SAME = 0.95  # correlation from which two effects cannot be told apart
 _OFF = 3.0  # std by which a number of the linear fit differs from that beside the effects
 HYSTERESIS = ("stop", "bristle")
@@ -60,28 +58,6 @@ def rigid_gears(found: Levels, joints: Sequence[str]) -> list[Note]:
     return notes
 
 
-def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: Sequence[str]) -> list[Note]:
-    """Joints whose deflection is not large against the noise of their motor's angle."""
-    notes = []
-    for j, joint in enumerate(joints):
-        if not drives[0].directions("gear", j).any():
-            continue
-        bent, noise = [], []
-        for lines, drive in zip(data, drives, strict=True):
-            bent.append(np.sum(np.mean(np.abs(deflections(lines, drive, j)[lines.excited]) ** 2, axis=1)))
-            row = drive.directions("motor", j) @ np.linalg.pinv(drive.C)
-            noise.append(np.sum(lines.scatter[lines.excited] @ row**2))
-        size, error = np.sqrt(np.mean(bent) / 2), np.sqrt(np.mean(noise) / 2)
-        if error > COARSE * size:
-            text = (
-                f"its angle has {error:.2g} rad of noise at the excited lines, and its gear bends by {size:.2g} rad: "
-                "effects of this gear are hidden, and its bounds are wide; take an encoder of more counts, more "
-                "periods, or more torque"
-            )
-            notes.append(Note("coarse-encoder", text, f"motor {joint}"))
-    return notes
-
-
 def bent_notes(responses: Sequence[FrequencyResponse], found: Levels) -> list[Note]:
     """Gears that are no straight springs, of which neither law, hysteresis nor transmission error was found."""
     kinds = (*SPRINGS, *HYSTERESIS, "error sine", "error cosine")
@@ -113,7 +89,8 @@ def off_notes(result: FitResult, found: Levels) -> list[Note]:
 
 def alike_notes(found: Levels, bounds: Mapping[tuple[GearEffect, ...], Bound]) -> list[Note]:
     """Effects that cannot be told apart: two that were found, or one and another that would be one as well."""
-    n, notes, std = len(found.x), [], found.std
+    n, notes, std = len(found.x), list[Note](), found.std
+    alike = dict[tuple[tuple[str, str, float], tuple[str, str, float]], Note]()
     for i, first in enumerate(found.effects):
         for j, second in enumerate(found.effects[:i]):
             if family_of(first) == family_of(second):
@@ -122,14 +99,22 @@ def alike_notes(found: Levels, bounds: Mapping[tuple[GearEffect, ...], Bound]) -
             r, factor = shared / max(std[i] * std[j], 1e-300), -shared / max(std[j] ** 2, 1e-300)
             if abs(r) > _SAME:
                 one = found.levels[i] + factor * found.levels[j]
-                notes.append(_alike(first, second, r, f"together they are {one:.4g} {first.unit} of the first"))
-    for group, bound in bounds.items():
+                notes.append(_alike(first, second, r, f"together they are {_amount(one, first)} of the first"))
+    # Of several shapes of an effect the one that is least told apart.
+    for group, bound in sorted(bounds.items(), key=lambda item: abs(item[1].correlation)):
         if abs(bound.correlation) > _SAME:
-            first, level = found.effects[bound.rival], float(found.levels[bound.rival])
-            as_other = f"{level / bound.factor:.4g} {group[0].unit} of the second".replace(" 1 of", " of")
-            stated = f"one level is stated, {level:.4g} {first.unit} of the first; {as_other} would explain the same"
-            notes.append(_alike(first, group[0], bound.correlation, stated))
-    return notes
+            (other,), first, level = group, found.effects[bound.rival], float(found.levels[bound.rival])
+            alone = level / bound.factor
+            if abs(alone) < bound.size:  # it is not excluded that there is nothing of the first
+                one = f"one level is stated, {_amount(level, first)} of the first, "
+                one += f"and {_amount(alone, other)} of the second would explain the same"
+                key = family_of(first), family_of(other)
+                alike[key] = _alike(first, other, bound.correlation, one)
+    return [*notes, *alike.values()]
+
+
+def _amount(level: float, effect: GearEffect) -> str:
+    return f"{level:.4g}{'' if effect.unit == '1' else f' {effect.unit}'}"
 
 
 def _alike(first: GearEffect, second: GearEffect, r: float, level: str) -> Note:

@@ -33,12 +33,11 @@ from elastid.nonlinear.gear.geometry import without_arm
 from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.nonlinear.gear_bounds import Bound, family_of, level_bounds
-from elastid.nonlinear.gear_limits import LOST, drives_of, largest_torques, left, refusal
+from elastid.nonlinear.gear_limits import LOST, coarse_encoders, drives_of, largest_torques, left, refusal
 from elastid.nonlinear.gear_notes import (
     HYSTERESIS,
     alike_notes,
     bent_notes,
-    coarse_encoders,
     off_notes,
     preloads,
     rigid_gears,
@@ -77,7 +76,7 @@ def open_gears(
     try:
         measured_lines = execution.quiet.ordered(partial(gather_lines, spec=spec, planned=planned), measured)
         drives = drives_of(measured_lines, responses, linearisation, result)
-        if reason := refusal(measured_lines, drives, responses, result):
+        if reason := refusal(measured_lines, drives, responses, result, joints_of(linearisation)[0]):
             return replace(nothing, refused=reason)
         pairs = list(zip(measured_lines, drives, strict=True))
         data = [without_arm(lines, drive, robot) for lines, drive in pairs]
