@@ -19,7 +19,7 @@ Found, one draw, largest errors of k and of d of the linear fit and with the eff
     extended joints      3.9, 0.025     99, 0.51    0.07
     six axes             2.1, 0.024    120, 0.90    0.36
     linkage              1.2, 0.003     43, 0.04    0.40    in either formulation
-    wide carrier         WIDE
+    wide carrier        0.08, 0.009    6.4, 0.54    2.13
     gap under gravity    7.0, 0.004     22, 0.16    0.53
     one amplitude        2.4, 0.003    6.1, 0.00    0.16
     two amplitudes       3.1, 0.004     51, 0.04    0.22
