@@ -112,13 +112,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     count = 4 if given.quick else given.sets
-    wrong = bent = judged = 0
+    wrong = bent = 0
     refused = Counter[str]()
-    for name, rubs, gears, notes in drawn(count, given.seed):
+    for judged, (name, rubs, gears, notes) in enumerate(drawn(count, given.seed), 1):
         false = [effect for effect in gears.effects if not (rubs and effect.kind == "friction")]
         refused.update([gears.refused[:40]] if gears.refused else [])
         wrong, bent = wrong + bool(false), bent + bool(notes)
-        judged += 1
         if judged % 10 == 0:
             print(f"after {judged} sets: {wrong} wrong, {bent} bent, {refused.total()} refused", flush=True)
         if false or notes:

@@ -24,8 +24,9 @@ Found, one draw, largest errors of k and of d of the linear fit and with the eff
     one amplitude        2.4, 0.003    6.1, 0.00    0.16
     two amplitudes       3.1, 0.004     51, 0.04    0.22
 
-Coupled motors, extended joints, the gap and the amplitudes were not run again after the arm's torques moved it, nor the
-linkage in its minimal formulation. Without its own distortion taken out the linkage on the wide carrier had k 0.1 % and d 2.6 % off.
+Only the linkage and the wide carrier were run after the arm's torques counted in the motion that they follow, the former
+in its constrained formulation. Without its own distortion taken out the linkage on the wide carrier had k 0.1 % and d
+2.6 % off.
 Two amplitudes are no surer than the larger one alone in the same robot time: std of k_3 0.24 and 0.18 %.
 The last line is one JSON object.
 """
