@@ -24,7 +24,7 @@ Found, one draw, largest errors of k and of d of the linear fit and with the eff
     one amplitude        2.4, 0.003    6.1, 0.00    0.16
     two amplitudes       3.1, 0.004     51, 0.04    0.22
 
-Only the linkage and the wide carrier were run after the arm's torques counted in the motion that they follow, the former
+The linkage and the wide carrier alone were run after the arm's torques counted in their motion, the former
 in its constrained formulation. Without its own distortion taken out the linkage on the wide carrier had k 0.1 % and d
 2.6 % off.
 Two amplitudes are no surer than the larger one alone in the same robot time: std of k_3 0.24 and 0.18 %.
