@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -101,7 +102,12 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
 
 def _export_draws(run: Run, count: int) -> tuple[Path, ...]:
     run.require_result("fit")
-    result = with_gears(read_fit(run.path("fit")), gears_of(run))
+    gears = gears_of(run)
+    result = with_gears(read_fit(run.path("fit")), gears)
+    if gears is not None and result.robot is not None:
+        found = with_effects(result.robot, gears)
+        result = with_terms_of(replace(result, robot=found), found)
+        run.console.say("export: all draws have the effects of gears that were found, and no other")
     folder = clear_folder(run.folder, "export", DRAWS)
     paths: list[Path] = []
     groups = robots_by_group(result, run.study.as_robot(), result.configurations)

@@ -9,9 +9,11 @@ along the motion under the effects that were found. Of a sine with its cosine th
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.statistics import ONE_SIDED_95
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.gear.choice import candidate_groups
@@ -24,6 +26,19 @@ from elastid.response import FrequencyResponse
 
 # Of kinds that are one effect in several shapes.
 _FAMILIES = {"progressive": "cubic", "range": "cubic", "bristle": "stop"}
+
+
+@dataclass(frozen=True)
+class Bound:
+    """How large an effect that was not found could be.  rival: place of the found one it is least told apart from.
+
+    correlation: of their levels.  factor: level of the rival that one of the effect makes up for; 0 without a rival.
+    """
+
+    size: float
+    rival: int = -1
+    correlation: float = 0.0
+    factor: float = 0.0
 
 
 def family_of(effect: GearEffect) -> tuple[str, str, float]:
@@ -39,8 +54,11 @@ def level_bounds(
     linearisation: Linearisation,
     found: Levels,
     orders: Iterable[float],
-) -> dict[tuple[GearEffect, ...], float]:
-    """The bound of each candidate group, none of whose family is among the effects that were found."""
+) -> dict[tuple[GearEffect, ...], Bound]:
+    """The bound of each candidate group, none of whose family is among the effects that were found.
+
+    data: as the effects were found in.
+    """
     families = {family_of(effect) for effect in found.effects}
     joints, ratios = joints_of(linearisation)
     every = candidate_groups(data, found, linearisation, bent=joints, orders=tuple(orders))
@@ -58,7 +76,7 @@ def level_bounds(
         priors(found.parameters, found.x, n_x + len(levels)),
     )
     A, b = A + sums.A.sum(axis=0), b + sums.b.sum(axis=0)
-    bounds, first = {}, n_x + len(found.levels)
+    bounds, first = dict[tuple[GearEffect, ...], Bound](), n_x + len(found.levels)
     known = list(range(first))
     for group in groups:
         chosen = [*known, *range(first, first + len(group))]
@@ -68,6 +86,18 @@ def level_bounds(
         size = float(np.hypot.reduce(step)) if len(group) > 1 else float(max(step[0], 0.0))
         if not group[0].brakes and len(group) == 1:
             size = float(abs(step[0]))
-        bounds[group] = size + ONE_SIDED_95 * float(std.max())
+        bound = Bound(size + ONE_SIDED_95 * float(std.max()))
+        bounds[group] = bound if len(group) > 1 else _with_rival(bound, group[0], found, covariance)
         first += len(group)
     return bounds
+
+
+def _with_rival(bound: Bound, effect: GearEffect, found: Levels, covariance: FloatArray) -> Bound:
+    """covariance: of parameters and found levels, and of the effect as the last."""
+    own = [i for i, other in enumerate(found.effects) if other.joint == effect.joint]
+    if not own:
+        return bound
+    rows, power = len(found.x) + np.array(own), np.maximum(np.diag(covariance), 1e-300)
+    r = covariance[rows, -1] / np.sqrt(power[rows] * power[-1])
+    i = int(np.argmax(np.abs(r)))
+    return Bound(bound.size, own[i], float(r[i]), float(-covariance[rows[i], -1] / power[-1]))

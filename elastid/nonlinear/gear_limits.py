@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,13 +14,14 @@ from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
 from elastid.nonlinear.gear.drive_lines import DriveLines, drive_lines, elastic_joints
-from elastid.nonlinear.gear.levels import Levels
 from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.response import FrequencyResponse
 
 _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
-# Of the rms deflection of a gear at the excited lines, above which the noise of its motor's angle hides the effects.
-COARSE = 0.1
+# Of the rms deflection of a gear at the excited lines, above which noise of its motor's angle hides the effects, or a
+# count of its encoder moves the numbers: k of a motor and link was 2.1 and 4.2 std off with counts of 1/16 of the
+# deflection, 0.5 and 2.4 with 1/32, 1.1 and 1.3 with 1/65.
+COARSE, COUNT = 0.1, 0.025
 # Of the motion, above which periods differ by more than friction that sticks and slips makes them: 7 settled sets of
 # records (tests/plants/two_mass_gear.py, the demo, configs/gear.yml) reach 0.06 %, unsettled ones 4.6 %.
 UNSETTLED = 1e-2
@@ -51,6 +51,7 @@ def refusal(
     drives: Sequence[DriveLines],
     responses: Sequence[FrequencyResponse],
     result: FitResult,
+    joints: Sequence[str],
 ) -> str:
     """Why no effects of gears can be found, and what is lost; empty where they can."""
     if result.status not in _SOLVED:
@@ -74,7 +75,8 @@ def refusal(
         return (
             f"the records of {', '.join(moving)} are not settled, or disturbed: their periods differ by up to "
             f"{100 * max(apart[name] for name in moving):.2g} % of the motion, and effects of gears are found between "
-            f"the excited lines, where a transient lies, too; leave more transient periods out; {LOST}"
+            f"the excited lines, where a transient lies, too; measure more periods and leave the first out "
+            f"(estimator.transient_periods); {LOST}"
         )
     first = min(float(modes(drive.model, drive.theta).freq_hz.min(initial=np.inf)) for drive in drives)
     highest = max(float(lines.freq_hz[lines.excited].max()) for lines in data)
@@ -84,6 +86,9 @@ def refusal(
             "move as one, so that nothing behind a gear is distinguished from the same before it; excite higher lines; "
             f"{LOST}"
         )
+    coarse = coarse_encoders(data, drives, joints)
+    if coarse and len(coarse) == sum(bool(drives[0].directions("gear", j).any()) for j in range(len(joints))):
+        return f"{coarse[0]}; {LOST}"
     return ""
 
 
@@ -96,6 +101,29 @@ def difference(lines: PeriodLines) -> float:
     motion = np.sum(np.mean(np.abs(lines.Y) ** 2, axis=2), axis=0)
     scatter = np.sum(lines.scatter - lines.noise, axis=0)
     return float(np.sqrt(np.max(np.maximum(scatter, 0.0) / motion)))
+
+
+def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: Sequence[str]) -> list[Note]:
+    """Joints whose deflection is not large against the noise of their motor's angle, or a count of its encoder."""
+    notes = []
+    for j, joint in enumerate(joints):
+        if not drives[0].directions("gear", j).any():
+            continue
+        bent, noise, counts = [], [], []
+        for lines, drive in zip(data, drives, strict=True):
+            bent.append(np.sum(np.mean(np.abs(deflections(lines, drive, j)[lines.excited]) ** 2, axis=1)))
+            row = drive.directions("motor", j) @ np.linalg.pinv(drive.C)
+            noise.append(np.sum(lines.scatter[lines.excited] @ row**2))
+            counts.append(np.abs(row) @ lines.count)
+        size, error, count = np.sqrt(np.mean(bent) / 2), np.sqrt(np.mean(noise) / 2), max(counts)
+        if error > COARSE * size or count > COUNT * size:
+            text = (
+                f"its angle has {error:.2g} rad of noise at the excited lines and counts of {count:.2g} rad, and its "
+                f"gear bends by {size:.2g} rad: effects of this gear are hidden, and its numbers may be off by more "
+                "than they state; take an encoder of more counts, more periods, or more torque"
+            )
+            notes.append(Note("coarse-encoder", text, f"motor {joint}"))
+    return notes
 
 
 def left(data: Sequence[PeriodLines], drives: Sequence[DriveLines], forces: Sequence[ComplexArray]) -> float:
@@ -128,59 +156,3 @@ def largest_torques(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -
     """Of each joint's gear in the records."""
     pairs, count = list(zip(data, drives, strict=True)), len(drives[0].k)
     return [max(float(np.abs(gear_torque(*pair, j)).max()) for pair in pairs) for j in range(count)]
-
-
-def preloads(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: Sequence[str]) -> list[Note]:
-    """Joints whose gear never changes the sign of its torque, so that it never crosses its lost motion."""
-    notes = []
-    for j, joint in enumerate(joints):
-        torques = [gear_torque(lines, drive, j) for lines, drive in zip(data, drives, strict=True)]
-        low, high = min(float(tau.min()) for tau in torques), max(float(tau.max()) for tau in torques)
-        if all(tau.min() > 0 or tau.max() < 0 for tau in torques):
-            text = (
-                f"gravity preloads its gear, whose torque goes from {low:.3g} to {high:.3g} N*m in the records, never "
-                "through 0 in one of them, where lost motion shows: it is neither found nor bounded; measure a posture "
-                "in which gravity loads the joint less, or with more torque"
-            )
-            notes.append(Note("gear-preloaded", text, f"joint {joint}"))
-    return notes
-
-
-def rigid_gears(found: Levels, joints: Sequence[str]) -> list[Note]:
-    """Gears of which the model has no deflection: what is lost, and the friction of their motors."""
-    notes = []
-    for joint in joints:
-        own = [i for i, effect in enumerate(found.effects) if effect.joint == joint]
-        level, row = sum(float(found.levels[i]) for i in own), np.zeros(len(found.covariance))
-        row[[len(found.x) + i for i in own]] = 1.0
-        std = math.sqrt(float(row @ found.covariance @ row))
-        friction = f"{level:.4g} N*m, std {std:.2g}, link side" if own else "none seen"
-        text = (
-            "its gear has no spring of its own in the model (rigid, or in series with that of a shaft), so that "
-            f"friction at its motor alone was looked for ({friction}); what the gear does otherwise is left out, and "
-            "has no bound"
-        )
-        notes.append(Note("gear-left-out", text, f"joint {joint}", "information"))
-    return notes
-
-
-def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: Sequence[str]) -> list[Note]:
-    """Joints whose deflection is not large against the noise of their motor's angle."""
-    notes = []
-    for j, joint in enumerate(joints):
-        if not drives[0].directions("gear", j).any():
-            continue
-        bent, noise = [], []
-        for lines, drive in zip(data, drives, strict=True):
-            bent.append(np.sum(np.mean(np.abs(deflections(lines, drive, j)[lines.excited]) ** 2, axis=1)))
-            row = drive.directions("motor", j) @ np.linalg.pinv(drive.C)
-            noise.append(np.sum(lines.scatter[lines.excited] @ row**2))
-        size, error = np.sqrt(np.mean(bent) / 2), np.sqrt(np.mean(noise) / 2)
-        if error > COARSE * size:
-            text = (
-                f"its angle has {error:.2g} rad of noise at the excited lines, and its gear bends by {size:.2g} rad: "
-                "effects of this gear are hidden, and its bounds are wide; take an encoder of more counts, more "
-                "periods, or more torque"
-            )
-            notes.append(Note("coarse-encoder", text, f"motor {joint}"))
-    return notes

@@ -20,40 +20,36 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.execution import Execution
-from elastid.base.note import Note
 from elastid.fit.result import FitResult
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.gear.choice import SPRINGS
+from elastid.nonlinear.gear.choice import choose_effects
 from elastid.nonlinear.gear.drive_lines import elastic_joints
 from elastid.nonlinear.gear.effects import GearEffect, implicit_law
-from elastid.nonlinear.gear.find import find_gear_effects
+from elastid.nonlinear.gear.find import bent_gears
+from elastid.nonlinear.gear.geometry import without_arm
 from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import gather_lines
-from elastid.nonlinear.gear_bounds import family_of, level_bounds
-from elastid.nonlinear.gear_limits import (
-    LOST,
-    coarse_encoders,
-    drives_of,
-    largest_torques,
-    left,
+from elastid.nonlinear.gear_bounds import Bound, family_of, level_bounds
+from elastid.nonlinear.gear_limits import LOST, coarse_encoders, drives_of, largest_torques, left, refusal
+from elastid.nonlinear.gear_notes import (
+    HYSTERESIS,
+    alike_notes,
+    bent_notes,
+    off_notes,
     preloads,
-    refusal,
     rigid_gears,
 )
-from elastid.nonlinear.gear_result import BENT_STILL, GearNumber, GearResult, GearSheet, rated_torque
+from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
-from elastid.response import BENT, NOT_STRAIGHT, FrequencyResponse
+from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
 _POINTS = 400  # of a loop
 _FREE = 0.02  # of k, at least, is the slope by which a torsion is known: within a gap a torque says nothing of it
-_SAME = 0.95  # correlation from which two effects cannot be told apart
-_OFF = 3.0  # std by which a number of the linear fit differs from that beside the effects
-_HYSTERESIS = ("stop", "bristle")
 
 
 def open_gears(
@@ -78,16 +74,17 @@ def open_gears(
     nothing = GearResult(result.x, result.covariance)
     linearisation = Linearisation.of_robot(robot, model, result.parameters.names)
     try:
-        data = execution.quiet.ordered(partial(gather_lines, spec=spec, planned=planned), measured)
-        drives = drives_of(data, responses, linearisation, result)
+        measured_lines = execution.quiet.ordered(partial(gather_lines, spec=spec, planned=planned), measured)
+        drives = drives_of(measured_lines, responses, linearisation, result)
+        if reason := refusal(measured_lines, drives, responses, result, joints_of(linearisation)[0]):
+            return replace(nothing, refused=reason)
+        pairs = list(zip(measured_lines, drives, strict=True))
+        data = [without_arm(lines, drive, robot) for lines, drive in pairs]
     except DataError as error:
         return replace(nothing, refused=f"{error}; {LOST}")
-    if reason := refusal(data, drives, responses, result):
-        return replace(nothing, refused=reason)
     execution.progress(0, 3)
-    found = find_gear_effects(
-        measured, responses, result, robot, spec, model=model, planned=planned, orders=gears.orders
-    )
+    bent = bent_gears(measured_lines, responses, robot)
+    found = choose_effects(data, responses, linearisation, result.parameters, result.x, bent, gears.orders)
     execution.progress(2, 3)  # the search takes about two thirds of the time
     joints, elastic = joints_of(linearisation)[0], elastic_joints(linearisation)
     preloaded = preloads(data, found.drives, joints)
@@ -100,16 +97,15 @@ def open_gears(
         for joint, peak in zip(joints, largest_torques(data, found.drives), strict=True)
         if joint in elastic
     )
-    pairs = list(zip(data, drives, strict=True))
     notes = (
         *coarse_encoders(data, drives, joints),
         *preloaded,
         *rigid_gears(found, [joint for joint in joints if joint not in elastic]),
-        *_bent_notes(responses, found),
-        *_off_notes(result, found),
-        *_same_notes(found),
+        *bent_notes(responses, found),
+        *off_notes(result, found),
+        *alike_notes(found, bounds),
     )
-    before = left(data, drives, [np.zeros((*lines.s.shape, drive.model.n, 1)) for lines, drive in pairs])
+    before = left(measured_lines, drives, [np.zeros((*lines.s.shape, drive.model.n, 1)) for lines, drive in pairs])
     after = left(data, found.drives, [np.tensordot(each.Phi, found.levels, axes=1) for each in found.estimates])
     own = found.x, found.covariance, found.effects, found.levels, sheets
     return GearResult(*own, before=before, after=after, notes=notes)
@@ -153,7 +149,7 @@ class JointLevels:
         k, row = self.parameter(f"k_{self.joint}")
         tau, rows = k * delta, delta[:, None] * row
         for i, effect, f in self.effects:
-            if effect.is_implicit and effect.place == "gear" and (hysteresis or effect.kind not in _HYSTERESIS):
+            if effect.is_implicit and effect.place == "gear" and (hysteresis or effect.kind not in HYSTERESIS):
                 phi = implicit_law(effect, delta)[0]
                 tau = tau + f * phi
                 rows = rows + phi[:, None] * self.level_row({i: 1.0})
@@ -163,7 +159,7 @@ class JointLevels:
     def is_linear(self) -> bool:
         """One stiffness at every torque."""
         kinds = [e.kind for _, e, _ in self.effects if e.is_implicit and e.place == "gear"]
-        return not any(kind not in _HYSTERESIS for kind in kinds)
+        return not any(kind not in HYSTERESIS for kind in kinds)
 
     def largest(self) -> float:
         """Deflection at the largest torque of the records."""
@@ -175,7 +171,7 @@ class JointLevels:
         return reach
 
 
-def sheet_of(gear: JointLevels, result: FitResult, bounds: Mapping[tuple[GearEffect, ...], float]) -> GearSheet:
+def sheet_of(gear: JointLevels, result: FitResult, bounds: Mapping[tuple[GearEffect, ...], Bound]) -> GearSheet:
     """The numbers of a gear, those of the linear fit beside them, and its torsion; bounds: of groups of effects."""
     rated, reach = rated_torque(gear.robot, gear.joint), gear.largest()
     numbers = [*_springs(gear, result, reach), *_lost_motion(gear), *_loop_numbers(gear, reach)]
@@ -251,7 +247,7 @@ def _lost_motion(gear: JointLevels) -> list[GearNumber]:
 
 def _loop_numbers(gear: JointLevels, reach: float) -> list[GearNumber]:
     """Hysteresis: half the difference of torque, and the width of the loop in torsion, at zero."""
-    own = [(i, effect, f) for i, effect, f in gear.effects if effect.kind in _HYSTERESIS]
+    own = [(i, effect, f) for i, effect, f in gear.effects if effect.kind in HYSTERESIS]
     if not own:
         return []
     path = reach * np.concatenate([np.linspace(-1, 1, 201), np.linspace(1, -1, 201)])
@@ -315,7 +311,7 @@ def _times(order: float) -> str:
     return {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
 
 
-def _unseen(gear: JointLevels, bounds: Mapping[tuple[GearEffect, ...], float], reach: float) -> list[GearNumber]:
+def _unseen(gear: JointLevels, bounds: Mapping[tuple[GearEffect, ...], Bound], reach: float) -> list[GearNumber]:
     """Bounds of what was looked for and not found, of several shapes the largest."""
     largest: dict[tuple[str, str, float], GearNumber] = {}
     k = gear.parameter(f"k_{gear.joint}")[0]
@@ -323,7 +319,7 @@ def _unseen(gear: JointLevels, bounds: Mapping[tuple[GearEffect, ...], float], r
         effect = group[0]
         if effect.joint != gear.joint:
             continue
-        for number in _bounded(effect, bound, k, reach):
+        for number in _bounded(effect, bound.size, k, reach):
             key = number.name, *family_of(effect)[1:]
             if key not in largest or largest[key].bound < number.bound:
                 largest[key] = number
@@ -339,7 +335,7 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
         letter, meaning, what, unit = _PERIODIC[word]
         name, words = f"{letter}{effect.scale:g}_{joint}", f"{meaning}, {_times(effect.scale)}"
         return [GearNumber(name, words, what, unit, bound=bound, order=effect.scale)]
-    if word in _HYSTERESIS:
+    if word in HYSTERESIS:
         # Within the records it does not reach its level where it bends over more than they deflect the gear.
         part = min(1.0, reach / effect.scale)
         width = GearNumber(f"Hw_{joint}", "hysteresis, width of the loop", "angle", "rad", bound=2 * part * bound / k)
@@ -352,49 +348,3 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
         meaning = "stiffening up to the largest torque, of the secant"
         return [GearNumber(f"h_{joint}", meaning, "share", "1", bound=share)]
     return []
-
-
-def _bent_notes(responses: Sequence[FrequencyResponse], found: Levels) -> list[Note]:
-    """Gears that are no straight springs, of which neither law, hysteresis nor transmission error was found."""
-    kinds = (*SPRINGS, *_HYSTERESIS, "error sine", "error cosine")
-    laws = {effect.joint for effect in found.effects if effect.kind in kinds}
-    every = (note.text for G in responses for note in G.notes if note.code == NOT_STRAIGHT)
-    bent = dict.fromkeys(text.removeprefix(BENT).partition(" is ")[0].strip() for text in every)
-    text = "its gear is no straight spring, and nothing of it was found: its stiffness is that of this amplitude"
-    return [Note(BENT_STILL, text, f"joint {joint}") for joint in bent if joint not in laws]
-
-
-def _off_notes(result: FitResult, found: Levels) -> list[Note]:
-    """Springs and dampers of the linear fit that are off: their numbers are those of the records' amplitude."""
-    before, after = result.parameters.as_dict(result.x), result.parameters.as_dict(found.x)
-    std = np.sqrt(np.diag(found.covariance))
-    notes = []
-    for i, p in enumerate(result.parameters.free):
-        own = math.hypot(float(std[i]), math.sqrt(max(float(result.covariance[i, i]), 0.0)))
-        off = float(result.x[i] - found.x[i])
-        if p.name[:2] in ("k_", "d_") and abs(off) > _OFF * own and found.effects:
-            change = before[p.name] / after[p.name] - 1
-            text = (
-                f"the linear fit has {before[p.name]:.6g} {p.unit}, {100 * change:+.2g} % ({abs(off) / own:.1f} "
-                f"std) of the {after[p.name]:.6g} found beside the effects of the gears: its number is that of these "
-                "records' amplitude"
-            )
-            notes.append(Note("linear-fit-off", text, p.name, "information"))
-    return notes
-
-
-def _same_notes(found: Levels) -> list[Note]:
-    """Effects whose levels cannot be told apart."""
-    n, notes = len(found.x), []
-    std = found.std
-    for i, first in enumerate(found.effects):
-        for j, second in enumerate(found.effects[:i]):
-            if family_of(first) == family_of(second):
-                continue
-            r = float(found.covariance[n + i, n + j] / max(std[i] * std[j], 1e-300))
-            if abs(r) > _SAME:
-                both = found.levels[i] + found.levels[j] if first.unit == second.unit else math.nan
-                one = f"; together {both:.4g} {first.unit}" if math.isfinite(both) else ""
-                text = f"{first.kind} and {second.kind} cannot be told apart (correlation {r:.3f}){one}"
-                notes.append(Note("effects-alike", text, f"joint {first.joint}"))
-    return notes

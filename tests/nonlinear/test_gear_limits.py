@@ -18,14 +18,16 @@ from elastid.model.formulation import EXACT
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.nonlinear.gear_limits import (
+    LOST,
     coarse_encoders,
+    deflections,
     difference,
     drives_of,
     gear_torque,
     left,
-    preloads,
     refusal,
 )
+from elastid.nonlinear.gear_notes import preloads
 from elastid.parameters import Parameter, ParameterSet
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -44,7 +46,7 @@ class Case:
     @property
     def words(self) -> str:
         """The refusal."""
-        return refusal(self.data, self.drives, self.responses, self.result)
+        return refusal(self.data, self.drives, self.responses, self.result, ["1"])
 
 
 def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
@@ -67,8 +69,8 @@ def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
     G = FrequencyResponse(freq_hz, np.zeros((len(LINES), 1, 1), complex), place, place, "acceleration", POSTURE)
     scatter = np.full((F, 1), noise**2)
     lines = PeriodLines(
-        POSTURE, RATE_HZ, SAMPLES, U, U, np.zeros((1, 2)), np.array([noise**2]), scatter, excited, np.arange(2),
-        np.zeros((0, 1, 2), complex), np.ones(1, bool),
+        POSTURE, RATE_HZ, SAMPLES, U, U, *np.zeros((2, 1, 2)), np.array([noise**2]), scatter, excited, np.arange(2),
+        np.zeros((0, 1, 2), complex), np.ones(1, bool), np.zeros(1),
     )  # fmt: skip
     drives = drives_of([lines], [G], linearisation, result)
     lines = replace(lines, Y=drives[0].G @ U)
@@ -132,6 +134,16 @@ def test_an_encoder_that_hides_the_deflection_is_named() -> None:
     (note,) = coarse_encoders(case(noise=3 * bent).data, good.drives, ["1"])
     assert note.place == "motor 1"
     assert "rad of noise at the excited lines" in note.text
+
+
+def test_counts_that_are_not_small_against_the_deflection_leave_the_fit_as_it_is() -> None:
+    """Of the only gear: nothing is looked for; of fewer counts than that nothing is said."""
+    good = case()
+    bent = np.sqrt(np.sum(np.mean(np.abs(deflections(good.data[0], good.drives[0], 0)) ** 2, axis=1)) / 2)
+    coarse, fine = (replace(good, data=[replace(good.data[0], count=np.array([part * bent]))]) for part in (0.05, 0.01))
+    assert "counts of" in coarse.words
+    assert coarse.words.endswith(LOST)
+    assert fine.words == ""
     assert RATIO == 100
 
 

@@ -17,6 +17,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import Levels
+from elastid.nonlinear.gear_bounds import Bound
 from elastid.nonlinear.gear_result import ARCMIN, BENT_STILL, NOT_EXPLAINED, GearResult, GearSheet, with_gears
 from elastid.nonlinear.gear_sheet import JointLevels, open_gears, sheet_of
 from elastid.nonlinear.spec import GearsSpec
@@ -41,7 +42,7 @@ def sheet(
     covariance = np.diag(np.concatenate([[1e-6, 1e-6], (0.01 * levels) ** 2]))
     scale_std = np.array([0.02 * effect.scale if effect.kind == "gap" else 0.0 for effect in found])
     known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 1, 0.0, (), (), scale_std)
-    groups = {(effect,): bound for effect, bound in (bounds or {}).items()}
+    groups = {(effect,): Bound(size) for effect, size in (bounds or {}).items()}
     gear = JointLevels(known, robot(Gear()), "1", PEAK)
     return sheet_of(gear, linear_fit(x + np.array([np.log(1.1), 0.0])), groups)
 

@@ -83,8 +83,13 @@ class Arm:
         return levels
 
 
-def measure(arm: Arm, posture: str, *, realisations: int = 2, factor: float = 1.0, seed: int = 1) -> tuple[Record, ...]:
-    """Two settled periods of n_u experiments in each realisation, on a slow carrier, with noise of angle and torque."""
+def measure(
+    arm: Arm, posture: str, *, realisations: int = 2, factor: float = 1.0, seed: int = 1, slow: float = 0.02
+) -> tuple[Record, ...]:
+    """Two settled periods of n_u experiments in each realisation, on a carrier, with noise of angle and torque.
+
+    slow: amplitude of the carrier, one turn a period, rad.
+    """
     rng, n_u = np.random.default_rng(seed), len(arm.rms)
     m = realisations * n_u
     n = SAMPLES * SUBSTEPS * 2  # of half steps
@@ -96,7 +101,7 @@ def measure(arm: Arm, posture: str, *, realisations: int = 2, factor: float = 1.
             spectrum[:, r * n_u + e, LINES] = (factor * arm.rms * np.sqrt(2 / len(LINES)))[:, None] * phase * turned
     torque = np.fft.irfft(spectrum, n, axis=2) * (n / 2)
     carrier = np.zeros((n_u, m, n // 2 + 1), complex)
-    carrier[:, :, 1] = 0.02 * np.exp(2j * np.pi * rng.random((n_u, m)))
+    carrier[:, :, 1] = slow * np.exp(2j * np.pi * rng.random((n_u, m)))
     reference = np.fft.irfft(carrier, n, axis=2) * (n / 2)
     rate = np.gradient(reference, 1 / (RATE_HZ * SUBSTEPS * 2), axis=2)
     u, q = _simulated(arm, np.array(arm.postures[posture]), torque, reference, rate)

@@ -46,10 +46,17 @@ def find_gear_effects(
         raise DataError(
             f"robot {robot.name} has no driven joint with a spring in its gear: what gears do is found by their springs"
         )
-    data, bent = list[PeriodLines](), set[str]()
-    for records in map(tuple, measured):
-        lines = gather_lines(records, spec, planned)
-        drive = drive_lines(lines, linearisation, responses[len(data)], result.parameters, result.x)
-        data.append(without_arm(lines, drive, robot))
-        bent |= {bend.joint for bend in find_bends(records, robot, spec, planned)}
-    return choose_effects(data, responses, linearisation, result.parameters, result.x, bent, orders)
+    data = [gather_lines(tuple(records), spec, planned) for records in measured]
+    drives = [
+        drive_lines(lines, linearisation, G, result.parameters, result.x)
+        for lines, G in zip(data, responses, strict=True)
+    ]
+    net = [without_arm(lines, drive, robot) for lines, drive in zip(data, drives, strict=True)]
+    bent = bent_gears(data, responses, robot)
+    return choose_effects(net, responses, linearisation, result.parameters, result.x, bent, orders)
+
+
+def bent_gears(data: Sequence[PeriodLines], responses: Sequence[FrequencyResponse], robot: Robot) -> set[str]:
+    """Joints with gears that are no straight springs, in any configuration."""
+    pairs = zip(data, responses, strict=True)
+    return {bend.joint for lines, G in pairs for bend in find_bends(lines, G.inputs, robot)}

@@ -18,6 +18,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
 from elastid.record import Configuration, Record
 
+_ROUNDING = 1e-12  # of the largest angle
 CELLS = 8  # of the fine grid in a sample: reversals of friction fall between samples
 # Lines up to so many times the highest excited one: friction and hardening move the robot there, too.
 REACH = 2.0
@@ -30,11 +31,12 @@ ABOVE = 12.0
 class PeriodLines:
     """Amplitudes of M experiments of one configuration at lines 1 to F: torques U (F, n_u, M), angles Y (F, n_u, M).
 
-    Y of the motors that U acts on, in their order, rad on the link side.  mean (n_u, M): mean angles.  noise (n_u,):
+    Y of the motors that U acts on, in their order, rad on the link side.  mean, load (n_u, M): mean angles and torques,
+    of whole periods.  noise (n_u,):
     variance of the noise of an element of Y that does not fall with frequency.  scatter (F, n_u): variance of the mean
     over the periods, of Y.  excited (F,).  samples: of a period.
     above (L, n_u, M): torques at lines F + 1 to F + L, beyond half the rate as they are held.  sampled (n_u,): whether
-    Y is an angle as it was sampled, in which motion beyond half the rate is folded.
+    Y is an angle as it was sampled, in which motion beyond half the rate is folded.  count (n_u,): its smallest step.
     """
 
     configuration: Configuration
@@ -43,12 +45,14 @@ class PeriodLines:
     U: ComplexArray
     Y: ComplexArray
     mean: FloatArray
+    load: FloatArray
     noise: FloatArray
     scatter: FloatArray
     excited: BoolArray
     realisation: IntArray
     above: ComplexArray
     sampled: BoolArray
+    count: FloatArray
 
     @cached_property
     def freq_hz(self) -> FloatArray:
@@ -126,13 +130,22 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
         U[:F],
         np.stack([Y.mean(axis=0) for Y in of_periods], axis=2),
         np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
+        np.stack([record.u[: record.n_periods * record.period_samples].mean(axis=0) for record in records], axis=1),
         np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0),
         scatter,
         np.isin(lines[:F], excited),
         np.array([record.realisation for record in records]),
         _above(first, U, F, int(ABOVE * excited[-1])),
         logged,
+        np.array([_smallest_step(first.y[:, column]) for column in columns]),
     )
+
+
+def _smallest_step(y: FloatArray) -> float:
+    """Between the values of y (n,), a count of an encoder; next to nothing where noise or arithmetic is added to it."""
+    steps = np.diff(np.unique(y))
+    steps = steps[steps > _ROUNDING * np.abs(y).max()]
+    return float(steps.min()) if steps.size else 0.0
 
 
 def _above(record: Record, U: ComplexArray, F: int, highest: int) -> ComplexArray:

@@ -50,6 +50,7 @@ LIMITS = Limits()
 _TURN = 0.1  # of the RMS speed or torque, over which a sign turns
 _LOOP = 0.3  # of the RMS torque or angle, over which a loop bends
 _SHOWN = 1e-3  # of the RMS torque, that a shape must have beyond a straight line
+_NEAR = 2.0  # factor by which a compliance is off that of the robot's file, at most
 _ROUNDS = 3  # of residuals that weigh themselves
 
 
@@ -79,12 +80,18 @@ class Bend:
 def straightness_notes(
     records: Sequence[Record], robot: Robot, spec: EstimatorSpec, planned: IntArray | None
 ) -> tuple[Note, ...]:
-    """A warning on each gear of a configuration whose spring is not straight; none where no lines can be judged."""
+    """A warning on each gear of a configuration whose spring is not straight.
+
+    None where the records do not say: without a period, torques or angles of all motors, or lines to judge by.
+    """
+    first = records[0]
+    if any(unit not in ("N*m", "N") for unit in first.units_of_inputs):
+        return ()
     try:
-        bends = tuple(find_bends(records, robot, spec, planned))
+        bends = tuple(find_bends(gather_lines(records, spec, planned), first.inputs, robot))
     except DataError:
         return ()
-    place = f"configuration {records[0].configuration.name}"
+    place = f"configuration {first.configuration.name}"
     return tuple(Note(NOT_STRAIGHT, _words(bend), place) for bend in bends)
 
 
@@ -99,37 +106,20 @@ def _words(bend: Bend) -> str:
     )
 
 
-def find_bends(
-    records: Sequence[Record], robot: Robot, spec: EstimatorSpec, planned: IntArray | None
-) -> Iterator[Bend]:
-    """Of the records of one configuration, each gear with a spring that is not straight.
-
-    None where they do not say: without a period, torques or angles of all motors, or lines to judge by.
-    """
-    first = records[0]
-    if (
-        not first.is_periodic
-        or set(first.inputs) != set(robot.motor_locations)
-        or set(first.inputs) - set(first.outputs)
-    ):
+def find_bends(lines: PeriodLines, inputs: Sequence[str], robot: Robot) -> Iterator[Bend]:
+    """Of the records of one configuration, each gear with a spring that is not straight; inputs: motors of `lines`."""
+    if set(inputs) != set(robot.motor_locations):
         return
-    if any(unit not in ("N*m", "N") for unit in first.units_of_inputs):
-        return
-    drives = _Drives.of(robot, first.inputs)
-    problem = _Problem.of(gather_lines(records, spec, planned), _load(records), drives)
+    drives = _Drives.of(robot, inputs)
+    problem = _Problem.of(lines, drives)
     if problem is None:
         return
     bent = [i for i, joint in enumerate(drives.joints) if joint and problem.bend(i, joint) is not None]
-    if bent and not robot.loops:  # the arm's own distortion looks like that of a gear
-        problem = problem.on_arm(robot, first.configuration)
+    if bent:  # the arm's own distortion looks like that of a gear
+        problem = problem.on_arm(robot, lines.configuration)
     for i in bent:
         if (bend := problem.bend(i, drives.joints[i])) is not None:
             yield bend
-
-
-def _load(records: Sequence[Record]) -> FloatArray:
-    """Mean torque (n, M) of whole periods."""
-    return np.stack([r.u[: r.n_periods * r.period_samples].mean(axis=0) for r in records], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +184,7 @@ class _Problem:
     arm: ComplexArray | None = None
 
     @classmethod
-    def of(cls, lines: PeriodLines, load: FloatArray, drives: _Drives) -> _Problem | None:
+    def of(cls, lines: PeriodLines, drives: _Drives) -> _Problem | None:
         """None where too few lines judge."""
         n, M = lines.U.shape[1:]
         on, s = np.flatnonzero(lines.excited), lines.s[:, None, None]
@@ -208,11 +198,11 @@ class _Problem:
         tau = back.T @ lines.U - drives.inertia @ (s**2 * Q)
         s2X = s[on] ** 2 * (Q[on] @ np.linalg.pinv(tau[on]))
         X = _between(used, on, s2X) / s[used] ** 2
-        friction = tuple(_friction(lines, used, tau, Q, drives, back.T @ load))
+        friction = tuple(_friction(lines, used, tau, Q, drives, back.T @ lines.load))
         torque = lines.fine(tau.transpose(1, 2, 0))
         compliance = _compliance(s2X, lines.s[on], drives.compliance)
         motion = (Q - compliance[:, None] * tau)[: on[-1] + 1]
-        return cls(lines, used, tau[used], Q[used], X, torque, back.T @ load, compliance, motion, friction)
+        return cls(lines, used, tau[used], Q[used], X, torque, back.T @ lines.load, compliance, motion, friction)
 
     def on_arm(self, robot: Robot, at: Configuration) -> _Problem:
         """With the arm's torques."""
@@ -327,10 +317,11 @@ def _between(wanted: IntArray, on: IntArray, values: ComplexArray) -> ComplexArr
 
 
 def _compliance(s2X: ComplexArray, s: ComplexArray, of_file: FloatArray) -> FloatArray:
-    """1 / k (n,) of s^2 X_ii = 1 / m + s^2 / k, of the robot's file where the lines show none."""
+    """1 / k (n,) of s^2 X_ii = 1 / m + s^2 / k, of the robot's file where modes of the arm bend that line."""
     columns = np.stack([np.ones(len(s)), (s**2).real], axis=1)
     found = np.linalg.lstsq(columns, np.einsum("kii->ki", s2X).real, rcond=None)[0][1]
-    return np.asarray(np.where(found > 0, found, of_file))
+    is_near = (found > of_file / _NEAR) & (found < of_file * _NEAR)
+    return np.asarray(np.where(is_near, found, of_file))
 
 
 def _power(e: ComplexArray, dof: IntArray, on: BoolArray) -> FloatArray:

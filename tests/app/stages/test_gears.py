@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from plants.two_mass_gear import LINES, Gear, records, robot
 
 from elastid.app import cli
@@ -137,6 +138,10 @@ def test_exports_say_what_they_leave_out(folder: Path, capfd: pytest.CaptureFixt
     assert "effects of the gears" not in said["fmu"] + said["robot"]
     assert "hysteresis" in (folder / "export" / "robot" / "robot.yml").read_text()
     assert (folder / "export" / "mujoco" / "robot.xml").read_text().count("frictionloss") == 4
+    assert cli.run_command(["export", str(STUDY), "--run", str(folder), "--to", "draws", "--count", "2"]) == 0
+    paths = [folder / "export" / "robot" / "robot.yml", folder / "export" / "draws" / "robots" / "robot_1.yml"]
+    found, drawn = (yaml.safe_load(path.read_text())["bodies"][1]["joints"][0]["gear"] for path in paths)
+    assert drawn == found
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.find import find_gear_effects
 from elastid.nonlinear.gear.levels import Levels, start_levels
 from elastid.nonlinear.gear.period_lines import gather_lines
-from elastid.nonlinear.gear_limits import rigid_gears
+from elastid.nonlinear.gear_notes import rigid_gears
 from elastid.record import Configuration, Record
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot

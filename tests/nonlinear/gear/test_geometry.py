@@ -1,12 +1,15 @@
-"""Torques of an arm beyond its linearisation, held against the equations of two links as written in textbooks."""
+"""Torques of an arm beyond its linearisation, against equations of two links and of a linkage written out by hand."""
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from plants.geared_arms import parallel_linkage
 from plants.two_links import LENGTH, MASS, OFFSET, arm
 
+from elastid.base.errors import DataError
 from elastid.linear.equilibrium import equilibrium
-from elastid.model.formulation import serial
+from elastid.model.formulation import formulate, serial
 from elastid.nonlinear.gear.geometry import geometric_torques
 from elastid.record import Configuration
 from elastid.robot.simplified import with_joints
@@ -46,6 +49,49 @@ def test_torques_are_those_of_two_links_beyond_first_order() -> None:
         expected = np.fft.rfft(beyond)[:, 1:25].T * 2 / n
         np.testing.assert_allclose(found[:, :, m], expected, atol=1e-6 * np.abs(expected).max())
         assert np.abs(expected).max() > 0.1
+
+
+def moved(lines: int, size: float) -> np.ndarray:
+    """Motion (lines, 2, 1) of three lines."""
+    rng = np.random.default_rng(0)
+    motion = np.zeros((lines, 2, 1), complex)
+    motion[[0, 3, 6]] = size * (rng.standard_normal((3, 2, 1)) + 1j * rng.standard_normal((3, 2, 1)))
+    return motion
+
+
+@pytest.mark.parametrize("rod_stiffness", [None, 1e9])
+def test_torques_of_a_linkage_are_those_of_its_two_absolute_angles(rod_stiffness: float | None) -> None:
+    """The elbow follows the loop; a rod that gives stays as long as at rest."""
+    plant = parallel_linkage()
+    loop = plant.robot.loops[0]
+    rod = replace(loop.rod, stiffness=rod_stiffness)
+    robot, at = replace(plant.robot, loops=(replace(loop, rod=rod),)), Configuration("a", np.array([0.2, 0.1]))
+    s, motion = 2j * np.pi * 0.5 * np.arange(1, 33), moved(32, 0.05)
+    model = formulate(robot)
+    q0 = equilibrium(model, model.theta, at).q[:2, None]
+
+    def torques(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """(2, n), by the accelerations that the plant has under unit torques."""
+        free = plant.links(q, v, 0 * q)
+        inverse = np.stack([plant.links(q, v, 0 * q + unit[:, None]) - free for unit in np.eye(2)], axis=1)
+        return np.linalg.solve(np.moveaxis(inverse, 2, 0), (a - free).T[:, :, None])[:, :, 0].T
+
+    n, small = 512, 1e-4
+    wave = np.exp(2j * np.pi * np.outer(np.arange(1, 33), np.arange(n)) / n)
+    delta, v, a = (((motion[:, :, 0] * s[:, None] ** i).T @ wave).real for i in range(3))
+    ends = [torques(q0 + h * delta, h * v, h * a) for h in (small, -small)]
+    expected = np.fft.rfft(torques(q0 + delta, v, a) - (ends[0] - ends[1]) / (2 * small))[:, 1:33].T * 2 / n
+    found = geometric_torques(robot, at, motion, s)[:, :, 0]
+    np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
+    assert np.abs(expected).max() > 10
+
+
+def test_a_loop_that_cannot_close_along_the_motion_is_said() -> None:
+    """A crank that runs away from the lower arm by half a turn takes the rod where it does not reach."""
+    robot, at = parallel_linkage().robot, Configuration("a", np.array([0.2, 0.1]))
+    short = replace(robot.loops[0], rod=replace(robot.loops[0].rod, length=0.9))
+    with pytest.raises(DataError, match="stay open by"):
+        geometric_torques(replace(robot, loops=(short,)), at, moved(8, 1.5), 2j * np.pi * 0.5 * np.arange(1, 9))
 
 
 def test_springs_of_gears_have_no_part_in_it() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.nonlinear.gear.straightness import Bend, find_bends, straightness_notes
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.response import NOT_STRAIGHT
@@ -23,7 +24,7 @@ FILE = robot(Gear(k=1.4e5))  # what is known of the robot before
 @cache
 def bends(gear: Gear, experiments: int = 4) -> tuple[Bend, ...]:
     """Of the only gear, whose stiffness the file has 30 % off."""
-    return tuple(find_bends(records(gear, experiments=experiments), FILE, SPEC, LINES))
+    return tuple(find_bends(gather_lines(records(gear, experiments=experiments), SPEC, LINES), ["motor 1"], FILE))
 
 
 @pytest.mark.slow
