@@ -42,7 +42,8 @@ def test_responses_are_those_of_the_linear_model(model: FittedRobot, tmp_path: P
     pyuff = pytest.importorskip("pyuff")
     for i, path in enumerate(write_uff(tmp_path, model.name, model.responses)[: len(model.linear)]):
         sets, G = pyuff.UFF(str(path)).read_sets(), responses_of(model, i)
-        read = np.array([each["data"] for each in sets if each["type"] == 58]).T.reshape(G.shape)
+        each_set = sets if isinstance(sets, list) else [sets]
+        read = np.array([each["data"] for each in each_set if each["type"] == 58]).T.reshape(G.shape)
         assert close(read, G, 1e-6)
 
 
