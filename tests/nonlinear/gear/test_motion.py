@@ -40,9 +40,9 @@ def test_coulomb_friction_that_turns_gradually_sticks_and_slides() -> None:
 def quiet_lines(told: int, experiments: int = 1, noise: float = 0.0) -> PeriodLines:
     """Lines of 0.2 s, of one motor, whose angle has noise of a variance."""
     none = np.zeros((told, 1, experiments), complex)
-    return PeriodLines(POSTURE, 500.0, 100, none + 1, none, np.zeros((1, experiments)), np.array([noise]),
-                       np.zeros((told, 1)), np.ones(told, bool), np.arange(experiments), none[:0],
-                       np.ones(1, bool))  # fmt: skip
+    rest = np.zeros((1, experiments))
+    return PeriodLines(POSTURE, 500.0, 100, none + 1, none, rest, rest, np.array([noise]), np.zeros((told, 1)),
+                       np.ones(told, bool), np.arange(experiments), none[:0], np.ones(1, bool), np.zeros(1))  # fmt: skip
 
 
 def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_its_window() -> None:
