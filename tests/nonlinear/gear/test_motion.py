@@ -41,8 +41,10 @@ def quiet_lines(told: int, experiments: int = 1, noise: float = 0.0) -> PeriodLi
     """Lines of 0.2 s, of one motor, whose angle has noise of a variance."""
     none = np.zeros((told, 1, experiments), complex)
     rest = np.zeros((1, experiments))
-    return PeriodLines(POSTURE, 500.0, 100, none + 1, none, rest, rest, np.array([noise]), np.zeros((told, 1)),
-                       np.ones(told, bool), np.arange(experiments), none[:0], np.ones(1, bool), np.zeros(1))  # fmt: skip
+    numbers = np.array([noise]), np.zeros((told, 1)), np.ones(told, bool), np.arange(experiments)
+    return PeriodLines(
+        POSTURE, 500.0, 100, none + 1, none, rest, rest, *numbers, none[:0], np.ones(1, bool), rest[:, 0]
+    )
 
 
 def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_its_window() -> None:
