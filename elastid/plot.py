@@ -16,7 +16,7 @@ from elastid.report.figures import responses
 from elastid.report.figures.fit import forest
 from elastid.report.figures.friction import friction_curve as curve_figure
 from elastid.report.figures.style import own_style
-from elastid.report.figures.workspace import workspace_figure
+from elastid.report.figures.use import workspace_figure
 from elastid.response import FrequencyResponse, in_quantity
 from elastid.use.map import WorkspaceMap
 

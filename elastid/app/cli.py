@@ -13,21 +13,17 @@ from collections.abc import Sequence
 from errno import EACCES, EDQUOT, EFBIG, ENOSPC, EPERM, EROFS
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from elastid import __version__
-from elastid.app.live.command import live
-from elastid.app.options import options_of, run_of, stage_options, study_argument
+from elastid.app.options import POSITIVE, options_of, run_of, stage_options, study_argument
 from elastid.app.signals import insisting, libraries_off_terminal
 from elastid.app.stage_table import helps
 from elastid.app.use_commands import loops, map_command, shape, tune
 from elastid.base.errors import ElastidError, StudyError
 from elastid.base.escape import printable
-
-if TYPE_CHECKING:
-    pass
 
 
 def main() -> None:
@@ -205,8 +201,34 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
     predicting.predict(run_of(study, predicting.on_logs(study, logs, options)), source)
 
 
-for command in (map_command, tune, loops, shape, live):
+for command in (map_command, tune, loops, shape):
     cli.add_command(command)
+
+
+@cli.command()
+@study_argument
+@click.option("--goal", "goals", multiple=True, required=True, metavar="TEXT",
+    help='Half width of 95 % intervals, such as "k_*: 1 %"; again for more.')  # fmt: skip
+@click.option("--simulate", is_flag=True, help="The simulated rig of the study takes the place of the robot.")
+@click.option("--robot-time", "robot_time", type=POSITIVE, metavar="S",
+    help="That it may take (default: that of the study's own plan).")  # fmt: skip
+@stage_options
+def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float | None, **options: Any) -> None:
+    """Measure experiment by experiment until the parameters are known as well as the goal says.
+
+    Each experiment, its posture and its length, is the one that brings most towards the goal in a second of the
+    robot's time, given all logs so far, and keeps the limits of the robot on every robot that they allow. It is written
+    into DIR/live/references, a file for each run; its logs are awaited in DIR/live/logs under the same names. A log
+    that contradicts its plan ends the command. It can be ended at any time; the same command goes on from there. At
+    the end DIR holds the results as `elastid run` leaves them, of the study DIR/live/study.yml. Default of --run:
+    runs/<name of the study>-live, with --simulate runs/<name of the study>-live-simulated.
+    """
+    asked = run_of(study, options)
+    from elastid.app.live.session import Asked, live_study
+
+    # Simulated logs never lie where those of the robot are awaited.
+    folder = options["folder"] or Path("runs") / f"{asked.study.name}-live{'-simulated' * simulate}"
+    live_study(asked, folder, Asked(goals, simulate, robot_time))
 
 
 @cli.command()
@@ -276,9 +298,7 @@ def explain(key: str | None) -> None:
     try:
         click.echo(printable(reference.overview() if key is None else reference.explain(key)))
     except StudyError:
-        from elastid.study.words import explain_word  # looks through results, whose classes take long to load
-
-        if not (key and key.isalpha() and (found := explain_word(key))):
+        if not (key and key.isalpha() and (found := reference.explain_word(key))):
             raise
         click.echo(printable(found))
 

@@ -7,8 +7,15 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from elastid.app.gear_robot import with_effects, with_linear_springs, with_terms_of
-from elastid.app.identified_robot import robot_of_fit, robot_of_friction, with_findings, with_identified_friction
+from elastid.app.identified_robot import (
+    robot_of_fit,
+    robot_of_friction,
+    with_effects,
+    with_findings,
+    with_identified_friction,
+    with_linear_springs,
+    with_terms_of,
+)
 from elastid.app.run import Run
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import StudyError

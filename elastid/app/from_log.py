@@ -25,10 +25,11 @@ from elastid.recorded.channel_guess import (
     LogGuess,
     guess_by_name,
     guess_log,
+    is_clock,
     rate_by_motions,
+    rows_of_a_sample,
     signals_of,
 )
-from elastid.recorded.content_guess import is_clock, rows_of_a_sample
 from elastid.recorded.files.formats import opened_log, values_of
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format

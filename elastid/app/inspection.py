@@ -24,8 +24,8 @@ from elastid.recorded.repair.time_stamps import TimeSteps, even_grid
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.table import HOW_TO_SAVE
 from elastid.recorded.responses.universal import is_universal_file
+from elastid.report.content import gear_line, gear_table
 from elastid.report.friction_content import refusals
-from elastid.report.gear_content import gear_line, gear_table
 from elastid.store.artefacts import kind_of
 from elastid.store.files import is_as_written, is_intact
 from elastid.store.friction_study import FRICTION, read_friction_result

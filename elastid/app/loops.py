@@ -21,7 +21,7 @@ from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.fit.posture import Asked as Ports
 from elastid.fit.result import FitResult
 from elastid.record import Configuration
-from elastid.report.page.page_of_loops import write_page_of_loops
+from elastid.report.page.page_of_use import write_page_of_loops
 from elastid.robot import Robot
 from elastid.simulation.controller import Gains
 from elastid.store.files import keep_checksums, write_rows, write_text

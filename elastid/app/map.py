@@ -16,7 +16,7 @@ from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.fit.posture import Family
 from elastid.nonlinear.gear_result import with_gears
-from elastid.report.page.page_of_map import write_page_of_map
+from elastid.report.page.page_of_use import write_page_of_map
 from elastid.store.files import keep_checksums
 from elastid.store.results import read_fit, write_map, write_map_table
 from elastid.use.compliance import Cut

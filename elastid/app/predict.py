@@ -29,10 +29,10 @@ from elastid.store.results import read_fit, read_gears
 from elastid.study.source import read_source
 from elastid.validation.agreement import judged_elsewhere
 from elastid.validation.friction_prediction import predict_logs
-from elastid.validation.prediction import Prediction
 from elastid.validation.replay import describe_replays
 from elastid.validation.spec import ValidationSpec
 from elastid.validation.twin import describe_balance
+from elastid.validation.twin_run import Prediction
 
 # Keys of a file of a study that are of that file alone, and not of another log with the same channels.
 _OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")

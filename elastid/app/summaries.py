@@ -29,9 +29,8 @@ from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.kinds import SCHEMA, json_value
-from elastid.validation.prediction import NO_PREDICTION, Prediction
 from elastid.validation.results import Agreement, Validation
-from elastid.validation.twin_run import NO_TWIN, TwinFindings
+from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
     from elastid.friction_study.motion import MotionFriction, RigidBody

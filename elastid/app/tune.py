@@ -16,8 +16,8 @@ from elastid.experiment.simulated.plant import true_robot
 from elastid.export.fmu import write_move_fmu
 from elastid.export.move import write_move
 from elastid.fit.posture import Asked
-from elastid.report.figures.shapers import shaper_figure
-from elastid.report.page.page_of_move import write_figure, write_page_of_move
+from elastid.report.figures.use import shaper_figure
+from elastid.report.page.page_of_use import write_figure, write_page_of_move
 from elastid.robot import Robot
 from elastid.store.files import keep_checksums, write_rows
 from elastid.store.measured import read_friction

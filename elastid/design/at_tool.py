@@ -31,7 +31,7 @@ from elastid.parameters import ParameterSet
 from elastid.record import Configuration
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.robot.named_frames import with_frames
+from elastid.robot.robot import with_frames
 
 
 @dataclass(frozen=True)

@@ -3,37 +3,103 @@ r"""The next experiment towards a goal: posture and length of the largest gain f
 .. math:: \Phi(M) = 1 \Big/ \sum_p r_p^2, \qquad \max_{c, P}\ \frac{\Phi(M_0 + \kappa H_{cP}) - \Phi(M_0)}{T_P}
 
 M_0: the information of the fit so far, H: of a configuration c in P periods, which take T_P; r_p: the part of the goal
-that its interval uses (`design.goal`), so that what is reached hardly counts. Phi doubles with twice the information.
+that its interval uses, so that what is reached hardly counts. Phi doubles with twice the information.
 Where one experiment reaches the goal, the shortest such is best. kappa: the information that the experiments so far
 have brought, relative to what was expected. The spectrum is that of the study, with `flat: information` the best one of
 the posture.
+
+.. math:: r_p = \frac{1.96\, \sigma_p}{w_p |p|} \le 1
+
+w_p: the half width of a 95 % interval that the goal asks for, sigma_p the standard deviation (of ln p times p for a
+logarithmic parameter).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import StudyError
+from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.execution import Execution
+from elastid.base.names import matching
+from elastid.base.statistics import QUANTILE_95
 from elastid.design.choice import Candidates, informations, obstacles
 from elastid.design.design import with_friction_damping
 from elastid.design.forecast import LimitUse
-from elastid.design.goal import Goal
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
+from elastid.fit.result import FitResult
 from elastid.fit.tolerances import with_tolerances
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
 from elastid.robot import Robot
+
+EXAMPLE = '"k_*: 1 %"'
+
+
+@dataclass(frozen=True)
+class Goal:
+    """widths: name of a parameter to the half width of its 95 % interval, relative to its value."""
+
+    widths: Mapping[str, float]
+
+    def used(self, parameters: ParameterSet, x: FloatArray, covariance: FloatArray) -> FloatArray:
+        """r (n_goals,) at x (n_x,) with a covariance (n_x, n_x) of x; at most 1 where the goal is reached."""
+        names, values = parameters.free_names, parameters.as_dict(x)
+        places = [names.index(name) for name in self.widths]
+        std = np.sqrt(np.maximum(np.diag(covariance)[places], 0.0))
+        size = [1.0 if parameters[name].log else max(abs(values[name]), 1e-300) for name in self.widths]
+        return np.asarray(QUANTILE_95 * std / size / np.array([*self.widths.values()]))
+
+    def reached(self, result: FitResult) -> dict[str, float]:
+        """Half width of each interval of a fit, relative to the value, over what the goal asks for."""
+        used = {}
+        for name, width in self.widths.items():
+            low, high = result.interval(name)
+            share = (high - low) / 2 / max(abs(result.values[name]), 1e-300) / width
+            used[name] = share if np.isfinite(share) else np.inf  # of what the data do not reach
+        return used
+
+
+def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
+    """The goal of texts such as `k_*: 1 %` or `k_1: 0.5 %, d_*: 5 %`; the narrower of two that name one parameter.
+
+    names: of the parameters that the fit identifies.  StudyError for a text without a width, or of no parameter.
+    """
+    widths: dict[str, float] = {}
+    for text in (part.strip() for whole in texts for part in whole.split(",")):
+        pattern, colon, width = (part.strip() for part in text.partition(":"))
+        matches = matching(pattern, names)
+        if not colon or not pattern:
+            raise StudyError(f"--goal '{text}': give parameters and the half width of their intervals, as {EXAMPLE}")
+        if not matches:
+            raise StudyError(f"--goal '{text}': the fit does not identify '{pattern}'; {did_you_mean(pattern, names)}")
+        for name in matches:
+            widths[name] = min(_share(width, text), widths.get(name, np.inf))
+    return Goal({name: widths[name] for name in names if name in widths})
+
+
+def _share(width: str, text: str) -> float:
+    number, is_percent = width.removesuffix("%").strip(), width.endswith("%")
+    try:
+        share = float(number) / 100
+    except ValueError:
+        share = np.nan
+    if not is_percent or not 0 < share < 1:
+        raise StudyError(
+            f"--goal '{text}': '{width}' is no width; give percent of the value, above 0 % and below 100 %, "
+            f"as {EXAMPLE}"
+        )
+    return share
+
 
 SAFE = 0.9  # part of the goal that an experiment must be expected to use at most, to count as reaching it
 VAGUE = 1.0  # std of a parameter before any data, of ln p or as a part of a linear one's size

@@ -44,7 +44,7 @@ from elastid.model.formulation import formulate
 from elastid.model.frame_tree import position, tree, turns
 from elastid.record import Configuration
 from elastid.robot import TOOL, Robot
-from elastid.robot.named_frames import with_frames
+from elastid.robot.robot import with_frames
 from elastid.simulation.baumgarte import projection
 from elastid.simulation.controller import tune
 from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration

@@ -22,7 +22,7 @@ from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
-from elastid.robot.named_frames import with_frames
+from elastid.robot.robot import with_frames
 from elastid.simulation.controller import gains_of
 
 Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float] | FloatArray

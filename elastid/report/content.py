@@ -1,7 +1,8 @@
-"""The content of a report as one value: parameter rows, model lines dense at resonances, results of the stages."""
+"""The content of a report as one value: parameter rows, lines of the model, results of stages, tables of gears."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.note import NoteGroup, grouped
 from elastid.design.forecast import Forecast, LimitUse
 from elastid.experiment.plan.movement import Rehearsal
@@ -18,7 +20,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import FitResult
 from elastid.linear.fitted_model import response_deviation
 from elastid.linear.response.transfer import to_response
-from elastid.nonlinear.gear_result import GearResult
+from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import FrequencyResponse
@@ -227,3 +229,54 @@ def parameter_rows(
             ParameterRow(*known_of, *given, at_bound, true, deviation, contained, *of_parts, verdict=verdicts[i])
         )
     return tuple(rows)
+
+
+def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -> list[list[str]]:
+    """Headings, then a line for each number of all gears, or of those given, in makers' units.
+
+    Its interval, or the bound below which it lies; share of the joint's rated torque; number of the fit without
+    effects, where there are any.
+    """
+    chosen = gears.numbers if numbers is None else numbers
+    rated = any(math.isfinite(each.rated_share) for each in gears.numbers)
+    headings = ["number", "of the gear", "unit", "estimate", "std", "95 % interval"]
+    table = [[*headings, *["of rated"] * rated, "linear fit"]]
+    for each in chosen:
+        share = f"{number(100 * each.rated_share, 2)} %" if math.isfinite(each.rated_share) else "–"
+        own = number(each.linear * each.factor, 6) if math.isfinite(each.linear) else "–"
+        table.append([*_cells(each), *[share] * rated, own])
+    return table
+
+
+def _cells(each: GearNumber) -> list[str]:
+    unit, factor = each.maker_unit or each.unit, each.factor
+    if not each.is_seen:
+        return [each.name, each.meaning, unit, f"< {number(factor * each.bound, 2)}", "–", "not seen"]
+    value, std = factor * each.value, factor * each.std
+    meaning = f"{each.meaning}, at {math.degrees(each.phase):.0f} deg" if each.order else each.meaning
+    n, (low, high) = digits(value, std), each.interval
+    relative = f"{number(100 * std / abs(value), 2)} %" if value else number(std, 2)
+    ends = " to ".join(interval_of((factor * low, factor * high), n))
+    return [each.name, meaning, unit, number(value, n), relative, ends]
+
+
+def seen_words(sheet: GearSheet) -> str:
+    """Stiffness and the effects of a gear that were seen, in few words."""
+    words = []
+    for each in sheet.numbers:
+        if each.is_seen and each.name[0] in "kHeFr" and not each.name.startswith("H_"):
+            unit, std = each.maker_unit or each.unit, each.factor * each.std
+            value = each.factor * each.value
+            words.append(f"{each.meaning.partition(',')[0]} {number(value, digits(value, std))} {unit}")
+    return "; ".join(words)
+
+
+def gear_line(gears: GearResult) -> str:
+    """The findings in a sentence; or why nothing was looked for."""
+    if gears.refused:
+        return f"nothing was looked for: {gears.refused}"
+    found = [each.name for each in gears.numbers if each.is_seen and not math.isfinite(each.linear)]
+    if not found:
+        return "springs and dampers alone; nothing else was seen, and each effect has its bound"
+    left = f"; {percent(gears.after)} of the motion is left unexplained, by the linear fit {percent(gears.before)}"
+    return f"found besides springs and dampers: {', '.join(found)}; every other effect has its bound{left}"

@@ -11,8 +11,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
-from elastid.validation.prediction import NO_PREDICTION, Prediction
-from elastid.validation.twin_run import NO_TWIN, TwinFindings
+from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
 
 # The first answer, by the status.
 GOOD = {

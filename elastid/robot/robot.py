@@ -14,7 +14,7 @@ from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, UnknownNameError, did_you_mean
 from elastid.base.names import Name, check_different
 from elastid.base.section import Key, section
-from elastid.robot.body import BASE, TENSOR_LETTERS, Body, Frame, Payload
+from elastid.robot.body import BASE, TENSOR_LETTERS, TOOL, Body, Frame, Payload
 from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series, gearboxes, mixing
 from elastid.robot.gravity_compensator import Compensator
 from elastid.robot.joint import Joint
@@ -361,3 +361,20 @@ class Robot:
                 raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(known)}")
         changed: Robot = replaced(self, {known[name][1]: value for name, value in values.items()})
         return changed
+
+
+def with_frames(robot: Robot, names: Iterable[str]) -> Robot:
+    """The robot with a frame for each of these names; StudyError for one that is neither of a frame nor of a body.
+
+    `tool`, where no frame has this name, is at the centre of mass of the last body.
+    """
+    for name in dict.fromkeys(names):
+        known = [frame.name for frame in robot.frames]
+        if name in known:
+            continue
+        bodies, last = [body.name for body in robot.bodies], robot.bodies[-1]
+        if name not in (*bodies, TOOL):
+            raise StudyError(f"robot {robot.name} has no frame {name}; {did_you_mean(name, [*known, *bodies])}")
+        made = Frame(name, name) if name in bodies else Frame(TOOL, last.name, Placement(last.center_of_mass))
+        robot = replace(robot, frames=(*robot.frames, made))
+    return robot

@@ -14,8 +14,7 @@ from elastid.base.section import Key, section
 from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.channels import Places, Structure
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.tool import ToolSpec
+from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.fit.load_tests import LoadsSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
@@ -23,10 +22,21 @@ from elastid.friction_study.spec import FilterSpec, FrictionSpec
 from elastid.modal.spec import ModalSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.spec import GearsSpec
-from elastid.report.spec import ReportSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Joint, Robot
 from elastid.validation.spec import CompareSpec, ValidationSpec
+
+
+@section
+class ReportSpec:
+    """The figures of the report."""
+
+    # fmt: off
+    formats: Annotated[tuple[Literal["png", "pdf"], ...], Key("Formats of the figures' files, in addition to the page, "
+        "which draws its own; pdf comes with report.pdf: tables and all figures on paper.", "where every run is to "
+        "leave figures for documents, which takes longer; `elastid report --png` or `--pdf` draws them for once.")] = ()
+    # fmt: on
+
 
 Kind: TypeAlias = Literal["simulated", "recorded", "responses", "frf", "frf-responses", "friction", "friction-recorded"]
 

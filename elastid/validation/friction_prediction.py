@@ -23,8 +23,7 @@ from elastid.friction_study.robot_motion import RobotLog, rigid_body_torques
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Robot
 from elastid.validation.friction_twin import friction_balances, friction_runs
-from elastid.validation.prediction import Prediction
-from elastid.validation.twin_run import TwinFindings
+from elastid.validation.twin_run import Prediction, TwinFindings
 
 
 def predict_logs(

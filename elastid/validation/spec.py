@@ -6,7 +6,7 @@ from typing import Annotated
 
 from elastid.base.names import Name, check_different
 from elastid.base.section import Key, section
-from elastid.experiment.specs.tool import ToolSpec
+from elastid.experiment.specs.experiment import ToolSpec
 
 
 @section

@@ -13,8 +13,8 @@ adds is what the model lacks at low frequencies, and is shown as error of the to
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
@@ -28,7 +28,7 @@ from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, rigid_motion, tune
-from elastid.validation.twin import MIN_POWER_SHARE, TorqueBalance, octave_lines
+from elastid.validation.twin import MIN_POWER_SHARE, TorqueBalance, describe_balance, octave_lines
 
 Drive: TypeAlias = Literal["reference", "torque"]
 SignalKind: TypeAlias = Literal["torque", "motor angle", "link motion"]
@@ -236,3 +236,36 @@ class TwinPlant:
         """From q (n_q,), or the rest of the springs, motors at this velocity (n_u,); DataError where one is lost."""
         q = self.point.q if q is None else q
         return simulate(self.plant.loop, gains, commands, q, v0=rigid_motion(self.plant.model, q) @ velocity)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Torque and motion along logs by a result of others.
+
+    own: the torque by a regression of these logs themselves, as far as there is one; refused: why there is none.
+    missing: reason by joint that is not predicted, in some log or all.
+    """
+
+    twin: TwinFindings = NO_TWIN
+    own: tuple[TorqueBalance, ...] = ()
+    refused: str = ""
+    missing: Mapping[str, str] = field(default_factory=dict)
+
+    def own_of(self, balance: TorqueBalance) -> TorqueBalance | None:
+        """The same joint in the same log by the regression of these logs."""
+        return next((own for own in self.own if (own.place, own.log) == (balance.place, balance.log)), None)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The torque of each joint, then the simulations."""
+        torques = [f"{describe_balance(balance)} {self.rms_words(balance)}" for balance in self.twin.balances]
+        return (*torques, *([self.refused] if self.refused else []), *self.twin.run_words)
+
+    def rms_words(self, balance: TorqueBalance) -> str:
+        """The rms of what is left of a torque, compared with what a regression of the same logs leaves."""
+        own = self.own_of(balance)
+        compared = "" if own is None else f"; a regression of these logs themselves leaves {math.sqrt(own.left):.1%}"
+        return f"As an rms {math.sqrt(balance.left):.1%} of the torque is left{compared}."
+
+
+NO_PREDICTION = Prediction()

@@ -19,7 +19,7 @@ from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullFormatter
 from PIL import Image
 
 import elastid as ei
-from elastid.report.figures.move import move_figure
+from elastid.report.figures.use import move_figure
 from elastid.store.results import read_tune
 
 HERE = Path(__file__).parent / "pictures"

@@ -50,8 +50,8 @@ from elastid.use.loops.cascade import Cascade
 from elastid.use.loops.design import Scene, robust, searched
 from elastid.use.loops.measured import MeasuredLoops, measured_loops
 from elastid.use.loops.plants import Plants, PostureFamily
+from elastid.use.loops.result import STEP, steps
 from elastid.use.loops.sensitivity import LIMIT_DB
-from elastid.use.loops.steps import STEP, steps
 
 RIGS = Path(__file__).resolve().parents[2].parent / "shared" / "rigs"
 RATE_HZ, DELAY, PERIOD_S = 500.0, 1, 4.0

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
-from plants.taken_friction import taken_friction
+from dataclasses import replace
 
-from elastid.app.identified_robot import SLOPE, VISCOUS, WITH_COULOMB, contents, truth
+import numpy as np
+import pytest
+from plants.taken_friction import taken_friction
+from plants.two_mass_gear import RATIO, Gear, robot
+
+from elastid.app.identified_robot import (
+    SLOPE,
+    VISCOUS,
+    WITH_COULOMB,
+    contents,
+    truth,
+    with_effects,
+    with_linear_springs,
+)
 from elastid.app.stages.estimate import friction_line
 from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.nonlinear.gear.effects import GearEffect, implicit_law
+from elastid.nonlinear.gear_result import GearResult
 from elastid.parameters import Parameter
-from elastid.robot import Body, Joint, Motor, Robot, Spring
+from elastid.robot import Body, Friction, Hysteresis, Joint, Motor, Robot, Spring
+from elastid.robot.simplified import with_joints
 
 ROUGH, SMOOTH = Motor(1e-3, 50, 1e-3, coulomb=0.1), Motor(1e-3, 50, 1e-3)
 ROBOT = Robot(
@@ -65,3 +81,79 @@ def test_the_terminal_has_one_line() -> None:
     assert "motor 1 4.50 ± 0.22 N*m" in line
     assert "at most 3.2 % is left" in line
     assert "motor 2" not in line
+
+
+FOUND = {
+    GearEffect("friction", "1", 1e-3): 20.0,
+    GearEffect("behind", "1", 1e-3): 12.0,
+    GearEffect("load", "1"): 0.02,
+    GearEffect("cubic", "1"): 3e9,
+    GearEffect("error sine", "1", 2.0): 3e-5,
+    GearEffect("error cosine", "1", 2.0): -4e-5,
+    GearEffect("ripple cosine", "1", 6.0): 2.0,
+    GearEffect("stop", "1", 1e-4): 5.0,
+    GearEffect("bristle", "1", 3e-4): 2.0,
+}
+
+
+def result(found: dict[GearEffect, float]) -> GearResult:
+    """Of a search without parameters."""
+    covariance = np.eye(len(found))
+    return GearResult(np.zeros(0), covariance, tuple(found), np.array([*found.values()]))
+
+
+def test_every_effect_has_its_place() -> None:
+    """Friction of the motor on the motor's side, all else on the link's; a sine and a cosine are one error."""
+    joint = with_effects(robot(Gear()), result(FOUND)).driven[0]
+    assert joint.motor.friction.coulomb == pytest.approx(20.0 / RATIO)
+    assert joint.friction == Friction(12.0)
+    assert joint.spring.cubic == 3e9
+    assert joint.gear.load == 0.02
+    (error,), (ripple,) = joint.gear.error, joint.gear.ripple
+    assert (error.amplitude, error.order) == (pytest.approx(5e-5), 2.0)
+    assert error.phase == pytest.approx(np.arctan2(-4.0, 3.0))
+    assert (ripple.amplitude, ripple.phase) == (2.0, pytest.approx(np.pi / 2))
+    assert joint.gear.hysteresis == (Hysteresis(5.0, 1e-4), Hysteresis(2.0, 3e-4, "smooth"))
+
+
+def test_friction_of_the_file_that_was_not_found_is_gone() -> None:
+    """The records would have shown it: it is in none of the identified numbers."""
+    rough = with_joints(robot(Gear()), lambda joint: replace(joint, motor=replace(joint.motor, coulomb=0.3)))
+    joint = with_effects(rough, result({})).driven[0]
+    assert joint.motor.dry_friction is None
+    assert joint.gear is None
+
+
+def test_a_law_of_the_file_that_was_not_found_is_gone() -> None:
+    """The effects add to straight springs: a gap of the file beside the one that was found would count twice."""
+    worn = with_joints(
+        robot(Gear()), lambda joint: replace(joint, spring=replace(joint.spring, backlash=2e-4, cubic=1e9))
+    )
+    assert with_effects(worn, result({})).driven[0].spring == robot(Gear()).driven[0].spring
+
+
+def test_a_spring_that_would_pull_keeps_its_stiffness_at_zero_torque() -> None:
+    """A softening of the records' torques has no place in a robot's file, which holds at every torque."""
+    joint = with_effects(robot(Gear()), result({GearEffect("cubic", "1"): -1e9})).driven[0]
+    assert joint.spring.is_linear
+    hard = with_effects(robot(Gear()), result({GearEffect("progressive", "1"): 1e7}))
+    assert hard.driven[0].spring.symmetric_quadratic == 1e7
+    assert with_linear_springs(hard).driven[0].spring.is_linear
+
+
+@pytest.mark.parametrize(("kind", "level"), [("gap", 1.5e5), ("gap", 2e5), ("range", 6e4)])
+def test_a_gap_and_a_range_are_the_broken_line_that_was_found(kind: str, level: float) -> None:
+    """k x less f clip(x), or more f beyond b, but for the rounded ends."""
+    k, b = 2e5, 3e-4
+    stiff = with_joints(robot(Gear()), lambda joint: replace(joint, spring=Spring(k, 60.0)))
+    found = result({GearEffect(kind, "1", b): level})
+    spring = with_effects(stiff, found).driven[0].spring
+    x = np.array([0.2, 0.6, 1.6, 4.0]) * b
+    effect = GearEffect(kind, "1", b)
+    torque = k * x + level * implicit_law(effect, x)[0]
+    e = spring.rounding * b
+    beyond = (np.sqrt((x - b) ** 2 + e**2) - np.sqrt((x + b) ** 2 + e**2)) / 2 + x  # a dead zone of half width b
+    ours = spring.stiffness * beyond + spring.inner_stiffness * (x - beyond)
+    np.testing.assert_allclose(ours, torque, atol=0.02 * k * b)
+    within = spring.inner_stiffness or spring.stiffness
+    assert with_linear_springs(with_effects(stiff, found)).driven[0].spring == Spring(within, 60.0)

@@ -19,7 +19,6 @@ SPECS = [
     "elastid.frf.spec",
     "elastid.fit.spec",
     "elastid.model.spec",
-    "elastid.report.spec",
     "elastid.validation.spec",
     "elastid.study",
     "elastid.app.overview",

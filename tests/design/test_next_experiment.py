@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +12,13 @@ from plants.limited_arm import LIMITS, arm, experiment
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.design.design import design
-from elastid.design.goal import Goal
-from elastid.design.next_experiment import Known, NextExperiment, next_experiment
+from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import BoxSpec, CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.parameters import Parameter, ParameterSet
 from elastid.robot import Robot
 from elastid.robot.simplified import without_dry_friction
 
@@ -131,3 +132,32 @@ def test_where_no_posture_shows_a_parameter_more_time_never_helps() -> None:
 def test_a_robot_without_room_for_any_excitation_is_refused() -> None:
     with pytest.raises(StudyError, match="no experiment keeps the limits"):
         proposed(problem(arm(replace(LIMITS, velocity=1e-3))), Goal({"k_1": 0.01}))
+
+
+NAMES = ("k_1", "k_2", "d_1", "c_1")
+
+
+def test_patterns_lists_and_several_goals_name_parameters() -> None:
+    """The narrower counts where two goals name one."""
+    assert read_goal(["k_*: 1 %"], NAMES).widths == {"k_1": 0.01, "k_2": 0.01}
+    assert read_goal(["k_*: 1 %, d_1:5%", "k_2: 0.5 %"], NAMES).widths == {"k_1": 0.01, "k_2": 0.005, "d_1": 0.05}
+    assert read_goal(["k_2: 0.5 %", "k_*: 1 %"], NAMES).widths["k_2"] == 0.005
+
+
+@pytest.mark.parametrize("text", ["", "k_1", "k_1: ", "k_1: one %", "k_1: 0 %", "k_1: 100 %", "k_1: nan %", ": 1 %"])
+def test_a_text_without_a_width_is_refused_with_an_example(text: str) -> None:
+    with pytest.raises(StudyError, match=r'"k_\*: 1 %"'):
+        read_goal([text], NAMES)
+
+
+def test_a_name_that_is_none_is_refused_with_the_nearest() -> None:
+    with pytest.raises(StudyError, match="did you mean 'k_1'"):
+        read_goal(["k1: 1 %"], NAMES)
+
+
+def test_the_used_part_is_the_half_width_over_the_goal() -> None:
+    """Of a logarithmic parameter by the deviation of its logarithm, of a linear one relative to its value."""
+    free = (Parameter("k_1", 2e5, log=True), Parameter("c_1", -4.0))
+    parameters = ParameterSet(free)
+    used = read_goal(["*: 1 %"], ("k_1", "c_1")).used(parameters, np.array([math.log(2e5), -4.0]), np.diag([1e-4, 1.0]))
+    np.testing.assert_allclose(used, [1.96, 1.96 / 4 / 0.01], rtol=1e-3)

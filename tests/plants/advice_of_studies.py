@@ -297,7 +297,7 @@ def disturbance_at_a_rigid_joint(desk: Desk) -> None:
     assert said == "", said
 
 
-@case("study/words.py", "elastid inspect FILE")
+@case("study/reference.py", "elastid inspect FILE")
 def arrays_of_a_result(desk: Desk) -> None:
     """A file of a run has the array that the word was found in; any file of numbers is inspected alike."""
     (desk.folder / "log.csv").write_text("t,coherence\n0,1\n1,1\n", encoding="utf-8")

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from plants.report_values import fit_result, pair, report_content
 
 from elastid.base.note import Note
+from elastid.nonlinear.gear_result import ARCMIN, ARCSEC, GearNumber, GearResult, GearSheet
 from elastid.parameters import Parameter, ParameterSet
-from elastid.report.content import parameter_rows
+from elastid.report.content import gear_line, gear_table, parameter_rows, seen_words
+from elastid.report.figures.fit import hysteresis
 from elastid.report.page.booklet import front_pages
 from elastid.report.page.page import html
 
@@ -79,3 +82,51 @@ def test_a_parameter_of_one_configuration_has_the_truth_of_the_one_it_stands_for
     result = fit_result(parameters)
     assert parameter_rows(result, {"k_1": 3e5})[0].truth == 3e5
     assert parameter_rows(result, {"k_1": 3e5, "k_1@warm": 2e5})[0].truth == 2e5
+
+
+def sheets() -> GearResult:
+    """A gear with a stiffness, an error, and a hysteresis that was not seen."""
+    numbers = (
+        GearNumber("k_1", "stiffness at zero torque", "stiffness", "N*m/rad", 2e5, 200.0, linear=2.1e5),
+        GearNumber("e1_1", "transmission error, once a motor turn", "error", "rad", 2e-5, 1e-6, order=1.0, phase=0.5),
+        GearNumber("H_1", "hysteresis, torque to either side", "torque", "N*m", bound=0.3, rated_share=0.001),
+        GearNumber("Fc_m1", "running torque before the gear", "torque", "N*m", 0.1, 0.1, rated_share=0.0003),
+    )
+    torque = 300 * np.concatenate([np.linspace(-1, 1, 100), np.linspace(1, -1, 100)])
+    sheet = GearSheet("1", numbers, 300.0, 300.0, torque, torque / 2e5, np.full(200, 1e-7))
+    return GearResult(np.zeros(0), np.zeros((0, 0)), sheets=(sheet,), before=0.1, after=0.01)
+
+
+def test_numbers_are_in_makers_units_with_intervals_or_bounds() -> None:
+    """Nm/arcmin, arcsec with the phase in degrees, and < before what was not seen; no torque below 0."""
+    headings, stiffness, error, unseen, friction = gear_table(sheets())
+    assert headings[-2:] == ["of rated", "linear fit"]
+    assert stiffness[2] == "N*m/arcmin"
+    assert float(stiffness[3]) == pytest.approx(2e5 / ARCMIN, rel=1e-3)
+    assert float(stiffness[-1]) == pytest.approx(2.1e5 / ARCMIN, rel=1e-3)
+    assert error[1].endswith("at 29 deg")
+    assert error[2] == "arcsec"
+    assert float(error[3]) == pytest.approx(2e-5 * ARCSEC, abs=0.05)
+    assert unseen[3:6] == ["< 0.30", "–", "not seen"]
+    assert unseen[6] == "0.10 %"
+    assert float(friction[5].split(" to ")[0]) == 0.0
+
+
+def test_the_findings_are_one_sentence() -> None:
+    """What was found, and how much is left; or why nothing was looked for."""
+    gears = sheets()
+    assert "e1_1, Fc_m1; every other effect has its bound" in gear_line(gears)
+    assert "by the linear fit 10 %" in gear_line(gears)
+    refused = GearResult(np.zeros(0), np.zeros((0, 0)), refused="the records are of one realisation")
+    assert gear_line(refused) == "nothing was looked for: the records are of one realisation"
+    assert seen_words(gears.sheets[0]).startswith("stiffness at zero torque 58.178 N*m/arcmin; transmission error 4.13")
+
+
+def test_the_figure_draws_the_loop_and_what_is_beyond_its_spring() -> None:
+    """Torsion in arcmin over torque; below, less torque over k, which is nothing of a linear gear."""
+    upper, lower = (axes for axes in hysteresis(sheets(), None).axes if axes.axison)
+    (torsion,) = (line for line in upper.lines if line.get_label() == "torsion, to and fro")
+    assert np.max(torsion.get_ydata()) == pytest.approx(300 / 2e5 * ARCMIN)
+    (beyond,) = (line for line in lower.lines if line.get_label() == "torsion, to and fro")
+    assert np.max(np.abs(np.asarray(beyond.get_ydata()))) < 1e-9
+    assert math.isclose(ARCSEC, 60 * ARCMIN)

@@ -9,10 +9,11 @@ import pytest
 from study.given_keys import PLACES, SECTIONS, given_in, in_python, in_yaml
 
 from elastid.app import cli
+from elastid.app.cli import run_command
 from elastid.base.errors import StudyError
 from elastid.study import load, make_schema
 from elastid.study.checks.unused import PLAN_KEYS
-from elastid.study.reference import explain, keys_of, list_keys, names_in, overview, text_of
+from elastid.study.reference import explain, explain_word, keys_of, list_keys, names_in, overview, text_of
 from elastid.study.sections import Study
 
 ROOT = Path(__file__).parents[2]
@@ -206,3 +207,13 @@ def test_keys_that_a_template_proposes_can_be_set(template: str, tmp_path: Path)
         _, _, proposed = file.read_text(encoding="utf-8").partition("# Keys for further questions")
         for line in proposed.splitlines()[1:]:
             load(study, [prefix + override for override in line.removeprefix("#   ").split("  ")])
+
+
+def test_a_word_is_found_in_keys_and_results(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "frf.h5 quality/coherence: " in explain_word("coherence")
+    assert "experiment.realisations" in explain_word("realisations")
+    assert explain_word("zebra") == ""
+    assert run_command(["explain", "Coherence"]) == 0
+    assert "multiple_coherence" in capsys.readouterr().out
+    assert run_command(["explain", "zebra"]) == 2
+    assert "a study has no key zebra" in capsys.readouterr().err

@@ -22,8 +22,7 @@ from elastid.base.display import degrees, number
 from elastid.base.errors import DataError, FitError, StudyError
 from elastid.base.execution import Execution
 from elastid.base.workers import lasting_workers
-from elastid.design.goal import Goal, read_goal
-from elastid.design.next_experiment import Known, NextExperiment, next_experiment
+from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, LevelSpec, unit_time_s
 from elastid.experiment.plan.movement import reference

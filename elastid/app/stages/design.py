@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.app.console import Console, forecast_table
-from elastid.app.load_tests import named_configurations
+from elastid.app.stages.measure import named_configurations
 from elastid.app.work import Artefacts, Work
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments

@@ -25,9 +25,8 @@ from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.channels import Places
-from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec
-from elastid.experiment.specs.tool import ToolSpec
 from elastid.frf.checks import channel_notes
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction

@@ -8,14 +8,13 @@ from pathlib import Path
 
 from elastid.app.console import Console, parameter_table
 from elastid.app.identified_robot import contents, robot_files, truth
-from elastid.app.load_tests import tests_of
 from elastid.app.run import Run
 from elastid.app.stages.estimate import tool_responses
+from elastid.app.stages.measure import tests_of
 from elastid.app.summaries import as_json, failure, interrupted, modes_of, summary
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import FitError, MisfitError
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.tool import ToolSpec
+from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.load_tests import LoadsSpec
@@ -27,8 +26,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import with_gears
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.report.content import ParameterRow, parameter_rows
-from elastid.report.gear_content import gear_line, gear_table
+from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
 from elastid.report.overview import next_steps, numbers_answer, residual_sentence, verdict_sentence
 from elastid.robot import Robot
 from elastid.store.measured import read_friction, read_responses

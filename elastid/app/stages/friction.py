@@ -38,7 +38,6 @@ from elastid.record import FrictionRecord, FrictionRecords
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.report.friction_content import FrictionContent, part_words, refusals
 from elastid.report.page.page_of_friction import write_page_of_friction
-from elastid.report.spec import ReportSpec
 from elastid.robot import Joint, Robot
 from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.elastic_joint import held_joint
@@ -46,11 +45,11 @@ from elastid.store import friction_study as stored
 from elastid.store.artefacts import Stamp
 from elastid.store.measured import write_pass_reference, write_torque_reference
 from elastid.store.results import read_twin
+from elastid.study.sections import ReportSpec
 from elastid.validation.friction_prediction import predict_logs
 from elastid.validation.friction_twin import friction_balances, friction_runs
-from elastid.validation.prediction import NO_PREDICTION
 from elastid.validation.twin import describe_balance
-from elastid.validation.twin_run import TwinFindings
+from elastid.validation.twin_run import NO_PREDICTION, TwinFindings
 
 
 def design_motions(

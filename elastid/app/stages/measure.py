@@ -1,22 +1,33 @@
-"""measure: a plan and a rig, or logs -> records.h5; an interrupted measurement is resumed."""
+"""measure: a plan and a rig, or logs -> records.h5; an interrupted measurement is resumed. Static load tests."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from elastid.app.console import Console
 from elastid.app.work import Artefacts, Work
+from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import Rig
+from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import Places
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.record import FrictionRecord, Record
+from elastid.fit.load_tests import LoadsSpec, LoadTest
+from elastid.fit.problem.static_loads import PlacedTest, load_of, placed_tests
+from elastid.linear.loaded import LoadedRobot
+from elastid.model.formulation import formulate
+from elastid.record import Configuration, FrictionRecord, Record
 from elastid.recorded.rig import RecordedRig
+from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+from elastid.robot.robot import with_frames
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import remove_leftovers
 from elastid.store.measured import read_plan, read_records, write_records
@@ -89,3 +100,45 @@ def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
     """Notes and number of records."""
     console.notes(notes)
     console.say(f"measure: {count} records")
+
+
+def tests_of(
+    loads: LoadsSpec | None, robot: Robot, experiment: ExperimentSpec, responses: Sequence[FrequencyResponse], seed: int
+) -> tuple[PlacedTest, ...]:
+    """Of a study, in the configurations of its responses or of its experiment; none without the section.
+
+    On a simulated rig a test without a deflection is measured, with the error that it states; the same seed gives the
+    same readings.
+    """
+    if loads is None:
+        return ()
+    named = named_configurations(experiment)
+    named |= {response.configuration.name: response.configuration for response in responses}
+    tests = placed_tests(loads.tests, named)
+    if experiment.simulated is None or all(each.test.deflection is not None for each in tests):
+        return tests
+    truth = true_robot(robot, experiment.simulated.truth)
+    own = tuple(load_of(each, truth) for each in tests)
+    model = formulate(
+        with_frames(truth, (name for load in own for name in (load.frame, load.read_at))), experiment.simulated.model
+    )
+    exact, _ = LoadedRobot.of(model, own, [model.theta] * len(own), ()).deflections([model.theta] * len(own))
+    draws = np.random.SeedSequence([seed, len(tests)]).spawn(len(tests))
+    return tuple(
+        each if each.test.deflection is not None else replace(each, test=_measured(each.test, y, draw))
+        for each, y, draw in zip(tests, exact, draws, strict=True)
+    )
+
+
+def named_configurations(experiment: ExperimentSpec) -> dict[str, Configuration]:
+    """The configurations of an experiment by name."""
+    return {
+        name: Configuration(name, np.array(angles, dtype=float), carries=name not in experiment.without_payload)
+        for name, angles in experiment.configurations.items()
+    }
+
+
+def _measured(test: LoadTest, exact: FloatArray, draw: np.random.SeedSequence) -> LoadTest:
+    z = np.random.default_rng(draw).standard_normal(test.n_readings)
+    values = (exact + np.linalg.cholesky(test.error_covariance) @ z).tolist()
+    return replace(test, deflection=values[0] if test.n_readings == 1 else tuple(values))

@@ -21,7 +21,6 @@ from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.content import ReportContent, dense_models
 from elastid.report.page.page import FigureFormat, write_report
-from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.measured import (
@@ -34,6 +33,7 @@ from elastid.store.measured import (
     write_modes,
 )
 from elastid.store.results import read_comparison, read_fit, read_gears, read_motion, read_twin, read_validation
+from elastid.study.sections import ReportSpec
 
 
 def report(

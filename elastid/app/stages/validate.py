@@ -18,8 +18,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.tool import ToolSpec
+from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec

@@ -23,7 +23,7 @@ from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.robot.named_frames import with_frames
+from elastid.robot.robot import with_frames
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,12 @@ from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_names
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
-from elastid.report.figures import design, fit, friction, gears, measured_modes, modes, responses, validation
+from elastid.report.figures import design, fit, friction, modes, responses, validation
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.predicted import PredictedResponse
-from elastid.validation.prediction import NO_PREDICTION, Prediction
-from elastid.validation.twin_run import NO_TWIN, TORQUE, TwinFindings, TwinRun
+from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, TORQUE, Prediction, TwinFindings, TwinRun
 
 if TYPE_CHECKING:
     from elastid.friction_study.follow import FollowedFriction
@@ -69,7 +68,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
             "Torsion of each gear over its torque, loaded to and fro up to the largest torque of the records, with its "
             "95 % band, and the stiffness at zero torque alone."
         )
-        yield Drawing("gears", "gears", caption, partial(gears.hysteresis, content.gears, content.robot))
+        yield Drawing("gears", "gears", caption, partial(fit.hysteresis, content.gears, content.robot))
     yield from (replace(drawing, on_page=False) for drawing in _configurations(content))
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
         caption = "Error of every model on each configuration when it was left out of the fit."
@@ -189,14 +188,14 @@ def measured_mode_drawings(file: str, own: Modes, row: ModeRow, title: str) -> I
         "poles over the order of the estimator, and singular values of the response (mode indicator functions). Poles "
         "of noise wander from order to order; vertical lines are those that were taken for modes."
     )
-    draw = partial(measured_modes.stabilisation_diagram, own, title)
+    draw = partial(modes.stabilisation_diagram, own, title)
     yield of_configuration(own.configuration, f"{file}-stabilisation", caption, draw)
     if own.n_modes:
         caption = "mode shapes, the largest entry 1; a dash is the part out of phase."
         shapes = partial(modes.mode_shapes, row, title, own.rate_is_known)
         yield of_configuration(own.configuration, f"{file}-modes", caption, shapes)
         caption = "error of the response that the modes synthesise, and the noise of the measurement."
-        error = partial(measured_modes.synthesis_error, own, title)
+        error = partial(modes.synthesis_error, own, title)
         yield of_configuration(own.configuration, f"{file}-synthesis", caption, error)
 
 

@@ -1,4 +1,4 @@
-"""The fit: parameters with intervals, costs of the starts, correlations, singular values, modification indices."""
+"""The fit: parameters with intervals, costs of starts, correlations, singular values, indices; torsion of gears."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import FitResult
+from elastid.nonlinear.gear_result import ARCMIN, GearResult, GearSheet
 from elastid.report.content import ParameterRow
 from elastid.report.figures import style
+from elastid.robot import Robot
 
 # Inches: the panel of singular values is so wide, and so far from the matrix.
 VALUES_WIDTH, GAP = 3.2, 1.5
@@ -185,3 +188,44 @@ def modification_shares(result: FitResult) -> Figure:
     axes.set_xlim(0, 100)
     style.label(axes, x="share of the excess of V, %")
     return style.finish(figure, "What would explain the residuals beyond the noise", (axes,))
+
+
+_COLUMNS = 3
+
+
+def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
+    """Two panels a gear: torsion with its 95 % band; the same less that of the stiffness at zero torque."""
+    count = len(gears.sheets)
+    columns = min(_COLUMNS, count)
+    rows = 2 * math.ceil(count / columns)
+    size, margins = (style.WIDE, 2.4 * rows + 0.6), (0.8, 0.25, 0.95, 0.6)
+    figure, panels = style.panels(rows, columns, size, margins, (0.35, 0.5))
+    for spare in panels.flat:
+        spare.set_axis_off()
+    drawn = []
+    for i, sheet in enumerate(gears.sheets):
+        slides = robot is not None and robot.slides(f"motor {sheet.joint}")
+        factor, angle, torque = (1e3, "mm", "N") if slides else (ARCMIN, "arcmin", "N·m")
+        stiffness = sheet.number(f"k_{sheet.joint}")
+        linear = sheet.torque / (math.inf if stiffness is None else stiffness.value)
+        row, column = divmod(i, columns)
+        for axes, less in ((panels[2 * row, column], 0.0 * linear), (panels[2 * row + 1, column], linear)):
+            axes.set_axis_on()
+            _draw_loop(axes, sheet, less, factor)
+            drawn.append(axes)
+        panels[2 * row, column].plot(sheet.torque, factor * linear, color=style.WEAK, ls="--", label="k at zero torque")
+        words = f"joint {sheet.joint}"
+        style.label(panels[2 * row, column], f"torque of the gear in {torque}", f"torsion in {angle}", words)
+        style.label(panels[2 * row + 1, column], f"torque of the gear in {torque}", f"less torque / k, {angle}", words)
+    return style.finish(figure, "Torsion of the gears over their torque", drawn, drawn[:1])
+
+
+def _draw_loop(axes: Axes, sheet: GearSheet, less: FloatArray, factor: float) -> None:
+    """To and fro, each half with its own band."""
+    half = len(sheet.torque) // 2
+    y = factor * (sheet.torsion - less)
+    for part in (slice(None, half), slice(half, None)):
+        rising = np.argsort(sheet.torque[part])
+        band = QUANTILE_95 * factor * sheet.torsion_std[part][rising]
+        style.fill_band(axes, sheet.torque[part][rising], y[part][rising], band, style.FITTED, 0.3, label="95 % band")
+    axes.plot(sheet.torque, y, color=style.FITTED, lw=1.2, label="torsion, to and fro")

@@ -24,11 +24,10 @@ from elastid.base.files import clear_folder, write_whole
 from elastid.base.note import grouped
 from elastid.nonlinear.result import friction_rows
 from elastid.report import overview
-from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
+from elastid.report.content import ReportContent, ResponsesContent, gear_line, gear_table, parameter_rows, seen_words
 from elastid.report.figures import style
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings, drawings_of_responses
 from elastid.report.figures.style import own_style
-from elastid.report.gear_content import gear_line, gear_table, seen_words
 from elastid.report.page import booklet
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, pole_picker, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis

@@ -20,9 +20,8 @@ from elastid.study.checks.experiment import (
     check_simulated,
     check_structure,
 )
-from elastid.study.checks.fit import check_fit, check_model, check_moved_inertias
+from elastid.study.checks.fit import check_fit, check_loads, check_model, check_moved_inertias
 from elastid.study.checks.friction import check_friction
-from elastid.study.checks.loads import check_loads
 from elastid.study.checks.names import check_names
 from elastid.study.checks.recorded import check_recorded, check_responses, check_tool
 from elastid.study.checks.unused import check_unused

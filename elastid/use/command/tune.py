@@ -23,9 +23,10 @@ from elastid.use.command.plans import (
     margin_of,
     obstacle,
     require_ends,
+    rigid_references,
+    sampled,
     shortest,
 )
-from elastid.use.command.references import rigid_references, sampled
 from elastid.use.command.replay import DAMPING_RATIO, SETTLING_S, Outcome, TwinLoop, with_band
 
 RIGID, CATALOGUE, IDENTIFIED = "rigid feedforward", "elastic, catalogue", "elastic, identified"

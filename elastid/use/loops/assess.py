@@ -16,15 +16,16 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.simulation.controller import Gains
 from elastid.simulation.filters import Filters
-from elastid.use.loops.margins import Margins, margins
 from elastid.use.loops.plants import PlantMode, Plants
 from elastid.use.loops.sensitivity import (
     STABLE,
+    Margins,
     bandwidths,
     closed_loop_poles,
     controller_response,
     grid,
     largest_gain,
+    margins,
     peaks_db,
     scaled,
     sensitivity,

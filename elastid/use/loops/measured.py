@@ -24,8 +24,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.record import MOTION_ORDER, Motion, Record
 from elastid.response import FrequencyResponse
 from elastid.simulation.controller import Gains
-from elastid.use.loops.margins import Margins, margins
-from elastid.use.loops.sensitivity import largest_gain, scaled
+from elastid.use.loops.sensitivity import Margins, largest_gain, margins, scaled
 
 _MOST_DELAY = 5  # samples
 _INTEGRAL = 4.0  # standard deviations of an integral that is there; wrong in 6e-5 of loops without one

@@ -16,7 +16,7 @@ from elastid.app.console import Console
 from elastid.app.live.folder import write_simulated_log
 from elastid.app.live.session import Asked, Session
 from elastid.app.run import Run
-from elastid.design.goal import read_goal
+from elastid.design.next_experiment import read_goal
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.store.measured import read_plan

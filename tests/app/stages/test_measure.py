@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,10 @@ import h5py
 import numpy as np
 import pytest
 
+from elastid.app import cli
+from elastid.base.errors import StudyError
 from elastid.store.measured import read_records
+from elastid.study import load_study
 
 N, NAMES = 16384, ("torque", "motor", "load")
 STUDY = """\
@@ -95,3 +99,124 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
     records, peak = _measure(tmp_path)
     assert asked < records.stat().st_size < asked + 64 * 1024
     assert peak < 300e6 < asked / 3
+
+
+FRAME = "frames: [{name: tool, body: load, placement: {xyz: [0.4, 0, 0]}}]\n"
+LISTED = """\
+loads:
+  file: loads.csv
+  tests:
+    - {configuration: a, force: [0, 30, 0], mass: 2 kg, along: y, std: 1 um}
+    - {angles: [10 deg], torque: [0, 0, 5], frame: load, measured_at: tool, covariance: [1e-12, 1e-12, 1e-12, 0, 0, 0]}
+"""
+TOOL = """\
+validation:
+  left_out: [b]
+  tool:
+    motors: held
+    responses:
+      files: [{path: hammer.csv, configuration: b}]
+      channels:
+        - {role: u, at: force tool y, quantity: force, column: 1}
+        - {role: y, at: frame tool y, quantity: acceleration, column: 1}
+      relative_std: 0.02
+"""
+TAPPED = """\
+tool:
+  motors: controlled
+  stiffness: [40]
+  damping: [0.02 N*m*s/rad]
+  responses:
+    files: [{path: tapped.csv, configuration: a}]
+    channels:
+      - {role: u, at: force tool y, quantity: force, column: 1}
+      - {role: y, at: frame tool y, quantity: acceleration, column: 1, sign: -1}
+    relative_std: 0.02
+"""
+CSV = "configuration,fx,fy [N],fz,along_x,along_y,along_z,deflection [mm],std [um]\nb,10,0,0,1,0,0,,1\n"
+
+
+def write(tiny: Path, further: str = LISTED + TOOL, csv: str = CSV) -> Path:
+    robot = tiny.parent / "robot.yml"
+    robot.write_text(robot.read_text() + FRAME)
+    tiny.write_text(tiny.read_text() + further)
+    (tiny.parent / "loads.csv").write_text(csv)
+    f = np.linspace(5, 80, 60)
+    s = 2j * np.pi * f
+    G = s**2 * 0.4**2 / (1e-3 * s**2 + 0.01 * s + 60)
+    # The motor turns, too: 1e-3 s^2 + 1e-3 s, its drive, and the spring to the load.
+    spring, drive = 0.01 * s + 60, 1e-3 * s**2 + 1e-3 * s + 0.02 * s + 40
+    controlled = s**2 * 0.4**2 / (1e-3 * s**2 + spring - spring**2 / (drive + spring))
+    for name, response in (("hammer", G), ("tapped", -controlled)):
+        rows = np.column_stack([f, response.real, response.imag])
+        np.savetxt(tiny.parent / f"{name}.csv", rows, delimiter=",", header="freq_hz,re_1_1,im_1_1", comments="")
+    return tiny
+
+
+@pytest.mark.slow
+def test_a_study_with_load_tests_and_a_hammer(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The simulated rig measures the deflections; the hammer's response is predicted; both are on the page."""
+    path = write(tiny, LISTED + TOOL + TAPPED)
+    folder = tiny.parent / "run"
+    assert cli.run_command(["run", str(path), "--run", str(folder)]) == 0
+    summary = json.loads((folder / "summary.json").read_text())
+    loads = summary["static_loads"]
+    assert [each["configuration"] for each in loads["readings"]] == ["a", "load test", "load test", "load test", "b"]
+    turned = 0.0
+    for _ in range(50):  # 60 N m/rad hold 30 N at 0.4 m
+        turned = 0.4 * 30 * np.cos(turned) / 60
+    assert abs(loads["readings"][0]["measured"] - 0.4 * np.sin(turned)) < 5e-6
+    assert loads["cause"] == ""
+    predictions = json.loads((folder / "validation.json").read_text())["predictions"]
+    keys = [(each["configuration"], each["motors"], each["is_fitted"]) for each in predictions]
+    assert keys == [("b", "free", False), ("b", "held", False), ("a", "controlled", True)]
+    assert min(each["inside"] for each in predictions[1:]) > 0.9
+    at_tool = summary["tool_responses"]
+    assert at_tool["cause"] == ""
+    assert abs(at_tool["ratio"] - 1) < 3 * at_tool["ratio_std"]
+    assert [each["configuration"] for each in at_tool["responses"]] == ["a at the tool"]
+    page = (folder / "report.html").read_text()
+    assert "Predicted where it was not fitted" in page
+    assert "static load tests" in page
+    assert "Responses at the tool that were fitted" in page
+    assert "predicted: b, motors held: frame tool y by force tool y" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("csv", "words"),
+    [
+        (CSV.replace("b,10", "c,10"), "loads.csv:2:1: loads.tests[2].configuration: no configuration is called 'c'"),
+        (CSV.replace("b,10", "b,ten"), "loads.csv:2:3: loads.tests[2].force[0]: 'ten' is not a number with a unit"),
+        (CSV.replace("fx", "f_x"), "loads.csv:1:15: no column of load tests is called 'f_x'"),
+        (CSV.replace("0,,1", "0,1"), "loads.csv:2:1: 8 cells, and 9 names in line 1"),
+        (CSV.replace("b,10", "b,0"), "loads.csv:2:3: loads.tests[2].force: a load test without a load"),
+        (CSV.replace("b,10", "b,nan"), "loads.csv:2:3: loads.tests[2].force[0]: expected a finite number"),
+        (CSV.replace("[mm]", "[kg]").replace("0,,1", "0,5,1"), "unit 'kg' measures kg, not m"),
+        ("", "a row of names and a row for each test"),
+    ],
+)
+def test_a_fault_in_the_file_is_named_at_its_cell(tiny: Path, csv: str, words: str) -> None:
+    """Line and column of the CSV file, and the key that it fills."""
+    with pytest.raises(StudyError) as error:
+        load_study(write(tiny, LISTED, csv))
+    assert words in str(error.value), str(error.value)
+
+
+def test_faults_in_the_study_are_named(tiny: Path) -> None:
+    """A frame, a file and a channel that are not there."""
+    wrong = (LISTED + TOOL).replace("force tool y", "force hook y").replace("hammer.csv", "hamer.csv")
+    wrong = wrong.replace("std: 1 um}", "std: 1 um, frame: hok}")
+    wrong += (
+        TAPPED.replace("[40]", "[40, 50]")
+        .replace("[0.02 N*m*s/rad]", "[0.02, 0.03]")
+        .replace("frame tool y", "motor 1")
+    )
+    with pytest.raises(StudyError) as error:
+        load_study(write(tiny, wrong))
+    for words in (
+        "frame or body is called 'hok'",
+        "no such file",
+        "no input is called 'force hook y'",
+        "2 drives, and robot",
+    ):
+        assert words in str(error.value), str(error.value)

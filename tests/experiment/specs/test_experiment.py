@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from elastid.base.errors import StudyError
-from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
+from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 
 
@@ -21,3 +24,12 @@ def test_exactly_one_rig_with_its_kind() -> None:
 def test_one_period_shows_no_noise() -> None:
     with pytest.raises(ValueError, match="periods is 1; it must be at least 2"):
         ExperimentSpec(simulated=SimulatedSpec(), periods=1)
+
+
+@pytest.mark.parametrize("name", ["stiffness", "damping"])
+def test_a_drive_that_pushes_away_is_refused(name: str) -> None:
+    """A sign that was turned would make an unstable robot, whose response has no error that shows it."""
+    responses = ResponsesSpec(files=(ResponseFileSpec(path=Path("tap.csv"), configuration="a"),))
+    gains = {"stiffness": (40.0,), "damping": (0.1,)}
+    with pytest.raises(ValueError, match=f"{name} is -1"):
+        ToolSpec(responses, "controlled", **(gains | {name: (-1.0,)}))

@@ -203,7 +203,7 @@ def test_a_report_that_cannot_be_written_leaves_the_last_one_whole(tmp_path, mon
 def test_options_load_neither_matplotlib_nor_jinja():
     """`elastid check` reads the sections of a study and must not pay for figures."""
     code = (
-        "import sys, elastid.report.spec, elastid.validation.spec\n"
+        "import sys, elastid.study.sections, elastid.validation.spec\n"
         "print([m for m in ('matplotlib', 'jinja2', 'scipy') if m in sys.modules])"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

@@ -17,8 +17,7 @@ from elastid.use.command.collocation import SETTINGS, plan
 from elastid.use.command.equations import CommandedRobot
 from elastid.use.command.limits import MotionLimits
 from elastid.use.command.moves import point_to_point
-from elastid.use.command.plans import best_plan, planned_error
-from elastid.use.command.references import sampled, torque_of
+from elastid.use.command.plans import best_plan, planned_error, sampled, torque_of
 
 FREE = Limits()
 

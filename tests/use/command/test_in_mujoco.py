@@ -12,7 +12,7 @@ from elastid.simulation.controller import Gains, tune
 from elastid.use.command.collocation import plan
 from elastid.use.command.equations import CommandedRobot
 from elastid.use.command.limits import MotionLimits, References
-from elastid.use.command.references import rigid_references, sampled
+from elastid.use.command.plans import rigid_references, sampled
 
 mujoco = pytest.importorskip("mujoco")
 

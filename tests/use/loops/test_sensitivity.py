@@ -12,13 +12,13 @@ from elastid.record import Configuration
 from elastid.simulation.controller import Gains
 from elastid.simulation.filters import Filters
 from elastid.use.loops.cascade import Cascade
-from elastid.use.loops.margins import margins
 from elastid.use.loops.plants import Plants, PostureFamily, _sampled
 from elastid.use.loops.sensitivity import (
     bandwidths,
     closed_loop_poles,
     grid,
     largest_gain,
+    margins,
     peaks_db,
     scaled,
     sensitivity,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from plants.predicted_arm import result
 
-from elastid.report.page.page_of_map import MapContent, write_page_of_map
+from elastid.report.page.page_of_use import MapContent, write_page_of_map
 from elastid.store.results import read_map, write_map, write_map_table
 from elastid.use.map import WorkspaceMap, map_workspace
 

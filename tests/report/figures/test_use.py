@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plants.predicted_arm import result
 
-from elastid.report.figures.workspace import SHOWN, workspace_figure
+from elastid.report.figures.use import SHOWN, workspace_figure
 from elastid.use.map import WorkspaceMap, map_workspace
 
 ANGLES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
