@@ -40,9 +40,7 @@ from elastid.recorded.responses.universal import is_universal_file, uff_places
 from elastid.study.checks.logs import TIME_UNITS, is_time, time_of
 
 _MAX_SAMPLES = 1 << 18
-_MIN_ALIKE = 0.9  # correlation of the drives of two logs of one excitation
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
-_RATE_RANGE_HZ = (20.0, 200e3)  # of logs of machines
 _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
 
@@ -162,7 +160,7 @@ def _clock(log: Log) -> Clock:
         if len(t) > 2 and (np.all(np.diff(t) > 0) if is_time(name) else is_clock(t) and np.any(np.diff(t) != 1)):
             steps = np.diff(t)  # gaps left out, their mean is that of a clock that jitters or is rounded
             usual = 1 / float(np.mean(steps[steps < STAMPS.min_gap * np.median(steps)]))
-            low, high = _RATE_RANGE_HZ
+            low, high = 20.0, 200e3  # of logs of machines
             unit = next((u for u, s in TIME_UNITS.items() if low <= usual / s <= high), "s")
             grid = even_grid(t - t[0])
             rate_hz = (usual if grid is None else grid[1]) / TIME_UNITS[unit]
@@ -215,7 +213,8 @@ def _realisations(
         if len(u) < N or not np.isfinite(u).all():
             return tuple(range(len(logs)))
         one = (u[len(u) % N :].reshape(-1, N, len(drives))).mean(axis=0)
-        alike = [all(delay(a, b, N)[1] > _MIN_ALIKE for a, b in zip(other.T, one.T, strict=True)) for other in known]
+        # Correlation of the drives of two logs of one excitation.
+        alike = [all(delay(a, b, N)[1] > 0.9 for a, b in zip(other.T, one.T, strict=True)) for other in known]
         result.append(alike.index(True) if True in alike else len(known))
         if True not in alike:
             known.append(one)

@@ -75,7 +75,8 @@ def _rise(start: NDArray[Any]) -> str:
     time_s = np.asarray(t, dtype=np.float64) - float(t[0])
     steps = np.diff(time_s)
     usual = float(np.median(steps))
-    if steps.min() < 0 or time_s[-1] == 0 or np.mean(np.abs(steps - usual) <= 0.5 * usual) < _REGULAR:
+    # Other signals that rise have fewer steps near their median.
+    if steps.min() < 0 or time_s[-1] == 0 or np.mean(np.abs(steps - usual) <= 0.5 * usual) < 0.9:
         return ""
     grid, described = even_grid(time_s), TimeSteps.of(time_s)
     if grid is not None and len(grid[0]) == grid[0][-1] + 1:
@@ -83,8 +84,6 @@ def _rise(start: NDArray[Any]) -> str:
     return f"rises unevenly: {described}, if it is the time in s; a study resamples on it where `time` names it"
 
 
-# Share of the steps of a time that are near their median; other signals that rise have fewer.
-_REGULAR = 0.9
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest", "")
 # Files of a run folder that hold no signals.
 _WITHOUT_SIGNALS = (".html", ".pdf", ".png", ".svg", ".yml")

@@ -37,7 +37,6 @@ from elastid.use.postures import random_postures, read_path
 
 NAME = "loops"
 RESULTS = ("loops.h5", "loops.yml", "loops.csv", "loops.html", "loops.png")
-MOST = 40  # postures of a path; each costs as much time as the others
 _GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")
 _POOR = 0.9  # explained part of a measured controller, below which its numbers are not used
 
@@ -176,7 +175,8 @@ def _postures(run: Run, result: FitResult, choice: Choice) -> tuple[Configuratio
     family = result.family(Ports())
     if choice.path is not None:
         angles = read_path(choice.path, family.robot, family.frame).angles
-        angles = angles[np.unique(np.linspace(0, len(angles) - 1, MOST).astype(int))]
+        # Each posture costs as much time as the others.
+        angles = angles[np.unique(np.linspace(0, len(angles) - 1, 40).astype(int))]
     else:
         angles = random_postures(family.robot, choice.random or 1, run.study.seed or 0)
     kind = "random" if choice.path is None else "path"

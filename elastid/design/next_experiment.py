@@ -102,7 +102,6 @@ def _share(width: str, text: str) -> float:
 
 
 SAFE = 0.9  # part of the goal that an experiment must be expected to use at most, to count as reaching it
-VAGUE = 1.0  # std of a parameter before any data, of ln p or as a part of a linear one's size
 TRIED = 8  # configurations whose other lengths are compared, and that are tried where limits refuse the best
 MOST_REPEATS = 4096  # of one experiment, beyond which a goal counts as out of reach
 
@@ -133,7 +132,8 @@ class Known:
 def _prior_information(parameters: ParameterSet) -> FloatArray:
     """Information (n_x, n_x) of priors, and of vague ones where there are none."""
     free = parameters.free
-    stds = [p.prior.std if p.prior else VAGUE * (1.0 if p.log else abs(p.value) or 1.0) for p in free]
+    # Without a prior 1 of ln p, or the size of a linear parameter.
+    stds = [p.prior.std if p.prior else 1.0 if p.log else abs(p.value) or 1.0 for p in free]
     return np.diag(1 / np.square(stds))
 
 

@@ -22,7 +22,6 @@ from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
 from elastid.use.command.equations import SLIDING
 
-_TABLE_POINTS = 201
 _FASTEST = 3.0  # rad/s (m/s) to which a table goes of a joint without a limit of velocity
 
 
@@ -78,7 +77,7 @@ void friction_torque(const double v[{m}], double u[{m}]) {{
 def _rows(robot: Robot, function: ca.Function) -> Iterable[tuple[str, float, float]]:
     fastest = [joint.limits.velocity if np.isfinite(joint.limits.velocity) else _FASTEST for joint in robot.driven]
     # Denser about standstill, where friction turns around.
-    share = np.sinh(np.linspace(-6, 6, _TABLE_POINTS)) / np.sinh(6)
+    share = np.sinh(np.linspace(-6, 6, 201)) / np.sinh(6)
     v: FloatArray = np.outer(fastest, share)
     u = function.map(v.shape[1])(v).full()
     for joint, speeds, torques in zip(robot.driven, v.tolist(), u.tolist(), strict=True):

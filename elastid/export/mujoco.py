@@ -43,8 +43,6 @@ from elastid.store.files import write_text
 MIN_INERTIA = 1e-12
 # Bodies that may be given an element for a joint: the element, and the body's axes in it.
 Elements = Mapping[str, tuple[ET.Element, Placement]]
-# kg, kg m^2: of the massless end of a rod and of its spin, which time steps need more of than the response.
-LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-4
 # A constraint that is closed within two steps of 0.5 ms, and as hard as the engine takes it.
 _HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
 # Of a robot without loops.
@@ -333,7 +331,8 @@ def _part(rod: Rod) -> float:
 
 def _point_mass(body: ET.Element, mass: float, x: float) -> None:
     """A mass at a distance along the rod; the engine refuses none at all."""
-    least, inertia = max(mass, LEAST_MASS), in_full([LEAST_INERTIA] * 3)
+    # The massless end of a rod and its spin: time steps need more of them (kg, kg m^2) than the response.
+    least, inertia = max(mass, 1e-3), in_full([1e-4] * 3)
     ET.SubElement(body, "inertial", pos=in_full((x, 0.0, 0.0)), mass=repr(float(least)), diaginertia=inertia)
 
 

@@ -18,10 +18,6 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.friction_study.passes import PLATEAUS, Plateau, find_plateaus
 
-# Samples of jumps in a period of the passband.
-_JUMP_RATES = 100.0
-# Samples that the derivatives of a spline reach.
-_SPLINE_REACH = 4
 # Share of the samples that slide clear of reversals, below which all are used.
 MIN_USED = 0.2
 
@@ -91,7 +87,8 @@ class MotionSignals:
         logged = make_interp_spline(samples / rate, motion.position, k=5)
         derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])
         # A jump between two samples is sampled as its part within the band is.
-        finer = max(1, int(np.ceil(_JUMP_RATES * passband_hz / rate)))
+        # Samples of jumps in a period of the passband.
+        finer = max(1, int(np.ceil(100.0 * passband_hz / rate)))
         instants = np.arange(finer * len(position)) / (finer * rate)
         velocity = np.asarray(spline(instants, nu=1))
         direction = resample_poly(np.sign(velocity), 1, finer, padtype="line")
@@ -123,7 +120,8 @@ class MotionSignals:
         """At full rate (n,), true where neither rest nor a reversal is within the filter."""
         sign = np.sign(self.velocity)
         turns = np.append(False, sign[1:] != sign[:-1])
-        return ~within(self.rests | turns, len(self.taps) // 2 + _SPLINE_REACH)
+        # The derivatives of a spline reach 4 samples.
+        return ~within(self.rests | turns, len(self.taps) // 2 + 4)
 
     @cached_property
     def used(self) -> BoolArray:

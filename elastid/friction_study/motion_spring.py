@@ -20,8 +20,8 @@ from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regress
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.motion_terms import MotionTerms, equations_of
 
-# Frequencies at which links are tried, over the passband, damping ratio, and refined frequencies between neighbours.
-_FREQUENCIES, _DAMPING, _REFINED = np.geomspace(0.125, 2.0, 13), 0.03, 7
+# Frequencies at which links are tried, over the passband, and damping ratio.
+_FREQUENCIES, _DAMPING = np.geomspace(0.125, 2.0, 13), 0.03
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def find_spring(
     every = [(log, own, _noise_variance(motion, own)) for log, motion, own in zip(logs, motions, signals, strict=True)]
     frequencies = _FREQUENCIES * signals[0].passband_hz
     i = _best(every, rigid["inertia"], frequencies)
-    between = np.geomspace(frequencies[max(i - 1, 0)], frequencies[min(i + 1, len(frequencies) - 1)], _REFINED)
+    between = np.geomspace(frequencies[max(i - 1, 0)], frequencies[min(i + 1, len(frequencies) - 1)], 7)
     freq_hz = float(between[_best(every, rigid["inertia"], between)])
     elastic, part, by_noise = _with_link(every, rigid["inertia"], freq_hz)
     fit = solve(elastic, signals[0].kept_hz).of_joint(0, range(len(names) + 1), (*names, "spring"))

@@ -23,8 +23,8 @@ HEAT = ("temperature.coulomb", "temperature.viscous")
 MIN_BETWEEN = 0.05
 # Polynomials of the angle by which dry friction may change.
 ANGLE = ("angle.1", "angle.2", "angle.3", "angle.4")
-# Stribeck velocities that are tried, as shares of the highest speed, and steps of the search for the best.
-_VELOCITIES, _STEPS = np.geomspace(0.01, 0.4, 12), 12
+# Stribeck velocities that are tried, as shares of the highest speed.
+_VELOCITIES = np.geomspace(0.01, 0.4, 12)
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ def _ripple(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: 
 
 
 def regressed(
-    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, steps: int = _STEPS
+    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, steps: int = 12
 ) -> Regression:
     """steps: of the search for the Stribeck velocity, by its column in the Jacobian (Gauss and Newton)."""
     fit = _solved(motions, signals, terms)

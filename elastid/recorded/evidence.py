@@ -17,8 +17,6 @@ from elastid.base.arrays import FloatArray
 
 # Widths of the Gaussian in samples: the band up to a tenth of the rate, a fortieth, and a hundred-sixtieth.
 WIDTHS = (2.0, 8.0, 32.0)
-_MIN_WIDTHS = 20  # in a log, at least
-_LARGE_ANGLE = 0.3  # rad, from which on gravity changes as a cosine
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> Float
 
 def widths(n: int) -> tuple[float, ...]:
     """Those that a log of n samples is long enough for."""
-    return tuple(width for width in WIDTHS if n > _MIN_WIDTHS * width)
+    return tuple(width for width in WIDTHS if n > 20 * width)
 
 
 def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> Iterator[MotionRelation]:
@@ -100,7 +98,8 @@ def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width
     s = derivative(np.sign(quick), 0, rate_hz, width)
     columns = [a, v, s, np.ones_like(a)]
     angle = {0: y, 1: _integral(y, rate_hz)}.get(order) if turns else None
-    if angle is not None and np.ptp(angle) > _LARGE_ANGLE:
+    # From 0.3 rad on gravity changes as a cosine.
+    if angle is not None and np.ptp(angle) > 0.3:
         q = derivative(angle, 0, rate_hz, width)
         columns += [np.cos(q), np.sin(q)]
     # Smoothed signals need no more samples than two a width.

@@ -53,7 +53,6 @@ from elastid.use.draws import draw_robots, estimated_robot
 
 # Springs of a robot that was not measured yet may be off by this factor; data sheets are by 1.2 to 1.5.
 FACTOR = 1.5
-DISTORTION = 0.03  # by friction in one realisation, relative to |G|, before any log shows it
 DRAWS = 2  # robots at twice the deviations of the fit, on which the limits are kept, too
 
 
@@ -108,7 +107,8 @@ class Session:
         outputs = study.experiment.as_simulated().outputs or robot.motor_locations
         folder = LiveFolder(run.folder / "live", robot, outputs)
         candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)
-        noise = study.design.noise if study.design else LevelSpec(distortion=DISTORTION * coulomb_levels(robot).any())
+        # Friction, before any log shows it: in one realisation, relative to |G|.
+        noise = study.design.noise if study.design else LevelSpec(distortion=0.03 * coulomb_levels(robot).any())
         design = DesignSpec(count=1, candidates=candidates, parameters=tuple(goal.widths), noise=noise)
         experiment = replace(study.experiment, configurations={}, without_payload=())
         problem = DesignProblem(

@@ -23,7 +23,6 @@ from elastid.recorded.repair.clock import CLOCK, HALF_WIDTH, PASSBAND, RESAMPLED
 GAPS = "samples missing in time"
 # Knots that are solved for together, and those beyond either end that are solved for and not used.
 _KNOTS, _OVERLAP = 16384, 4 * HALF_WIDTH
-_IN_A_ROW = 8  # steps, whose mean no knots are closer than
 _TOLERANCE = 1e-8  # below the noise of any sensor
 
 
@@ -157,7 +156,7 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     own = np.diff(time_s)
     gaps = np.flatnonzero(own > STAMPS.min_gap * steps.median)
     of_knots = np.delete(own, gaps)
-    row = min(_IN_A_ROW, len(of_knots))
+    row = min(8, len(of_knots))  # steps, whose mean no knots are closer than
     knot_hz = 1 / float(np.convolve(of_knots, np.full(row, 1 / row), mode="valid").max())
     if knot_hz < STAMPS.min_rate_share * rate_hz:
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)

@@ -19,8 +19,8 @@ from elastid.record import Configuration
 from elastid.report.figures import style
 from elastid.robot import Robot
 
-# Stick figures side by side; width and height of each, and the room above all, in inches.
-MAX_COLUMNS, PANEL, ABOVE = 4, (2.4, 2.7), 0.3
+# Width and height of a stick figure in inches.
+PANEL = (2.4, 2.7)
 LOOKS: dict[StickKind, tuple[str, float]] = {
     "arm": (style.MEASURED, 3.0),
     "mass": (style.FITTED, 1.5),
@@ -69,9 +69,9 @@ def configuration_sketches(robot: Robot, configurations: Sequence[Configuration]
     # All to one scale, the base in the middle.
     side = max(float(np.abs(points[:, :, :2]).max()), 0.5 * float(np.abs(points[:, :, 2]).max()), 1e-6)
     bottom, top = min(0.0, float(points[:, :, 2].min())), max(float(points[:, :, 2].max()), 1e-6)
-    columns = min(MAX_COLUMNS, len(configurations))
+    columns = min(4, len(configurations))
     rows = -(-len(configurations) // columns)
-    height = PANEL[1] * rows + ABOVE
+    height = PANEL[1] * rows + 0.3
     figure = Figure(figsize=(PANEL[0] * columns, height))
     for i, (configuration, caption) in enumerate(zip(configurations, captions, strict=True)):
         axes = figure.add_subplot(rows, columns, i + 1, projection="3d")

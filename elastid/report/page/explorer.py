@@ -126,10 +126,6 @@ def _packed(values: FloatArray | ComplexArray) -> str:
     return base64.b64encode(np.ascontiguousarray(values.transpose(1, 2, 0)).astype(single).tobytes()).decode("ascii")
 
 
-# Points of the curve behind the poles.
-LEVELS = 500
-
-
 def pole_picker(modes: Sequence[Modes], has_section: bool) -> str:
     """Data of the poles over orders of each response as JSON; empty where none has any.
 
@@ -144,7 +140,7 @@ def _poles(own: Modes, has_section: bool) -> Mapping[str, Any]:
     """Poles within the band, the modes, and the largest singular value as a share of its span in dB."""
     diagram, f = own.diagram, own.at_hz
     inside = (diagram.freq_hz >= f[0]) & (diagram.freq_hz <= f[-1])
-    every = np.unique(np.linspace(0, len(f) - 1, LEVELS).astype(int))
+    every = np.unique(np.linspace(0, len(f) - 1, 500).astype(int))
     level = np.log(np.maximum(own.indicators[every, 0], np.finfo(float).tiny))
     share = (level - level.min()) / max(float(np.ptp(level)), 1e-9)
     return {
@@ -155,10 +151,6 @@ def _poles(own: Modes, has_section: bool) -> Mapping[str, Any]:
         "zeta": [float(f"{each:.4g}") for each in diagram.zeta[inside]],
         "at": [float(f"{each:.6g}") for each in f[every]], "level": share.round(3).tolist(),
     }  # fmt: skip
-
-
-# To the size of the robot.
-STEPS = 5000
 
 
 def mode_viewer(rows: Sequence[ModeRow], rate_is_known: bool) -> str:
@@ -174,7 +166,7 @@ def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
     drawing = row.drawing
     if drawing is None:
         return None
-    step = float(f"{np.ptp(drawing.points, axis=0).max() / STEPS:.4g}")
+    step = float(f"{np.ptp(drawing.points, axis=0).max() / 5000:.4g}")
     modes = [_mode_content(row, drawing, mode, step, unit) for mode in range(len(row.frequency_hz))]
     sticks = {"points": _whole(drawing.points, step), "links": drawing.links, "joints": drawing.joints}
     return {"step": step, **sticks, "down": drawing.up if drawing.hanging else -1, "modes": modes}

@@ -83,7 +83,6 @@ def _projected(drawing: ModeDrawing) -> FloatArray:
 MIN_REACH, MAX_REACH = 1.02, 100.0
 # Of a row; pixels of the drawing of its interval.
 MARKS = ("low", "high", "start", "truth")
-BAR_WIDTH = 120.0
 
 
 def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapping[str, Any]:
@@ -143,7 +142,7 @@ def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | 
         if value is None:
             return math.nan
         ratio = float(np.clip(_log_ratio(value, row.estimate) / reach, -1, 1))
-        return round(BAR_WIDTH / 2 * (1 + 0.94 * ratio), 1)
+        return round(60 * (1 + 0.94 * ratio), 1)
 
     axis = {
         row.name: {
