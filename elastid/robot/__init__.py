@@ -42,10 +42,9 @@ from elastid.robot.friction import (
     MeasuredRange,
     TemperatureDependence,
 )
-from elastid.robot.gear import Gear, GearRipple, Hysteresis, TransmissionError
 from elastid.robot.gears import GearCoupling
 from elastid.robot.gravity_compensator import Anchor, CoilSpring, Compensator, GasSpring
-from elastid.robot.joint import Joint, Limits, Motor
+from elastid.robot.joint import Gear, GearRipple, Hysteresis, Joint, Limits, Motor, TransmissionError
 from elastid.robot.loop import Loop, Pin, Rod
 from elastid.robot.measurement_chain import Chain, ChannelGain, gain_name
 from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
