@@ -74,15 +74,8 @@ def section(value: Any, names: str) -> dict[str, Any]:
 def failure(name: str, starts: int, message: str) -> dict[str, Any]:
     """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
     lists = ("correlations_above_0.9", "modification_indices", "rigid_parts", "modes", "frf_error", "warnings", "notes")
-    numbers: dict[str, Any] = {
-        "static_loads": None,
-        "tool_responses": None,
-        "cost": None,
-        "cost_expected": None,
-        "dof": None,
-        "starts": starts,
-        "hits": 0,
-    }
+    numbers = dict.fromkeys(("static_loads", "tool_responses", "cost", "cost_expected", "dof"))
+    numbers |= {"starts": starts, "hits": 0}
     rest: dict[str, Any] = {"parameters": {}, "tolerated": {}, "friction": None, **{key: [] for key in lists}}
     return {**_head(name, "failed", message), **numbers, **rest}
 

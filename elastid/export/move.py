@@ -97,21 +97,17 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
     """The text of move.c and move.h."""
     n, m, step = len(tuned.time_s), len(tuned.joints), float(np.diff(tuned.time_s).mean())
     lines = [f"{tuned.name}: a move of {tuned.duration:.6g} s, link side, SI, t in s from its first sample.", ""]
-    lines += [f"Entries: {', '.join(f'[{i}] motor {name} ({unit})' for i, (name, unit) in _named(tuned))}"]
+    motors = enumerate(zip(tuned.joints, tuned.units, strict=True))
+    lines += [f"Entries: {', '.join(f'[{i}] motor {name} ({unit})' for i, (name, unit) in motors)}"]
     lines += ["move_at: position q, velocity v, feedforward torque u at t; returns 1 once the move is over."]
     lines += ["Torque on the motor's side is u over the gear ratio, position and velocity times it."]
     comment = c_comment(lines)
-    rows = {name: _rows(getattr(tuned, name)) for name in ("position", "velocity", "torque")}
+    rows = {
+        name: "".join(f"  {c_row(row)},\n" for row in getattr(tuned, name))
+        for name in ("position", "velocity", "torque")
+    }
     source = _C.format(comment=comment, n=n, m=m, step=step, last=float(n - 1), cells=n - 1, **rows)
     return {"move.c": source, "move.h": _H.format(comment=comment, m=m, duration=float(step * (n - 1)))}
-
-
-def _named(tuned: TunedMove) -> list[tuple[int, tuple[str, str]]]:
-    return list(enumerate(zip(tuned.joints, tuned.units, strict=True)))
-
-
-def _rows(values: FloatArray) -> str:
-    return "".join(f"  {c_row(row)},\n" for row in values)
 
 
 def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:

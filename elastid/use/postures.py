@@ -98,7 +98,7 @@ def inverse_kinematics(
     away = np.linalg.norm(position[:, None] - there.position[None], axis=2)
     if rotation is not None:
         turned = np.einsum("qij,sij->qs", rotation, there.rotation)
-        away = away + np.arccos(np.clip((turned - 1) / 2, -1, 1)) * _reach(there.position)
+        away = away + np.arccos(np.clip((turned - 1) / 2, -1, 1)) * float(np.ptp(there.position, axis=0).max()) / np.pi
     for rank in range(INVERSE.starts):
         q = seeds[np.argsort(away, axis=1)[:, rank]]
         q, left = _descend(robot, frame, position, rotation, q, low, high)
@@ -121,10 +121,6 @@ def follow_path(
         if left[0] < INVERSE.position:
             angles[i], reached[i] = q[0], True
     return angles, reached
-
-
-def _reach(position: FloatArray) -> float:
-    return float(np.ptp(position, axis=0).max()) / np.pi
 
 
 def _descend(

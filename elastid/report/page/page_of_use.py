@@ -132,9 +132,13 @@ def write_page_of_map(workspace: WorkspaceMap, folder: Path, provenance: Mapping
     """folder/map.html and folder/map.png; the path of the page."""
     content = MapContent(workspace, f"Map of {workspace.name}", provenance)
     page = render("map.html.j2", content, (), scripts=(asset("map.js"),), map_data=map_data(workspace))
-    write_whole(folder / "map.png", rendered(workspace_figure(workspace), "png"))
-    write_whole(folder / "map.html", page.encode("utf-8"))
-    return folder / "map.html"
+    return _written(folder / "map.html", page, rendered(workspace_figure(workspace), "png"))
+
+
+def _written(path: Path, page: str, picture: bytes) -> Path:
+    write_whole(path.with_suffix(".png"), picture)
+    write_whole(path, page.encode("utf-8"))
+    return path
 
 
 @dataclass(frozen=True)
@@ -200,9 +204,7 @@ def write_page_of_move(move: TunedMove, folder: Path, provenance: Mapping[str, s
     picture = rendered(move_figure(move), "png")
     figure = base64.b64encode(picture).decode("ascii")
     page = render("move.html.j2", MoveContent(move, f"Move of {move.name}", provenance, figure), ())
-    write_whole(folder / "tune.png", picture)
-    write_whole(folder / "tune.html", page.encode("utf-8"))
-    return folder / "tune.html"
+    return _written(folder / "tune.html", page, picture)
 
 
 @own_style()
@@ -259,6 +261,4 @@ def write_page_of_loops(loops: Loops, snippet: str, folder: Path, provenance: Ma
     picture = rendered(loops_figure(loops), "png")
     figure = base64.b64encode(picture).decode("ascii")
     content = LoopContent(loops, f"Joint loops of {loops.name}", provenance, figure, snippet)
-    write_whole(folder / "loops.png", picture)
-    write_whole(folder / "loops.html", render("loops.html.j2", content, ()).encode("utf-8"))
-    return folder / "loops.html"
+    return _written(folder / "loops.html", render("loops.html.j2", content, ()), picture)

@@ -101,8 +101,8 @@ def _check_geometry(study: Study, parameters: ParameterSet) -> Iterator[Problem]
 def check_moved_inertias(study: Study) -> Iterator[Problem]:
     """The mass matrix is positive definite, also with the starts of the fit; else the body and the axis of a joint."""
     robot = study.as_robot()
-    if not _may_be_singular(robot):
-        return
+    if all(_resists(body) for body in robot.bodies if body.joints):
+        return  # M is positive definite where every motion of a body by its own joints moves inertia
     # Brings the equations' library, which other studies do without here.
     from elastid.model.closed_posture import assembled
     from elastid.model.kinematics import joint_without_inertia
@@ -118,11 +118,6 @@ def check_moved_inertias(study: Study) -> Iterator[Problem]:
         if still is not None and joint_without_inertia(starting, q) is not None:
             yield _problem(robot, still, name)
             return
-
-
-def _may_be_singular(robot: Robot) -> bool:
-    """True if a motion of some body by its own joints may move no inertia; M is positive definite where none does."""
-    return not all(_resists(body) for body in robot.bodies if body.joints)
 
 
 def _resists(body: Body) -> bool:

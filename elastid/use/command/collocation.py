@@ -21,7 +21,6 @@ import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
 
 from elastid.base.arrays import FloatArray
-from elastid.model.kinematics import Poses
 from elastid.use.command.equations import CommandedRobot
 from elastid.use.command.limits import MotionLimits
 from elastid.use.command.moves import Move
@@ -274,7 +273,7 @@ class _Problem:
 
     @property
     def _R(self) -> ca.DM:
-        return ca.DM(_columns(self.target).T)
+        return ca.DM(self.target.rotation.transpose(0, 2, 1).reshape(-1, 9).T)
 
     def _bounded(self, Q: Any, V: Any, A: Any, jerk: Any, inner: list[ca.DM]) -> list[tuple[Any, ca.DM, FloatArray]]:
         """Motions of the motors with a finite limit: expression about its middle, slope to the coefficients, reach."""
@@ -297,11 +296,6 @@ class _Problem:
         c[:_HELD], c[-_HELD:] = self.ends
         c[self.inner] = x[: self.n_q * self.n].reshape(self.n, self.n_q)
         return BSpline(self.mesh.knots, c, DEGREE)
-
-
-def _columns(poses: Poses) -> FloatArray:
-    """Rotations (N, 9), column by column."""
-    return poses.rotation.transpose(0, 2, 1).reshape(-1, 9)
 
 
 def _block_diagonal(blocks: list[Any]) -> Any:

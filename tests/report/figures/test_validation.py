@@ -20,8 +20,8 @@ from elastid.report.figures.validation import (
 )
 from elastid.report.page.page import rendered
 from elastid.report.page.page_of_friction import html_of_friction
-from elastid.store.friction_study import write_friction_result
-from elastid.store.results import FRICTION, read_twin
+from elastid.store.friction_study import FRICTION, write_friction_result
+from elastid.store.results import read_twin
 from elastid.validation.agreement import validate
 from elastid.validation.comparison import ComparedModel, Comparison
 from elastid.validation.twin import DRY, INERTIA, TorqueBalance, torque_balance
