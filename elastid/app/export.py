@@ -17,7 +17,7 @@ from elastid.app.identified_robot import (
     with_terms_of,
 )
 from elastid.app.run import Run
-from elastid.app.stages.fit import TRUSTED
+from elastid.app.stages.fit import warn_of_distrust
 from elastid.base.errors import StudyError
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
@@ -102,8 +102,7 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     if gears is not None and gears.effects and target in _LEFT_OUT:
         run.console.say(f"export: {target} has k and d as found beside the effects of the gears; {_LEFT_OUT[target]}")
     paths = tuple(path for label, model in models.items() for path in write(folder / file_name(label), model))
-    if result.status not in TRUSTED:
-        run.console.warn(f"export: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+    warn_of_distrust(run, "export", result)
     return _reported(run, paths)
 
 
@@ -126,8 +125,7 @@ def _export_draws(run: Run, count: int) -> tuple[Path, ...]:
             run.console.warn(f"export: no MJCF of the draws: {lacking}")
         if draws.held:
             run.console.warn(f"export: the data do not reach {', '.join(draws.held)}, which all draws share")
-    if result.status not in TRUSTED:
-        run.console.warn(f"export: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+    warn_of_distrust(run, "export", result)
     return _reported(run, tuple(paths))
 
 

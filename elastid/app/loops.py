@@ -12,7 +12,7 @@ import numpy as np
 
 from elastid.app.identified_robot import with_found_friction
 from elastid.app.run import Run, logged_in
-from elastid.app.stages.fit import TRUSTED
+from elastid.app.stages.fit import current_fit, warn_of_distrust
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.experiment.simulated.plant import true_robot
@@ -26,7 +26,7 @@ from elastid.robot import Robot
 from elastid.simulation.controller import Gains
 from elastid.store.files import keep_checksums, write_rows, write_text
 from elastid.store.measured import read_friction, read_records
-from elastid.store.results import read_fit, write_loops
+from elastid.store.results import write_loops
 from elastid.study.source import read_source
 from elastid.use.draws import estimated_robot
 from elastid.use.loops.assess import LoopState
@@ -56,11 +56,8 @@ def loops_study(run: Run, choice: Choice) -> None:
     """All results of the study's fit; StudyError without a current one, FitError where no gains keep the limit."""
     if choice.delay is not None and choice.delay > MAX_DELAY_SAMPLES:
         raise StudyError(f"--delay {choice.delay}: a controller answers within {MAX_DELAY_SAMPLES} samples")
-    run.study.as_robot()
-    run.require_stage("fit")
-    run.require_result("fit")
+    result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
-        result = read_fit(run.path("fit"))
         own_hz = _own_rate(run)
         rate_hz = choice.rate_hz or own_hz
         if rate_hz is None:
@@ -85,8 +82,7 @@ def loops_study(run: Run, choice: Choice) -> None:
                 f"{_place(run, 'experiment', kind, 'controller')}: today's controller ({loops.source}) is unstable at "
                 f"{own_hz or rate_hz:g} Hz in posture {', '.join(lost)}; take the gains of {run.folder / RESULTS[1]}"
             )
-        if result.status not in TRUSTED:
-            run.console.warn(f"{NAME}: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+        warn_of_distrust(run, NAME, result)
 
 
 def _own_rate(run: Run) -> float | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.app.export import gears_of
 from elastid.app.run import Run, logged_in
-from elastid.app.stages.fit import TRUSTED
+from elastid.app.stages.fit import TRUSTED, current_fit
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.base.errors import StudyError
@@ -18,7 +18,7 @@ from elastid.fit.posture import Family
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.page.page_of_use import write_page_of_map
 from elastid.store.files import keep_checksums
-from elastid.store.results import read_fit, write_map, write_map_table
+from elastid.store.results import write_map, write_map_table
 from elastid.use.compliance import Cut
 from elastid.use.map import WorkspaceMap, family_of_map, map_family
 from elastid.use.postures import grid_postures, random_postures, read_path
@@ -66,10 +66,7 @@ def map_study(
     run: Run, frame: str | None, postures: Postures, cut: Cut, band_hz: Sequence[float] | None = None
 ) -> None:
     """map.h5, map.csv, map.html and map.png of the study's fit; StudyError without a current one."""
-    run.study.as_robot()
-    run.require_stage("fit")
-    run.require_result("fit")
-    result = with_gears(read_fit(run.path("fit")), gears_of(run))
+    result = with_gears(current_fit(run), gears_of(run))
     with logged_in(run.folder, run.jobs, run.console):
         family = family_of_map(result, frame)
         angles = postures.angles(run, family)

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.app.identified_robot import with_found_friction
 from elastid.app.run import Run, logged_in
-from elastid.app.stages.fit import TRUSTED
+from elastid.app.stages.fit import current_fit, warn_of_distrust
 from elastid.base.display import number
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
@@ -50,11 +50,8 @@ class Command:
 
 def tune_study(run: Run, asked: Command) -> None:
     """tune.h5, tune.csv and further files of a move on the study's fit; StudyError without a current one."""
-    run.study.as_robot()
-    run.require_stage("fit")
-    run.require_result("fit")
+    result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
-        result = read_fit(run.path("fit"))
         given = _given(run, asked)
         move = read_move(asked.path, given.identified, given.frame, 0.0 if asked.fastest else asked.duration)
         with run.console.progress("tune") as progress:
@@ -65,8 +62,7 @@ def tune_study(run: Run, asked: Command) -> None:
             run.console.say(f"tune: {line}")
         if tuned.advice:
             run.console.warn(f"tune: {tuned.advice}")
-        if result.status not in TRUSTED:
-            run.console.warn(f"tune: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+        warn_of_distrust(run, "tune", result)
 
 
 @dataclass(frozen=True)
@@ -82,11 +78,8 @@ class Region:
 
 def shape_study(run: Run, region: Region) -> None:
     """shapers.h5, shapers.csv and shapers.png of the study's fit; StudyError without a current one."""
-    run.study.as_robot()
-    run.require_stage("fit")
-    run.require_result("fit")
+    result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
-        result = read_fit(run.path("fit"))
         family = result.family(Asked(frame=region.frame))
         if region.path is None:
             angles = random_postures(family.robot, region.random or POSTURES, run.study.seed or 0)

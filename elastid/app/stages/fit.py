@@ -109,6 +109,20 @@ def fitted_rows(
     return parameter_rows(result, true, contained)
 
 
+def current_fit(run: Run) -> FitResult:
+    """The fit of a study; StudyError where there is none of its robot, or an outdated one."""
+    run.study.as_robot()
+    run.require_stage("fit")
+    run.require_result("fit")
+    return read_fit(run.path("fit"))
+
+
+def warn_of_distrust(run: Run, command: str, result: FitResult) -> None:
+    """A warning where the fit that a command works with cannot be trusted."""
+    if result.status not in TRUSTED:
+        run.console.warn(f"{command}: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+
+
 def conclude(run: Run) -> None:
     """Show the parameters, three answers as on the page, the files, and in the last line the meaning of the status.
 

@@ -77,12 +77,8 @@ class MapContent:
             for i, name in enumerate(m.springs)
         ]
         return [
-            {
-                "name": name,
-                "limits": f"{100 * where:.0f} %",
-                "mean": f"{100 * mean:.0f} %",
-                "gain": f"{50 * soft:.0f} %",
-            }
+            {"name": name}
+            | {key: f"{100 * part:.0f} %" for key, part in (("limits", where), ("mean", mean), ("gain", soft / 2))}
             for soft, name, where, mean in sorted(rows, reverse=True)
         ]
 
