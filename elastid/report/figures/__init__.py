@@ -1,1 +1,1 @@
-"""The figures of a report, one subject a file; drawings.py is the catalogue. Values in, matplotlib Figure out."""
+"""The figures of a report, one theme a file; drawings.py is the catalogue. Values in, matplotlib Figure out."""
