@@ -12,7 +12,7 @@ that is correlated in time (ripple, cogging, cables): taken for white, it makes 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -207,7 +207,7 @@ def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> Followed
         for name, held in (("stiction", "stiction_ratio"), ("stribeck_velocity", "stribeck_velocity")):
             if name in numbers:
                 known[held] = float(np.hypot(known[held], numbers[name][1] / numbers[name][0]))
-    shared = _shared(identified)
+    shared = identified.shared
     if "inertia" in shared:
         value, std = shared["inertia"]
         own = joint.motor_inertia + joint.link_inertia
@@ -218,14 +218,6 @@ def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> Followed
         size, std = np.linalg.norm(gravity, axis=0).tolist()
         known["gravity"] = std / max(size, 1e-300)
     return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in known.items()})
-
-
-def _shared(identified: JointFriction) -> Mapping[str, tuple[float, float]]:
-    """Value and std of what is no friction, as the study has identified them: inertia, parts of gravity."""
-    if identified.motion is not None:
-        chosen = identified.motion.chosen
-        return {name: (chosen[name], chosen.std(name)) for name in chosen.names}
-    return {} if identified.levels is None else identified.levels.shared
 
 
 def _at_start(joint: FollowedJoint, samples: JointSamples) -> Estimate:

@@ -256,14 +256,14 @@ def _at_rest(
         i = static.names.index("viscous")
         viscous = static.viscous, float(np.sqrt(static.covariance[i, i]))
     try:
-        spring = _held(robot, records[0])
+        spring = held_spring(robot, records[0])
         return fit_at_rest(f"joint {joint}", rest_responses(records), spring, viscous)
     except (DataError, FitError) as error:
         notes.append(Note("nothing-at-rest", str(error), f"record {records[0].name}"))
         return None
 
 
-def _held(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
+def held_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
     """The joint with its spring, the others held; None for a rigid one."""
     angles = np.zeros(len(robot.driven)) if record.configuration is None else record.configuration.angles
     return held_joint(robot, record.joint, angles)
@@ -279,7 +279,7 @@ def _bristles(
     notes: list[Note],
 ) -> LuGreFit | None:
     """LuGre by multiple shooting through the joint's spring, with passes and responses at rest as prior knowledge."""
-    spring = _held(robot, record)
+    spring = held_spring(robot, record)
     if spring is None or static is None or levels is None or record.resolution <= 0:
         text = (
             "a LuGre law by shooting takes passes, a joint with a linear spring of its own and the resolution of its "

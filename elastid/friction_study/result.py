@@ -98,6 +98,14 @@ class JointFriction:
     notes: tuple[Note, ...] = ()
 
     @property
+    def shared(self) -> Mapping[str, tuple[float, float]]:
+        """Value and std of what is no friction, as identified: inertia, parts of gravity."""
+        if self.motion is not None:
+            chosen = self.motion.chosen
+            return {name: (chosen[name], chosen.std(name)) for name in chosen.names}
+        return {} if self.levels is None else self.levels.shared
+
+    @property
     def misfit(self) -> str:
         """Errors of the model that intervals of numbers from a motion do not hold; empty where passes have them."""
         return self.motion.misfit if self.motion is not None and self.static is None else ""

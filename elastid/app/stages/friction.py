@@ -29,7 +29,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
 from elastid.friction_study.follow import FollowedFriction, Motion, follow, with_tolerances
-from elastid.friction_study.identify import identify_friction
+from elastid.friction_study.identify import held_spring, identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointFriction, JointLevels
@@ -40,7 +40,6 @@ from elastid.report.friction_content import FrictionContent, part_words, refusal
 from elastid.report.page.page_of_friction import write_page_of_friction
 from elastid.robot import Joint, Robot
 from elastid.robot.friction_numbers import with_laws
-from elastid.simulation.elastic_joint import held_joint
 from elastid.store import friction_study as stored
 from elastid.store.artefacts import Stamp
 from elastid.store.measured import write_pass_reference, write_torque_reference
@@ -322,9 +321,7 @@ def _joint(
     known["stribeck_velocity"] = 1 / inverse_nu_s if inverse_nu_s > 0 else 0.0
     known |= {"bristle_stiffness": bristle_stiffness, "bristle_damping": bristle_damping}
     known["correlation_s"] = spec.correlation_time
-    posture = records[0].configuration
-    angles = np.zeros(len(robot.driven)) if posture is None else posture.angles
-    elastic = held_joint(robot, identified.joint, angles)
+    elastic = held_spring(robot, records[0])
     if elastic is None:
         joint = FollowedJoint(_inertia(identified), followed=spec.states, **known)
     else:
@@ -352,10 +349,8 @@ def _slip_deflection(records: Sequence[FrictionRecord]) -> float:
 
 
 def _inertia(identified: JointFriction) -> float:
-    if identified.motion is not None:
-        return identified.motion.chosen["inertia"]
-    if identified.levels is not None and "inertia" in identified.levels.shared:
-        return identified.levels.shared["inertia"][0]
+    if "inertia" in identified.shared:
+        return identified.shared["inertia"][0]
     raise StudyError(
         f"joint {identified.joint} has no spring in the robot's file, and no motion from which its inertia is known: a "
         "filter needs the inertia; record a motion that accelerates, or give the joint's spring"
@@ -364,12 +359,7 @@ def _inertia(identified: JointFriction) -> float:
 
 def _gravity(identified: JointFriction) -> Mapping[str, float]:
     """cos, sin and constant part of the torque that gravity and offsets take, as the study has identified them."""
-    if identified.motion is not None:
-        chosen = identified.motion.chosen
-        numbers = dict(zip(chosen.names, chosen.values.tolist(), strict=True))
-    else:
-        numbers = {name: value for name, (value, _) in (identified.levels.shared if identified.levels else {}).items()}
-    return {part: numbers.get(name, 0.0) for part, name in _PARTS.items()}
+    return {part: identified.shared.get(name, (0.0, 0.0))[0] for part, name in _PARTS.items()}
 
 
 def _motion(record: FrictionRecord, gravity: Mapping[str, float], first_s: float) -> Motion:
