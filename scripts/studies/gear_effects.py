@@ -19,7 +19,7 @@ Found, the intervals that hold and the largest errors of k and d in %, in 24 dra
 0.154; on both sides 88 of 96, 0.0016, 0.070; behind the gear 65 of 72, 0.0018, 0.067: 243 of 264, 92 %, a little too
 few. Errors of k over their std are -0.1, -0.1 and -0.3 in the mean. In 2 draws a gap 5 of 6, 0.0018, 0.053, and all at
 once 10 of 12, 0.0009, 0.051. Before laws that cannot win were left early: friction at the motor 44 of 48 in 16 draws,
-0.002, 0.03; hysteresis 16 of 18 in 6, 0.0012, 0.078; ranges of torque 14 of 16 in 4, 0.0125, 0.027. The other cases were
+0.002, 0.03; hysteresis 16 of 18 in 6, 0.0012, 0.078; ranges of torque 14 of 16 in 4, 0.0125, 0.027. Other cases were
 not run again.
 """
 
