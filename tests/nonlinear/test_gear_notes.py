@@ -21,7 +21,7 @@ def levels(correlation: float, **found: float) -> Levels:
     covariance = np.eye(2 + len(size))
     covariance[2:, 2:] = np.outer(size, size) * np.where(np.eye(len(size)) > 0, 1.0, correlation)
     x, none = PARAMETERS.x, np.zeros(len(size))
-    return Levels(PARAMETERS, effects, x, np.array([*found.values()]), covariance, 1, 0.0, (), (), none)
+    return Levels(PARAMETERS, effects, x, np.array([*found.values()]), covariance, 1, 0.0, 0.0, (), (), none)
 
 
 def test_two_that_were_found_alike_have_one_level() -> None:

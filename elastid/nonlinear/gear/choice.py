@@ -24,7 +24,6 @@ from elastid.nonlinear.gear.levels import (
     NormalEquations,
     find_levels,
     joints_of,
-    lack,
     normal_equations,
     priors,
     start_levels,
@@ -166,22 +165,28 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
     deflection = _sizes(data, found, linearisation, joints_of(linearisation)[0].index(joint))[1]
 
     def cost(levels: Levels) -> float:
-        return lack(data, levels) + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
+        return levels.lack + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
 
-    def tried(before: Levels, effects: tuple[GearEffect, ...], levels: FloatArray) -> Levels:
-        return _pruned(arguments, find_levels(*arguments, before.x, effects, np.append(levels, 0.0), _TRIAL))
+    tie = _TIE * sum(lines.Y.size for lines in data)
+
+    def tried(before: Levels, effects: tuple[GearEffect, ...], levels: FloatArray, limit: float) -> Levels:
+        trial = find_levels(*arguments, before.x, effects, np.append(levels, 0.0), _TRIAL, limit)
+        return trial if trial.lack > limit else _pruned(arguments, trial)
 
     trials = [found]
     for kind, part in family.items():
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
-            trials.append(tried(found, (*kept, GearEffect(kind, joint, part * deflection)), found.levels[others]))
+            limit = cost(found) + tie * (kind == "range")
+            trials.append(
+                tried(found, (*kept, GearEffect(kind, joint, part * deflection)), found.levels[others], limit)
+            )
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
-    if lack(data, best) < lack(data, ranged) < lack(data, best) + _TIE * sum(lines.Y.size for lines in data):
+    if best.lack < ranged.lack < best.lack + tie:
         # One range explains a little less than a law of another kind, and two may explain much more.
         (first,) = springs_of(ranged)
         second = replace(first, scale=_NEXT * first.scale)
-        best = min(best, tried(ranged, (*ranged.effects, second), ranged.levels), key=cost)
+        best = min(best, tried(ranged, (*ranged.effects, second), ranged.levels, cost(best)), key=cost)
     if best.move > MOVE:
         best = find_levels(*arguments, best.x, best.effects, best.levels)
     return _named(arguments, best, joint)

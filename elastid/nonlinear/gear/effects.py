@@ -10,12 +10,13 @@ both act across the gear; friction behind the gear brakes the link, -F_l sgn l'.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.fft import irfft, rfft
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.friction.operators import Path, bristle, stop
 
 Kind: TypeAlias = Literal[
@@ -129,22 +130,28 @@ def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     """
     u = v / (scale or 1e-9 * float(np.abs(v).max()) + 1e-300)
     following, step = np.roll(u, -1), _steps(u)
-    a, b = step.copy(), np.zeros_like(step)
+    flat = np.abs(step) <= 1e-9 * np.abs(u).max()
+    decay = np.exp(-2 * np.abs(u))
+    tanh = np.sign(u) * (1 - decay) / (1 + decay)
+    means = _steps(np.abs(u) + np.log1p(decay)) / np.where(flat, 1.0, step)
+    means[flat] = tanh[flat]
+    slope = np.where(flat, 0.0, _steps(tanh) / np.where(flat, 1.0, _steps(v)))
     turns = np.flatnonzero(u * following < 0)
     before, after = step[turns - 1], step[(turns + 1) % len(v)]
-    mean, jump = (before + after) / 2, np.sign(step[turns]) * (before - after) / 2
-    bends = mean * step[turns] > 0
-    a[turns[bends]] = mean[bends]
-    b[turns[bends]] = np.clip(jump, -_STUCK * np.abs(mean), _STUCK * np.abs(mean))[bends]
-    flat = np.abs(step) <= 1e-9 * np.abs(u).max()
-    a[flat], step[flat] = 1.0, 1.0
-    L = _log_cosh(following, b / a) - _log_cosh(u, b / a)
-    means = (b * step + a * L) / (a * step + b * L)
-    means[flat] = np.tanh((u + following) / 2)[flat]
-    slope = np.where(flat, 0.0, _steps(np.tanh(u)) / np.where(flat, 1.0, _steps(v)))
-    half = np.arange(len(v) // 2 + 1) / len(v)  # of the angle between two points, over pi
-    hat = irfft(rfft(means) * np.exp(-1j * np.pi * half) / np.sinc(half), len(v))
-    return hat, (slope + np.roll(slope, 1)) / 2
+    bends = (before + after) * step[turns] > 0
+    turns, before, after = turns[bends], before[bends], after[bends]
+    a, jump, step = (before + after) / 2, np.sign(step[turns]) * (before - after) / 2, step[turns]
+    b = np.clip(jump, -_STUCK * np.abs(a), _STUCK * np.abs(a))
+    L = _log_cosh(following[turns], b / a) - _log_cosh(u[turns], b / a)
+    means[turns] = (b * step + a * L) / (a * step + b * L)
+    return irfft(rfft(means) * _from_means(len(v)), len(v)), (slope + np.roll(slope, 1)) / 2
+
+
+@lru_cache(maxsize=4)
+def _from_means(n: int) -> ComplexArray:
+    """Spectrum (n // 2 + 1,) at the points by that of means over the cells that begin there."""
+    half = np.arange(n // 2 + 1) / n  # of the angle between two points, over pi
+    return np.asarray(np.exp(-1j * np.pi * half) / np.sinc(half))
 
 
 def _steps(x: FloatArray) -> FloatArray:

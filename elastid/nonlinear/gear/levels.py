@@ -40,8 +40,9 @@ _KNOWN = 1.0  # of a scale: the standard deviation to which it is known without 
 class Levels:
     """x (n_x,) of the parameters and levels (n_f,) of the effects, with their covariance (n_x + n_f, n_x + n_f).
 
-    move: of the last round, in standard deviations.  scale_std (n_f,): of the effects' scales that are found with them,
-    0 of the others.
+    move: of the last round, in standard deviations.  lack: sum of ln det S of its residuals, by which alternatives are
+    compared, -2 ln of their likelihood.  scale_std (n_f,): of the effects' scales that are found with them, 0 of the
+    others.
     """
 
     parameters: ParameterSet
@@ -51,6 +52,7 @@ class Levels:
     covariance: FloatArray
     rounds: int
     move: float
+    lack: float
     estimates: tuple[Estimate, ...]
     drives: tuple[DriveLines, ...]
     scale_std: FloatArray
@@ -77,15 +79,19 @@ def find_levels(
     effects: Sequence[GearEffect],
     levels: FloatArray | None = None,
     rounds: int = _ROUNDS,
+    limit: float = np.inf,
 ) -> Levels:
-    """Parameters and levels from x (n_x,), the optimum of a fit without the effects, and levels (n_f,), 0 if None."""
+    """Parameters and levels from x (n_x,), the optimum of a fit without the effects, and levels (n_f,), 0 if None.
+
+    limit: of the lack; where it would stay above that if it fell as in the last round, no further round is taken.
+    """
     joints, ratios = joints_of(linearisation)
     n_x, n_f = len(x), len(effects)
     levels = np.zeros(n_f) if levels is None else levels
     scales = scales_of(effects)
     effects = _rescaled(effects, scales, np.zeros(len(scales)))
     estimates: list[Estimate | None] = [None] * len(data)
-    move, covariance, std = np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
+    move, lack, covariance, std = np.inf, np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
     for count in range(1, rounds + 1):
         drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
@@ -110,13 +116,15 @@ def find_levels(
         x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_SMALLER, _LARGER)), step[:n_x])
         levels = levels + step[n_x : n_x + n_f]
         effects = _rescaled(effects, scales, step[n_x + n_f :])
-        if move < MOVE:
+        fall, lack = lack - sums.lack, sums.lack
+        if move < MOVE or lack - limit > max(fall, 0.0) * (rounds - count):
             break
     scale_std = np.zeros(n_f)
     for own, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[own] = [relative * effects[i].scale for i in own]
     covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of_first(n_f) for e in known)
-    return Levels(parameters, tuple(effects), x, levels, covariance, count, move, estimated, tuple(drives), scale_std)
+    end = tuple(effects), x, levels, covariance, count, move, lack
+    return Levels(parameters, *end, estimated, tuple(drives), scale_std)
 
 
 def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
@@ -165,15 +173,6 @@ def _rescaled(effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], pa
     return grown
 
 
-def lack(data: Sequence[PeriodLines], found: Levels) -> float:
-    """Sum of ln det S of the residuals, by which alternatives are compared: -2 ln of their likelihood."""
-    total = 0.0
-    for lines, drive, estimate in zip(data, found.drives, found.estimates, strict=True):
-        S = smoothed_covariance(residuals(lines, drive, estimate, found.levels), lines, drive)[_used(lines)]
-        total += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
-    return total
-
-
 def _used(lines: PeriodLines) -> slice:
     """Lines that levels are found from: the excited ones, those between them, and some on either side."""
     on = np.flatnonzero(lines.excited)
@@ -193,19 +192,20 @@ def start_levels(
     estimates = tuple(Estimate.start(c, drive, 0) for c, drive in zip(data, drives, strict=True))
     sums, (A, _) = normal_equations(data, drives, estimates, len(x), none), priors(parameters, x, len(x))
     covariance = inverse(sums.A.sum(axis=0) + A)
-    return Levels(parameters, (), x, none, covariance, 0, np.inf, estimates, drives, none)
+    return Levels(parameters, (), x, none, covariance, 0, np.inf, sums.lack, estimates, drives, none)
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
     """Sums over lines and experiments of each realisation: A (R, n, n), b (R, n), c (R,) of J^H J, J^H r and r^H r.
 
-    Residuals have unit variance in each real component; n = n_x + n_f.
+    Residuals have unit variance in each real component; n = n_x + n_f.  lack: as of `Levels`.
     """
 
     A: FloatArray
     b: FloatArray
     c: FloatArray
+    lack: float
 
 
 def normal_equations(
@@ -218,11 +218,13 @@ def normal_equations(
     """The sums about levels (n_f,), the motion held, without priors."""
     realisations = np.unique(np.concatenate([lines.realisation for lines in data]))
     R, n = len(realisations), n_x + len(levels)
-    A, b, c = np.zeros((R, n, n)), np.zeros((R, n)), np.zeros(R)
+    A, b, c, lack = np.zeros((R, n, n)), np.zeros((R, n)), np.zeros(R), 0.0
     for lines, drive, estimate in zip(data, drives, estimates, strict=True):
         r = residuals(lines, drive, estimate, levels)
         used = _used(lines)
-        white = np.linalg.inv(np.linalg.cholesky(smoothed_covariance(r, lines, drive)[used] / 2))
+        S = smoothed_covariance(r, lines, drive)[used]
+        lack += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
+        white = np.linalg.inv(np.linalg.cholesky(S / 2))
         J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, levels, n_x)[used])
         e = white @ r[used]
         for i in np.searchsorted(realisations, np.unique(lines.realisation)):
@@ -231,7 +233,7 @@ def normal_equations(
             A[i] += (J_i.conj().T @ J_i).real
             b[i] += (J_i.conj().T @ e_i).real
             c[i] += float(np.sum(np.abs(e_i) ** 2))
-    return NormalEquations(A, b, c)
+    return NormalEquations(A, b, c, lack)
 
 
 def priors(parameters: ParameterSet, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:

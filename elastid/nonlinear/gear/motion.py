@@ -35,6 +35,7 @@ from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
 _AT_LINKS = 10.0
 _WINDOW = 15  # lines over which the power of residuals is averaged
 _STEPS, _HALVINGS = 8, 5  # Newton's method
+_FAR = 0.1  # error of a start over the motion, from which on that without forces is tried, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,20 +144,21 @@ def estimate_motion(
     CH_above = drive.C[lines.sampled] @ drive.H_above
     F = len(lines.U)
     for m in range(lines.U.shape[2]):
-        q, x = problem.solve(base[:, :, m], m, before.unknowns[m] if before.unknowns[m].size else None)
+        q, x, force = problem.solve(base[:, :, m], m, before.unknowns[m] if before.unknowns[m].size else None)
         unknowns.append(x)
-        motions = {joint: problem.motion(q, problem.joints.index(joint), m, x) for joint in {e.joint for e in effects}}
+        own = {effect.joint for effect in effects}
+        motions = {joint: problem.motion(q, problem.joints.index(joint), m, x, force) for joint in own}
         for joint, motion in motions.items():
             after.loads[m, problem.joints.index(joint)] = np.abs(motion.torque)
         for i, effect in enumerate(effects):
             j = problem.joints.index(effect.joint)
             for place, phi in forces(effect, motions[effect.joint]):
-                force = lines.all_amplitudes(phi)[:, None] * drive.directions(place, j)
-                after.Phi[:, :, m, i] += force[:F]
-                moved = (CH_above @ force[F:, :, None])[:, :, 0]
+                Phi = lines.all_amplitudes(phi)[:, None] * drive.directions(place, j)
+                after.Phi[:, :, m, i] += Phi[:F]
+                moved = (CH_above @ Phi[F:, :, None])[:, :, 0]
                 after.folded[:, lines.sampled, m, i] += lines.folded(moved)
                 if not effect.is_implicit:
-                    after.above[:, :, m] += levels[i] * force[F:]
+                    after.above[:, :, m] += levels[i] * Phi[F:]
     return replace(after, unknowns=tuple(unknowns))
 
 
@@ -179,17 +181,21 @@ class _Problem:
         """j omega of all lines, those above among them."""
         return np.concatenate([self.lines.s, self.lines.s_above])
 
-    @property
+    @cached_property
     def signals(self) -> list[tuple[Place, int]]:
         """Place and joint of each unknown."""
         wanted = {(effect.place, self.joints.index(effect.joint)) for effect in self.effects if effect.is_implicit}
         return sorted(wanted)
 
-    def solve(self, base: ComplexArray, m: int, start: FloatArray | None) -> tuple[ComplexArray, FloatArray]:
-        """Motion (F, n) of an experiment from its estimate without implicit effects, and the unknowns (n_x, n)."""
+    def solve(
+        self, base: ComplexArray, m: int, start: FloatArray | None
+    ) -> tuple[ComplexArray, FloatArray, FloatArray]:
+        """Motion (F, n) of an experiment from its estimate without implicit effects, the unknowns and forces (n_x, n)
+        by them.
+        """
         signals, drive, lines = self.signals, self.drive, self.lines
         if not signals:
-            return base, np.zeros((0, 0))
+            return base, np.zeros((0, 0)), np.zeros((0, 0))
         rows = np.array([drive.directions(place, j) for place, j in signals])
         power = np.where([place == "gear" for place, _ in signals], 0, 1)
         s = self.s[:, None] ** power
@@ -199,8 +205,9 @@ class _Problem:
         beyond = np.arange(len(s) + 1, lines.samples * CELLS // 2)[:, None]
         linear = _Linear(lines, A, (len(s) / beyond) ** (2 - power), softness)
         x = newton(partial(self._law, m), linear, x_0, x_0 if start is None else start, self.near)
-        torque = lines.all_amplitudes(self._law(m, x)[0]).T
-        return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x
+        force = self._law(m, x)[0]
+        torque = lines.all_amplitudes(force).T
+        return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force
 
     @property
     def _at_rest(self) -> FloatArray:
@@ -232,17 +239,22 @@ class _Problem:
     def _law(self, m: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Force (n_x, n) by each unknown of an experiment, and its slope."""
         force, slope = np.zeros_like(x), np.zeros_like(x)
+        shapes: dict[tuple[str, int, float], tuple[FloatArray, FloatArray]] = {}
         for effect, f in zip(self.effects, self.levels, strict=True):
             if effect.is_implicit and f:
                 j = self.joints.index(effect.joint)
                 i, size = self.signals.index((effect.place, j)), self.loads[m, j] if effect.kind == "load" else 1.0
-                phi, dphi = implicit_law(effect, x[i])
+                # Friction by load turns as that without.
+                key = "friction" if effect.kind == "load" else effect.kind, i, effect.scale
+                if key not in shapes:
+                    shapes[key] = implicit_law(effect, x[i])
+                phi, dphi = shapes[key]
                 force[i] += f * size * phi
                 slope[i] += f * size * dphi
         return force, slope
 
-    def motion(self, q: ComplexArray, j: int, m: int, x: FloatArray) -> GearMotion:
-        """Motion of a joint in an experiment from its estimate q (F, n) and unknowns x (n_x, n)."""
+    def motion(self, q: ComplexArray, j: int, m: int, x: FloatArray, force: FloatArray) -> GearMotion:
+        """Motion of a joint in an experiment from its estimate q (F, n), unknowns x (n_x, n) and forces by them."""
         lines, drive, signals = self.lines, self.drive, self.signals
         motor, gear, link = (q @ drive.directions(place, j) for place in ("motor", "gear", "link"))
         error = self._error(q, j, m)
@@ -256,7 +268,7 @@ class _Problem:
             link_velocity = x[signals.index(("link", j))]
         torque = drive.k[j] * deflection + drive.d[j] * lines.fine((self.s * gear)[None])[0]
         if ("gear", j) in signals:
-            torque = torque + self._law(m, x)[0][signals.index(("gear", j))]
+            torque = torque + force[signals.index(("gear", j))]
         return GearMotion(self._angle(q, j, m), velocity, link_velocity, deflection, torque, float(self.ratios[j]),
                           float(drive.k[j]), float(drive.d[j]))  # fmt: skip
 
@@ -296,19 +308,18 @@ def newton(
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
 
-    def error(x: FloatArray) -> FloatArray:
-        return np.asarray((x - x_0 + linear(law(x)[0])) / size)
+    def error(x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Error, slope of the law and RMS of the error."""
+        force, slope = law(x)
+        e = np.asarray((x - x_0 + linear(force)) / size)
+        return e, slope, float(np.sqrt(np.mean(e**2)))
 
-    def norm(e: FloatArray) -> float:
-        return float(np.sqrt(np.mean(e**2)))
-
-    e = error(x)
-    if norm(error(x_0)) < norm(e):
-        x, e = x_0, error(x_0)
+    e, slope, left = error(x)
+    if left > _FAR and (at_0 := error(x_0))[2] < left:
+        x, (e, slope, left) = x_0, at_0
     for _ in range(_STEPS):
-        if norm(e) < near:
+        if left < near:
             break
-        slope = law(x)[1]
 
         def product(v: FloatArray, slope: FloatArray = slope) -> FloatArray:
             v = v.reshape(x_0.shape) * size
@@ -318,8 +329,8 @@ def newton(
         step = gmres(operator, -e.ravel(), rtol=3e-2, restart=40, maxiter=1)[0].reshape(x.shape) * size
         for halving in range(_HALVINGS + 1):
             trial = error(x + step / 2**halving)
-            if norm(trial) < norm(e):
-                x, e = x + step / 2**halving, trial
+            if trial[2] < left:
+                x, (e, slope, left) = x + step / 2**halving, trial
                 break
         else:
             break

@@ -13,7 +13,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.levels import Levels, find_levels, scale_priors, scales_of
+from elastid.nonlinear.gear.levels import MOVE, Levels, find_levels, scale_priors, scales_of
 from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.record import Record
 from elastid.response import FrequencyResponse
@@ -37,12 +37,13 @@ def hardening() -> tuple[tuple[Record, ...], FrequencyResponse, FitResult]:
     return measured, *linear_fit(Gear(k_3=4e9), measured)
 
 
-def with_effects(*effects: GearEffect) -> Levels:
+@cache
+def with_effects(*effects: GearEffect, limit: float = np.inf) -> Levels:
     """Parameters and levels of these effects in the hardening gear's records."""
     measured, response, linear = hardening()
     linearisation = Linearisation.of_robot(robot(Gear()), geometry=linear.parameters.names)
     data = [gather_lines(measured, SPEC, LINES)]
-    return find_levels(data, [response], linearisation, linear.parameters, linear.x, effects)
+    return find_levels(data, [response], linearisation, linear.parameters, linear.x, effects, limit=limit)
 
 
 def test_a_hardening_gear_is_found_where_a_linear_fit_is_seven_percent_off() -> None:
@@ -56,6 +57,16 @@ def test_a_hardening_gear_is_found_where_a_linear_fit_is_seven_percent_off() -> 
     assert found.levels[0] == pytest.approx(gear.k_3, rel=1e-3)
     assert found.move < 0.05
     assert np.all(found.std > 0)
+
+
+def test_a_law_is_followed_to_its_end_only_where_it_can_beat_another() -> None:
+    """A progressive law of a cubic spring is left before it has converged; the cubic one beats it and is the same."""
+    true = with_effects(GearEffect("cubic", "1"))
+    wrong = with_effects(GearEffect("progressive", "1"), limit=true.lack)
+    assert wrong.rounds < true.rounds
+    assert wrong.move > MOVE
+    assert wrong.lack > true.lack + 100
+    assert with_effects(GearEffect("cubic", "1"), limit=wrong.lack).x == pytest.approx(true.x, rel=1e-12)
 
 
 def test_the_scale_of_a_level_that_is_not_seen_stays() -> None:

@@ -37,6 +37,13 @@ def test_coulomb_friction_that_turns_gradually_sticks_and_slides() -> None:
     assert w[fast] == pytest.approx((w_0 - np.sign(w_0))[fast], abs=2e-3)
 
 
+def test_a_start_worse_than_none_is_left_for_the_motion_without_forces() -> None:
+    """x + 50 x^3 = x_0 from 100 times the motion, which eight steps of Newton's method would not leave."""
+    x_0 = np.linspace(-1, 1, 101)[None]
+    x = newton(lambda x: (50 * x**3, 150 * x**2), lambda force: force, x_0, 100 * x_0)
+    assert x + 50 * x**3 == pytest.approx(x_0, abs=1e-3)
+
+
 def quiet_lines(told: int, experiments: int = 1, noise: float = 0.0) -> PeriodLines:
     """Lines of 0.2 s, of one motor, whose angle has noise of a variance."""
     none = np.zeros((told, 1, experiments), complex)
