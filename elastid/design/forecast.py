@@ -160,7 +160,7 @@ def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray
     """
     asked = parameters.asked
     n = len(asked)
-    R = np.linalg.qr(np.roll(R, -n, axis=1), "r")[-n:, -n:]
+    R = np.asarray(np.linalg.qr(np.roll(R, -n, axis=1), "r"))[-n:, -n:]
     ranges = [p.upper - p.lower for p in asked]
     linear = [r if np.isfinite(r) else abs(value) or 1.0 for r, value in zip(ranges, x[:n], strict=True)]
     _, singular_values, Vt = np.linalg.svd(R * np.where([p.log for p in asked], 1.0, linear))

@@ -270,8 +270,8 @@ def relinearise(
 ) -> RelinearisedOptimum:
     """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
 
-    Until it moves by less than 1e-3 standard deviations, for 10 rounds at most, 30 with a robust loss: each gains one to
-    two decimals, and of a quiet rig whose file is off the first moves by 1e5.
+    Until it moves by less than 1e-3 standard deviations, for 10 rounds at most, 30 with a robust loss: each gains a
+    decimal or two, and of a quiet rig whose file is off the first moves by 1e5.
     first: the fit by this criterion as the assembly has it elsewhere.
     """
     is_square = assembly.spec.weights.loss == "square"

@@ -17,7 +17,7 @@ from elastid.base.units import Quantity, to_si
 from elastid.fit.parameter_choice import choose, named_on_demand, nearest_parameter
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
-from elastid.robot import Tolerances
+from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_lines, check_study

@@ -38,6 +38,7 @@ def test_a_full_disk_is_named_by_the_result_and_not_by_the_log(tmp_path: Path, m
 
 def test_the_truth_has_the_digits_of_the_estimate() -> None:
     """Rounded to fewer, it would lie outside an interval that holds it."""
-    row = ParameterRow("k_1", "N*m/rad", 33335150.0, 245.0, (33334670.0, 33335630.0), 4e7, (4e5, 4e9), False, 33335240.0)
+    interval, bounds = (33334670.0, 33335630.0), (4e5, 4e9)
+    row = ParameterRow("k_1", "N*m/rad", 33335150.0, 245.0, interval, 4e7, bounds, False, truth=33335240.0)
     (_, line) = parameter_table([row])
     assert line[2:4] == ["33335240", "33335150"]
