@@ -328,11 +328,16 @@ def posture_notes(
     worst = int(np.argmax(shift))
     if not shift[worst] > 1:
         return ()
-    largest = max(float(G.motion.rms.max()) for G in responses if G.motion is not None)
+    largest = {"rad": 0.0, "m": 0.0}
+    for G in responses:
+        for motor, rms in zip(G.motion.motors, G.motion.rms.tolist(), strict=True) if G.motion is not None else ():
+            unit = "m" if motor in G.sliding else "rad"
+            largest[unit] = max(largest[unit], rms)
+    sizes = " and ".join(f"{rms:.2g} {unit}" for unit, rms in largest.items() if rms)
     text = (
-        f"the motion of up to {largest:.2g} {'rad or m' if responses[0].sliding else 'rad'} rms moves the robot out of "
-        f"its postures, which would put {parameters.free[worst].name} off by {shift[worst]:.2g} standard deviations; "
-        "the fit takes that out of the responses to second order, and it falls with the square of the torque"
+        f"the motion of up to {sizes} rms moves the robot out of its postures, which would put "
+        f"{parameters.free[worst].name} off by {shift[worst]:.2g} standard deviations; the fit takes that out of the "
+        "responses to second order, and it falls with the square of the torque"
     )
     return (Note("posture-moved", text, severity="information"),)
 
