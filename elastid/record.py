@@ -109,7 +109,8 @@ class Record:
     left_out: repetitions, counted from 0, that are mostly filled in and so no measurement.  sliding: inputs and outputs
     that translate, in N and m instead of Nm and rad.  is_periodic: False for a record without a period (noise, a sweep
     from rest): period_samples is then its length.  input_units: of each input, where one is a voltage or a current.
-    starts: repetitions, counted from 0, with which further logs of the same excitation start.
+    starts: repetitions, counted from 0, with which further logs of the same excitation start.  sampled: outputs that
+    contain the images of held torques; without it those that are positions.
     The signals of a large record are `base.arrays.LargeArray`: x[a:b] reads these samples.
 
     Raises ValueError where shapes disagree or the record holds no whole period.
@@ -138,6 +139,7 @@ class Record:
     hold_samples: tuple[float, ...] = labelled("samples for which the torque is held", axes="inputs", default=())
     starts: tuple[int, ...] = labelled("repetitions with which a further log starts", default=())
     input_units: tuple[str, ...] = ()
+    sampled: tuple[bool, ...] = labelled("outputs with images of held torques", axes="outputs", default=())
 
     def __post_init__(self) -> None:
         """Check shapes, names and length."""
@@ -151,6 +153,8 @@ class Record:
             raise ValueError(f"record {self.name}: {len(self.outputs)} outputs but {len(self.quantities)} quantities")
         if self.hold_samples and len(self.hold_samples) != len(self.inputs):
             raise ValueError(f"record {self.name}: {len(self.inputs)} inputs but {len(self.hold_samples)} hold_samples")
+        if self.sampled and len(self.sampled) != len(self.outputs):
+            raise ValueError(f"record {self.name}: {len(self.outputs)} outputs but {len(self.sampled)} of sampled")
         if not self.rate_hz > 0 or self.period_samples < 2:
             raise ValueError(f"record {self.name}: rate {self.rate_hz:g} Hz, period {self.period_samples} samples")
         if not self.is_periodic and (self.period_samples != n or self.half_wave):
@@ -231,14 +235,14 @@ class Record:
 
     @property
     def images(self) -> HeldTorque | None:
-        """The torques whose images are in sampled angles: those held from sample to sample of this very record.
+        """The torques whose images are in sampled motions: those held from sample to sample of this very record.
 
         None without any.  Nothing is known of images, and none are assumed, in a log at another rate than that of the
         commands, which was filtered before it was thinned out, and in a velocity or an acceleration, which has passed
         the filter of a drive or an amplifier.
         """
         rates = tuple(self.rate_hz if np.isclose(held, 1.0) else 0.0 for held in self._held)
-        sampled = tuple(quantity == "position" for quantity in self.quantities)
+        sampled = self.sampled or tuple(quantity == "position" for quantity in self.quantities)
         return HeldTorque(rates, sampled) if any(rates) and any(sampled) else None
 
     @property

@@ -207,7 +207,8 @@ def _line(
     name: str, unit: str, truth: float | None, simulated: bool, value: float, std: float, ends: tuple[float, float]
 ) -> list[str]:
     """A number with its truth, standard deviation in percent where it is not zero, and interval, to as many digits."""
-    n, true = digits(value, std), [number(truth)] * simulated
+    n = digits(value, std)
+    true = [number(truth, max(n, 4))] * simulated
     return [name, unit, *true, number(value, n), _deviation(std, value), " to ".join(interval_of(ends, n))]
 
 

@@ -122,7 +122,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     covariance = estimate_uncertainty(fit, responses, weights, x, is_forecast=True).covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
-    blind, share = _blind(np.asarray(R), parameters, x)[:, :n], _share(fit, x, np.asarray(R))[..., :n]
+    blind, share = _blind(np.asarray(R), parameters, x), _share(fit, x, np.asarray(R))[..., :n]
     names, units, log = (tuple(getattr(p, kind) for p in free) for kind in ("name", "unit", "log"))
     nominal = np.array([parameters.as_dict(x)[p.name] for p in free])
     configurations = tuple(e.response.configuration.name for e in expected)
@@ -154,11 +154,16 @@ def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
 
 
 def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray:
-    """Directions (n_b, n) of relative changes that move the expected responses by less than their noise."""
-    ranges = [p.upper - p.lower for p in parameters.free]
-    linear = [r if np.isfinite(r) else abs(value) or 1.0 for r, value in zip(ranges, x, strict=True)]
-    span = np.where([p.log for p in parameters.free], 1.0, linear)
-    _, singular_values, Vt = np.linalg.svd(R * span)
+    """Directions (n_b, n) of relative changes that move the expected responses by less than their noise.
+
+    They are of the n parameters that were asked for: those within tolerances have priors, and move with each direction.
+    """
+    asked = parameters.asked
+    n = len(asked)
+    R = np.asarray(np.linalg.qr(np.roll(R, -n, axis=1), "r"))[-n:, -n:]
+    ranges = [p.upper - p.lower for p in asked]
+    linear = [r if np.isfinite(r) else abs(value) or 1.0 for r, value in zip(ranges, x[:n], strict=True)]
+    _, singular_values, Vt = np.linalg.svd(R * np.where([p.log for p in asked], 1.0, linear))
     return np.asarray(Vt[singular_values < 1 / LIMITS.direction_std])
 
 
@@ -193,7 +198,7 @@ def _undetermined(blind: FloatArray, names: Sequence[str], configurations: int, 
 def _correlated(names: Sequence[str], covariance: FloatArray) -> list[Note]:
     """A note for each pair that the noise correlates: a file that is off moves all of them together."""
     correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
-    text = "{} and {} can barely be distinguished: their estimates will have a correlation of {:.3f}"
+    text = "{} and {} can barely be distinguished: noise will move their estimates with a correlation of {:.3f}"
     return [
         Note("correlated-parameters", text.format(names[i], names[j], correlation[i, j]))
         for i, j in np.argwhere(np.abs(correlation) > LIMITS.correlation)

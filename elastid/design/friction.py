@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from elastid.base.display import number as printed
 from elastid.base.errors import DataError, StudyError
 from elastid.design.friction_axis import Axis, PassSpeeds, axis_of, optimal_speeds
 from elastid.excitation.multisine import growing_loops, small_multisine
@@ -27,7 +28,7 @@ from elastid.experiment.plan.friction import (
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction_study.laws import LOWEST_SPEED, MIN_SPEEDS
 from elastid.friction_study.spec import FrictionSpec, LoadSpec, PassesSpec, WarmUpSpec
-from elastid.record import Configuration
+from elastid.record import Configuration, drive_unit
 from elastid.robot import Joint, Robot
 from elastid.robot.simplified import with_point_mass
 
@@ -211,10 +212,12 @@ def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
 def _known(axis: Axis, design: JointPassDesign) -> str:
     source = "the robot's file" if axis.guess.is_from_file else "common gears"
     certificate = "" if np.isnan(design.efficiency) else f", {design.efficiency:.0%} of the best information"
+    slides = axis.limits.unit == "m"
     return (
         f"{axis.limits.place}: {design.passes.sum():.0f} passes at {len(design.speed)} speeds from "
         f"{design.speed[0]:.3g} to {design.speed[-1]:.3g} {axis.limits.unit}/s{certificate} for friction as that of "
-        f"{source} (F_c {axis.guess.coulomb:.3g}, nu_s {axis.guess.stribeck_velocity:.3g})"
+        f"{source} (F_c {printed(axis.guess.coulomb, 3)} {drive_unit(slides)}, nu_s "
+        f"{printed(axis.guess.stribeck_velocity, 3)} {axis.limits.unit}/s)"
     )
 
 

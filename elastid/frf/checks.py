@@ -68,7 +68,8 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
                 f"different angles; read_records(path, '{first.configuration.name}') reads those of one"
             )
     for record in records:
-        names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "inputs", "outputs", "quantities"]
+        names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "sampled"]
+        names += ["inputs", "outputs", "quantities"]
         # Without a period each record has its own length.
         for name in [*names, "period_samples"] if first.is_periodic else names:
             a, b = getattr(first, name), getattr(record, name)

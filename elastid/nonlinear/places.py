@@ -48,7 +48,8 @@ def on_shafts(record: Record, E: FloatArray | None) -> Record:
         rest = [i for i in range(len(record.outputs)) if i not in columns]
         outputs = tuple(record.outputs[i] for i in rest)
         quantities = tuple(record.quantities[i] for i in rest)
-        return replace(record, y=record.y[:, rest], outputs=outputs, quantities=quantities)
+        sampled = tuple(record.sampled[i] for i in rest) if record.sampled else ()
+        return replace(record, y=record.y[:, rest], outputs=outputs, quantities=quantities, sampled=sampled)
     return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
 
 

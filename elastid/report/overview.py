@@ -320,8 +320,12 @@ def _of_experiments(result: FitResult, plan: Plan | None, poor: ParameterRow) ->
     if not result.share.size or not np.isfinite(result.share[:, column]).any():
         return None
     q = int(np.nanargmax(result.share[:, column]))
-    share, name = float(result.share[q, column]), result.configurations[q]
+    # The robot's file errs in the next measurement as in this one.
+    of_data = float(result.repeated[column]) if len(result.repeated) else 1.0
+    share, name = of_data * float(result.share[q, column]), result.configurations[q]
     before, after = percent(half_width(poor)), percent(half_width(poor) / np.sqrt(1 + share))
+    if before == after:
+        return None
     return Action(
         f"Measure twice as long in “{name}”{_realisations(plan, name)}.",
         f"It holds {percent(share)} of the information on {poor.name}: ±{before} would become ±{after}.",

@@ -17,7 +17,7 @@ from elastid.base.units import Quantity, to_si
 from elastid.fit.parameter_choice import choose, named_on_demand, nearest_parameter
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
-from elastid.robot import Tolerances
+from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_lines, check_study
@@ -126,14 +126,24 @@ def with_usual_tolerances(study: Study) -> Study:
 
 def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
     robot = study.as_robot()
-    friction = {name: float(value) for name, value in truth.items() if name in friction_numbers(robot)}
-    tried = [{name: float(value)} for name, value in truth.items() if name not in friction]
-    for values in [*tried, *([friction] if friction else [])]:
-        try:
-            with_numbers(robot, values)
-        except ValueError as error:
-            return [Problem((*_TRUTH, next(iter(values))), f"no robot has this number: {error}")]
-    return []
+    values = {name: float(value) for name, value in truth.items()}
+    friction = {name: value for name, value in values.items() if name in friction_numbers(robot)}
+    singles = [{name: value} for name, value in values.items() if name not in friction]
+    # Together they may be possible where one alone is not, as the three inertias of a slender body.
+    refused = [_refusal(robot, tried) for tried in (values, *singles, friction)]
+    if not refused[0]:
+        return []
+    error, name = next(filter(None, refused[1:]), refused[0])
+    return [Problem((*_TRUTH, name), f"no robot has this number: {error}")]
+
+
+def _refusal(robot: Robot, values: Mapping[str, float]) -> tuple[ValueError, str] | None:
+    """The error of a robot with these numbers, and the first of their names; None for a robot that can be."""
+    try:
+        with_numbers(robot, values)
+    except ValueError as error:
+        return error, next(iter(values))
+    return None
 
 
 def _check_choice(study: Study) -> list[Problem]:

@@ -186,7 +186,7 @@ def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float)
     u = moved.u[:, motors] * [robot.chain.gain("u", place) for place in record.inputs]
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, left_out=(), hold="zero-order", hold_samples=(),
-        quantities=tuple(logged_quantity(place) for place in record.outputs),
+        quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs),
     )  # fmt: skip
 
 

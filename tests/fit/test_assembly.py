@@ -11,6 +11,7 @@ import pytest
 from plants.marks import SEEDS
 from plants.notes import said
 
+from elastid.fit.assembly import posture_notes
 from elastid.fit.identify import Assembly, identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult
@@ -19,7 +20,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, FrequencyResponse, MotorMotion
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ = np.linspace(2, 60, 60)
@@ -117,3 +118,17 @@ def test_starts_are_solved_in_processes_alike() -> None:
     for i, unit in enumerate(1e-5 * np.eye(len(x))):
         slope = (problem.evaluate(x + unit).cost - problem.evaluate(x - unit).cost) / 2e-5
         assert here.gradient[i] == pytest.approx(slope, rel=1e-5, abs=1e-6 * here.cost)
+
+
+def test_motions_that_turn_and_that_slide_have_their_own_units() -> None:
+    """A rail that moves by 3 mm below an axis that turns by 0.002 rad is not said to move by 0.003 rad or m."""
+    arms = arm(Spring(3e5, 500), Spring(1.8e5, 250))
+    (G,) = measure(arms, POSTURES[:1], 0)
+    motion = MotorMotion(G.inputs, np.array([5.0]), np.diag([3e-3, 2e-3])[None].astype(complex) ** 2, np.zeros(2))
+    parameters = choose(FitSpec(parameters={"k_1": ParameterSpec()}), arms)
+    turning, mixed = (
+        posture_notes(parameters, [replace(G, motion=motion, sliding=slides)], np.array([3.0]))[0].text
+        for slides in ((), ("motor 1",))
+    )
+    assert turning.startswith("the motion of up to 0.003 rad rms moves")
+    assert mixed.startswith("the motion of up to 0.002 rad and 0.003 m rms moves")

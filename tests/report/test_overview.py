@@ -112,6 +112,26 @@ def test_a_prior_is_advised_with_the_interval_that_conditioning_gives():
     assert prior.text == "--set 'fit.parameters.k_1={prior: {std: 0.05}}'"
 
 
+def test_a_longer_measurement_is_advised_only_as_far_as_the_file_lets_it_narrow():
+    """Half of what the data hold of a variance that is the noise in all, a fifth or nothing."""
+    result = fit_result()
+    covariance = np.diag(np.array([0.001, 0.04, 0.001, 0.001]) ** 2)
+    names = ("near", "far")
+    result = replace(
+        result, covariance=covariance, status="converged", configurations=names, share=np.full((2, 4), 0.5), indices=()
+    )
+
+    def gains(of_noise: float) -> list[str]:
+        actions = next_steps(replace(result, repeated=np.full(4, of_noise)), rows_of(result))
+        return [action.gain for action in actions if "twice as long" in action.what]
+
+    width = half_width(rows_of(result)[1])
+    for of_noise in (1.0, 0.2):
+        (gain,) = gains(of_noise)
+        assert gain.endswith(f"would become ±{percent(width / np.sqrt(1 + 0.5 * of_noise))}.")
+    assert not gains(0.0)
+
+
 def test_answers_do_not_contradict_the_status():
     """A misfit has no widths and no advice to measure longer; residuals that only a floor holds are said to be so."""
     result = replace(fit_result(), status="misfit", cost_dof=200.0, cost=4000.0, cost_expected=100.0)

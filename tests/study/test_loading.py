@@ -64,6 +64,14 @@ def test_every_shipped_study_loads(path: Path) -> None:
         pytest.skip(f"its recorded data are not here: {error}")
 
 
+def test_true_inertias_are_possible_together_or_not_at_all() -> None:
+    """Of a slender body none of two equal ones may grow alone; the message then names it."""
+    key, study = "experiment.simulated.truth.I_fore_arm", TEMPLATES / "serial" / "study.yml"
+    assert load(study, [f"{key}_yy=13", f"{key}_zz=13"])
+    (alone,) = errors(study, f"{key}_yy=13")
+    assert "truth.I_fore_arm_yy: no robot has this number: inertia of body fore_arm" in alone
+
+
 @pytest.mark.parametrize(
     ("template", "section", "file"),
     [

@@ -4,9 +4,9 @@ r"""Drives, sensors, noise and friction of the simulated rig, from its section o
           y = e^T R(q)^T \ddot p \quad (frame)
 
 with the frame's origin p and axes R, e one of its axes. An accelerometer measures gravity: its constant part is
-removed, its change as the frame tilts remains. The second derivative is taken of the sampled motion by central
-differences over nine samples, as a sensor with an anti-aliasing filter: to 1e-5 up to a tenth of the
-rate, 2e-3 up to a fifth.
+removed, its change as the frame tilts remains. The second derivative is taken of the sampled motion, with the images of
+held torques that it contains, by central differences over 21 samples: to 1e-6 up to a fifth of the rate, 4e-5 up to a
+quarter.
 """
 
 from __future__ import annotations
@@ -33,8 +33,13 @@ from elastid.simulation.controller import rigid_path
 from elastid.simulation.drives import Drives, Lag, Ripple
 from elastid.simulation.dynamics import Contacts
 
-_SECOND_DERIVATIVE = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
-_REACH = len(_SECOND_DERIVATIVE) // 2
+_REACH = 10
+# Weights of p_k + p_-k - 2 p_0 of order 2 n, n = _REACH: 2 (-1)^(k + 1) n!^2 / (k^2 (n - k)! (n + k)!).
+_WEIGHTS = [
+    2 * (-1) ** (k + 1) * math.factorial(_REACH) ** 2 / (k**2 * math.factorial(_REACH - k) * math.factorial(_REACH + k))
+    for k in range(1, _REACH + 1)
+]
+_SECOND_DERIVATIVE = np.array([*_WEIGHTS[::-1], -2 * sum(_WEIGHTS), *_WEIGHTS])
 
 
 def logged_quantity(place: str) -> Motion:

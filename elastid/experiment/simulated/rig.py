@@ -170,7 +170,11 @@ class SimulatedRig:
         timing, places = (plan.rate_hz, plan.period_samples), (plan.inputs, self.outputs)
         quantities = tuple(logged_quantity(place) for place in self.outputs)
         sliding = self.robot.sliding((*plan.inputs, *self.outputs))
-        return Record(*names, *timing, *places, quantities, u, y, r, notes=notes, hold="zero-order", sliding=sliding)
+        sampled = (True,) * len(self.outputs)  # also accelerations, which are those of sampled motions
+        return Record(
+            *names, *timing, *places, quantities, u, y, r, notes=notes, hold="zero-order", sliding=sliding,
+            sampled=sampled,
+        )  # fmt: skip
 
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> Rehearsal:
         """A whole run without the errors of its sensors, ramps and holds included, the multisine times `factor`.

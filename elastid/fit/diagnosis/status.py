@@ -281,11 +281,11 @@ def _bounds(result: FitResult) -> Iterator[Note]:
         if held:
             low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
             side, value = ("lower", parameter.lower) if low else ("upper", parameter.upper)
-            yield Note(
-                "at-bound",
-                f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}: widen the bound if "
-                "values beyond it are plausible; otherwise the model lacks something that the data show",
-            )
+            text = f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}"
+            advice = "widen the bound if values beyond it are plausible; otherwise the model"
+            if parameter.tolerated:
+                advice = "it is a number of the robot's file, and that is far outside its tolerance: the model"
+            yield Note("at-bound", f"{text}: {advice} lacks something that the data show")
     ends = [start.x for start in result.starts if math.isfinite(start.cost)]
     if len(ends) < 3 or result.has_tolerances:  # those ended with the file's numbers
         return

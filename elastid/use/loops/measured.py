@@ -122,7 +122,7 @@ def _from_injected(record: Record) -> Record:
     position: Motion = "position"
     return replace(
         record, outputs=places, quantities=(position,) * len(places), u=np.asarray(record.r), y=y, r=None,
-        hold="band-limited", hold_samples=(), sliding=(),
+        hold="band-limited", hold_samples=(), sliding=(), sampled=(),
     )  # fmt: skip
 
 
