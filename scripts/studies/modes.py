@@ -4,7 +4,7 @@
 
 Random structures of 3 to 12 modes of 0.3 to 3 % damping, 512 samples a second, band to 0.4 of the rate; noise of 0.1 to
 3 % of each output's rms.  multisine: two realisations of three periods of 8 s; random: 60 s, local_rational on lines
-0.05 Hz apart; segments: the same by h1; hammer: six hits in 48 s, local_rational on lines 0.04 Hz apart.  Each response
+0.05 Hz apart; segments: the same by h1; sweep: a logarithmic one of 60 s for each input, by h1; hammer: six hits in 48 s, local_rational on lines 0.04 Hz apart.  Each response
 by `estimate`, its modes by `estimate_modes`.
 
 noise: records whose outputs are noise alone, 1 x 1 and 3 x 1.  found: share of the modes whose peak is above three
@@ -46,6 +46,7 @@ SPECS = {
     "multisine": EstimatorSpec(),
     "random": EstimatorSpec(method="local_rational", resolution_hz=0.05),
     "segments": EstimatorSpec(method="h1"),
+    "sweep": EstimatorSpec(method="h1"),
     "hammer": EstimatorSpec(method="local_rational", resolution_hz=0.04),
 }
 
@@ -124,6 +125,14 @@ def _forces(kind: str, n_u: int, rng: np.random.Generator):
         lines = np.arange(10, int(0.42 * L))
         X = rng.normal(size=(len(lines), n_u)) + 1j * rng.normal(size=(len(lines), n_u))
         yield 0, 0, _signal(lines, X, L), False, slice(-N, None)
+    elif kind == "sweep":
+        N, first, last = int(60 * RATE_HZ), 4.0, 0.42 * RATE_HZ
+        growth = np.log(last / first) / 60
+        phase = 2 * np.pi * first * np.expm1(growth * np.arange(N) / RATE_HZ) / growth
+        for e in range(n_u):
+            u = np.zeros((N + int(30 * RATE_HZ), n_u))
+            u[:N, e] = np.sin(phase)
+            yield 0, e, u, False, slice(0, N)
     else:
         hits, gap = 6, 8.0
         N, t = int(hits * gap * RATE_HZ), np.arange(int((hits * gap + 40) * RATE_HZ)) / RATE_HZ
