@@ -22,8 +22,8 @@ records by h1, whose intervals of frequency are too wide.  With seeds on which n
     sweep, 24 draws, seed 100       noise 0 of 24, found 142 of 142, false 0, held 93.3 %, 97.3 %
     segments, 12 draws, seed 100    noise 0 of 12, found 79 of 81, false 0, held 98.8 %, 96.2 %
 
-Modes of one record have its noise in common, so that a share of 149 intervals is uncertain by 2 % and more: both runs of
-random together hold 96.0 % and 94.0 %.
+Modes of one record have its noise in common, so that a share of 149 intervals is uncertain by 2 % and more: both
+of random together hold 96.0 % and 94.0 %.
 The assertions are the goals: of noise at most 1 %, found at least 98 %, false at most 1 %, held at least 92 % (a bound
 for 95 % with that many modes, of which those of one record have noise in common).  Two runs of the table end in one:
 random with seed 100, whose damping is held by 92.0 %, and segments, with 2 of 81 not found.
