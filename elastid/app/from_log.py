@@ -17,7 +17,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line
-from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import (
     ChannelGuess,
@@ -81,7 +81,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
         guess, together = guess_log(signals, clock.rate_hz or 1.0), True
         clock = replace(clock, is_even=not (clock.name and clock.is_in_s))
     if guess is None or (together and len({joint.torque.file for joint in guess.joints}) > 1):
-        raise DataError(_no_guess(first, form, len(signals)))
+        raise DataError(_no_guess(first, form, [each for each, _ in signals]))
     if together:
         guess, used = _torques_first(guess, logs)
         if unused := [path for path in logs if path not in used]:
@@ -187,7 +187,13 @@ def _rows_of_a_sample(log: Log) -> int:
         return 1
 
 
-def _no_guess(path: Path, form: TextFormatSpec, count: int) -> str:
+def _no_guess(path: Path, form: TextFormatSpec, signals: Sequence[ChannelGuess]) -> str:
+    count = len(signals)
+    if signals and all(each.quantity in MOTIONS for each in signals):
+        return (
+            f"{path}: all {count} signals that change in it are motions by their names or units, and none a force or "
+            "torque, without which there is no response; log that of the hammer, the shaker or the motors too"
+        )
     if count < 2:
         return f"{path}: no two signals of one length change in it; `elastid inspect {path}` shows its content"
     rows = f", {form.interleaved} rows of the file to a sample," if form.interleaved > 1 else ""

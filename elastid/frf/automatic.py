@@ -14,8 +14,7 @@ excited band would outweigh all others, while their geometric mean would forgive
 beta is for segments alone: sigma^2, their noise, lacks the bias by leakage, a start from rest and noise in a loop.
 Delta is the difference to the local rational method, whose model holds the start from rest, and whose variance
 sigma_l^2 holds the error of its model.  Noise that both share makes Delta smaller, so that noise alone is no bias; <>
-is a mean over neighbouring lines.  A mean over periods has a transient in its scatter.  Of sweeps and hits a line's
-power is in few segments, whose leakage a mean does not show: h1 is taken where its error is half that of the other.
+is a mean over neighbouring lines.  A mean over periods has a transient in its scatter.
 """
 
 from __future__ import annotations
@@ -51,9 +50,6 @@ class AutomaticLimits:
     long_values: int = 200_000  # of G: beyond, a local method is no candidate for so many lines
     periods: int = 6  # of a log, below which their scatter may not show a transient
     elements: int = 9  # of G, beyond which a local method is not tried on its scatter alone
-    parts: int = 16  # of a record, among which the power of its inputs is looked for
-    spread: float = 0.3  # of the parts that share a line's power, below which inputs pass: sweeps, hits; noise has half
-    passing_margin: float = 0.5  # of h1 over a local method then: leakage of a resonance is in few segments
     scatter: float = 0.03  # stated error of a mean, below which a transient in it does no harm
 
 
@@ -137,22 +133,6 @@ def may_hold_transient(records: Sequence[Record], response: FrequencyResponse) -
         return True
     is_short = min(record.n_repeats for record in records) < LIMITS.periods and response.G[0].size <= LIMITS.elements
     return is_short and _mean_root(_variance(response) / np.maximum(np.abs(response.G) ** 2, 1e-300)) > LIMITS.scatter
-
-
-def inputs_pass(records: Sequence[Record]) -> bool:
-    r"""True for sweeps and hits: the power of a line is in few of K parts of a record.
-
-    .. math:: \frac{1}{K} \frac{(\sum_k P_k)^2}{\sum_k P_k^2}, \quad \text{averaged over lines by their power}
-    """
-    spreads = []
-    for record in records:
-        L = record.n_samples // LIMITS.parts
-        parts = record.u[: L * LIMITS.parts].reshape(LIMITS.parts, L, -1)
-        P = np.abs(np.fft.rfft(parts - parts.mean(axis=1, keepdims=True), axis=1)) ** 2
-        total, squares = P.sum(axis=0), (P**2).sum(axis=0)
-        shares = np.divide(total**2, squares, out=np.zeros(total.shape), where=squares > 0) / LIMITS.parts
-        spreads.append((shares * total).sum(axis=0) / np.maximum(total.sum(axis=0), 1e-300))
-    return bool(np.min(spreads) < LIMITS.spread)
 
 
 def _has_power(response: FrequencyResponse) -> BoolArray:

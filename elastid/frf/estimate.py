@@ -13,7 +13,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
-from elastid.frf.automatic import choose_by_error, chosen, inputs_pass, may_hold_transient
+from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient
 from elastid.frf.checks import channel_notes, refuse_few, refuse_mismatch, same_phases_notes, separated_lines
 from elastid.frf.covariance import (
     distortion_covariance,
@@ -98,8 +98,7 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
         return chosen("h1", f"a local method would fit {count} lines, and records so long leave many segments")
     h1 = partial(welch_response, records, replace(spec, method="h1"))
     preview = partial(local_response, records, replace(spec, method="local_rational"), most_lines=AUTOMATIC.lines)
-    margin = AUTOMATIC.margin if is_long else AUTOMATIC.passing_margin if inputs_pass(records) else 1.0
-    return choose_by_error("h1", h1, preview, margin)
+    return choose_by_error("h1", h1, preview, AUTOMATIC.margin if is_long else 1.0)
 
 
 def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:

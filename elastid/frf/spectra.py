@@ -34,6 +34,9 @@ Role: TypeAlias = Literal["r", "u", "y"]
 
 # Outside these limits squares and their products overflow or vanish.
 _MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
+# Of a record, among which the power of its inputs is looked for; share of them that has it of sweeps and hits at most:
+# noise has half.
+_PARTS, _SPREAD = 16, 0.3
 
 
 def single_logs(record: Record) -> tuple[Record, ...]:
@@ -316,3 +319,21 @@ def _wanted(lines: IntArray) -> slice | IntArray:
 def _computable(size: FloatArray) -> BoolArray:
     """True where squares of these sizes neither overflow nor vanish; 0 is a number like others."""
     return np.asarray((size == 0) | ((size > _MIN_COMPUTABLE) & (size < _MAX_COMPUTABLE)))
+
+
+def inputs_pass(records: Sequence[Record]) -> bool:
+    r"""True for sweeps and hits: the power of a line is in few of K parts of a record; of large ones nobody looks.
+
+    .. math:: \frac{1}{K} \frac{(\sum_k P_k)^2}{\sum_k P_k^2}, \quad \text{averaged over lines by their power}
+    """
+    spreads = []
+    for record in records:
+        if RecordSpectra(record).is_large:
+            return False
+        L = record.n_samples // _PARTS
+        parts = record.u[: L * _PARTS].reshape(_PARTS, L, -1)
+        P = np.abs(np.fft.rfft(parts - parts.mean(axis=1, keepdims=True), axis=1)) ** 2
+        total, squares = P.sum(axis=0), (P**2).sum(axis=0)
+        shares = np.divide(total**2, squares, out=np.zeros(total.shape), where=squares > 0) / _PARTS
+        spreads.append((shares * total).sum(axis=0) / np.maximum(total.sum(axis=0), 1e-300))
+    return bool(np.min(spreads) < _SPREAD)

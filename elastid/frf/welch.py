@@ -16,8 +16,12 @@ where K_e independent segments would inform as much as the K that overlap (Welch
           \beta_k = \sum_l \frac{|W_l|^2}{\sum_m |W_m|^2} H_{k+l} - H_k
 
 so that resonances are flattened by beta, 1/6 of the second difference of H under Hann's window.  `total` holds the
-square of beta, less the part that noise makes of it.  A sine that sweeps, or rings down, is in few segments at each
-line, and so is what their windows leak, in each repeat alike; with the leverage h_j of a segment and its repeats
+square of beta, less the part that noise makes of it.  Of noise that is so in the mean; of a sweep or a hit, whose lines
+are related, only where w^2 of all segments add up to a constant.  Theirs overlap by 75 %, for which Hann's does, and
+reach beyond the record's ends, between zeros; lines on which a sweep is as its record ends, and beyond, are left out.
+
+A sine that sweeps, or rings down, is in few segments at each line, and so is what their windows leak, in each repeat
+alike; with the leverage h_j of a segment and its repeats
 
 .. math:: C_h = \frac{1}{n_u - \sum_j h_j^2} \sum_j E_j S_{uu}^{-1} E_j^H, \qquad
           E_j = \sum_{k \in j} V_k U_k^H, \quad h_j = \sum_{k \in j} U_k^H S_{uu}^{-1} U_k
@@ -38,6 +42,7 @@ import numpy as np
 from numpy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release
+from elastid.base.display import percent
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
@@ -45,64 +50,17 @@ from elastid.frf.covariance import kronecker
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.matrices import adjoint, power, total_least_squares, transposed
 from elastid.frf.quality import coherences, local_modes, measured_response, segment_notes, together_notes
+from elastid.frf.segments import Segments, make_segments
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import refuse_uncomputable, unit_scale
 from elastid.record import Record
 from elastid.response import Covariance, FrequencyResponse, Levels, Quality
 
-# Numbers in a segment of all channels that `auto` takes at most.
-_MAX_NUMBERS = 1 << 20
 _DIFFERENCE = 0.2  # of inputs, relative, below which records are repeats
 _LEAST_DOF = 0.4  # 1 - sum h^2 / n_u at least: of a line that is in one segment alone nothing is known
-# Of a window's power on its middle line: lines with less of it leak nothing that counts.
-_LEAST_LEAKAGE = 1e-4
-
-
-@dataclass(frozen=True)
-class Segments:
-    """Segments of L samples under a window (L,), each `step` after the last."""
-
-    window: FloatArray
-    step: int
-
-    def count(self, n_samples: int) -> int:
-        """Whole segments in a record."""
-        return max(0, 1 + (n_samples - len(self.window)) // self.step)
-
-    @property
-    def correlated_lines(self) -> float:
-        r"""Lines over which the errors of cross spectra are correlated: sum_l |rho_l|^2 of the window's spectrum.
-
-        .. math:: \rho_l = \sum_n w^2(n) e^{-2\pi j l n / L} / \sum_n w^2(n)
-
-        1 for a boxcar, 1.94 for Hann's window.
-        """
-        power = self.window**2
-        return float(len(power) * np.sum(power**2) / np.sum(power) ** 2)
-
-    @property
-    def leakage(self) -> tuple[FloatArray, float]:
-        """Weights (2 m + 1,) of neighbouring lines in beta, and variance of beta by noise over that of H."""
-        power = np.abs(rfft(self.window)) ** 2
-        m = min(int(np.flatnonzero(power > _LEAST_LEAKAGE * power[0])[-1]), len(power) // 4)
-        kernel = np.concatenate([power[m:0:-1], power[: m + 1]])
-        weights = kernel / kernel.sum() - (np.arange(2 * m + 1) == m)
-        correlation = np.abs(rfft(self.window**2) / np.sum(self.window**2))[: 2 * m + 1] ** 2
-        lags = np.arange(2 * m + 1)
-        return weights, float(weights @ correlation[np.abs(lags[:, None] - lags)] @ weights)
-
-    def independent(self, n_samples: int) -> float:
-        r"""K_e of a record's K segments: the variance of a mean of white noise's power falls by it.
-
-        .. math:: K_e = K / \left(1 + 2 \sum_{j=1}^{K-1} (1 - j/K) \rho_j\right), \quad
-                  \rho_j = \left(\frac{\sum_n w(n) w(n + jD)}{\sum_n w^2(n)}\right)^2
-        """
-        K, w, D = self.count(n_samples), self.window, self.step
-        if K == 0:
-            return 0.0
-        shifts = range(1, min(K, -(-len(w) // D)))
-        rho = [(np.dot(w[: -j * D], w[j * D :]) / np.dot(w, w)) ** 2 for j in shifts]
-        return float(K / (1 + 2 * sum((1 - j / K) * rho_j for j, rho_j in zip(shifts, rho, strict=True))))
+# A sweep that ends with its record is cut there: where this part of a segment at the end has this share of a line's
+# power, the line's error is that of the cut.
+_END, _END_SHARE = 1 / 16, 0.25
 
 
 @dataclass(frozen=True)
@@ -136,46 +94,6 @@ class CrossSpectra:
     def on(self, lines: BoolArray) -> CrossSpectra:
         """The same on some of its lines (F,)."""
         return self if lines.all() else replace(self, freq_hz=self.freq_hz[lines], S=self.S[lines])
-
-
-def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
-    """The segments that the spec asks for; `auto` takes the longest power of two that leaves enough of them.
-
-    Raises DataError where they are too few for a variance, or longer than a record.
-    """
-    from scipy.signal import get_window
-
-    first, n_u = records[0], len(records[0].inputs)
-    lengths = [record.n_samples for record in records]
-
-    def segments_of(L: int) -> Segments:
-        window = np.asarray(get_window(spec.window, L), dtype=np.float64)
-        return Segments(window, max(1, L - L // 2))
-
-    where = f"configuration {first.configuration.name}: "
-    if spec.segment != "auto":
-        L = round(spec.segment * first.rate_hz)
-        if L < 4:
-            raise DataError(
-                f"{where}estimator.segment {spec.segment:g} s is {L} samples; give {4 / first.rate_hz:g} s or more"
-            )
-        segments = segments_of(L)
-    else:
-        wanted = max(16, 8 * n_u)
-        most = _MAX_NUMBERS // (len(first.outputs) + n_u)
-        L = 2 ** int(np.log2(min(max(lengths), most)))
-        segments = segments_of(L)
-        while L > 8 and sum(map(segments.count, lengths)) < wanted:
-            L //= 2
-            segments = segments_of(L)
-    if sum(map(segments.independent, lengths)) < n_u + 1:
-        longest = max(lengths) / first.rate_hz
-        raise DataError(
-            f"{where}{sum(map(segments.count, lengths))} segments of {L / first.rate_hz:g} s leave no degree of "
-            f"freedom for {n_u} inputs in records of up to {longest:g} s; give estimator.segment "
-            f"{longest / (2 * n_u + 2):.3g} or less, or take estimator.method local_rational"
-        )
-    return segments
 
 
 def cross_spectra(records: Sequence[Record], segments: Segments, spec: EstimatorSpec) -> CrossSpectra:
@@ -281,7 +199,8 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     Raises DataError where the records are shorter than a segment, hold too few, or do not separate the inputs.
     """
     first = records[0]
-    segments = make_segments(records, spec)
+    segments, whole = make_segments(records, spec), records
+    records = [segments.padded(record) for record in whole]
     data = cross_spectra(records, segments, spec)
     power_ratio = _input_power(data)
     usable = power_ratio[:, 0] > 1e-12 * power_ratio[:, -1]  # below, rounding decides
@@ -291,7 +210,9 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
             f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; excite "
             "each with its own noise, or leave out the channel that was not excited"
         )
-    data, L = data.on(usable), len(segments.window)
+    is_cut = np.zeros_like(usable) if records[0] is whole[0] else _is_cut(whole, segments, spec, data)
+    kept = usable & ~is_cut if np.any(usable & ~is_cut) else usable
+    data, L = data.on(kept), len(segments.window)
     G = _response(data, spec.method)
     covariance, total, beta, C_V = _covariances(data, G, segments, _by_leverage(records, segments, spec, data, G))
     quality = _quality(data, G, C_V)
@@ -301,7 +222,8 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
         notes.append(Note("lines-left-out", text))
     length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
     text = (
-        f"{spec.method} from {data.K} segments of {length}, window {spec.window}, overlap 50 %: "
+        f"{spec.method} from {data.K} segments of {length}, window {spec.window}, overlap "
+        f"{percent(1 - segments.step / L, 2)}: "
         f"worth {data.K_e:.3g} independent ones"
     )
     notes.append(Note("segments", text, severity="information"))
@@ -313,6 +235,18 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     )
     response = replace(response, window=spec.window, segment_s=L / first.rate_hz)
     return replace(response, correlated_lines=segments.correlated_lines, leakage=beta)
+
+
+def _is_cut(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, data: CrossSpectra) -> BoolArray:
+    """Flags (F,) of lines that a sweep has reached as its record ends, and beyond; data: of records with zeros."""
+    lines, _, scale = _lines(records[0], segments, spec)
+    w, n_y = segments.window, data.n_y
+    n = max(1, round(_END * len(w)))
+    rise = np.sin(np.pi / 2 * np.arange(1, n + 1) / n)[:, None] ** 2  # cut at the end alone
+    ends = [rise * (record.u - record.u.mean(axis=0))[-n:] for record in records]
+    at_end = np.sum([np.abs(rfft(end, len(w), axis=0)[lines] * scale[:, n_y:]) ** 2 for end in ends], axis=0)
+    whole = power(data.uu) * segments.step / np.sum(w**2)
+    return np.asarray(np.any(at_end > _END_SHARE * whole, axis=1))
 
 
 def _response(data: CrossSpectra, method: str) -> ComplexArray:

@@ -61,10 +61,13 @@ def estimate_modes(
     .. math:: \lambda = \lambda_w + 1 / \tau
 
     Lines that the inputs do not reach (40 dB below their best, coherence below 0.9) or without coherence are left out.
-    Raises DataError where fewer than 16 lines are left, ValueError for numbers that a `modal` section does not take.
+    Raises DataError where fewer than 16 lines are left or hits are overloaded, ValueError for numbers that a `modal`
+    section does not take.
     """
     check_kind(response, FrequencyResponse, "response", "elastid.estimate(records, EstimatorSpec()) makes one")
     ModalSpec(band_hz, max_order, None if poles_hz is None else tuple(poles_hz), exponential_s)
+    if poles_hz is None:
+        _refuse_overload(response)
     response = usable(response, band_hz)
     data, correlated = modal_data(response), response.correlated_lines
     orders = poles_over_orders(
@@ -105,6 +108,15 @@ def usable(response: FrequencyResponse, band_hz: tuple[float, float] | None) -> 
             f"and coherence, modes need {LIMITS.lines} or more; take a wider band, a longer period or record"
         )
     return response.lines(keep & ~lost)
+
+
+def _refuse_overload(response: FrequencyResponse) -> None:
+    """Clipping is not linear: a fit mends it by poles that no structure has, with narrow intervals."""
+    if any(note.code == "overload" for note in response.notes):
+        raise DataError(
+            f"configuration {response.configuration.name}: of overloaded hits false modes are not to be told from true "
+            "ones; leave these hits out or measure again, or name the frequencies that you trust as modal.poles_hz"
+        )
 
 
 def _reached(response: FrequencyResponse) -> BoolArray:

@@ -19,7 +19,8 @@ from elastid.response import FrequencyResponse
 class ModeLimits:
     """Judgement of poles that are more than noise.
 
-    In 40 random structures under multisines, of 321 modes, one was missed and none false (`scripts/studies/modes.py`).
+    In 144 random structures under hammers, multisines, noise and sweeps, of 958 modes, two were missed and none false
+    (`scripts/studies/modes.py`).
     """
 
     max_damping: float = 0.35

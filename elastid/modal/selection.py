@@ -22,7 +22,7 @@ from elastid.modal.model import ModalFit
 
 @dataclass(frozen=True)
 class SelectionLimits:
-    """Thresholds of a mode.  Of 40 records of noise none had a mode (`scripts/studies/modes.py`)."""
+    """Thresholds of a mode.  Of 144 records of noise none had a mode (`scripts/studies/modes.py`)."""
 
     records_with_false_modes: float = 0.002  # among records of noise, before the judgement of damping
     trials_per_line: float = 2.0

@@ -128,11 +128,11 @@ _UNITS = (
     (r"deg(/|_?per_?|_)s", "velocity", "deg/s"), (r"rpm|1/min", "velocity", "rpm"), (r"mm(/|_?per_?)s", "velocity",
     "mm/s"), (r"m(/|_?per_?)s", "velocity", "m/s"), (r"deg|°", "position", "deg"), (r"m?rad", "position", "rad"),
     (r"mm", "position", "mm"), (r"n\*?m", "torque", "N*m"), (r"ma", "current", "mA"), (r"amps?", "current", "A"),
-    (r"g", "acceleration", "g"),
+    (r"g", "acceleration", "g"), (r"[\[(]n[\])]", "force", "N"),
 )  # fmt: skip
 _WORDS = {
     "temperature": r"temp.*", "torque": r"torques?|tau|trq|moment|efforts?|drehmoment",
-    "force": r"forces?|kraft|f", "current": r"currents?|curr|strom|iq|i", "voltage": r"volt.*|vir|vdc",
+    "force": r"forces?|kraft|f|hammer|shaker", "current": r"currents?|curr|strom|iq|i", "voltage": r"volt.*|vir|vdc",
     "acceleration": r"acc.*|qdd|ddq|beschl.*", "velocity": r"vel.*|speeds?|omega|qd|dq|w|v|geschw.*",
     "position": r"pos.*|angles?|theta|phi|winkel|enc.*|q|qm|qg|x|lage",
 }  # fmt: skip

@@ -4,18 +4,29 @@
 
 Random structures of 3 to 12 modes of 0.3 to 3 % damping, 512 samples a second, band to 0.4 of the rate; noise of 0.1 to
 3 % of each output's rms.  multisine: two realisations of three periods of 8 s; random: 60 s, local_rational on lines
-0.05 Hz apart; segments: the same by h1; hammer: six hits in 48 s, local_rational on lines 0.04 Hz apart.  Each response
-by `estimate`, its modes by `estimate_modes`.
+0.05 Hz apart; segments: the same by h1; sweep: a logarithmic one of 60 s for each input, which ends with its record, by
+h1; hammer: six hits in 48 s, local_rational on lines 0.04 Hz apart.  Each response by `estimate`, its modes by
+`estimate_modes`.
 
 noise: records whose outputs are noise alone, 1 x 1 and 3 x 1.  found: share of the modes whose peak is above three
 standard deviations of the response there.  false: modes that are none, over modes.  held: share of the 95 % intervals,
 of modes that were found, that hold the true frequency and damping.  The last line is one JSON object.
 
 Random noise is estimated as `auto` does, by the local rational method, whose model holds leakage; segments: the same
-records by h1, whose intervals of frequency are too wide.
-30 draws of multisine: noise 0 of 30, found 254 of 255, false 0, held 92.9 % (frequency) and 95.7 % (damping).
+records by h1, whose intervals of frequency are too wide.  With seeds on which nothing was tuned:
+
+    hammer, 24 draws, seed 100      noise 0 of 24, found 148 of 149, false 0, held 96.0 % (frequency), 96.0 % (damping)
+    multisine, 24 draws, seed 100   noise 0 of 24, found 148 of 149, false 0, held 94.6 %, 92.6 %
+    random, 24 draws, seed 100      noise 0 of 24, found all, false 0, held 96.7 %, 92.0 %
+    random, 48 draws, seed 200      noise 0 of 48, found 369 of 369, false 0, held 95.7 %, 94.9 %
+    sweep, 24 draws, seed 100       noise 0 of 24, found 142 of 142, false 0, held 93.3 %, 97.3 %
+    segments, 12 draws, seed 100    noise 0 of 12, found 79 of 81, false 0, held 98.8 %, 96.2 %
+
+Modes of one record have its noise in common, so that a share of 149 intervals is uncertain by 2 % and more: both
+of random together hold 96.0 % and 94.0 %.
 The assertions are the goals: of noise at most 1 %, found at least 98 %, false at most 1 %, held at least 92 % (a bound
-for 95 % with that many modes, of which those of one record have noise in common).
+for 95 % with that many modes, of which those of one record have noise in common).  Two runs of the table end in one:
+random with seed 100, whose damping is held by 92.0 %, and segments, with 2 of 81 not found.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -46,6 +57,7 @@ SPECS = {
     "multisine": EstimatorSpec(),
     "random": EstimatorSpec(method="local_rational", resolution_hz=0.05),
     "segments": EstimatorSpec(method="h1"),
+    "sweep": EstimatorSpec(method="h1"),
     "hammer": EstimatorSpec(method="local_rational", resolution_hz=0.04),
 }
 
@@ -124,6 +136,14 @@ def _forces(kind: str, n_u: int, rng: np.random.Generator):
         lines = np.arange(10, int(0.42 * L))
         X = rng.normal(size=(len(lines), n_u)) + 1j * rng.normal(size=(len(lines), n_u))
         yield 0, 0, _signal(lines, X, L), False, slice(-N, None)
+    elif kind == "sweep":
+        N, first, last = int(60 * RATE_HZ), 4.0, 0.42 * RATE_HZ
+        growth = np.log(last / first) / 60
+        phase = 2 * np.pi * first * np.expm1(growth * np.arange(N) / RATE_HZ) / growth
+        for e in range(n_u):
+            u = np.zeros((N + int(30 * RATE_HZ), n_u))
+            u[:N, e] = np.sin(phase)
+            yield 0, e, u, False, slice(0, N)
     else:
         hits, gap = 6, 8.0
         N, t = int(hits * gap * RATE_HZ), np.arange(int((hits * gap + 40) * RATE_HZ)) / RATE_HZ

@@ -142,6 +142,17 @@ def test_signals_that_nothing_tells_apart_are_refused(tmp_path: Path, capsys: py
     assert "2 signals change in it, 2 rows of the file to a sample" in capsys.readouterr().err
 
 
+def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two accelerometers alone; with the hammer's column the same log becomes a study."""
+    a = np.random.default_rng(0).normal(size=(400, 3))
+    columns = "a1 (m/s^2),a2 (g),Impact (N)"
+    for n, code in ((2, 1), (3, 0)):
+        log = tmp_path / f"{n}.csv"
+        np.savetxt(log, a[:, :n], delimiter=",", header=",".join(columns.split(",")[:n]), comments="")
+        assert cli.run_command(["new", str(tmp_path / f"s{n}"), "--from", str(log)]) == code
+    assert "none a force or torque, without which there is no response" in capsys.readouterr().err
+
+
 def test_logs_without_the_option_and_a_full_folder_are_refused(
     motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -15,10 +15,10 @@ from scipy.signal import lfilter
 
 from elastid.base.errors import DataError
 from elastid.frf import automatic
-from elastid.frf.automatic import inputs_pass
 from elastid.frf.estimate import estimate
 from elastid.frf.local.response import local_response
 from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import inputs_pass
 from elastid.record import Configuration, Record
 from elastid.response import FrequencyResponse
 

@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 
 from elastid.base.arrays import ComplexArray
 from elastid.frf.estimate import estimate
+from elastid.frf.segments import Segments
 from elastid.frf.spec import EstimatorSpec, Method
-from elastid.frf.welch import Segments
 from elastid.record import Configuration, Record
 
 

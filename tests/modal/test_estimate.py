@@ -8,6 +8,7 @@ from modal.structures import modal_response
 from scipy.signal import lfilter
 
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 from elastid.experiment.simulated.structure import shake, true_modes, true_response
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -182,6 +183,23 @@ def test_a_band_without_lines_is_refused_and_a_study_goes_on() -> None:
     (none,) = modes_of_responses([response], ModalSpec(band_hz=(40.0, 41.0)))
     assert none.n_modes == 0
     assert "9 lines" in none.notes[0].text
+
+
+def test_overloaded_hits_have_no_modes_but_those_that_are_named() -> None:
+    """A note on clipped hits at the response; of a band alone its modes are found."""
+    response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
+    clipped = replace(response, notes=(Note("overload", "3 of 5 hits stay at 20", "record a"),))
+    (none,) = modes_of_responses([clipped], ModalSpec())
+    assert none.n_modes == 0
+    assert "overloaded hits" in none.notes[0].text
+    np.testing.assert_allclose(estimate_modes(clipped, poles_hz=tuple(NATURAL)).freq_hz, NATURAL, rtol=1e-3)
+
+
+def test_a_band_has_its_modes_alone() -> None:
+    """Those outside are in the residuals."""
+    response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.001)
+    low, high = 0.5 * (NATURAL[0] + NATURAL[1]), 0.5 * (NATURAL[2] + NATURAL[3])
+    np.testing.assert_allclose(estimate_modes(response, (low, high)).freq_hz, NATURAL[1:3], rtol=1e-3)
 
 
 def test_a_roving_hammer_shows_shapes_where_it_hits() -> None:

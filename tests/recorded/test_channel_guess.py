@@ -18,6 +18,8 @@ RATE = 500.0
         ("iq_adx", "current", ""),
         ("motorSpeed", "velocity", ""),
         ("acc (m/s^2)", "acceleration", "m/s^2"),
+        ("Impact [N]", "force", "N"),
+        ("hammer", "force", ""),
         ("qm", "position", ""),
         ("xyzzy", "", ""),
     ],
