@@ -128,7 +128,7 @@ def test_without_the_motors_angle_friction_stays() -> None:
     """A sentence names the motor whose angle is missing."""
     configurations, lines = measured()
     blind = [
-        [replace(r, outputs=("motor 1",), quantities=r.quantities[:1], y=r.y[:, :1]) for r in records]
+        [replace(r, outputs=("motor 1",), quantities=r.quantities[:1], y=r.y[:, :1], sampled=()) for r in records]
         for records in configurations
     ]
     (note,) = find_friction(blind, AUTO, lines).notes
