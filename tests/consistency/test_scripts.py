@@ -102,12 +102,12 @@ def test_example_22_finds_gains_at_their_limit() -> None:
 
 @pytest.mark.slow
 def test_example_21_measures_until_the_springs_are_known() -> None:
-    """In half the time of the plan or less, with the truth in intervals that are as narrow as was asked for."""
+    """In two thirds of the time of the plan, with the truth in intervals that are as narrow as was asked for."""
     live = example("ex21_live_identification")
     assert live["reached"]
-    assert live["share"] <= 0.5
+    assert live["share"] < 2 / 3
     assert all(live["inside"].values())
-    assert all(widths[-1] <= 0.04 < widths[0] for widths in live["half_widths"].values())
+    assert all(widths[-1] <= 0.03 < widths[0] for widths in live["half_widths"].values())
 
 
 @pytest.mark.slow
