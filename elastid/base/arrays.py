@@ -207,7 +207,7 @@ class FileArray(np.memmap):
         return array
 
     def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
-        """What is worked out of it is in memory."""
+        """Results of arithmetic with it are in memory."""
         plain = np.asarray(array)
         return plain[()] if return_scalar else plain
 

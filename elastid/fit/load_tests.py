@@ -33,8 +33,8 @@ class LoadTest:
         "robot may carry: the deflection grows with it, the error of the gauge does not.")] = (0.0, 0.0, 0.0)
     torque: Annotated[tuple[Torque, Torque, Torque], Key("Torque on the frame, in the axes of the base.", "for a lever "
         "on the flange with two equal forces; a force at its end is a force at another frame.")] = (0.0, 0.0, 0.0)
-    mass: Annotated[Mass, Key("Mass that hangs on the frame; its weight is added to the force.", "instead of a force, "
-        "where weights are hung on.")] = 0.0
+    mass: Annotated[Mass, Key("Mass hung on the frame; its weight adds to the force.", "for a load test with "
+        "weights.")] = 0.0
     measured_at: Annotated[str, Key("Frame whose deflection is measured (default: that of the load).", "where the dial "
         "touches another place, or to separate the springs before it from those behind it.")] = ""
     along: Annotated[Axis | None, Key("Direction of a dial gauge in the axes of the base: x, y, z or three numbers; "

@@ -74,6 +74,7 @@ def design(
     plan, forecast, limit_use = designed.plan, designed.forecast, designed.limit_use
 
     def report(console: Console) -> None:
+        """Limits, robot time, choice of configurations and forecast."""
         console.notes(limit_use.notes)
         console.say(f"design: {limit_use.closest}")
         console.say(

@@ -175,7 +175,7 @@ class ElasticFit:
         return Evaluation(V + besides.cost, 2 * g + besides.gradient, 2 * A + besides.hessian)
 
     def besides(self, x: FloatArray) -> Evaluation:
-        """What static loads, priors and the barrier of the inertias have of V, its gradient and 2 J^T J at x."""
+        """V, its gradient and 2 J^T J at x of static loads, priors and the barrier of the inertias alone."""
         r, J = self.static(x)
         distance, slope = self.priors(x)
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)

@@ -152,7 +152,7 @@ def _by_scales(
 def scale_priors(
     A: FloatArray, levels: FloatArray, std: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
-    """What is known (n_s,) of the logarithms of scales without records; those of levels that are not seen stay.
+    """Weights (n_s,) of priors of the logarithms of scales; those of levels that are not seen stay.
 
     A: normal matrix of parameters, levels and scales.  levels, std (n_f,), (n_x + n_f + ...): of the last round, which
     is the first where all std are 0.
