@@ -48,8 +48,8 @@ from elastid.fit.line_sums import (
     correlation_length,
     disagreement,
     jackknife_variance,
-    line_powers,
     sum_lines,
+    triangle,
 )
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.shared_bias import find_factors
@@ -59,12 +59,12 @@ from elastid.response import FrequencyResponse
 
 
 def information_shares(
-    power: Sequence[FloatArray], freq_hz: Sequence[FloatArray], A_inverse: FloatArray, static: FloatArray
+    power: Sequence[FloatArray], freq_hz: Sequence[FloatArray], by_loads: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Share (Q, n_x) of each configuration, and the band (n_x, 2) of the middle half of the responses' information.
 
-    power: [A^-1 A_k A^-1]_ii (F, n_x) of the lines freq_hz (F,) of each.  static (n, n_x): J of load tests, whose share
-    is the rest.
+    power: [A^-1 A_k A^-1]_ii (F, n_x) of the lines freq_hz (F,) of each.  by_loads (n_x,): the same of load
+    tests, whose share is the rest.
     """
     sums = [np.sum(lines, axis=0) for lines in power]
     total = np.sum(sums, axis=0)
@@ -75,19 +75,17 @@ def information_shares(
     columns = np.nan_to_num(rising.T, nan=1.0)
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
     band = every[order][np.minimum(places, len(every) - 1)]
-    return np.array([own / (total + np.sum((static @ A_inverse) ** 2, axis=0)) for own in sums]), band
+    return np.array([own / (total + by_loads) for own in sums]), band
 
 
-def noise_dof(
-    power: Sequence[FloatArray], dof: Sequence[float], A_inverse: FloatArray, static: FloatArray
-) -> FloatArray:
+def noise_dof(power: Sequence[FloatArray], dof: Sequence[float], by_loads: FloatArray) -> FloatArray:
     """Real degrees of freedom (n_x,) behind each variance by the measured noise, whose lines scatter independently.
 
     By Satterthwaite's rule, the elements of a line taken as one: errors whitened, a line of p_k of the variance with
-    nu complex degrees of freedom leaves 2 (sum p_k)^2 / sum (p_k^2 / nu); static (n, n_x), J of load tests, has all.
-    power: of `information_shares`.  dof: nu of each configuration.
+    nu complex degrees of freedom leaves 2 (sum p_k)^2 / sum (p_k^2 / nu); by_loads, of load tests, has all.
+    power, by_loads: of `information_shares`.  dof: nu of each configuration.
     """
-    total, spread = np.sum((static @ A_inverse) ** 2, axis=0), np.zeros(len(A_inverse))
+    total, spread = by_loads, np.zeros(len(by_loads))
     for lines, nu in zip(power, dof, strict=True):
         total, spread = total + lines.sum(axis=0), spread + np.sum(lines**2, axis=0) / nu
     return np.asarray(np.divide(2 * total**2, spread, out=np.full(len(total), np.inf), where=spread > 0))
@@ -136,51 +134,51 @@ def estimate_uncertainty(
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
     # To other processes each part goes by itself.
     work, bare = execution or Execution(), replace(fit, parts=(), loads=None)
+    static_r, static_J = _static(fit, x, len(factors))
+    configurations = list(zip(fit.parts, responses, weights, strict=True))
+    R = np.vstack([np.diag(prior), static_J])
+    for own in work.in_turn(partial(triangle, bare, x, factors), configurations):  # R of the stacked J = Q R
+        R = np.asarray(np.linalg.qr(np.vstack([R, own]), mode="r"))
+    half, singular_values, unreached, weakest = inverse_information(R)
     parts, floor_pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
-    for sums in work.in_turn(
-        partial(sum_lines, bare, x, factors), list(zip(fit.parts, responses, weights, strict=True))
-    ):
+    for sums in work.in_turn(partial(sum_lines, bare, x, factors, half), configurations):
         for key, pull in sums.floor_pull.items():
             floor_pulls[key] = floor_pulls.get(key, 0.0) + pull
         parts.append(replace(sums, floor_pull={}))
-    static_r, static_J = _static(fit, x, len(factors))
-    R = np.diag(prior)
-    if len(static_J):
-        R = np.asarray(np.linalg.qr(np.vstack([R, static_J]), mode="r"))
-    for part in parts:  # R of the stacked J = Q R, configuration by configuration
-        R = np.asarray(np.linalg.qr(np.vstack([R, part.rows]), mode="r"))
-    A_inverse, singular_values, unreached, weakest = inverse_information(R)
-    pairs = list(zip(fit.parts, responses, strict=True))
-    power = work.ordered(partial(line_powers, bare, x, factors, A_inverse), pairs)
+    own_J = np.vstack([np.diag(prior), static_J]) @ half.T  # of what is in no response, as that of the sums
+    static_J = own_J[len(prior) :]
+    meat, expected_cost, cost_dof = _noise(own_J, prior, fit.problem.dof, parts)
+    noise = half.T @ meat @ half
     dof = fit.problem.dof
-    meat, expected_cost, cost_dof = _noise(prior, static_J, dof, parts, A_inverse)
-    noise = A_inverse @ meat @ A_inverse
     inflation = fit.n_residuals / max(dof, 1) * _correlation_length(parts)
     pulls = np.hstack([_by_frequency(parts), static_J.T * static_r])
-    residuals = inflation * np.sum((A_inverse @ pulls) ** 2, axis=1)
+    residuals = inflation * np.sum((half.T @ pulls) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
-    by_blocks = block_variance(blocks, A_inverse)
+    by_blocks = block_variance(blocks, half)
     cost = expected_cost if is_forecast else sum(part.cost for part in parts) + float(static_r @ static_r)
-    floor = _floor(parts, floor_pulls, A_inverse, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
+    floor = _floor(parts, floor_pulls, half, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
     if is_in_error(cost, expected_cost, cost_dof):
-        residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
-    of_file = np.zeros(len(prior))  # tolerances scatter from file to file, not from measurement to measurement
-    of_file[:n_x] = np.where([p.tolerated for p in fit.parameters.free], prior[:n_x], 0.0)
-    scatter = np.diag(A_inverse @ (meat - np.diag(of_file**2)) @ A_inverse)
-    repeated = np.divide(scatter, np.diag(noise), out=np.ones(len(prior)), where=np.diag(noise) > 0)
-    known_dof = noise_dof(power, [part.noise_dof for part in parts], A_inverse, static_J)
+        A = (R @ half.T).T @ (R @ half.T)
+        residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, A, half)])
+    # Tolerances scatter from file to file, not from measurement to measurement.
+    of_file = [i for i, p in enumerate(fit.parameters.free) if p.tolerated]
+    by_file = np.sum((own_J[of_file] @ half) ** 2, axis=0)
+    variance = np.diag(noise)
+    repeated = 1 - np.divide(by_file, variance, out=np.zeros(len(prior)), where=variance > 0)
+    by_loads = np.sum((static_J @ half) ** 2, axis=0)
+    power = [part.power for part in parts]
+    known_dof = noise_dof(power, [part.noise_dof for part in parts], by_loads)
     widened = small_sample_factors(known_dof / np.maximum(repeated, 1e-6) ** 2)
-    covariance = _larger(noise * np.outer(widened, widened), residuals, A_inverse) + floor
+    covariance = _larger(noise * np.outer(widened, widened), residuals, half) + floor
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
-    known = np.diag(noise) + np.diag(floor)
+    known = variance + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
-    share, band_hz = information_shares(power, [part.freq_hz for part in parts], A_inverse, static_J)
+    share, band_hz = information_shares(power, [part.freq_hz for part in parts], by_loads)
     kept = slice(n_x)  # the factors are no part of the result
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
-    parted = disagreement(blocks, A_inverse)
     estimate = covariance[kept, kept], singular_values, unreached[kept]
-    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept])
+    return Uncertainty(*estimate, *by_noise, *information, disagreement(blocks), shift[kept], repeated[kept])
 
 
 def _static(fit: ElasticFit, x: FloatArray, n_factors: int) -> tuple[FloatArray, FloatArray]:
@@ -190,9 +188,10 @@ def _static(fit: ElasticFit, x: FloatArray, n_factors: int) -> tuple[FloatArray,
 
 
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-    """A^-1 of A = R^T R over the directions that the data reach, singular values, and which parameters lie outside.
+    """H (n, n_x), singular values, and which parameters lie outside the directions that the data reach.
 
-    Last the weakest direction (n_x,), of length one, its largest entry positive.
+    A^-1 = H^T H, A = R^T R, over the n directions that they reach.  Last the weakest direction (n_x,), of length
+    one, its largest entry positive.
 
     The data do not reach directions whose scaled singular value is below 1e-8 of the largest; a parameter lies outside
     if its part in one of these, of length one, exceeds 1e-3.  From R and not from A, whose condition number is the
@@ -204,17 +203,18 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
     reached = singular_values > 1e-8 * max(singular_values[0], 1e-300)
     half = (Vt[reached] / singular_values[reached, None]) / length
     weakest = Vt[-1] * np.sign(Vt[-1][np.argmax(np.abs(Vt[-1]))])
-    return half.T @ half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0), weakest
+    return half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0), weakest
 
 
 def _noise(
-    prior: FloatArray, static: FloatArray, dof: int, parts: Sequence[LineSums], A_inverse: FloatArray
+    own_J: FloatArray, prior: FloatArray, dof: int, parts: Sequence[LineSums]
 ) -> tuple[FloatArray, float, float]:
-    """Covariance of J^T r (n_x, n_x) under the measured noise and the priors, the V that they lead to, and cost_dof.
+    """Covariance of J^T r (n, n) under the measured noise and the priors, the V that they lead to, and cost_dof.
 
-    prior (n_x,): 1 / s.  static (n, n_x): J of load tests.  Where no noise was measured the residuals are taken for it.
+    In the variables of the sums.  own_J: rows of the priors 1 / s (n_x,), then of load tests.  Where no noise was
+    measured the residuals are taken for it.
     """
-    meat, power = np.diag(prior**2) + static.T @ static, float(np.count_nonzero(prior) + len(static))
+    meat, power = own_J.T @ own_J, float(np.count_nonzero(prior) + len(own_J) - len(prior))
     known = any(part.blocks.noise is not None for part in parts)
     level, spread = sum(part.cost for part in parts) / max(dof, 1), 2 * power
     for part in parts:
@@ -225,7 +225,7 @@ def _noise(
         else:
             meat, power = meat + noise, power + part.noise_power
             spread += part.noise_spread
-    return meat, power - float(np.trace(A_inverse @ meat)), 2 * power**2 / max(spread, 1e-300) if known else math.nan
+    return meat, power - float(np.trace(meat)), 2 * power**2 / max(spread, 1e-300) if known else math.nan
 
 
 def _correlation_length(parts: Sequence[LineSums]) -> float:
@@ -240,10 +240,10 @@ def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:
     return total.T
 
 
-def _larger(noise: FloatArray, residuals: FloatArray, A_inverse: FloatArray) -> FloatArray:
+def _larger(noise: FloatArray, residuals: FloatArray, half: FloatArray) -> FloatArray:
     """Variances the larger of noise and residuals (n_x,), correlations those of the noise (of A^-1 without any)."""
     variance = np.diag(noise)
-    shape = noise if np.all(variance > 0) else A_inverse
+    shape = noise if np.all(variance > 0) else half.T @ half
     wanted, deviation = np.sqrt(np.maximum(variance, residuals)), np.sqrt(np.diag(shape))
     scale = np.divide(wanted, deviation, out=np.zeros_like(wanted), where=deviation > 0)
     return np.asarray(shape * np.outer(scale, scale))
@@ -252,7 +252,7 @@ def _larger(noise: FloatArray, residuals: FloatArray, A_inverse: FloatArray) -> 
 def _floor(
     parts: Sequence[LineSums],
     pulls: Mapping[tuple[str, str, int], ComplexArray],
-    A_inverse: FloatArray,
+    half: FloatArray,
     cost: float,
     expected_cost: float,
     cost_dof: float,
@@ -262,7 +262,7 @@ def _floor(
     pulls: `LineSums.floor_pull`, summed over the configurations.  s: the share of its power for which V leaves room
     above the noise and two standard deviations of V.
     """
-    shifts = A_inverse @ np.stack(list(pulls.values()), axis=1)
+    shifts = half.T @ np.stack(list(pulls.values()), axis=1)
     power = sum(part.floor_power for part in parts)
     deviation = expected_cost * np.sqrt(2 / max(cost_dof, 1.0))
     room = cost - expected_cost + 2 * deviation

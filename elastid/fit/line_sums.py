@@ -41,10 +41,11 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class LineSums:
-    """Of one configuration, n_x free parameters and F lines; small, since there may be a thousand of them.
+    """Of one configuration, n_x variables and F lines; small, since there may be a thousand of them.
 
-    rows (n_x, n_x): a triangle with the J^T J of its part.  autocovariance (F,): Re sum r_k^* r_{k+l} of its whitened
-    residuals, by lag.  n_residuals: real ones that are not zero.  pull (n_x, F): J_k^T r_k of each line.
+    rows (n_x, n_x): a triangle with the J^T J of its part.  power (F, n_p): of each line, what it contributes to the
+    variances of the n_p parameters: [A^-1 A_k A^-1]_ii, A_k = J_k^T J_k.  autocovariance (F,): Re sum r_k^* r_{k+l} of
+    its whitened residuals, by lag.  n_residuals: real ones that are not zero.  pull (n_x, F): J_k^T r_k of each line.
     blocks: the pulls summed over bands, with their covariance under the measured noise.  noise_power: E|r|^2 under it,
     noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both NaN where
     no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
@@ -55,6 +56,7 @@ class LineSums:
 
     freq_hz: FloatArray
     rows: FloatArray
+    power: FloatArray
     autocovariance: FloatArray
     n_residuals: int
     pull: FloatArray
@@ -71,16 +73,28 @@ class LineSums:
         return float(self.autocovariance[0])
 
 
-def sum_lines(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], configuration: tuple[Part, FrequencyResponse, Weights]
-) -> LineSums:
-    """The sums of one configuration at x (n_x,); fit: whose parameters count.
+Configuration = tuple[Part, FrequencyResponse, Weights]
 
-    factors: of systematic errors, which are further columns of J.
+
+def triangle(fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], configuration: Configuration) -> FloatArray:
+    """R (n_x, n_x) of J = Q R of one configuration; arguments as `sum_lines`."""
+    part, response, _ = configuration
+    return _triangle(_rows(_block(fit, x, factors, part, response, part.mixing)[1]))
+
+
+def sum_lines(
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], half: FloatArray, configuration: Configuration
+) -> LineSums:
+    """The sums of one configuration at x (n_p,); fit: whose parameters count.
+
+    factors: of systematic errors, which are further columns of J.  half (n_x, n_p): H with A^-1 = H^T H.  The variables
+    of the sums are z, with x = H^T z, in which A = 1: of variances that differ by 1e8 and more, as those of a scale
+    that only the file has and those of ratios, the small ones are lost where sums are formed in x.
     """
     part, response, weights = configuration
     mixing = part.mixing
     r, J = _block(fit, x, factors, part, response, mixing)
+    J = np.tensordot(half, J, axes=1)
     T = _whitening(part, mixing)
     floor = vec(weights.floor * response.G)
     # A sum over lines whose errors are correlated has so many times the variance.
@@ -95,7 +109,8 @@ def sum_lines(
         dof = weights.noise.measured.dof
         spread = together * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
-    rows = np.asarray(np.linalg.qr(_rows(J), mode="r"))
+    rows = _rows(J)
+    power_of_lines = ((rows @ half) ** 2).reshape(len(r), -1, half.shape[1]).sum(axis=1)
     residual, n_residuals = r.reshape(len(r), -1), 2 * int(np.count_nonzero(r))
     pull = np.einsum("pfab,fab->pf", J.conj(), r).real
     S = None if S is None else together * S
@@ -104,24 +119,8 @@ def sum_lines(
     floor_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
     floor_pull = _coherent(response, pulls.transpose(1, 0, 2))
     noise_sums, floor_sums = (power, spread, dof), (floor_power, floor_pull)
-    return LineSums(response.freq_hz, rows, lags, n_residuals, pull, blocks, *noise_sums, *floor_sums)
-
-
-def line_powers(
-    fit: ElasticFit,
-    x: FloatArray,
-    factors: Sequence[Factor],
-    A_inverse: FloatArray,
-    configuration: tuple[Part, FrequencyResponse],
-) -> FloatArray:
-    """[A^-1 A_k A^-1]_ii (F, n_x) of the lines of one configuration, A_k = J_k^T J_k; arguments as `sum_lines`.
-
-    The rows of J are worked out again, since those of all configurations would fill the memory.
-    """
-    part, response = configuration
-    _, J = _block(fit, x, factors, part, response, part.mixing)
-    moved = (_rows(J) @ A_inverse) ** 2
-    return np.asarray(moved.reshape(J.shape[1], -1, len(A_inverse)).sum(axis=1))
+    own = response.freq_hz, _triangle(rows), power_of_lines
+    return LineSums(*own, lags, n_residuals, pull, blocks, *noise_sums, *floor_sums)
 
 
 def _block(
@@ -142,6 +141,10 @@ def _block(
 def _rows(J: ComplexArray) -> FloatArray:
     """J (n_x, F, n_y, n_u) as real rows (2 N, n_x)."""
     return as_real(J).reshape(len(J), -1).T
+
+
+def _triangle(rows: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def autocovariance(residual: ComplexArray) -> FloatArray:
@@ -242,13 +245,17 @@ def sum_blocks(pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length
     return Blocks(pulls, np.array(noise)[:, *np.triu_indices(len(pull))])
 
 
-def jackknife_variance(parts: Sequence[LineSums], A: FloatArray) -> FloatArray:
-    """Variances (n_x,) of x, zero for fewer than three configurations; A (n_x, n_x): J^T J of all, priors included."""
+def jackknife_variance(parts: Sequence[LineSums], A: FloatArray, half: FloatArray) -> FloatArray:
+    """Variances (n_p,) of x = H^T z, zero for fewer than three configurations.
+
+    A (n_x, n_x): J^T J of all, priors included, in the variables z of the sums.  half (n_x, n_p): H.
+    """
     Q, length = len(parts), np.sqrt(np.diag(A))
     if Q < 3:
-        return np.zeros(len(A))
+        return np.zeros(half.shape[1])
     length[length == 0] = 1.0
-    moved, t = np.array([_moved_without(part, A, length) for part in parts]), small_sample_factor(Q)
+    moved = np.array([_moved_without(part, A, length) for part in parts]) @ half
+    t = small_sample_factor(Q)
     return np.asarray(t**2 * (Q - 1) / Q * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0))
 
 
@@ -262,24 +269,23 @@ def _moved_without(part: LineSums, A: FloatArray, length: FloatArray) -> FloatAr
     return np.asarray(step / length)
 
 
-def block_variance(blocks: Sequence[Blocks], A_inverse: FloatArray) -> FloatArray:
-    """Variances (n_x,) of x by the scatter of the pulls of all blocks; zero for fewer than two."""
-    moved = np.concatenate([block.pull for block in blocks]) @ A_inverse
+def block_variance(blocks: Sequence[Blocks], half: FloatArray) -> FloatArray:
+    """Variances (n_p,) of x = H^T z by the scatter of the pulls of all blocks; zero for fewer than two."""
+    moved = np.concatenate([block.pull for block in blocks]) @ half
     n = int(np.count_nonzero(np.any(moved != 0, axis=1)))
     if n < 2:
-        return np.zeros(len(A_inverse))
+        return np.zeros(half.shape[1])
     t = small_sample_factor(n)
     return np.asarray(t**2 * n / (n - 1) * np.sum(moved**2, axis=0))
 
 
-def disagreement(blocks: Sequence[Blocks], A_inverse: FloatArray) -> float:
+def disagreement(blocks: Sequence[Blocks]) -> float:
     """T of the blocks whose noise is known; NaN where that is none, or too few to disagree."""
-    total, rank = 0.0, -int(np.count_nonzero(np.diag(A_inverse) > 0))
-    scale = np.sqrt(np.diag(A_inverse))
+    total, rank = 0.0, -(blocks[0].pull.shape[1] if blocks else 0)
     for block in blocks:
         for pull, noise in zip(block.pull, () if block.noise is None else block.noise, strict=block.noise is not None):
-            values, vectors = np.linalg.eigh(symmetric(noise, len(pull)) * np.outer(scale, scale))
+            values, vectors = np.linalg.eigh(symmetric(noise, len(pull)))
             known = values > 1e-9 * max(float(values[-1]), 1e-300)
-            total += float(np.sum((vectors[:, known].T @ (scale * pull)) ** 2 / values[known]))
+            total += float(np.sum((vectors[:, known].T @ pull) ** 2 / values[known]))
             rank += int(np.count_nonzero(known))
     return total / rank if rank > 0 else math.nan

@@ -89,7 +89,7 @@ class DataSets:
         exact = [replace(noisy, G=exact.G) for noisy, exact in zip(data, self.rig.exact, strict=True)]
         assembly = self.rig.assembly(exact, self.plant.spec)
         _, J = assembly.at(self.plant.parameters.x, "complex").residual(self.plant.parameters.x)
-        return np.sqrt(np.diag(inverse_information(np.linalg.qr(J, mode="r"))[0]))
+        return np.linalg.norm(inverse_information(np.linalg.qr(J, mode="r"))[0], axis=0)
 
 
 def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> BoolArray:

@@ -151,7 +151,7 @@ class World:
         weights = [weigh(one, spec) for one in known]
         fit = elastic_fit(known, self.models[:-1], weights, self.plant.parameters, "complex")
         _, J = fit.residual(self.plant.parameters.x)
-        return np.sqrt(np.diag(inverse_information(np.linalg.qr(J, mode="r"))[0]))
+        return np.linalg.norm(inverse_information(np.linalg.qr(J, mode="r"))[0], axis=0)
 
 
 _WORLDS: dict[tuple[str, str], World] = {}

@@ -36,7 +36,7 @@ def drawn(rng: np.random.Generator, length: int, band: int) -> tuple[np.ndarray,
         blocks = [Blocks(pull, known[:, *np.triu_indices(N_X)])]
         found.append(x)
         stated.append(block_variance(blocks, A_inverse))
-        parted.append(disagreement(blocks, A_inverse))
+        parted.append(disagreement(blocks))
     return np.array(found), np.array(stated), parted
 
 
@@ -73,14 +73,14 @@ def test_bands_are_twice_as_long_as_the_residuals_are_correlated() -> None:
 def test_few_blocks_and_unknown_noise_say_nothing() -> None:
     """One block has no scatter; pulls without a covariance do not disagree."""
     assert not block_variance([Blocks(np.ones((1, 2)), None)], np.eye(2)).any()
-    assert np.isnan(disagreement([Blocks(np.ones((5, 2)), None)], np.eye(2)))
+    assert np.isnan(disagreement([Blocks(np.ones((5, 2)), None)]))
 
 
 def evidence_of(J, r) -> LineSums:
     """A configuration of real residuals r (N,) with slopes J (N, n_x)."""
     pull = (J * r[:, None]).T
     lags, unknown = autocovariance(r[:, None] + 0j), (np.nan, np.nan, np.inf, 0.0, {})
-    return LineSums(np.ones(len(r)), J, lags, len(r), pull, Blocks(pull.T, None), *unknown)
+    return LineSums(np.ones(len(r)), J, J**2, lags, len(r), pull, Blocks(pull.T, None), *unknown)
 
 
 def left_out(blocks, y):
@@ -98,7 +98,7 @@ def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
     blocks, y = [rng.standard_normal((6, 3)) * (1, 1e4, 1e-5) for _ in range(Q)], rng.standard_normal((Q, 6))
     x = np.linalg.lstsq(np.vstack(blocks), np.concatenate(y))[0]
     parts = [evidence_of(J, J @ x - one) for J, one in zip(blocks, y, strict=True)]
-    found = jackknife_variance(parts, sum(J.T @ J for J in blocks))
+    found = jackknife_variance(parts, sum(J.T @ J for J in blocks), np.eye(3))
     scatter = left_out(blocks, y)
     expected = (Q - 1) / Q * np.sum((scatter - scatter.mean(axis=0)) ** 2, axis=0)
     t = student.ppf(0.975, Q - 1) / student.ppf(0.975, np.inf)
@@ -116,7 +116,7 @@ def test_where_each_configuration_errs_by_itself_95_percent_hold_the_truth(Q):
         own = rng.standard_normal((Q, 2))
         x = own.mean(axis=0)
         parts = [evidence_of(J, J @ (x - one)) for one in own]
-        held.append(np.abs(x) < 1.959964 * np.sqrt(jackknife_variance(parts, Q * J.T @ J)))
+        held.append(np.abs(x) < 1.959964 * np.sqrt(jackknife_variance(parts, Q * J.T @ J, np.eye(2))))
     assert np.mean(held) == pytest.approx(0.95, abs=0.01)
 
 
@@ -124,9 +124,11 @@ def test_what_only_one_configuration_informs_has_no_scatter():
     """Two configurations more know nothing of the second parameter."""
     one, other = np.array([[1.0, 0.5], [0.0, 1.0]]), np.array([[1.0, 0.0], [2.0, 0.0]])
     r = np.array([0.3, -0.1])
-    found = jackknife_variance([evidence_of(J, r) for J in (one, other, other)], one.T @ one + 2 * other.T @ other)
+    found = jackknife_variance(
+        [evidence_of(J, r) for J in (one, other, other)], one.T @ one + 2 * other.T @ other, np.eye(one.shape[1])
+    )
     assert np.all(np.isfinite(found))
-    assert np.all(jackknife_variance([evidence_of(one, r)] * 2, 2 * one.T @ one) == 0)
+    assert np.all(jackknife_variance([evidence_of(one, r)] * 2, 2 * one.T @ one, np.eye(one.shape[1])) == 0)
 
 
 @pytest.mark.parametrize("dof", [8, 500])
