@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from plants import advice_of_changes, advice_of_fits, advice_of_logs, advice_of_sessions, advice_of_studies
-from plants.advice import CASES, GAP, Case, Desk, advices, keys
+from plants.advice import CASES, GAP, HEARD, Case, Desk, advices, found, keys
 
 # Each registers its cases.
 assert advice_of_changes, advice_of_fits
@@ -15,11 +15,13 @@ assert advice_of_logs, advice_of_sessions
 assert advice_of_studies
 
 
+@pytest.mark.slow
 def test_no_advice_is_forgotten() -> None:
     """Whatever a message tells a user to paste or to change has a case, and no case is left over."""
     assert {(advice.module, advice.text) for advice in advices()} == {*CASES}
 
 
+@pytest.mark.slow
 def test_a_setting_names_a_key_that_exists() -> None:
     """With the sections that it names, whatever stands for names that the study chooses."""
     for advice in (each for each in advices() if each.is_setting):
@@ -28,6 +30,7 @@ def test_a_setting_names_a_key_that_exists() -> None:
         assert any(each.endswith(path) for each in paths), (advice, paths)
 
 
+@pytest.mark.slow
 def test_a_change_names_a_key_that_exists() -> None:
     """With the sections that it names."""
     changes = [advice for advice in advices() if advice.is_change]
@@ -46,5 +49,8 @@ def test_a_change_names_a_key_that_exists() -> None:
     ],
 )
 def test_an_advice_works_when_it_is_pasted(follow: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The message is there, and gone once its advice is followed."""
+    """The message is there, and gone once its advice is followed, as the case asserts."""
+    HEARD.clear()
     follow(Desk(tmp_path, capsys))
+    own = [text for (_, text), (function, _) in CASES.items() if function is follow]
+    assert [text for text in own if not any(found(text, said) for said in HEARD)] == []
