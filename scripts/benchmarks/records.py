@@ -4,8 +4,8 @@
         [--folder F]
 
 The logs of large_record.py, 300 MB (--quick: 10 MB, without a period) of C channels (3), of which the study asks for
-the first three: torque and two angles. Cases: `periodic` and `noise` (without a period) in single precision, `double` periodic in double
-precision.
+the first three: torque and two angles. Cases: `periodic` and `noise` (without a period) in single precision, `double`
+periodic in double precision.
 Time: CPU and wall clock of `python -m elastid measure --jobs 1`, a process of its own, over those of another one that
 reads the same channels with h5py; both from the disk (pages dropped before) and, for the CPU time, from memory. Rate:
 CPU time per value less that of a log of a tenth of the size, so that starting Python does not count.

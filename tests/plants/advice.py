@@ -157,8 +157,7 @@ class Desk:
         self.capture.readouterr()
         code = cli.run_command(arguments)
         said = self.capture.readouterr()
-        HEARD.append(" ".join(f"{said.out} {said.err}".split()))
-        return code, HEARD[-1]
+        return code, " ".join(f"{said.out} {said.err}".split())
 
     def write(self, **files: str) -> str:
         """The path of study.yml, which stands in the folder with other files."""
@@ -170,8 +169,6 @@ class Desk:
 Case: TypeAlias = Callable[[Desk], None]
 # Of each advice, by module and text, what provokes its message and follows it; True where that takes long.
 CASES: dict[tuple[str, str], tuple[Case, bool]] = {}
-# Messages since the list was cleared.
-HEARD: list[str] = []
 # What a message leaves to the user.
 _BLANKS = {"{torque: ..., velocity: ...}": "{torque: 100, velocity: 3}", "{torque: ...}": "{torque: 100}"}
 
@@ -186,19 +183,12 @@ def case(module: str, *texts: str, slow: bool = False) -> Callable[[Case], Case]
     return registered
 
 
-def found(text: str, said: str) -> str | None:
-    """An advice as a message has it, its gaps filled in; None where the message has it not."""
-    pattern = ".*?".join(re.escape(part) for part in text.split(GAP))
-    match = re.search(pattern + (r"(?=$|[\s,;:)`])" if text.endswith(GAP) else ""), said)
-    return match and match[0]
-
-
 def rendered(text: str, said: str) -> str:
-    """An advice as a message has it; AssertionError where the message has it not."""
-    HEARD.append(said)
-    advice = found(text, said)
-    assert advice is not None, (text, said)
-    return advice
+    """An advice as a message has it, its gaps filled in; AssertionError where the message has it not."""
+    pattern = ".*?".join(re.escape(part) for part in text.split(GAP))
+    found = re.search(pattern + (r"(?=$|[\s,;:)`])" if text.endswith(GAP) else ""), said)
+    assert found is not None, (text, said)
+    return found[0]
 
 
 def pasted(text: str, at: str = "") -> str:
@@ -221,6 +211,5 @@ def refusal(attempt: Callable[[], object]) -> str:
     try:
         attempt()
     except (ElastidError, ValueError) as error:
-        HEARD.append(str(error))
-        return HEARD[-1]
+        return str(error)
     return ""

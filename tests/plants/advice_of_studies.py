@@ -341,9 +341,9 @@ def designed(desk: Desk, template: str, *overrides: str) -> str:
 
 @case("excitation/phases.py", "orthogonal: dft", slow=True)
 def no_hadamard_matrix(desk: Desk) -> None:
-    faults = "excitation.orthogonal=hadamard", "experiment.configurations={one: [0, 0, 0]}"
-    text = rendered("orthogonal: dft", designed(desk, "serial", *faults))
-    assert designed(desk, "serial", *faults, pasted(text, "excitation.")) == ""
+    fault = "excitation.orthogonal=hadamard"
+    text = rendered("orthogonal: dft", designed(desk, "serial", fault))
+    assert designed(desk, "serial", fault, pasted(text, "excitation.")) == ""
 
 
 @case("design/limits.py", "limits: {torque: ..., velocity: ...}", slow=True)
