@@ -49,10 +49,10 @@ def bench(name: str, H: FloatArray, criterion: DesignCriterion) -> tuple[Relaxed
 
 def main(quick: bool) -> dict[str, dict[str, float]]:
     """Every case by name: certified gap, efficiency of the whole experiments, CPU seconds."""
-    Q = 500 if quick else CANDIDATES
+    Q = 60 if quick else CANDIDATES
     everything = np.eye(PARAMETERS)
     full, few = random_information(1, Q, PARAMETERS), random_information(1, Q, 3)
-    robust = random_information(8, 200 if quick else 1000, PARAMETERS)
+    robust = random_information(8, 40 if quick else 1000, PARAMETERS)
     cases = {
         f"D, {Q} candidates": (full, DesignCriterion("D", everything)),
         f"D, {Q} candidates of rank 3": (few, DesignCriterion("D", everything)),

@@ -187,7 +187,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
-    count = 200 if given.quick else given.mutants
+    count = 60 if given.quick else given.mutants
     with tempfile.TemporaryDirectory() as folder:
         chosen = seeds(Path(folder))
         found = ordered(partial(judged, seed=given.seed, chosen=chosen), range(count), given.jobs)

@@ -92,7 +92,7 @@ def _rig(plant: Plant) -> Rig:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a few runs of the smallest robot, to see that it runs")
+    parser.add_argument("--quick", action="store_true", help="one run of the smallest robot, to see that it runs")
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--robot", nargs="*", default=list(ROBOTS), choices=list(ROBOTS))
     parser.add_argument("--study", type=Path, help="another robot: that of a study, in its configurations")
@@ -101,7 +101,7 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=20)
     parser.add_argument("--jobs", type=int, default=2)
     given = parser.parse_args()
-    runs, jobs = (3, 1) if given.quick else (given.runs, given.jobs)
+    runs, jobs = (1, 1) if given.quick else (given.runs, given.jobs)
     plants = [ROBOTS[name]() for name in (["three-mass"] if given.quick else given.robot)]
     if given.study is not None:
         plants = [of_study(given.study, given.study.stem, given.lines)]

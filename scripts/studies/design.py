@@ -329,8 +329,8 @@ def main(quick: bool, jobs: int, robots: Sequence[str] = tuple(STUDIES)) -> list
     if quick:
         arm = three_axes(1)
         assert arm.design is not None
-        few = replace(arm.design, candidates=replace(CANDIDATES, random=40), periods=())
-        return [study(replace(arm, design=few), 1, (3, 2), 1, 2, jobs)]
+        few = replace(arm.design, candidates=replace(CANDIDATES, random=12), periods=())
+        return [study(replace(arm, design=few), 1, (2, 2), 1, 2, jobs)]
     outcomes = []
     for make, count, repetitions, plans, of_random in (STUDIES[name] for name in robots):
         outcomes.append(study(make(count), count, repetitions, plans, of_random, jobs))

@@ -309,7 +309,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--rig", default="")
     given = parser.parse_args()
-    count = 6 if given.quick else given.logs
+    count = 2 if given.quick else given.logs
     outside = range(-1, -1 - count // RIG_EVERY, -1) if given.rig else ()
     judge = partial(judged, seed=given.seed, rig=given.rig)
     results = []

@@ -346,7 +346,7 @@ def main() -> None:
     parser.add_argument("--logs", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    count = FOLLOW_EVERY + 1 if given.quick else given.logs
+    count = 2 if given.quick else given.logs
     totals: Counter[str] = Counter()
     followed = 0
     for kind, codes in alarms(count, given.seed):

@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     rng, totals = np.random.default_rng(given.seed), Counter[str]()
-    count = 3 * EACH if given.quick else given.postures
+    count = EACH if given.quick else given.postures
     for robot_number in range(count // EACH):
         has_loop = robot_number % 3 > 0
         robot = drawn(rng, has_loop)

@@ -236,7 +236,9 @@ def _span(values: FloatArray) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few data sets of two axes, to see that it runs")
+    parser.add_argument(
+        "--quick", action="store_true", help="two small data sets of two axes on a carrier, to see that it runs"
+    )
     parser.add_argument("--sets", type=int, default=300)
     parser.add_argument("--axes", type=int, nargs="*", default=[2, 3], choices=sorted(BENCHES))
     parser.add_argument("--coulomb", type=float, nargs="*", default=list(LEVELS))
@@ -247,7 +249,15 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--verify", action="store_true", help="first compare a run with that of the simulated rig")
     given = parser.parse_args()
-    sets, axes, levels = (4, [2], [0.16]) if given.quick else (given.sets, given.axes, given.coulomb)
+    sets, axes, levels, carriers, realisations = (
+        given.sets,
+        given.axes,
+        given.coulomb,
+        given.carrier,
+        given.realisations,
+    )
+    if given.quick:
+        sets, axes, levels, carriers, realisations = 2, [2], [0.16], ["yes"], 2
     rows = []
     for n in axes if given.verify else ():
         for level, carrier in ((0.0, False), (0.16, False), (0.16, True)):
@@ -256,9 +266,9 @@ def main() -> None:
             print(f"{case.name}: {error['torque']:.1e} of the torque, {error['angle']:.1e} of the angle")
             assert max(error.values()) < MAX_ERROR
     for n in axes:
-        for carrier in given.carrier:
+        for carrier in carriers:
             for level in levels:
-                case = Case(n, level, carrier == "yes", tuple(given.friction), given.realisations, given.periods)
+                case = Case(n, level, carrier == "yes", tuple(given.friction), realisations, given.periods)
                 for row in covered(case, sets, given.jobs):
                     rows.append(row)
                     print(table(rows[-1:]).split("\n")[1 if len(rows) > 1 else 0 :][-1], flush=True)

@@ -165,7 +165,7 @@ def main() -> None:
     parser.add_argument("--robot", nargs="*", default=list(ROBOTS), choices=list(ROBOTS))
     parser.add_argument("--friction", nargs="*", default=["none", "coulomb"], choices=get_args(Friction))
     given = parser.parse_args()
-    robots, sets = (["two-axis"], 3) if given.quick else (given.robot, given.sets)
+    robots, sets = (["two-axis"], 2) if given.quick else (given.robot, given.sets)
     rows = []
     for name in robots:
         for friction in given.friction:

@@ -96,9 +96,9 @@ class Axes:
         return {name: float(values[draw]) for name, values in each.items()}
 
 
-def references(draws: int, rng: np.random.Generator) -> FloatArray:
+def references(draws: int, rng: np.random.Generator, duration_s: float) -> FloatArray:
     """Angles (n, draws) every STEP_S: sines in the first half of the draws, trapezoids of speed in the second."""
-    t = np.arange(round(DURATION_S / STEP_S)) * STEP_S
+    t = np.arange(round(duration_s / STEP_S)) * STEP_S
     angle = np.empty((len(t), draws))
     for draw in range(draws):
         if draw < draws / 2:
@@ -106,13 +106,13 @@ def references(draws: int, rng: np.random.Generator) -> FloatArray:
             size = rng.uniform(0.1, 0.4, 5) / freq_hz**0.7
             angle[:, draw] = size @ np.sin(2 * np.pi * np.outer(freq_hz, t) + phase[:, None])
         else:
-            angle[:, draw] = _trapezoids(rng)
+            angle[:, draw] = _trapezoids(rng, len(t))
     return angle
 
 
-def _trapezoids(rng: np.random.Generator) -> FloatArray:
+def _trapezoids(rng: np.random.Generator, n: int) -> FloatArray:
     """Angles (n,): moves at drawn speeds to drawn points, with rests."""
-    n, speeds, q = round(DURATION_S / STEP_S), [np.zeros(200)], 0.0
+    speeds, q = [np.zeros(200)], 0.0
     while sum(map(len, speeds)) < n:
         goal, speed, acceleration = rng.uniform(-0.8, 0.8), np.exp(rng.uniform(*np.log([0.1, 1.2]))), rng.uniform(3, 6)
         speed = min(speed, np.sqrt(abs(goal - q) * acceleration))
@@ -126,9 +126,9 @@ def _trapezoids(rng: np.random.Generator) -> FloatArray:
     return np.asarray(np.cumsum(np.convolve(velocity, window, "same")) * STEP_S)
 
 
-def simulated(axes: Axes, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def simulated(axes: Axes, rng: np.random.Generator, duration_s: float) -> tuple[FloatArray, FloatArray]:
     """Motor angle and torque (n, draws) every THINNED steps, without noise."""
-    reference = references(len(axes.inertia), rng)
+    reference = references(len(axes.inertia), rng, duration_s)
     desired = np.gradient(reference, STEP_S, axis=0)
     link = axes.inertia * axes.link_share
     motor = axes.inertia - link
@@ -180,11 +180,11 @@ def logged(angle: FloatArray, torque: FloatArray, rng: np.random.Generator) -> t
     return np.round(angle * COUNTS / (2 * np.pi)) * 2 * np.pi / COUNTS, torque + size * (white[0] + slow)
 
 
-def covered(kind: str, draws: int, seed: int) -> dict[str, Any]:
+def covered(kind: str, draws: int, seed: int, duration_s: float) -> dict[str, Any]:
     """The figures of a kind."""
     rng = np.random.default_rng((seed, KINDS.index(kind)))
     axes = Axes.drawn(kind, draws, rng)
-    angle, torque = simulated(axes, rng)
+    angle, torque = simulated(axes, rng, duration_s)
     hits: dict[str, list[bool]] = {}
     errors: dict[str, list[float]] = {}
     widths: dict[str, list[float]] = {}
@@ -219,14 +219,15 @@ def _motion(q: FloatArray, u: FloatArray, kind: str) -> Motion:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="three draws, without limits")
+    parser.add_argument("--quick", action="store_true", help="two draws of 10 s, without limits")
     parser.add_argument("--draws", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=KINDS)
     given = parser.parse_args()
+    draws, duration_s = (2, 10.0) if given.quick else (given.draws, DURATION_S)
     rows = []
     for kind in given.kinds:
-        rows.append(row := covered(kind, 3 if given.quick else given.draws, given.seed))
+        rows.append(row := covered(kind, draws, given.seed, duration_s))
         print("  ".join(f"{name} {value}" for name, value in row.items()), flush=True)
         if given.quick or row["misfit"] >= MISFITS:
             continue

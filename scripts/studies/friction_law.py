@@ -47,7 +47,7 @@ def main() -> None:
     options.add_argument("--quick", action="store_true")
     options.add_argument("--draws", type=int, default=500)
     given = options.parse_args()
-    draws = 12 if given.quick else given.draws
+    draws = 4 if given.quick else given.draws
     exact = published_levels()
     truth = law_of(exact)
     bound = np.sqrt(np.diag(truth.covariance))

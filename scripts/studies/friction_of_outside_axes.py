@@ -95,9 +95,9 @@ def warmth(t: Any) -> FloatArray:
     return np.asarray(10 * np.tanh((np.asarray(t) - 30) / 20))
 
 
-def references(kind: str, draws: int, rng: np.random.Generator) -> FloatArray:
+def references(kind: str, draws: int, rng: np.random.Generator, duration_s: float) -> FloatArray:
     """Angles (n, draws) every STEP_S."""
-    n = round(DURATION_S / STEP_S)
+    n = round(duration_s / STEP_S)
     angle = np.empty((n, draws))
     for draw in range(draws):
         if kind != "odd" and draw % 2:
@@ -132,9 +132,9 @@ def _odd(rng: np.random.Generator) -> list[FloatArray]:
     return ways[: 1 + int(rng.random() < 0.7)]
 
 
-def simulated(axes: Axes, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def simulated(axes: Axes, rng: np.random.Generator, duration_s: float) -> tuple[FloatArray, FloatArray]:
     """Motor angle and torque (n, draws) every THINNED steps, without noise."""
-    reference = references(axes.kind, len(axes.inertia), rng)
+    reference = references(axes.kind, len(axes.inertia), rng, duration_s)
     desired = np.gradient(reference, STEP_S, axis=0)
     link = 0.5 * axes.inertia if axes.kind == "load" else np.zeros_like(axes.inertia)
     motor, stiffness = axes.inertia - link, axes.resonance**2 * link
@@ -170,15 +170,15 @@ def logged(kind: str, q: FloatArray, u: FloatArray, rng: np.random.Generator) ->
     return Motion("axis", rate_hz, np.round(q / count) * count, u, turns_against_gravity=falls, temperature=degc)
 
 
-def assessed(kind: str, draws: int, seed: int) -> dict[str, Any]:
+def assessed(kind: str, draws: int, seed: int, duration_s: float) -> dict[str, Any]:
     """The figures of a kind."""
     rng = np.random.default_rng((seed, KINDS.index(kind)))
     drawn = [rng.uniform(*ends, draws) for ends in ((2, 6), (5, 15), (5, 20), (0, 6), (25, 60))]
     axes = Axes(kind, drawn[0], drawn[1], drawn[2], drawn[3], 2 * np.pi * drawn[4])
     errors, misfits = dict[str, list[float]](), 0
-    for q, u in zip(*(side.T for side in simulated(axes, rng)), strict=True):
+    for q, u in zip(*(side.T for side in simulated(axes, rng, duration_s)), strict=True):
         fit = regress_motion(logged(kind, q, u, rng))
-        assert abs(sum(fit.seconds.values()) - DURATION_S) < 0.01, fit.seconds
+        assert abs(sum(fit.seconds.values()) - duration_s) < 0.01, fit.seconds
         errors.setdefault("misfit", []).append(float(bool(fit.misfit)))
         if fit.misfit:
             misfits += 1
@@ -200,14 +200,15 @@ def assessed(kind: str, draws: int, seed: int) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="two draws, without limits")
+    parser.add_argument("--quick", action="store_true", help="two draws of 20 s, without limits")
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=KINDS)
     given = parser.parse_args()
+    draws, duration_s = (2, 20.0) if given.quick else (given.draws, DURATION_S)
     rows = []
     for kind in given.kinds:
-        rows.append(row := assessed(kind, 2 if given.quick else given.draws, given.seed))
+        rows.append(row := assessed(kind, draws, given.seed, duration_s))
         print("  ".join(f"{name} {value}" for name, value in row.items()), flush=True)
     print(json.dumps({"rigs": rows}))
     numbers = sum(row["numbers"] for row in rows)

@@ -53,12 +53,12 @@ MODES = ("auto", "none")
 
 
 def problem(quick: bool) -> DesignProblem:
-    """Six axes; two configurations in two realisations where quick."""
+    """Six axes; one configuration in two realisations where quick."""
     given = six_axis()
     simulated = replace(given.simulated, noise=replace(given.simulated.noise, torque_std=TORQUE_NOISE))
     experiment = replace(given.experiment, simulated=simulated)
     if quick:
-        some = dict(list(experiment.configurations.items())[:2])
+        some = dict(list(experiment.configurations.items())[:1])
         experiment = replace(experiment, configurations=some, realisations=2)
     return replace(given, experiment=experiment)
 

@@ -44,7 +44,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -89,6 +89,7 @@ class Case:
     taken: bool | None = True
     max_scatter: float = 0.35
     max_bias: tuple[float, float] = (0.1, 0.5)
+    realisations: int = 4
 
 
 CASES = (
@@ -148,7 +149,7 @@ def measure(case: Case, seed: int) -> tuple[list[list[Record]], Any]:
         substeps=case.substeps,
         torque_ripple=(TorqueRippleSpec(case.ripple),) if case.ripple else (),
     )
-    experiment = ExperimentSpec(CONFIGURATIONS, 4, 2, 1, simulated=simulated)
+    experiment = ExperimentSpec(CONFIGURATIONS, case.realisations, 2, 1, simulated=simulated)
     machine = robot(case.law, tuple(levels(case).tolist()))
     rig = SimulatedRig(machine, experiment, make_plan(excitation, experiment, machine, seed), seed)
     records = [rig.measure(each) for each in rig.experiments]
@@ -209,27 +210,33 @@ def check(case: Case, one: dict[str, Any]) -> None:
         return
     assert one["taken"], f"{case.name}: friction was left"
     ratio = one["scatter"][1] / one["scatter"][0]
-    assert np.all(ratio < case.max_scatter), f"{case.name}: scatter {ratio}"
+    # The scatter of one parameter over two or three data sets says little, that of all of them enough;
+    # so does the deviation that a fit states.
+    judged = ratio if one["sets"] > 3 else np.exp(np.mean(np.log(ratio)))
+    assert np.all(judged < case.max_scatter), f"{case.name}: scatter {ratio}"
     assert np.all(np.abs(one["level"] - 1) < 0.03), f"{case.name}: levels {one['level']}"
     # Three of the six parameters of a data set count as independent, and one of its two levels.
     for key, value, count in (("covered", one["covered"][1], 3), ("level_covered", one["level_covered"], 1)):
         least = MIN_COVERED - 2 * np.sqrt(0.05 * 0.95 / (count * one["sets"]))
         assert value > least, f"{case.name}: {key} {value} of the intervals, expected {least} at least"
     is_damping = np.array([name.startswith("d_") for name in JUDGED])
-    limit = np.where(is_damping, case.max_bias[1], case.max_bias[0]) + 2 * one["scatter"][1] / np.sqrt(one["sets"])
+    spread = one["scatter" if one["sets"] > 3 else "stated"][1] / np.sqrt(one["sets"])
+    limit = np.where(is_damping, case.max_bias[1], case.max_bias[0]) + 2 * spread
     assert np.all(np.abs(one["bias"][1]) < limit), f"{case.name}: bias {one['bias'][1]}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few data sets of two cases, to see that it runs")
+    parser.add_argument("--quick", action="store_true", help="two small data sets of one case, to see that it runs")
     parser.add_argument("--sets", type=int, default=16)
     parser.add_argument("--case", nargs="*", default=[case.name for case in CASES])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     given = parser.parse_args()
-    names = ["coulomb", "behind gears"] if given.quick else given.case
-    n_sets, jobs = (4, 1) if given.quick else (given.sets, given.jobs)
+    cases = [case for case in CASES if case.name in given.case]
+    n_sets, jobs = given.sets, given.jobs
+    if given.quick:
+        cases, n_sets, jobs = [replace(CASES[0], realisations=2)], 2, 1
     results = {}
     print(
         f"{'case':<16}{'':<7}"
@@ -237,7 +244,7 @@ def main() -> None:
         + f"{'covered':>10}{'levels / true':>16}{'covered':>10}"
     )
     print(f"{'':<23}" + f"{'bias, scatter, stated %':>24}" * len(JUDGED))
-    for case in (case for case in CASES if case.name in names):
+    for case in cases:
         one = judge(case, n_sets, given.seed, jobs)
         for i, mode in enumerate(("none", "auto")):
             cells = zip(one["bias"][i], one["scatter"][i], one["stated"][i], strict=True)

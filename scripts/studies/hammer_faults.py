@@ -94,8 +94,8 @@ def main(logs: int, seed: int) -> dict[str, object]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="30 logs")
+    parser.add_argument("--quick", action="store_true", help="10 logs")
     parser.add_argument("--logs", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    print(json.dumps(main(30 if asked.quick else asked.logs, asked.seed)))
+    print(json.dumps(main(10 if asked.quick else asked.logs, asked.seed)))

@@ -94,10 +94,10 @@ def main(clean: int, held: int, seed: int) -> dict[str, object]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="20 clean fits, 5 of each hold")
+    parser.add_argument("--quick", action="store_true", help="8 clean fits, 3 of each hold")
     parser.add_argument("--clean", type=int, default=300)
     parser.add_argument("--held", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    sizes = (20, 5) if asked.quick else (asked.clean, asked.held)
+    sizes = (8, 3) if asked.quick else (asked.clean, asked.held)
     print(json.dumps(main(*sizes, asked.seed)))

@@ -141,9 +141,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--truth", type=float, default=0.0)
-    parser.add_argument("--quick", action="store_true", help="five studies, whatever --studies says")
+    parser.add_argument("--quick", action="store_true", help="two studies, whatever --studies says")
     given = parser.parse_args()
-    seeds = [given.seed + i for i in range(5 if given.quick else given.studies)]
+    seeds = [given.seed + i for i in range(2 if given.quick else given.studies)]
     outcomes = ordered(partial(studied, given.truth), seeds, given.jobs)
     run = [o for o in outcomes if not o.refused]
     planned, measured = (np.array([getattr(o, name) for o in run]) for name in ("planned", "measured"))

@@ -3,8 +3,8 @@
     python scripts/studies/loops.py [--quick] [--rigs ../shared/rigs]
 
 An arm of two axes, its stiffnesses 15 % off in the catalogue, is identified from noisy records of the simulated rig in
-three postures (--quick: two); gains with the largest bandwidth at 6 dB are designed at 500 Hz with one sample of delay
-on 200 draws (--quick: 20). Then a multisine is injected into the loops that have these gains, and S is measured without
+three postures (--quick: one); gains with the largest bandwidth at 6 dB are designed at 500 Hz with one sample of delay
+on 200 draws (--quick: 8). Then a multisine is injected into the loops that have these gains, and S is measured without
 a model:
 
 - on our nonlinear twin with the true numbers, and in MuJoCo, whose controller is written out here: the largest S over
@@ -251,8 +251,8 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--rigs", type=Path, default=RIGS)
     given = parser.parse_args()
-    draws, starts = (20, 1) if given.quick else (200, 8)
-    chosen: dict[str, tuple[float, ...]] = dict(list(POSTURES.items())[: 2 if given.quick else None])
+    draws, starts = (8, 1) if given.quick else (200, 8)
+    chosen: dict[str, tuple[float, ...]] = dict(list(POSTURES.items())[: 1 if given.quick else None])
     fit = identified(chosen)
     postures = [linear.configuration for linear in fit.linear]
     family = PostureFamily.of(fit, postures, RATE_HZ)

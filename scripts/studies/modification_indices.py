@@ -132,10 +132,10 @@ def main(sets: int, clean: int, seed: int) -> dict[str, object]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="one data set of each fault, 10 clean ones")
+    parser.add_argument("--quick", action="store_true", help="one data set of each fault, 3 clean ones")
     parser.add_argument("--sets", type=int, default=5)
     parser.add_argument("--clean", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    sizes = (1, 10) if asked.quick else (asked.sets, asked.clean)
+    sizes = (1, 3) if asked.quick else (asked.sets, asked.clean)
     print(json.dumps(main(*sizes, asked.seed)))

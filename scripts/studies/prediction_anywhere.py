@@ -265,13 +265,17 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
 def main() -> None:
     """Each case, and one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="one fit and few postures, to see that it runs")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="one fit and two postures of a right model and a wrong one, to see that it runs",
+    )
     parser.add_argument("--fits", type=int, default=0, help="of each case (default: 20), ten postures each")
-    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=CASES)
+    parser.add_argument("--cases", nargs="+", default=[], choices=CASES)
     options = parser.parse_args()
-    fits, count = (options.fits or 1, 4) if options.quick else (options.fits or 20, 10)
+    fits, count = (options.fits or 1, 2) if options.quick else (options.fits or 20, 10)
     summary: dict[str, dict[str, float]] = {}
-    for case in options.cases:
+    for case in options.cases or (CASES[0], "misfit") if options.quick else options.cases or CASES:
         ends = []
         for seed in range(fits):
             ends.append(one_fit(case, seed, count))

@@ -1,7 +1,7 @@
 """Tuned moves on the nonlinear twin with true numbers.
 
 The serial template's arm, three axes with loops of 4 Hz and 1.6 m of tool travel, its stiffness 5 to 18 % off in the
-catalogue and known to 0.3 %, on 50 draws (--quick: 4):
+catalogue and known to 0.3 %, on 50 draws (--quick: 2, and in 1.2 s alone, on one other robot):
 
 - a move of 1.2 s: the largest error of the tool is at least 10 times smaller than with rigid feedforward, and the
   vibration after it 3 times; torques keep their limits on every draw; at most 30 s of CPU;
@@ -136,7 +136,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     quick = parser.parse_args().quick
-    draws = 4 if quick else 50
+    draws = 2 if quick else 50
     catalogue, true = arm()
     robots = given(catalogue, true, draws)
     result: dict[str, Any] = {"draws": draws}
@@ -151,18 +151,19 @@ def main() -> None:
     assert slow["vibration gain"] >= 3
     assert slow["cpu s"] <= 30
     assert slow["torque used"] <= 1
-    for name, (other, least) in OTHER_ROBOTS.items():
+    for name, (other, least) in list(OTHER_ROBOTS.items())[: 1 if quick else None]:
         judged = replace(robots, judge=other(true), draws=())
         assert noted(name, judged, ENDS, 1.2)["gain"] >= least, name
-    six = noted("six axes", given(*six_axes(), min(draws, 10)), SIX_ENDS, 1.2)
-    assert six["gain"] >= 10
-    assert six["vibration gain"] >= 3
-    assert six["cpu s"] <= 180
-    fast = noted("0.8 s", robots, ENDS, 0.8)
-    assert fast["vibration gain"] >= 3
-    assert fast["torque used"] <= 1
-    shortest = noted("shortest within 1 mm", given(catalogue, true, 0), ENDS, 0.0)
-    assert shortest["duration"] < 1.2
+    if not quick:
+        six = noted("six axes", given(*six_axes(), min(draws, 10)), SIX_ENDS, 1.2)
+        assert six["gain"] >= 10
+        assert six["vibration gain"] >= 3
+        assert six["cpu s"] <= 180
+        fast = noted("0.8 s", robots, ENDS, 0.8)
+        assert fast["vibration gain"] >= 3
+        assert fast["torque used"] <= 1
+        shortest = noted("shortest within 1 mm", given(catalogue, true, 0), ENDS, 0.0)
+        assert shortest["duration"] < 1.2
     print(json.dumps(result))
 
 

@@ -98,13 +98,13 @@ CLOCKS: dict[str, tuple[float, Callable[[int, np.random.Generator], tuple[FloatA
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--quick", action="store_true", help="two draws, without limits")
+    parser.add_argument("--quick", action="store_true", help="two short draws, without limits")
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    draws = 2 if given.quick else given.draws
+    draws, duration_s = (2, 12.0) if given.quick else (given.draws, DURATION_S)
     rng = np.random.default_rng(given.seed)
-    angle, torque = simulated(draws, rng)
+    angle, torque = simulated(draws, rng, duration_s)
     t = np.arange(len(angle)) * STEP_S
     summary: dict[str, dict[str, float]] = {}
     for name, (rate_hz, clock) in CLOCKS.items():

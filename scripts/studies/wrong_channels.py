@@ -164,7 +164,7 @@ def main() -> None:
     options = parser.parse_args()
     alarms: list[str] = []
     made, reported = Counter[str](), Counter[str]()
-    n = 6 if options.quick else options.rigs
+    n = 4 if options.quick else options.rigs
     for number in range(n):
         with tempfile.TemporaryDirectory() as folder:
             mistakes = write_rig(Path(folder), number, options.seed)

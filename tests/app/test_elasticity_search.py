@@ -41,10 +41,9 @@ def plan(study: Path, *overrides: str, **options: object) -> Run:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path, seed: int) -> None:
+def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path) -> None:
     """From 20 sigma to the noise in one step; the rigid joint buys nothing for its parameter."""
-    run = plan(study, seed=seed)
+    run = plan(study, seed=0)
     search_elasticity(run)
     content = json.loads((run.folder / "compare.json").read_text())
     trials = {(t["step"], *t["coordinates"]): t for t in content["search"]}

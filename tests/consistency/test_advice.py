@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import re
 from pathlib import Path
 
@@ -15,11 +17,13 @@ assert advice_of_logs, advice_of_sessions
 assert advice_of_studies
 
 
+@pytest.mark.slow
 def test_no_advice_is_forgotten() -> None:
     """Whatever a message tells a user to paste or to change has a case, and no case is left over."""
     assert {(advice.module, advice.text) for advice in advices()} == {*CASES}
 
 
+@pytest.mark.slow
 def test_a_setting_names_a_key_that_exists() -> None:
     """With the sections that it names, whatever stands for names that the study chooses."""
     for advice in (each for each in advices() if each.is_setting):
@@ -28,6 +32,7 @@ def test_a_setting_names_a_key_that_exists() -> None:
         assert any(each.endswith(path) for each in paths), (advice, paths)
 
 
+@pytest.mark.slow
 def test_a_change_names_a_key_that_exists() -> None:
     """With the sections that it names."""
     changes = [advice for advice in advices() if advice.is_change]
@@ -46,5 +51,6 @@ def test_a_change_names_a_key_that_exists() -> None:
     ],
 )
 def test_an_advice_works_when_it_is_pasted(follow: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The message is there, and gone once its advice is followed."""
+    """The message is there, and gone once its advice is followed: the case asserts it, step by step."""
+    assert any(isinstance(node, ast.Assert) for node in ast.walk(ast.parse(inspect.getsource(follow))))
     follow(Desk(tmp_path, capsys))

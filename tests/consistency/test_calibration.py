@@ -21,7 +21,7 @@ def study() -> Iterator[ModuleType]:
         yield import_module("calibration")
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_few_dozen_intervals_hold_the_truth_as_often_as_chance_allows(study: ModuleType, seed: int) -> None:
     """The three-mass axis: shares and scatters within three and a half standard deviations of what chance does."""
     n = 60

@@ -124,6 +124,7 @@ def test_a_number_that_the_thesis_does_not_have_is_found():
         numbers("eq. (2.41)")
 
 
+@pytest.mark.slow
 def test_every_equation_is_cited_where_it_is_implemented_and_nowhere_else():
     found: dict[str, set[str]] = {number: set() for number in EQUATIONS}
     for path in MODULES:
@@ -133,6 +134,7 @@ def test_every_equation_is_cited_where_it_is_implemented_and_nowhere_else():
     assert found == expected
 
 
+@pytest.mark.slow
 def test_no_number_of_an_equation_stands_outside_the_grammar():
     """A citation that the test above cannot read, or one that does not say whose equation it is."""
     for path in MODULES:
@@ -142,6 +144,7 @@ def test_no_number_of_an_equation_stands_outside_the_grammar():
             assert not CITATION.search(text) or "Niglis & Oberg" in whole[0] + text, f"{path}: {text}"
 
 
+@pytest.mark.slow
 def test_no_docstring_refers_to_a_file_that_is_not_in_the_repository():
     folders = [ROOT / folder for folder in ("elastid", "tests", "configs", "scripts")]
     names = {path.name for path in (*ROOT.iterdir(), *(path for folder in folders for path in folder.rglob("*")))}

@@ -84,6 +84,7 @@ def test_friction_shows_on_the_lines_left_out(tiny: Path, tmp_path: Path, cycles
     assert (run.folder / "figures" / "frf-a-levels.png").is_file()
 
 
+@pytest.mark.slow
 def test_friction_that_is_taken_out_shows_no_more(tiny: Path, tmp_path: Path) -> None:
     """The level on odd lines falls to less than a third."""
     left, taken = (

@@ -70,6 +70,7 @@ def test_no_call_needs_posix() -> None:
     assert [f"{path}, {use}" for path, tree in trees() for use in posix_uses(tree)] == []
 
 
+@pytest.mark.slow
 def test_no_text_names_a_folder_of_one_system() -> None:
     """Temporary files are where the system has them."""
     found = [
@@ -81,6 +82,7 @@ def test_no_text_names_a_folder_of_one_system() -> None:
     assert found == []
 
 
+@pytest.mark.slow
 def test_every_text_is_utf_8() -> None:
     """Whatever the system's own encoding: `open`, `read_text` and `write_text` name it, or read bytes."""
     found = []
@@ -100,6 +102,7 @@ def test_every_text_is_utf_8() -> None:
     assert found == []
 
 
+@pytest.mark.slow
 def test_what_other_programs_say_is_not_read_in_the_encoding_of_the_system() -> None:
     """Their words are UTF-8 or bytes, and what is neither is replaced."""
     found = [

@@ -65,6 +65,7 @@ def test_robots_that_are_named_may_differ() -> None:
     assert find_contradictions(responses, {}) != ()
 
 
+@pytest.mark.slow
 def test_amplitudes_of_a_posture_that_differ_are_no_two_robots() -> None:
     """A spring that is stiffer at the larger one is named as such; one that is not is passed over."""
     responses = [measured(arm(), POSTURES[0], "one"), measured(arm(k_1=9e4), POSTURES[0], "one level 2")]

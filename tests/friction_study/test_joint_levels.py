@@ -34,9 +34,8 @@ def identified(folder: Path, gain: float, loads: tuple[str, ...], seed: int = 0)
     return identify_friction(ROBOT_WITH_TOOL, levels, measured, FrictionSpec())
 
 
-@pytest.mark.parametrize(
-    "gain", [pytest.param(0.9, marks=pytest.mark.slow), pytest.param(1.0, marks=pytest.mark.slow), 1.15]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [0.9, 1.0, 1.15])
 def test_a_payload_on_and_off_gives_the_gain_with_its_interval(gain: float, tmp_path: Path) -> None:
     """Inside its interval in 7 of 8 draws and within 1 % in all; the order of the logs does not matter."""
     inside = []

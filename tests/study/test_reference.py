@@ -46,6 +46,7 @@ def ungiven(keys: set[tuple[str, str]]) -> set[str]:
     return {".".join(key) for key in keys - given_in(ROOT, *GIVERS)} - helped
 
 
+@pytest.mark.slow
 def test_every_key_is_given_somewhere() -> None:
     """By a shipped study, a template, a script or a test; the tests that give it through a helper name it."""
     assert ungiven({*KEYS}) == set()
@@ -55,6 +56,7 @@ def test_every_key_is_given_somewhere() -> None:
     assert {key.partition(".")[0] for keys in GIVEN_THROUGH_HELPERS.values() for key in keys} <= {*SECTIONS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["level", "limit", "gain", "name", "start", "path", "mass"])
 def test_a_key_that_nothing_gives_is_found(name: str) -> None:
     """In every section that has none of that name, however often the word is an argument of something else."""

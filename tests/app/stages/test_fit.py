@@ -21,7 +21,9 @@ def heavier(study: Path, factor: float) -> Robot:
     return robot.with_parameters({"m_fore": factor * robot.parameters()["m_fore"][0]})
 
 
-@pytest.mark.parametrize(("factor", "status", "code"), [(1.0, "converged", 0), (1.3, "misfit", 3)])
+@pytest.mark.parametrize(
+    ("factor", "status", "code"), [(1.0, "converged", 0), pytest.param(1.3, "misfit", 3, marks=pytest.mark.slow)]
+)
 def test_a_fit_ends_with_the_meaning_of_its_status(
     study: Path, capfd: pytest.CaptureFixture[str], factor: float, status: str, code: int
 ) -> None:

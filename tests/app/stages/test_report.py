@@ -80,7 +80,13 @@ QUALITY = {
 }
 
 
-@pytest.mark.parametrize("method", ["auto", "h1", "local_polynomial", "local_rational"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        "auto",
+        *(pytest.param(method, marks=pytest.mark.slow) for method in ("h1", "local_polynomial", "local_rational")),
+    ],
+)
 def test_page_and_figures_show_coherence_and_singular_values_whatever_the_estimator(
     bench: Path, method: str, tmp_path: Path
 ) -> None:
