@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from elastid.base.note import Note, Severity
 from elastid.base.statistics import QUANTILE_95, chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
+from elastid.nonlinear.accelerance import upper_accelerance, with_inertial_accelerance
 from elastid.nonlinear.choice import (
     LIMITS,
     Choice,
@@ -34,7 +34,6 @@ from elastid.nonlinear.levels import (
     normal_equations,
 )
 from elastid.nonlinear.places import limits_of, refusal
-from elastid.nonlinear.reconstruct import with_inertial_accelerance
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken
@@ -44,11 +43,6 @@ from elastid.record import Motion as Quantity
 # Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
 # in all.
 _CHOICE_RECORDS = 24
-# The upper excited lines, from this part of the highest on, show a motor as an inertia on a spring, if that leaves at
-# most this part of its response.
-_UPPER, _UNEXPLAINED = 0.6, 0.1
-
-_Inertial: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]  # accelerance, stiffness and from_hz of the motors
 
 
 def find_friction(
@@ -70,9 +64,9 @@ def find_friction(
         return survey
     raw = normal_equations(survey.data, np.zeros(len(survey.choice.shapes)), survey.choice.motor_of)
     levels, equations = find_levels(survey.data, survey.choice.motor_of, survey.choice.taken)
-    inertial = inertial_motion(survey.data, levels, survey.choice.motor_of, spec.quantity)
+    inertial = upper_accelerance(survey.data, levels, survey.choice.motor_of, spec.quantity)
     result = _result(survey, survey.choice, levels, inertial, raw, equations)
-    result = with_inertial_accelerance(result, survey.last, survey.highest_hz, execution)
+    result = with_inertial_accelerance(result, survey.last, execution)
     if len(survey.choice.taken):
         choice = refined(survey.choice, levels, survey.first.inputs)
         gather = partial(gather_configuration, shapes=choice.shapes, spec=spec, planned=planned, friction=result)
@@ -81,9 +75,10 @@ def find_friction(
         choice, kept = narrowed(choice, levels)
         data = [spectra.with_shapes(kept, np.zeros(len(kept))) for spectra in data]
         levels, equations = find_levels(data, choice.motor_of, choice.taken)
-        inertial = (result.accelerance, result.stiffness, result.from_hz)
+        accelerance, above = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
+        inertial = np.where(accelerance > 0, accelerance, result.accelerance), above
         result = _result(survey, choice, levels, inertial, raw, equations)
-        result = with_inertial_accelerance(result, survey.last, survey.highest_hz, execution)
+        result = with_inertial_accelerance(result, survey.last, execution)
         result = _with_dependence(result, data, choice.motor_of, spec.quantity)
     return replace(result, notes=(*result.notes, *survey.limits))
 
@@ -101,11 +96,6 @@ class _Survey:
     data: Sequence[ConfigurationSpectra]
     choice: Choice
     limits: tuple[Note, ...]
-
-    @property
-    def highest_hz(self) -> float:
-        """The highest excited line."""
-        return float(self.data[-1].freq_hz[self.data[-1].excited][-1])
 
 
 @dataclass(frozen=True)
@@ -190,12 +180,12 @@ def _result(
     survey: _Survey,
     choice: Choice,
     levels: FloatArray,
-    inertial: _Inertial,
+    inertial: tuple[FloatArray, FloatArray],
     raw: NormalEquations,
     equations: NormalEquations,
 ) -> FrictionTakenOut:
     first = survey.first
-    accelerance, stiffness, from_hz = inertial
+    accelerance, above = inertial
     left = shares(equations, len(first.inputs), choice.motor_of, choice.taken)
     result = FrictionTakenOut(
         places=first.inputs,
@@ -208,8 +198,10 @@ def _result(
         after=equations.level,
         kept_share=np.where(np.isin(np.arange(len(first.inputs)), choice.motor_of), left, choice.kept_share),
         accelerance=accelerance,
-        stiffness=stiffness,
-        from_hz=from_hz,
+        stiffness=np.zeros(len(first.inputs)),
+        from_hz=np.zeros(len(first.inputs)),
+        highest_hz=np.array([spectra.freq_hz[spectra.excited][-1] for spectra in survey.data]),
+        above=above,
     )
     return replace(result, notes=_notes(result))
 
@@ -341,35 +333,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
         accelerance=np.zeros(n_m),
         stiffness=np.zeros(n_m),
         from_hz=np.zeros(n_m),
+        highest_hz=np.zeros(0),
+        above=np.zeros((0, n_m, 6)),
         notes=(note,) if why else (),
     )
-
-
-def inertial_motion(
-    data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray, quantity: Quantity
-) -> _Inertial:
-    """Accelerance a, stiffness kappa and from where, each (n_m,), without friction of levels (n_f,).
-
-    Acceleration per torque a (1 + kappa / omega^2) at the upper excited lines; where these do not show that, the median
-    of the highest, with which half the rate is to be exceeded.
-    """
-    responses, omegas, highest = [], [], 0.0
-    for configuration in data:
-        on = np.flatnonzero(configuration.excited)
-        on = on[configuration.freq_hz[on] >= _UPPER * configuration.freq_hz[on[-1]]]
-        friction = taken(levels, configuration.Phi[on], motor_of, configuration.U.shape[1])
-        G = configuration.Y[on] @ np.linalg.pinv(configuration.U[on] - friction)
-        omegas.append(2 * np.pi * configuration.freq_hz[on])
-        responses.append(np.diagonal(G, axis1=1, axis2=2) * (1j * omegas[-1][:, None]) ** (2 - MOTION_ORDER[quantity]))
-        highest = max(highest, float(configuration.freq_hz[on[-1]]))
-    measured = np.concatenate(responses).real
-    of_spring = (2 * np.pi * highest / np.concatenate(omegas)) ** 2
-    columns = np.stack([np.ones_like(of_spring), of_spring], axis=1)
-    a, b = solution = np.linalg.lstsq(columns, measured, rcond=None)[0]
-    left = np.sqrt(np.mean((measured - columns @ solution) ** 2, axis=0))
-    is_plain = (a > 0) & (left < _UNEXPLAINED * np.abs(a)) & (len(of_spring) > 2 * len(data))
-    # A motor moves as an inertia at the highest eighth of the excited lines.
-    tops = [own[-max(1, int(len(own) * (1 / 8) / (1 - _UPPER))) :] for own in responses]
-    median = np.maximum(np.median(np.concatenate(tops).real, axis=0), 0.0)
-    stiffness = np.where(is_plain, (2 * np.pi * highest) ** 2 * b / np.where(is_plain, a, 1.0), 0.0)
-    return np.where(is_plain, a, median), stiffness, np.where(is_plain, highest, 0.0)

@@ -6,10 +6,11 @@ as an inertia, by the torque that is known,
 
 .. math:: q_{high} = \frac{a}{s^2} (H u - \sum_i f_i \phi_i)_{high}, \qquad a = -\omega^2 G \text{ at high frequencies}
 
-So it does above the excited lines, on the spring behind it (below). Noise of the angle is a velocity that grows with
-frequency, and hides there where a motor turns back, while the torque is known as well as anywhere; so the motion above
-the excited lines is by the torque, too, and what the angle says beyond it is added as far as it is more than noise.
-(3e-6 rad at 500 Hz with Coulomb friction of 0.3 of the rms torque: k known four times as well.)
+So it does above the excited lines, with the poles or the spring next to them (`accelerance`). Noise of the angle is a
+velocity that grows with frequency, and hides there where a motor turns back, while the torque is known as well as
+anywhere; so the motion above the excited lines is by the torque, too, and what the angle says beyond it is added as far
+as it is more than noise. (3e-6 rad at 500 Hz with Coulomb friction of 0.3 of the rms torque: k known four times as
+well.)
 
 Its samples are images in the record's y; they are taken out, and the part itself is added between the samples. So
 
@@ -29,16 +30,6 @@ nearly cancel,
 
 (Anderson, J. ACM 12, 1965; Walker and Ni, SIAM J. Numer. Anal. 49, 2011.)
 
-The acceleration per torque a is that of lines above the excited ones. Friction and the loop move a motor at all lines,
-and above the resonances as an inertia on a spring whose other end rests. Of its samples all images are known but for
-two numbers,
-
-.. math:: y = a \Big[\frac{\tau}{s^2}\Big]_{folded} + b \Big[\frac{\tau}{s^4}\Big]_{folded}, \qquad
-          \tau = H u - \sum_i f_i \phi_i, \quad a = 1 / J, \quad b = -k / J^2
-
-which a regression over these lines gives to some tenths of a percent; where noise hides them, the upper excited lines
-show the same two numbers.
-
 A net torque is u without the friction that was found. The torque of a record is held between its samples, friction is
 not; so friction is divided by the hold as samples:
 
@@ -55,7 +46,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.fft import irfft
@@ -63,7 +54,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.legendre import legvander
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.base.execution import Execution
 from elastid.excitation.grids import line_frequencies
 from elastid.nonlinear.moments import Moments
 from elastid.nonlinear.motion import Motion, filtered, laplace, motion_of, own_spectrum, slowest, whole_samples
@@ -80,9 +70,6 @@ _POINTS, _BEFORE, _AFTER = 4, 4, 8
 _LINE = np.stack([np.ones(SHARP_CELLS + 1), np.linspace(0, 1, SHARP_CELLS + 1)])
 # Part of the first error of the velocity that is left, and steps at most.
 _TOLERANCE, _STEPS = 0.01, 12
-# Of the power of the lines that show the acceleration per torque, at most, what does not repeat: a is then off by a
-# tenth of it, times the gain of the loop there, which is below one.
-_NOISE_SHARE = 0.1
 
 
 def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Motion:
@@ -100,8 +87,8 @@ def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Moti
 class _HeldMotor:
     """A motor in a record of n samples, moved by a held torque u (n,), and its friction; times are in samples.
 
-    Y, start, gain: of its angle (`own_spectrum`).  a, kappa: angle per torque a / s^2 (1 - kappa / s^2) from the line
-    `first` on.  held, held_images (n // 2 + 1,): the held torque, and images of its second integral in the samples.
+    Y, start, gain: of its angle (`own_spectrum`).  a, further (3 n // 2 + 1,): angle per torque a / s^2 (1 + further)
+    from the line `first` on.  held, held_images (n // 2 + 1,): the held torque, and images of its second integral.
     by_samples (4 n,): the velocity that the samples alone show.  slow (m,): samples in which the motor may turn back.
     """
 
@@ -112,7 +99,7 @@ class _HeldMotor:
     start: float
     gain: float
     a: float
-    kappa: float
+    further: ComplexArray
     first: int
     held: Moments
     held_images: ComplexArray
@@ -123,7 +110,7 @@ class _HeldMotor:
     def of(cls, record: Record, place: str, friction: FrictionTakenOut) -> _HeldMotor:
         """A motor whose acceleration per torque is known."""
         m, n, rate_hz = friction.places.index(place), whole_samples(record), record.rate_hz
-        taken, from_hz = friction.taken_shapes(place), friction.from_hz[m]
+        taken, from_hz = friction.taken_shapes(place), friction.first_hz(record.configuration.name, place)
         Y, start, gain = own_spectrum(record, place)
         v = _points(filtered(record, Y, 0)[0] * laplace(len(Y), n, rate_hz), n) + gain * rate_hz / n
         a, u = float(friction.accelerance[m]) / rate_hz**2, record.u[:n, record.inputs.index(place)]
@@ -134,10 +121,9 @@ class _HeldMotor:
             of_samples = sliding_window_view(np.append(v, v[0]), _POINTS + 1)[::_POINTS]
             slow = np.flatnonzero(slowest(of_samples) <= reach(taken) + margin)
         first = math.ceil(from_hz * n / rate_hz) if from_hz > 0 else n // 2 + 1
-        held, kappa = Moments.held(u), float(friction.stiffness[m]) / rate_hz**2
-        return cls(
-            record, taken, u, Y, start, gain, a, kappa, first, held, held.images(2), v, slow
-        )  # fmt: skip
+        further = friction.beyond_inertia(record.configuration.name, place, laplace(3 * n // 2 + 1, n, rate_hz))
+        held = Moments.held(u)
+        return cls(record, taken, u, Y, start, gain, a, further, first, held, held.images(2), v, slow)
 
     def motion(self) -> Motion:
         """Its motion under its friction, which is that along the motion."""
@@ -171,18 +157,18 @@ class _HeldMotor:
         return self._friction(self._at_first)
 
     @cached_property
-    def _spring_above(self) -> ComplexArray:
-        """Angle (n + 1,), from line n / 2 to 3 n / 2, by the spring: so small that friction as at first will do."""
+    def _further_above(self) -> ComplexArray:
+        """Angle (n + 1,) by `further` from line n / 2 to 3 n / 2: so small that friction as at first will do."""
         n, half = len(self.u), len(self.Y)
         lines = 3 * n // 2 + 1
         torque = self.held.spectrum(lines) - self._friction_at_first[1].spectrum(lines)
-        return np.asarray(-self.kappa * self.a * torque[half:] / laplace(lines, n, 1.0)[half:] ** 4)
+        return np.asarray(self.a * (self.further * torque)[half:] / laplace(lines, n, 1.0)[half:] ** 2)
 
     @cached_property
-    def _images_of_spring(self) -> ComplexArray:
+    def _further_images(self) -> ComplexArray:
         """Its images (n // 2 + 1,) in the samples."""
         n, half = len(self.u), len(self.Y)
-        lines = np.concatenate([np.zeros(half), self._spring_above])
+        lines = np.concatenate([np.zeros(half), self._further_above])
         return np.asarray(lines[n - half + 1 : n + 1][::-1].conj() + lines[n : n + half])
 
     def _repeated(self, velocity: FloatArray) -> FloatArray:
@@ -207,14 +193,14 @@ class _HeldMotor:
         n, first, a = len(self.u), self.first, self.a
         s = laplace(len(self.Y), n, 1.0)[1:]
         inertia = a / s**2 * (self.held.of_cells - friction.spectrum(len(self.Y)))[1:]
-        spring = -self.kappa * inertia[first - 1 :] / s[first - 1 :] ** 2
-        # Samples of the part above: all of the inertia's without the part below, and the spring's with its images.
-        above = a * (self.held_images - friction.images(2)) + self._images_of_spring
-        above[first:] += inertia[first - 1 :] + spring
+        further = self.further[first : len(self.Y)] * inertia[first - 1 :]
+        # Samples of the part above: all of the inertia's without the part below, and what is further, with its images.
+        above = a * (self.held_images - friction.images(2)) + self._further_images
+        above[first:] += inertia[first - 1 :] + further
         rest, noise = filtered(self.record, self.Y - above, 0)
         rest[1:first] -= inertia[: first - 1]
-        rest[first:] += spring
-        rest = np.concatenate([rest, self._spring_above])
+        rest[first:] += further
+        rest = np.concatenate([rest, self._further_above])
         rest *= laplace(len(rest), n, self.record.rate_hz)
         rest[0] = self.gain * self.record.rate_hz
         return _points(rest, n), noise
@@ -295,68 +281,6 @@ def _combined(
     for g, step in zip(gamma, of_mapped, strict=True):
         mapped = mapped - g * step
     return mapped
-
-
-def with_inertial_accelerance(
-    friction: FrictionTakenOut, records: Sequence[Record], highest_hz: float, execution: Execution | None = None
-) -> FrictionTakenOut:
-    """The friction with the accelerance by the first of some records in place of that at lines up to `highest_hz`.
-
-    Only of motors whose torque is held, with friction, where the regression is good.  execution: of the records.
-    """
-    accelerance, stiffness, from_hz = (
-        array.copy() for array in (friction.accelerance, friction.stiffness, friction.from_hz)
-    )
-    lowest = _lowest_hz(highest_hz, records[0].rate_hz)
-    taken = [place for place in friction.taken_places() if shows_images(records[0], place)]
-    motors = [m for m, place in enumerate(friction.places) if place in taken and accelerance[m] != 0]
-    work = partial(_equations, [friction.places[m] for m in motors], friction, highest_hz)
-    # Six records give it to less than a percent.
-    of_records = (execution or Execution()).ordered(work, records[:6]) if motors else []
-    for m, *parts in zip(motors, *of_records, strict=True):
-        X, y, other = (np.concatenate(equations, axis=-1) for equations in zip(*parts, strict=True))
-        # The loop's torque answers noise as it answers motion: where y is noise, the regression finds -1 / C.
-        if np.mean(np.abs(other) ** 2) > _NOISE_SHARE * np.mean(np.abs(y) ** 2):
-            continue
-        A = (X.conj() @ X.T).real
-        solution = np.linalg.solve(A, (X.conj() @ y).real)
-        variance = np.mean(np.abs(y - solution @ X) ** 2) / 2 * np.linalg.inv(A)[0, 0]
-        # One of a larger standard deviation is not better than the excited lines.
-        if np.sqrt(variance) < 0.03 * solution[0]:
-            accelerance[m] = solution[0]
-            stiffness[m] = -solution[1] / solution[0] * (2 * np.pi * lowest) ** 2
-            from_hz[m] = lowest
-    return replace(friction, accelerance=accelerance, stiffness=stiffness, from_hz=from_hz)
-
-
-def _lowest_hz(highest_hz: float, rate_hz: float) -> float:
-    """From where on a motor moves as an inertia on a spring, the excitation reaching up to `highest_hz`."""
-    return min(1.5 * highest_hz, 1 / 4 * rate_hz)
-
-
-def _equations(
-    places: Sequence[str], friction: FrictionTakenOut, highest_hz: float, record: Record
-) -> list[tuple[ComplexArray, ComplexArray, ComplexArray]]:
-    """The columns of a and of b (2, F), and y (F,), of each place at the lines of the period above `highest_hz`.
-
-    With y (N,) at lines that hold what does not repeat; of one period those of the highest eighth, barely moved.
-    """
-    n, rate_hz = whole_samples(record), record.rate_hz
-    lowest, repeats = _lowest_hz(highest_hz, rate_hz), n // record.period_samples
-    every = np.arange(n // 2)
-    above = line_frequencies(every, rate_hz, n) > lowest
-    lines = every[above & (every % repeats == 0)]
-    other = every[above & (every % repeats != 0)] if repeats > 1 else every[-len(every) // 8 :]
-    equations = []
-    for place in places:
-        motion = sharp_motion(record, place, friction)
-        braking = friction_moments(record, motion, friction.taken_shapes(place))
-        held = Moments.held(record.u[:n, record.inputs.index(place)])
-        inertia, spring = held.integral(2) - braking.integral(2), held.integral(4) - braking.integral(4)
-        X = np.stack([inertia, spring * (2 * np.pi * lowest / rate_hz) ** 2])[:, lines]
-        Y, _, _ = own_spectrum(record, place)
-        equations.append((np.asarray(X / rate_hz**2), Y[lines], Y[other]))
-    return equations
 
 
 def over_whole_periods(record: Record) -> Record:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.nonlinear.shapes import Shape
@@ -27,7 +27,9 @@ class FrictionTakenOut:
     of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
     accelerance (n_m,): acceleration per torque of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
     stiffness (n_m,): k / J in 1 / s^2 of the spring behind it, whose other end rests; from_hz (n_m,): the frequency
-    from which it moves as these two, 0 where that is known above half the rate alone.
+    from which it moves as these two, 0 where that is known above half the rate alone.  highest_hz (C,): the highest
+    excited line; above (C, n_m, 6): a, b, c, e, alpha, beta of the acceleration per torque from there to from_hz, or
+    on where that is 0, (a s^2 + b s + c + e / s^2) / (s^2 + alpha s + beta); all 0 where unknown.
     notes: what was taken out of which motor, or why nothing was.
     """
 
@@ -43,12 +45,17 @@ class FrictionTakenOut:
     accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
     stiffness: FloatArray = labelled("spring behind the motor over its inertia", "1/s^2", "places")
     from_hz: FloatArray = labelled("from where on the motor moves so, 0: half the rate", "Hz", "places")
+    highest_hz: FloatArray = labelled("highest excited line", "Hz", "configurations")
+    above: FloatArray = labelled(
+        "a, b, c, e, alpha, beta of acceleration per torque above it", "", "configurations places 6"
+    )
     notes: tuple[Note, ...] = field(default=())
 
     def __post_init__(self) -> None:
         """Check the shapes."""
         n_m, n_f, C = len(self.places), len(self.shapes), len(self.configurations)
-        expected = {"levels": (n_f,), "covariance": (n_f, n_f), "before": (C, n_m), "after": (C, n_m)}
+        expected: dict[str, tuple[int, ...]] = {"levels": (n_f,), "covariance": (n_f, n_f)}
+        expected |= {"before": (C, n_m), "after": (C, n_m), "highest_hz": (C,), "above": (C, n_m, 6)}
         of_motors = ("kept_share", "accelerance", "stiffness", "from_hz")
         for name, shape in (expected | dict.fromkeys(of_motors, (n_m,))).items():
             if getattr(self, name).shape != shape:
@@ -72,6 +79,29 @@ class FrictionTakenOut:
         """F_c in Nm (N) of fast steady sliding at a motor, the sum of its levels, and its standard deviation."""
         row = np.array([shape.when_fast * (shape.place == place) for shape in self.shapes])
         return float(row @ self.levels), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
+
+    def first_hz(self, configuration: str, place: str) -> float:
+        """From where on the acceleration per torque of a motor is known in a configuration, 0: half the rate."""
+        m = self.places.index(place)
+        is_continued = self._above(configuration, m)[0] > 0
+        return float(self.highest_hz[self.configurations.index(configuration)] if is_continued else self.from_hz[m])
+
+    def beyond_inertia(self, configuration: str, place: str, s: ComplexArray) -> ComplexArray:
+        """By which part (F,) the acceleration per torque of a motor at s = j omega (F,) exceeds its accelerance."""
+        m = self.places.index(place)
+        a, b, c, e, alpha, beta = self._above(configuration, m)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if a == 0:
+                further = -self.stiffness[m] / s**2
+            else:
+                further = (a * s**2 + b * s + c + e / s**2) / (s**2 + alpha * s + beta) / self.accelerance[m] - 1
+                if self.from_hz[m] > 0:
+                    further = np.where(np.abs(s) >= 2 * np.pi * self.from_hz[m], -self.stiffness[m] / s**2, further)
+        return np.asarray(np.where(s == 0, 0.0, further))
+
+    def _above(self, configuration: str, m: int) -> FloatArray:
+        known = configuration in self.configurations
+        return np.asarray(self.above[self.configurations.index(configuration), m] if known else np.zeros(6))
 
     def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its standard deviation.

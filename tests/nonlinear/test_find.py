@@ -13,11 +13,10 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.nonlinear import find
-from elastid.nonlinear.find import _dependence, find_friction, inertial_motion
+from elastid.nonlinear.find import _dependence, find_friction
 from elastid.nonlinear.reconstruct import sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import friction_moments
-from elastid.nonlinear.spectra import ConfigurationSpectra
 from elastid.nonlinear.take_out import net_record
 from elastid.record import Record
 
@@ -41,30 +40,6 @@ def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str) -
     levels = [result.sliding_level(place)[0] for place in result.places]
     np.testing.assert_allclose(levels, COULOMB, rtol=0.02)
     assert np.all(result.after < 0.25 * result.before)
-
-
-def above_the_resonance(J: float, k_hz: float, resonance_hz: float = 0.0) -> ConfigurationSpectra:
-    """Angles of a motor of inertia J, at k_hz if locked on its spring, in two experiments; with a resonance."""
-    lines = np.arange(5, 61)
-    omega = 2 * np.pi * lines
-    G = -1 / (J * (omega**2 - (2 * np.pi * k_hz) ** 2))
-    if resonance_hz:
-        G = G + 0.2 / J / ((2 * np.pi * resonance_hz) ** 2 - omega**2 + 0.4j * omega)
-    U = np.exp(2j * np.pi * np.random.default_rng(1).random((len(lines), 1, 2)))
-    Y, Phi, of_all = G[:, None, None] * U, np.zeros((len(lines), 0, 2)) + 0j, np.ones(len(lines), dtype=bool)
-    return ConfigurationSpectra(lines, lines.astype(float), of_all, U, Y, Phi, np.array([0, 1]), np.zeros(1), 56)
-
-
-def test_a_motor_is_an_inertia_on_a_spring_at_the_upper_lines_unless_a_resonance_is_there() -> None:
-    """Inertia to 1 %, spring to 20 %; with a resonance among these lines the motion is known above half the rate."""
-    nothing = np.zeros(0), np.zeros(0, dtype=np.int64), "position"
-    a, stiffness, from_hz = inertial_motion([above_the_resonance(24.0, 11.3)], *nothing)
-    assert a == pytest.approx(1 / 24.0, rel=0.01)
-    assert stiffness == pytest.approx((2 * np.pi * 11.3) ** 2, rel=0.2)
-    assert from_hz.tolist() == [60.0]
-    a, stiffness, from_hz = inertial_motion([above_the_resonance(24.0, 11.3, 45.0)], *nothing)
-    assert a == pytest.approx(1.5 / 24.0, rel=0.1)  # of the highest lines
-    assert stiffness.tolist() == from_hz.tolist() == [0.0]
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 Fixed points that repetition reaches slowly or never.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -10,9 +11,8 @@ import numpy as np
 import pytest
 
 from elastid.nonlinear import reconstruct as reversals
-from elastid.nonlinear.moments import Moments
 from elastid.nonlinear.motion import Motion, laplace, motion_of
-from elastid.nonlinear.reconstruct import fixed_point, sharp_motion, with_inertial_accelerance
+from elastid.nonlinear.reconstruct import fixed_point, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape, friction_moments
 from elastid.nonlinear.take_out import net_record
@@ -47,10 +47,11 @@ def simulated() -> tuple[Record, np.ndarray]:
     return record, np.array([time for time in turning if time > 0])
 
 
-def friction_of(accelerance: float, from_hz: float = 0.0) -> FrictionTakenOut:
+def friction_of(accelerance: float, from_hz: float = 0.0, above: Sequence[float] = (0.0,) * 6) -> FrictionTakenOut:
     return FrictionTakenOut(
         ("motor 1",), ("N*m",), (Shape("motor 1", "sign"),), np.array([COULOMB]), np.eye(1), ("c",), np.ones((1, 1)),
         np.ones((1, 1)), np.ones(1), np.array([accelerance]), np.array([K / J]), np.array([from_hz]),
+        np.array([12.5]), np.array([[above]]),
     )  # fmt: skip
 
 
@@ -80,9 +81,12 @@ def test_reversals_under_noise_are_found_by_the_torque_above_the_excited_lines()
     record, _ = simulated()
     noise = 0.01 * np.std(record.y) * np.random.default_rng(4).standard_normal(record.y.shape)
     record = replace(record, y=record.y + noise)
-    by_angle, by_torque = (sharp_motion(record, "motor 1", friction_of(1 / J, f)) for f in (0.0, 12.5))
-    assert by_torque.velocity_noise < by_angle.velocity_noise
-    assert np.mean(lateness(by_torque) ** 2) < 0.6**2 * np.mean(lateness(by_angle) ** 2)
+    poles = 1 / J, 0.0, 0.0, 0.0, D / J, K / J
+    by_angle = sharp_motion(record, "motor 1", friction_of(1 / J))
+    for friction in (friction_of(1 / J, 12.5), friction_of(1 / J, above=poles)):
+        by_torque = sharp_motion(record, "motor 1", friction)
+        assert by_torque.velocity_noise < by_angle.velocity_noise
+        assert np.mean(lateness(by_torque) ** 2) < 0.6**2 * np.mean(lateness(by_angle) ** 2)
 
 
 def test_repetition_stops_where_friction_no_longer_changes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,26 +161,6 @@ def test_bristles_are_followed_in_all_samples() -> None:
     )
     assert len(late) == len(by_samples)
     assert abs(late.mean()) < by_samples.mean() / 3
-
-
-def test_the_inertia_of_a_motor_is_found_above_the_excited_lines() -> None:
-    """To 1 %, from an accelerance that is 10 % off."""
-    record, _ = simulated()
-    found = with_inertial_accelerance(friction_of(1.1 / J), [record], 12.5)
-    np.testing.assert_allclose(found.accelerance, 1 / J, rtol=0.01)
-
-
-def test_noise_that_a_loop_turns_round_shows_no_inertia() -> None:
-    """A loop whose torque answers noise of the angle as a mass of J / 40 would move by it."""
-    record, _ = simulated()
-    n = record.n_samples
-    noise = 0.3 * np.std(record.y) * np.random.default_rng(4).standard_normal(n)
-    moved = Moments.held(np.eye(1, n)[0]).integral(2) / RATE**2
-    moved[0] = 0
-    torque = np.fft.irfft(J / 40 * np.divide(np.fft.rfft(noise), moved, where=moved != 0, out=0 * moved), n)
-    record = replace(record, y=record.y + noise[:, None], u=record.u + torque[:, None])
-    small = replace(friction_of(1.1 / J), levels=np.array([1e-6]))
-    np.testing.assert_array_equal(with_inertial_accelerance(small, [record], 12.5).accelerance, 1.1 / J)
 
 
 def test_a_map_that_throws_its_point_back_and_forth_ends_there() -> None:

@@ -21,6 +21,8 @@ FRICTION = FrictionTakenOut(
     accelerance=np.zeros(2),
     stiffness=np.zeros(2),
     from_hz=np.zeros(2),
+    highest_hz=np.array([60.0]),
+    above=np.array([[[0.1, 2.0, 300.0, 1e5, 4.0, 5e4], np.zeros(6)]]),
 )
 
 
@@ -42,3 +44,16 @@ def test_levels_of_another_size_are_refused() -> None:
     """By the name of the array."""
     with pytest.raises(ValueError, match=r"levels has shape \(2,\), expected \(3,\)"):
         replace(FRICTION, levels=np.ones(2))
+
+
+def test_a_motor_moves_by_its_poles_up_to_where_its_spring_is_known_and_by_nothing_else_without() -> None:
+    """(a s^2 + b s + c + e / s^2) / (s^2 + alpha s + beta), and a (1 + kappa / omega^2) from from_hz on."""
+    s = 2j * np.pi * np.array([70.0, 120.0])
+    friction = replace(FRICTION, accelerance=np.array([0.11, 0.2]), stiffness=np.array([1e3, 0.0]))
+    poles = (0.1 * s**2 + 2 * s + 300 + 1e5 / s**2) / (s**2 + 4 * s + 5e4)
+    assert friction.first_hz("a", "motor 1") == 60.0
+    np.testing.assert_allclose(0.11 * (1 + friction.beyond_inertia("a", "motor 1", s)), poles)
+    later = replace(friction, from_hz=np.array([100.0, 90.0]))
+    np.testing.assert_allclose(0.11 * (1 + later.beyond_inertia("a", "motor 1", s)), [poles[0], 0.11 - 110 / s[1] ** 2])
+    assert (later.first_hz("a", "motor 2"), later.first_hz("of another posture", "motor 1")) == (90.0, 100.0)
+    np.testing.assert_array_equal(later.beyond_inertia("a", "motor 2", s), 0.0)
