@@ -6,6 +6,7 @@ are brought to the lowest. A start that all channels share does not matter: Y / 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from elastid.recorded.periodicity import found_period, period_samples, rounded_s
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.clock import CLOCK, PASSBAND, at_times, clock_drift, delay
 from elastid.recorded.repair.missing import bridged_gaps, filled
+from elastid.recorded.repair.stops import rest_before
 from elastid.recorded.repair.time_stamps import on_grid
 
 
@@ -106,16 +108,31 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     for part in aligned:
         signals[:, part.members] = part.signals[:n]
     keep = sorted(_first_of_each(channels), key=lambda i: channels[i].role == "d")
+    rows = parts[0].rows if len(parts) == 1 else None
+    first = 0 if file.samples is None else file.samples[0]
+    drivers = [i for i in keep if channels[i].role == "r"] or [i for i in keep if channels[i].role == "u"]
+    begin, rests = _begin(signals[:, drivers], period, Log("", (), known_hz, first, rows))
     return GatheredChannels(
-        signals=signals[:, keep],
+        signals=signals[begin:, keep],
         channels=tuple(channels[i] for i in keep),
         rate_hz=lowest,
         period=period,
-        first=0 if file.samples is None else file.samples[0],
+        first=first + begin,
         notes=tuple(notes),
-        findings=(*periods, *(finding for part in at_rate for finding in part.findings), *shifts),
-        rows=parts[0].rows if len(parts) == 1 else None,
+        findings=(*periods, *(finding for part in at_rate for finding in part.findings), *shifts, *rests),
+        rows=None if rows is None else rows[begin:],
     )
+
+
+def _begin(drivers: FloatArray, period: float | None, log: Log) -> tuple[int, tuple[Finding, ...]]:
+    """The sample with which the first period begins that is not all rest before the excitation (n, d); a finding."""
+    rest = 0 if period is None else rest_before(drivers)
+    count = int(rest / period) if period else 0
+    if count == 0:
+        return 0, ()
+    periods = "period" if count == 1 else f"{count} periods"
+    text = f"the excitation begins at {log.time_of(rest)}: the {periods} of rest before it are left out"
+    return math.ceil(count * (period or 0)), (Finding("rest left out", count, text),)
 
 
 def own_samples(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
@@ -136,6 +153,7 @@ def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
             drivers = [j for j, i in enumerate(part.members) if experiment.recorded.channels[i].role == role]
             if part.file == 1 and drivers:
                 signals = part.signals[:, drivers]
+                signals = signals[rest_before(signals) :]
                 samples = period_samples(experiment.recorded, experiment.file, part.rate_hz, signals)
                 return None if samples is None else samples / part.rate_hz
     raise AssertionError("the first file of an experiment has an acting torque")

@@ -10,6 +10,7 @@ Where gears couple motors with several joints, each channel is converted by its 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from elastid.experiment.specs.recorded import RecordedSpec
 UNWRAPPED = "unwrapped-angle"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
 MAX_COMPUTABLE = 1e60
+_LEAST_COUNTER = 2**8 - 2**4  # span of the counts of the shortest counter, which starts again near its ends
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -33,17 +35,41 @@ def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
 
 def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[FloatArray, tuple[Note, ...]]:
     """The signal (n,) in SI on the link side, and a note if an angle was unwrapped."""
-    signal = values * _own_side_factor(channel, robot) + channel.offset
     turns = 0
-    if _may_turn(channel, robot):
+    if channel.quantity == "position":
+        values, turns = _counted_on(values)
+    note = Note(UNWRAPPED, f"{turns} starts of its counter were taken out of {channel.name_in_file}")
+    signal = values * _own_side_factor(channel, robot) + channel.offset
+    if _may_turn(channel, robot) and not turns:
         known = np.isfinite(signal)
         jumps = np.abs(np.diff(signal[known]))
         wraps = jumps > np.pi
         # A jump within 1 rad of a whole turn is an encoder that starts again.
         if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < 1.0):
             signal[known], turns = np.unwrap(signal[known]), int(wraps.sum())
-    note = Note(UNWRAPPED, f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}")
+            note = Note(UNWRAPPED, f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}")
     return signal * _gear_factor(channel, robot), (note,) if turns else ()
+
+
+def _counted_on(values: FloatArray) -> tuple[FloatArray, int]:
+    """Counts (n,) of a counter of k bits without its jumps by 2^k, and their number; other values as they are.
+
+    A counter's are whole and within 2^k, and jump by nearly all of it: without that they go on as between other samples.
+    """
+    known = np.isfinite(values)
+    counts = values[known]
+    span = float(np.ptp(counts)) if counts.size else 0.0
+    steps = np.abs(np.diff(counts))
+    if span < _LEAST_COUNTER or steps.max(initial=0.0) < 0.8 * span or np.any(counts != np.round(counts)):
+        return values, 0
+    whole = 2.0 ** math.ceil(math.log2(span + 1))
+    jumps = steps > whole / 2
+    usual = float(steps[~jumps].max(initial=0.0))
+    if usual > whole / 4 or np.any(whole - steps[jumps] > 2 * usual + 1):
+        return values, 0
+    result = values.copy()
+    result[known] = np.unwrap(counts, period=whole)
+    return result, int(jumps.sum())
 
 
 def converted(channel: ChannelSpec, values: FloatArray, robot: Places) -> FloatArray:

@@ -31,9 +31,22 @@ class StopLimits:
     min_moving_share: float = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
     # A torque is absent where it differs from that of other repetitions by this part of its rms.
     min_absent_share: float = 0.3
+    start_windows: int = 200  # of a log, among which its start is found
 
 
 LIMITS = StopLimits()
+
+
+def rest_before(torques: FloatArray) -> int:
+    """Samples of torques (n, d), NaN where missing, before the first window in which one of them moves."""
+    width = max(LIMITS.min_window, len(torques) // LIMITS.start_windows)
+    if len(torques) < 3 * width:
+        return 0
+    scatter = np.stack([_scatter(x[: len(x) // width * width].reshape(-1, width)) for x in torques.T])
+    # The largest may be a spike.
+    usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
+    moves = np.any((scatter > LIMITS.max_still_share * usual) & (usual > 0), axis=0)
+    return int(np.argmax(moves)) * width
 
 
 def without_stops(
@@ -132,11 +145,7 @@ def _still(signals: FloatArray, columns: Sequence[int], P: int, L: int, width: i
     W = L // width
     flags = []
     for c in columns:
-        windows = signals[: P * L, c].reshape(P, L)[:, : W * width].reshape(P, W, width)
-        t = np.linspace(-1.0, 1.0, width)
-        away = windows - windows.mean(axis=2, keepdims=True)
-        away = away - (away @ t / (t @ t))[:, :, None] * t
-        scatter = np.where(np.isfinite(away).all(axis=2), np.sqrt(np.mean(away**2, axis=2)), np.inf)
+        scatter = _scatter(signals[: P * L, c].reshape(P, L)[:, : W * width].reshape(P, W, width))
         # The largest may be that of the start; a stop may be longer than the rest.
         usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
         level = float(np.median(usual))
@@ -144,3 +153,11 @@ def _still(signals: FloatArray, columns: Sequence[int], P: int, L: int, width: i
             continue
         flags.append((scatter < LIMITS.max_still_share * usual) & (usual > LIMITS.min_moving_share * level))
     return flags or [np.zeros((P, W), dtype=np.bool_)]
+
+
+def _scatter(windows: FloatArray) -> FloatArray:
+    """Rms (...) of windows (..., width) without mean and slope; infinite where a sample is missing."""
+    t = np.linspace(-1.0, 1.0, windows.shape[-1])
+    away = windows - windows.mean(axis=-1, keepdims=True)
+    away = away - (away @ t / (t @ t))[..., None] * t
+    return np.where(np.isfinite(away).all(axis=-1), np.sqrt(np.mean(away**2, axis=-1)), np.inf)

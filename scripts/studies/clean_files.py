@@ -1,0 +1,334 @@
+"""Do logs in the forms that laboratories write raise an alarm where nothing is wrong, and are their faults named?
+
+    python scripts/studies/clean_files.py [--quick] [--sets 8] [--only WORD]
+
+Clean measurements of a two-axis arm (`clean_logs.py`: equations of its own) in the forms below, each read, repaired,
+estimated, fitted by the true robot's file and validated as in `false_alarms.py`: its alarms are counted.
+"""
+
+# One BLAS thread must be asked for before NumPy is loaded.
+# ruff: noqa: E402
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from clean_logs import RATE_HZ, RATIO, TORQUE_RMS, Chain, Kind, simulated_robot
+from false_alarms import Alarms, _alarms
+
+from elastid.base.arrays import FloatArray
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.plan.plan import make_plan
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.disturbances import NoiseSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.record import Record
+from elastid.recorded.rig import RecordedRig
+from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
+
+
+@dataclass(frozen=True)
+class Files:
+    """Signals of each log (n,) or (m,), the robot, the sections that describe them, and what one file holds."""
+
+    robot: Robot
+    logs: list[dict[str, FloatArray]]
+    recorded: RecordedSpec
+    configurations: dict[str, tuple[float, ...]]
+    rng: np.random.Generator
+
+    def changed(self, by: Callable[[dict[str, FloatArray]], dict[str, FloatArray]], **section: Any) -> "Files":
+        """With other signals in every log, and other keys of the section."""
+        return replace(self, logs=[by(dict(log)) for log in self.logs], recorded=replace(self.recorded, **section))
+
+    def with_channels(self, role: str, **keys: Any) -> "Files":
+        """With other keys of the channels of a role."""
+        channels = tuple(replace(c, **keys) if c.role == role else c for c in self.recorded.channels)
+        return replace(self, recorded=replace(self.recorded, channels=channels))
+
+    def records(self, folder: Path) -> tuple[list[Record], Robot]:
+        """Written and read as a study does it."""
+        for log, path in zip(self.logs, dict.fromkeys(f.path for f in self.recorded.files), strict=True):
+            with h5py.File(folder / path, "w") as file:
+                for name, signal in log.items():
+                    file[name] = signal
+        rig = RecordedRig(self.robot, ExperimentSpec(self.configurations, recorded=self.recorded), folder)
+        return [rig.measure(experiment) for experiment in rig.experiments], self.robot
+
+
+TOOL_M = 0.5
+
+
+def measured(number: int, chain: type[Chain] = Chain, rest_s: float = 0.0, beyond: int = 0, **kind: Any) -> Files:
+    """A measurement of two axes in two postures, two realisations; from rest, or in the steady state.
+
+    beyond: further samples.
+    """
+    shape: dict[str, Any] = {
+        "source": "closed form", "axes": 2, "postures": 2, "periods": (2, 3, 5)[number % 3], "realisations": 2,
+        "grid": "odd", "noise": 0.005, "wander": 0.0, "step": 0.0, "counts": 1 << 20,
+        "has_reference": number % 2 == 0, "coulomb": 0.0, "bandwidth_hz": 3.0, "carrier": 0.0, "half_wave": False,
+    }  # fmt: skip
+    drawn = Kind(number, 11, **{**shape, **kind})
+    arm = chain.drawn(drawn)
+    rng, N = np.random.default_rng((number, 11)), drawn.period
+    rest = round(rest_s * drawn.rate_hz)
+    first = 0 if rest else 3 * N
+    logs, files = [], []
+    for name, angles in drawn.configurations.items():
+        there = replace(arm, posture=angles[-1])
+        r = np.concatenate([there.multisines(rng) for _ in range(2)])
+        r = np.tile(r, (1, (0 if rest else 3) + drawn.periods + (2 if beyond else 0), 1))
+        r = np.concatenate([np.zeros((len(r), rest, 2)), r], axis=1)
+        r = r[:, : first + rest + drawn.periods * N + beyond]
+        size = np.array(TORQUE_RMS)
+        u, q, a = there.run(r, 0.002 * size * rng.standard_normal(r.shape), rng)
+        u = u + drawn.noise * size * rng.standard_normal(u.shape)
+        for i in range(len(r)):
+            of_tool = there.tool(a[i]) + 1e-3 * rng.standard_normal(len(a[i]))
+            names = {"r": r[i], "u": u[i], "q": q[i] * RATIO}
+            signals = {f"{role}{j + 1}": x[first:, j] for role, x in names.items() for j in range(2)}
+            logs.append({**signals, "a": of_tool[first:]})
+            files.append(FileSpec(f"{len(files)}.h5", name, i // 2, i % 2))
+    channels = [ChannelSpec("u", f"motor {j}", f"u{j}") for j in (1, 2)]
+    channels += [ChannelSpec("r", f"motor {j}", f"r{j}") for j in (1, 2) if drawn.has_reference]
+    channels += [ChannelSpec("y", f"motor {j}", f"q{j}", quantity="position", side="motor") for j in (1, 2)]
+    section = RecordedSpec(drawn.rate_hz, tuple(channels), tuple(files), N / drawn.rate_hz, hold="zero-order")
+    return Files(arm.robot, logs, section, drawn.configurations, rng)
+
+
+@dataclass(frozen=True)
+class Arm(Chain):
+    """With an accelerometer on the fore arm."""
+
+    @property
+    def robot(self) -> Robot:
+        """With a frame for it."""
+        frame = Frame("tool", "fore", Placement((TOOL_M, 0, 0)))
+        return replace(super().robot, frames=(frame,))
+
+    def tool(self, a: FloatArray) -> FloatArray:
+        """Acceleration (n,) of the tool along y of the fore arm, from those of the links (n, 2)."""
+        return np.asarray(self.arm[3] * np.cos(self.posture) * a[:, 0] + TOOL_M * (a[:, 0] + a[:, 1]))
+
+
+@dataclass(frozen=True)
+class Rail(Arm):
+    """An arm on a carriage that a belt moves along x, whose motor has a ratio of 100 in 1/m."""
+
+    @property
+    def inertia(self) -> FloatArray:
+        """M (2, 2) in kg, kg m and kg m^2."""
+        m1, _, _, _, m2, c2, I2 = self.arm
+        both = -m2 * c2 * np.sin(self.posture)
+        return np.array([[m1 + m2, both], [both, I2 + m2 * c2**2]])
+
+    @property
+    def robot(self) -> Robot:
+        """As a file has it."""
+        m1, _, I1, _, m2, c2, I2 = self.arm
+        motors = [Motor(J / i**2, i, f / i**2) for J, i, f in zip(self.J, RATIO, self.f, strict=False)]
+        springs = [Spring(k, d) for k, d in zip(self.k, self.d, strict=True)]
+        carriage = Body("carriage", joints=(Joint("1", "x", springs[0], motors[0], motion="translation"),), mass=m1)
+        fore = Body("fore", "carriage", Placement((0, 0, 0)), (Joint("2", "z", springs[1], motors[1]),), mass=m2,
+                    center_of_mass=(c2, 0, 0), inertia=(I2, I2, I2))  # fmt: skip
+        return Robot("arm on a rail", (carriage, fore), gravity=(0.0, 0.0, 0.0))
+
+    def tool(self, a: FloatArray) -> FloatArray:
+        """None is read."""
+        return a[:, 0]
+
+
+def stamped(decimals: int, start: float = 0.0) -> Callable[[int], Files]:
+    """Time stamps with so many decimals."""
+
+    def form(number: int) -> Files:
+        def with_time(log: dict[str, FloatArray]) -> dict[str, FloatArray]:
+            return log | {"t": np.round(start + np.arange(len(log["u1"])) / RATE_HZ, decimals)}
+
+        return measured(number, Arm).changed(with_time, time="t")
+
+    return form
+
+
+def within_a_period(number: int) -> Files:
+    """Logs that begin and end anywhere."""
+    files = measured(number, Arm, beyond=237)
+    return replace(files, logs=[{k: x[(i * 37) % 100 :] for k, x in log.items()} for i, log in enumerate(files.logs)])
+
+
+def one_file(number: int) -> Files:
+    """All experiments in one file, three seconds of rest between them."""
+    files = measured(number, Arm)
+    whole: dict[str, list[FloatArray]] = {name: [] for name in files.logs[0]}
+    specs, at, rest = [], 0, round(3 * RATE_HZ)
+    for log, spec in zip(files.logs, files.recorded.files, strict=True):
+        n = len(log["u1"])
+        specs.append(replace(spec, path="all.h5", samples=(at, at + n)))
+        at += n + rest
+        for name, x in log.items():
+            still = x[-1] + 1e-3 * np.ptp(x) * files.rng.standard_normal(rest)
+            whole[name] += [x, 0 * still if name[0] == "r" else still]
+    joined = {name: np.concatenate(parts) for name, parts in whole.items()}
+    return replace(files, logs=[joined], recorded=replace(files.recorded, files=tuple(specs)))
+
+
+def fast_torque(number: int) -> Files:
+    """Torques at 1000 Hz, angles at 200 Hz."""
+    files = measured(number, Arm, rate_hz=1000.0, period=2000)
+    files = files.changed(lambda log: {k: x[::5] if k[0] == "q" else x for k, x in log.items()}, rate_hz=200.0)
+    return files.with_channels("u", rate_hz=1000.0).with_channels("r", rate_hz=1000.0)
+
+
+def rest_before(number: int) -> Files:
+    """Ten seconds of rest, and then the excitation."""
+    return measured(number, Arm, rest_s=10.0, periods=5)
+
+
+def ripple(number: int) -> Files:
+    """The ripple of a PWM, folded to 73.1 Hz, on the torques."""
+
+    def rippled(log: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        t = np.arange(len(log["u1"])) / RATE_HZ
+        return log | {f"u{j}": log[f"u{j}"] + 0.05 * TORQUE_RMS[j - 1] * np.sin(460 * t + j) for j in (1, 2)}
+
+    return measured(number, Arm).changed(rippled)
+
+
+def prime(number: int) -> Files:
+    """A period of a prime number of samples."""
+    return measured(number, Arm, period=397)
+
+
+def single_precision(number: int) -> Files:
+    """Columns of float32, the angle behind 80 turns of the motor."""
+    turns = {"q1": 500.0, "q2": -500.0}
+    return measured(number, Arm).changed(
+        lambda log: {name: np.float32(x + turns.get(name, 0.0)) for name, x in log.items()}  # type: ignore[misc]
+    )
+
+
+def counter(bits: int, counts: int) -> Callable[[int], Files]:
+    """Angles as counts of the motor's encoder, in a counter that starts again at 2^bits."""
+
+    def form(number: int) -> Files:
+        def counted(log: dict[str, FloatArray]) -> dict[str, FloatArray]:
+            values = {j: np.round(log[f"q{j}"] * counts / (2 * np.pi)) for j in (1, 2)}
+            return log | {f"q{j}": (x - x[0] + 2 ** (bits - 1) * (j % 2)) % 2**bits for j, x in values.items()}
+
+        files = measured(number, Arm, counts=counts).changed(counted)
+        return files.with_channels("y", scale=2 * np.pi / counts)
+
+    return form
+
+
+def with_accelerometer(offset: float, drift: float) -> Callable[[int], Files]:
+    """An accelerometer with a constant offset and one that warms up, m/s^2."""
+
+    def form(number: int) -> Files:
+        def warmed(log: dict[str, FloatArray]) -> dict[str, FloatArray]:
+            t = np.arange(len(log["a"])) / 1000.0
+            return log | {"a": log["a"] + offset + drift * (1 - np.exp(-t / 10))}
+
+        # Its filter leaves no images of the torques that are held at this rate.
+        files = measured(number, Arm, rate_hz=1000.0, period=2000).changed(warmed)
+        channel = ChannelSpec("y", "accelerometer tool y", "a", quantity="acceleration")
+        return replace(files, recorded=replace(files.recorded, channels=(*files.recorded.channels, channel)))
+
+    return form
+
+
+def rail(number: int) -> Files:
+    """The first axis slides."""
+    return measured(number, Rail)
+
+
+def rounded(number: int) -> Files:
+    """Torques in whole per mille of 300 Nm, angles of the joint in degrees with five digits."""
+
+    def few(log: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        return {k: np.round(x / 0.3) if k[0] == "u" else np.round(np.degrees(x), 3) if k[0] == "q" else x
+                for k, x in log.items()}  # fmt: skip
+
+    files = measured(number, Arm).changed(few).with_channels("y", unit="deg")
+    return files.with_channels("u", scale=0.3)
+
+
+def loaded(number: int) -> Files:
+    """Axes that gravity loads, moved by a twentieth of what holds them."""
+    robot, rms, configurations = simulated_robot(2, 0.0), (1.0, 3.0), {"c1": (0.3, 0.0), "c2": (-0.5, 0.8)}
+    lines = MultisineSpec(RATE_HZ, 2.0, (1.0, 40.0), rms, grid="odd-random")
+    noise = NoiseSpec(0.005 * rms[-1], 2e-8, 0.0)
+    experiment = ExperimentSpec(configurations, 2, (2, 3, 5)[number % 3], 1, simulated=SimulatedSpec(noise=noise))
+    rig = SimulatedRig(robot, experiment, make_plan(lines, experiment, robot, number), number)
+    logs, files = [], []
+    for one in rig.experiments:
+        record = rig.measure(one)
+        names = {"r": record.r, "u": record.u, "q": record.y * RATIO}
+        logs.append({f"{name}{j + 1}": x[:, j] for name, x in names.items() if x is not None for j in range(2)})
+        files.append(FileSpec(f"{len(files)}.h5", one.configuration.name, one.realisation, one.experiment))
+    usual = measured(number, Arm).recorded
+    return Files(robot, logs, replace(usual, files=tuple(files)), configurations, np.random.default_rng(number))
+
+
+FORMS: Mapping[str, Callable[[int], Files]] = {
+    "as they are": lambda number: measured(number, Arm),
+    "stamps of two decimals": stamped(2),
+    "stamps of two decimals, clock time": stamped(2, 1.7e9),
+    "within a period": within_a_period,
+    "one file": one_file,
+    "torque at 1000 Hz": fast_torque,
+    "rest before": rest_before,
+    "PWM ripple": ripple,
+    "prime period": prime,
+    "float32": single_precision,
+    "counter of a turn": counter(17, 1 << 17),
+    "counter of 16 bits": counter(16, 1 << 17),
+    "accelerometer": with_accelerometer(0.0, 0.0),
+    "accelerometer with an offset": with_accelerometer(0.8, 0.0),
+    "accelerometer that warms up": with_accelerometer(0.8, 0.3),
+    "rail": rail,
+    "rounded": rounded,
+    "gravity": loaded,
+}
+
+
+def judged(form: str, number: int) -> Alarms:
+    """All alarms of a form."""
+    with tempfile.TemporaryDirectory() as folder:
+        return _alarms(f"{form} {number}", lambda: FORMS[form](number).records(Path(folder)), {}, number)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--sets", type=int, default=8)
+    parser.add_argument("--only", default="")
+    given = parser.parse_args()
+    rows = {}
+    for form in [form for form in FORMS if given.only in form]:
+        found = [judged(form, number) for number in range(1 if given.quick else given.sets)]
+        rows[form] = dict(Counter(code for each in found for code in each.codes))
+        print(f"{form:<36}{rows[form]}", flush=True)
+        for each in found:
+            for code, text in each.codes.items():
+                print(f"    {each.name}: {code}: {text[:400]}", flush=True)
+    print(json.dumps(rows))
+
+
+if __name__ == "__main__":
+    main()
