@@ -20,6 +20,7 @@ from elastid.robot import Body, Joint, Motor, Robot, Spring
 RATE_HZ, SAMPLES, RATIO = 500.0, 1000, 100.0
 LINES = np.arange(5, 161, 4)
 POSTURE = Configuration("rest", (0.0,))
+DRIVE = 200.0  # rad/s, up to which it controls: samples of its torque hold little of what lies beyond half the rate
 
 
 @dataclass(frozen=True)
@@ -94,17 +95,19 @@ def _slopes(x, u, numbers, ends, slopes):  # type: ignore[no-untyped-def]
 def _simulated(torque, reference, rate, numbers, ends, substeps):  # type: ignore[no-untyped-def]
     """Torques and angles (2 SAMPLES,) of an experiment after a period that settles; given (2 SAMPLES substeps,)."""
     bends, h, start = numbers[-1], 1 / (RATE_HZ * substeps), SAMPLES * substeps
-    u, q, x, moved = np.empty(2 * SAMPLES), np.empty(2 * SAMPLES), np.zeros(5), np.empty(5)
-    slopes = np.zeros((5, 5))
+    u, q, x, moved = np.empty(2 * SAMPLES), np.empty(2 * SAMPLES), np.zeros(6), np.empty(6)
+    slopes = np.zeros((5, 6))
     for step in range(3 * start):
         first = 2 * step % len(torque)
         for stage, part in enumerate((0.0, 0.5, 0.5, 1.0)):
             i = (first + int(2 * part)) % len(torque)
             moved[:] = x + part * h * slopes[stage]
-            applied = torque[i] + 2e3 * (reference[i] - moved[0]) + 300 * (rate[i] - moved[2])
+            wanted = 2e3 * (reference[i] - moved[0]) + 300 * (rate[i] - moved[2])
+            applied = torque[i] + moved[5]
             if stage == 0 and step % substeps == 0 and step >= start:
                 u[(step - start) // substeps], q[(step - start) // substeps] = applied, x[0]
-            _slopes(moved, applied, numbers, ends, slopes[stage + 1])
+            _slopes(moved[:5], applied, numbers, ends, slopes[stage + 1])
+            slopes[stage + 1, 5] = DRIVE * (wanted - moved[5])
         x += h / 6 * (slopes[1] + 2 * slopes[2] + 2 * slopes[3] + slopes[4])
         x[4] = min(max(x[4], -bends), bends)  # a step goes on to where the spring has slid long since
     return u, q

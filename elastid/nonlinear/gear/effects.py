@@ -10,14 +10,13 @@ both act across the gear; friction behind the gear brakes the link, -F_l sgn l'.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.fft import irfft, rfft
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.friction.operators import Path, bristle, stop
+from elastid.nonlinear.gear.turning import turning
 
 Kind: TypeAlias = Literal[
     "friction", "load", "behind", "cubic", "progressive", "range", "gap", "stop", "bristle",
@@ -31,7 +30,6 @@ _UNITS: dict[Kind, str] = {
     "error sine": "rad", "error cosine": "rad",
 }  # fmt: skip
 
-_STUCK = 0.9  # of the torque at a reversal, above which friction is taken to be that: nearly at rest
 _STEP = 0.01  # of a scale, to either side, over which a change with it is taken
 
 
@@ -115,54 +113,6 @@ def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
     twice = Path.of(np.concatenate([x, x])).without(len(x))
     phi = (stop if effect.kind == "stop" else bristle)(twice, effect.scale) / effect.scale
     return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / effect.scale
-
-
-def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
-    r"""tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period.
-
-    Between two points v is a line. At a reversal friction bends v itself, with a and b by its steps before and after,
-
-    .. math:: \dot v = a - b \tanh(v / s): \quad \frac{\int \tanh dt}{t} = \frac{b u + a L}{a u + b L}, \quad
-              u = v / s, \ L = \ln |a \cosh u - b \sinh u|
-
-    The velocity of an inertia at the points depends on the means over cells alone, and is exact with their spectrum
-    over sinc.
-    """
-    u = v / (scale or 1e-9 * float(np.abs(v).max()) + 1e-300)
-    following, step = np.roll(u, -1), _steps(u)
-    flat = np.abs(step) <= 1e-9 * np.abs(u).max()
-    decay = np.exp(-2 * np.abs(u))
-    tanh = np.sign(u) * (1 - decay) / (1 + decay)
-    means = _steps(np.abs(u) + np.log1p(decay)) / np.where(flat, 1.0, step)
-    means[flat] = tanh[flat]
-    slope = np.where(flat, 0.0, _steps(tanh) / np.where(flat, 1.0, _steps(v)))
-    turns = np.flatnonzero(u * following < 0)
-    before, after = step[turns - 1], step[(turns + 1) % len(v)]
-    bends = (before + after) * step[turns] > 0
-    turns, before, after = turns[bends], before[bends], after[bends]
-    a, jump, step = (before + after) / 2, np.sign(step[turns]) * (before - after) / 2, step[turns]
-    b = np.clip(jump, -_STUCK * np.abs(a), _STUCK * np.abs(a))
-    L = _log_cosh(following[turns], b / a) - _log_cosh(u[turns], b / a)
-    means[turns] = (b * step + a * L) / (a * step + b * L)
-    return irfft(rfft(means) * _from_means(len(v)), len(v)), (slope + np.roll(slope, 1)) / 2
-
-
-@lru_cache(maxsize=4)
-def _from_means(n: int) -> ComplexArray:
-    """Spectrum (n // 2 + 1,) at the points by that of means over the cells that begin there."""
-    half = np.arange(n // 2 + 1) / n  # of the angle between two points, over pi
-    return np.asarray(np.exp(-1j * np.pi * half) / np.sinc(half))
-
-
-def _steps(x: FloatArray) -> FloatArray:
-    """From each point (n,) of a period to the next."""
-    return np.diff(x, append=x[:1])
-
-
-def _log_cosh(u: FloatArray, ratio: FloatArray) -> FloatArray:
-    """ln(cosh u - ratio sinh u) (n,), |ratio| < 1."""
-    side = ratio * np.sign(u)
-    return np.asarray(np.abs(u) + np.log((1 - side + (1 + side) * np.exp(-2 * np.abs(u))) / 2))
 
 
 def _broken_line(kind: Kind, x: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.base.arrays import FloatArray
-from elastid.nonlinear.gear.effects import GearEffect, GearMotion, forces, implicit_law, periodic_error, turning
+from elastid.nonlinear.gear.effects import GearEffect, GearMotion, forces, implicit_law, periodic_error
 
 PHASE = 2 * np.pi * np.arange(800) / 800
 MOTION = GearMotion(
@@ -20,21 +19,6 @@ def test_slopes_are_those_of_the_law(kind: str) -> None:
     effect, x, h = GearEffect(kind, "1", 0.02), 0.03 * np.sin(PHASE), 1e-7  # type: ignore[arg-type]
     difference = (implicit_law(effect, x + h)[0] - implicit_law(effect, x - h)[0]) / (2 * h)
     assert implicit_law(effect, x)[1] == pytest.approx(difference, rel=1e-6, abs=1e-6)
-
-
-@pytest.mark.parametrize("scale", [0.0, 1e-3])
-def test_reversals_between_points_turn_where_the_motion_is_bent(scale: float) -> None:
-    """A velocity of 0.4 of its slope on one side of 0, against the law on 200 times as many points."""
-
-    def bent(phase: FloatArray) -> FloatArray:
-        return 0.1 * np.where(np.sin(phase) > 0, 1.0, 0.4) * np.sin(phase)
-
-    dense = (np.arange(160_000) + 0.5) * np.pi / 80_000
-    exact = np.mean((np.tanh(bent(dense) / scale) if scale else np.sign(bent(dense))) * np.exp(-1j * dense))
-    for shift in np.linspace(0.0, 2 * np.pi / 800, 7):
-        phi, slope = turning(bent(PHASE - shift), scale)
-        assert np.mean(phi * np.exp(-1j * (PHASE - shift))) == pytest.approx(exact, abs=3e-5)
-        assert np.all(slope >= 0)
 
 
 def test_an_edge_is_the_change_of_an_effect_with_its_scale() -> None:

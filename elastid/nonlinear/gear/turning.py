@@ -1,0 +1,116 @@
+r"""Friction's sign along a velocity that is known at points, and that the friction itself bends at a reversal.
+
+Between two points, 1 apart, u = v / s is a line with a bend c t (t - 1) / 2, c its second difference, and
+
+.. math:: \int_0^1 \tanh u\, dt \approx \overline{\tanh}
+          - \frac{c}{\Delta^2} \left( \frac{\Lambda_0 + \Lambda_1}{2} - \bar \Lambda \right), \qquad
+          \Lambda = \ln \cosh u, \quad \Delta = u_1 - u_0
+
+with means along the line. Where u turns within a few cells, friction bends it by b and the rest by a, which grows by c
+from cell to cell and is known from the cells before and after, as b is:
+
+.. math:: \dot u = a - b \tanh u: \quad \overline{\tanh} = \frac{b \Delta + a L}{a \Delta + b L}, \qquad
+          L = \left[ \ln |a \cosh u - b \sinh u| \right]_0^1
+
+The velocity of an inertia at the points depends on the means over cells alone, and is exact with their spectrum over
+sinc.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.fft import irfft, rfft
+from scipy.special import spence
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+
+_STUCK = 0.9  # of the torque at a reversal, above which friction nearly holds, and bends the velocity over many cells
+_NEAR, _CELLS = 3.0, 6  # of u, beyond which a sign is one; of a reversal in which friction turns at once
+_STEEP = 0.2  # change of u over a cell, below which its curve is that of its middle
+
+
+def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
+    """tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
+    u = v / (scale or 1e-9 * float(np.abs(v).max()) + 1e-300)
+    after, step = np.roll(u, -1), _steps(u)
+    flat = np.abs(step) <= 1e-9 * np.abs(u).max()
+    decay = np.exp(-2 * np.abs(u))
+    tanh = np.sign(u) * (1 - decay) / (1 + decay)
+    means = _steps(np.abs(u) + np.log1p(decay)) / np.where(flat, 1.0, step)
+    means[flat] = tanh[flat]
+    slope = np.where(flat, 0.0, _steps(tanh) / np.where(flat, 1.0, _steps(v)))
+    crosses = u * after < 0
+    is_near = (crosses | (np.minimum(np.abs(u), np.abs(after)) < _NEAR)) & ~flat
+    near = np.flatnonzero(is_near)
+    bend = step - np.roll(step, 1)
+    bend = (bend + np.roll(bend, -1)) / 2
+    if 0 < len(near) < len(u):
+        cells, a, b, c = _reversals(near, is_near, crosses, step, means)
+        L = _log_cosh(after[cells], b / a) - _log_cosh(u[cells], b / a)
+        means[cells] = (b * step[cells] + a * L) / (a * step[cells] + b * L)
+        bend[cells] = c
+    means[near] -= bend[near] * _sag(u[near], after[near])
+    return irfft(rfft(means) * _from_means(len(v)), len(v)), (slope + np.roll(slope, 1)) / 2
+
+
+def _reversals(
+    near: IntArray, is_near: BoolArray, crosses: BoolArray, step: FloatArray, means: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Cells (m,) of short reversals, and a, b and c (m,) there.
+
+    near: cells in which a sign is none yet, is_near (n,); crosses, step, means (n,): of all cells.
+    """
+    n = len(step)
+    begins = np.flatnonzero(np.diff(near, prepend=near[-1] - n) > 1)
+    near, begins = np.roll(near, -begins[0]), begins - begins[0]
+    length = np.diff(begins, append=len(near))
+    first, last = (near[begins] - 1) % n, (near[begins + length - 1] + 1) % n  # the cells before and after
+    apart = ~(is_near[first - 1] | is_near[(last + 1) % n])  # from the reversals before and after
+    is_short = apart & (length <= _CELLS) & (np.add.reduceat(crosses[near].astype(int), begins) == 1)
+    c = (step[first] - step[first - 1] + step[(last + 1) % n] - step[last]) / 2
+    turned = np.where(is_short, means[last] - means[first], 1.0)
+    b = (step[first] - step[last] + c * (length + 1)) / turned
+    middle = (step[first] + step[last] + b * (means[last] + means[first])) / 2
+    own = np.repeat(np.arange(len(begins)), length)
+    a = middle[own] + c[own] * (np.arange(len(near)) - begins[own] - (length[own] - 1) / 2)
+    moves = np.minimum.reduceat((np.abs(b[own]) < _STUCK * np.abs(a)).astype(int), begins) > 0
+    kept = (is_short & moves)[own]
+    return near[kept], a[kept], b[own][kept], c[own][kept]
+
+
+def _sag(u: FloatArray, after: FloatArray) -> FloatArray:
+    """What a mean of tanh falls by for each c of a bend (n,): - int sech^2(u) t (t - 1) / 2 dt along a line."""
+    step = after - u
+    sag = (1 - np.tanh((u + after) / 2) ** 2) / 12
+    steep = np.abs(step) > _STEEP
+    u, after, step = u[steep], after[steep], step[steep]
+    mean = (_integral(after) - _integral(u)) / step
+    sag[steep] = ((_log_cosh(u, 0.0) + _log_cosh(after, 0.0)) / 2 - mean) / step**2
+    return sag
+
+
+def _integral(u: FloatArray) -> FloatArray:
+    """Of ln cosh u from 0 on (n,)."""
+    size = np.abs(u)
+    beyond = (spence(1 + np.exp(-2 * size)) + np.pi**2 / 12) / 2
+    return np.asarray(np.sign(u) * (size * (size / 2 - np.log(2)) + beyond))
+
+
+@lru_cache(maxsize=4)
+def _from_means(n: int) -> ComplexArray:
+    """Spectrum (n // 2 + 1,) at the points by that of means over the cells that begin there."""
+    half = np.arange(n // 2 + 1) / n  # of the angle between two points, over pi
+    return np.asarray(np.exp(-1j * np.pi * half) / np.sinc(half))
+
+
+def _steps(x: FloatArray) -> FloatArray:
+    """From each point (n,) of a period to the next."""
+    return np.diff(x, append=x[:1])
+
+
+def _log_cosh(u: FloatArray, ratio: FloatArray | float) -> FloatArray:
+    """ln(cosh u - ratio sinh u) (n,), |ratio| < 1."""
+    side = ratio * np.sign(u)
+    return np.asarray(np.abs(u) + np.log((1 - side + (1 + side) * np.exp(-2 * np.abs(u))) / 2))
