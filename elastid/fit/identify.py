@@ -81,6 +81,7 @@ def identify(
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
         found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+        fit = None  # of a thousand configurations some hundred MB
         assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if result.has_tolerances and evidence.result.status == "model_error":
