@@ -194,7 +194,7 @@ def mean_of_rows(array: FloatArray | LargeArray, n: int) -> FloatArray:
 class FileArray(np.memmap):
     """A read-only array in its place in a file, which is mapped once for all of its arrays.
 
-    To another process, which must see the same file, only its place goes; of a temporary file the numbers.
+    To another process, which must see the same file, only its place goes.
     """
 
     place: tuple[Path, int]
@@ -221,10 +221,11 @@ class FileArray(np.memmap):
         return plain[()] if return_scalar else plain
 
     def __reduce__(self) -> Any:
-        """Its place; of a part the numbers."""
-        if not hasattr(self, "place"):
-            return np.array(self).__reduce__()
-        return FileArray.at, (*self.place, self.dtype, self.shape)
+        """Its place; of a temporary file the numbers, for one of that process; of a part the numbers."""
+        if hasattr(self, "place"):
+            return FileArray.at, (*self.place, self.dtype, self.shape)
+        values = np.array(self)
+        return (kept_in, (self.folder, values)) if hasattr(self, "folder") else values.__reduce__()
 
 
 # Bytes of a temporary file, which arrays share: each mapped file takes a descriptor, and there may be thousands.
@@ -235,7 +236,7 @@ class _Room:
     """A temporary file that has no name: gone with its last array, or with the process, however that ends."""
 
     def __init__(self, folder: Path, size: int) -> None:
-        self.file = tempfile.TemporaryFile(dir=folder)
+        self.file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 (as long as its arrays)
         self.file.truncate(size)
         self.pages, self.used = mmap.mmap(self.file.fileno(), size, access=mmap.ACCESS_READ), 0
 
@@ -259,7 +260,12 @@ def kept_beside(source: NDArray[Any] | None, values: NDArray[Any]) -> NDArray[An
     `release` gives its memory back. In memory, too, where the folder takes no file.
     """
     folder = getattr(source, "folder", None)
-    if folder is None or not hasattr(mmap, "MADV_DONTNEED"):
+    return values if folder is None else kept_in(folder, values)
+
+
+def kept_in(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
+    """The same in a temporary file of a folder."""
+    if not hasattr(mmap, "MADV_DONTNEED"):
         return values
     values, key = np.ascontiguousarray(values), (os.getpid(), folder)
     try:
