@@ -10,7 +10,7 @@ from dataclasses import Field, dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast, dataclass_transform, overload
-from weakref import WeakValueDictionary
+from weakref import WeakValueDictionary, finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,15 +236,16 @@ class _Room:
     """A temporary file that has no name: gone with its last array, or with the process, however that ends."""
 
     def __init__(self, folder: Path, size: int) -> None:
-        self.file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 (as long as its arrays)
+        self.file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 (as long as its arrays)
+        finalize(self, self.file.close)
         self.file.truncate(size)
         self.pages, self.used = mmap.mmap(self.file.fileno(), size, access=mmap.ACCESS_READ), 0
 
     def add(self, values: NDArray[Any]) -> FileArray:
         """A copy; OSError where the disk is full, which a write to mapped pages would not survive."""
-        self.file.seek(self.used)
-        self.file.write(values.data)
-        self.file.flush()
+        data, done = values.reshape(-1).view(np.uint8).data, 0
+        while done < len(data):
+            done += os.pwrite(self.file.fileno(), data[done:], self.used + done)
         array = FileArray.within(self.pages, self.used, values.dtype, values.shape)
         self.used += -(-values.nbytes // mmap.PAGESIZE) * mmap.PAGESIZE
         return array

@@ -55,13 +55,11 @@ class Placed:
             for _ in range(MOST_DEATHS):
                 known |= asked(left)
                 left = {worker: what for worker, what in left.items() if known[worker].died}
-                if not left:
-                    return {worker: outcome.result for worker, outcome in known.items()}
                 for worker in left:
                     self._home.place(worker, self._items[self._shares[worker]])
-                if asked == self._home.change:  # its successor has the new items
-                    return {}
-        except BaseException:  # answers may be on their way
+                if not left or asked == self._home.change:  # a successor has the new items
+                    return {worker: outcome.result for worker, outcome in known.items()}
+        except KeyboardInterrupt:  # answers may be on their way
             self._close()
             raise
         self._close()
