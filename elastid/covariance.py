@@ -72,6 +72,11 @@ class Covariance:
         for part in (self.left, self.right, self.matrix):
             release(part)
 
+    @property
+    def in_file(self) -> ComplexArray | None:
+        """The part that says in which folder its file is, if it is in one (`base.arrays.kept_beside`)."""
+        return next((part for part in (self.matrix, self.right) if part is not None), None)
+
     def elements(self, rows: Sequence[int], columns: Sequence[int]) -> Covariance:
         """The same of some outputs and inputs, by their indices."""
         n_y = self.variance.shape[1]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import mmap
+import os
 import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import Field, dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast, dataclass_transform, overload
+from weakref import WeakValueDictionary, finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,14 +198,21 @@ class FileArray(np.memmap):
     """
 
     place: tuple[Path, int]
+    folder: Path
 
     @classmethod
     def at(cls, path: Path, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> FileArray:
         """The array of a shape that begins so many bytes after the beginning of a file."""
         content = path.stat()
-        pages = _pages(path, content.st_ino, content.st_mtime_ns)
+        array = cls.within(_pages(path, content.st_ino, content.st_mtime_ns), offset, dtype, shape)
+        array.place, array.folder = (path, offset), path.parent
+        return array
+
+    @classmethod
+    def within(cls, pages: mmap.mmap, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> FileArray:
+        """The array of a shape that begins so many bytes after the beginning of what is mapped."""
         array = np.ndarray.__new__(cls, shape, dtype, buffer=pages, offset=offset)
-        array._mmap, array.place = pages, (path, offset)  # type: ignore[attr-defined]
+        array._mmap = pages  # type: ignore[attr-defined]
         return array
 
     def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
@@ -212,10 +221,63 @@ class FileArray(np.memmap):
         return plain[()] if return_scalar else plain
 
     def __reduce__(self) -> Any:
-        """Its place; of a part the numbers."""
-        if not hasattr(self, "place"):
-            return np.array(self).__reduce__()
-        return FileArray.at, (*self.place, self.dtype, self.shape)
+        """Its place; of a temporary file the numbers, for one of that process; of a part the numbers."""
+        if hasattr(self, "place"):
+            return FileArray.at, (*self.place, self.dtype, self.shape)
+        values = np.array(self)
+        return (kept_in, (self.folder, values)) if hasattr(self, "folder") else values.__reduce__()
+
+
+# Bytes of a temporary file, which arrays share: each mapped file takes a descriptor, and there may be thousands.
+ROOM_BYTES = 1 << 28
+
+
+class _Room:
+    """A temporary file that has no name: gone with its last array, or with the process, however that ends."""
+
+    def __init__(self, folder: Path, size: int) -> None:
+        self.file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 (as long as its arrays)
+        finalize(self, self.file.close)
+        self.file.truncate(size)
+        self.pages, self.used = mmap.mmap(self.file.fileno(), size, access=mmap.ACCESS_READ), 0
+
+    def add(self, values: NDArray[Any]) -> FileArray:
+        """A copy; OSError where the disk is full, which a write to mapped pages would not survive."""
+        data, done = values.reshape(-1).view(np.uint8).data, 0
+        while done < len(data):
+            done += os.pwrite(self.file.fileno(), data[done:], self.used + done)
+        array = FileArray.within(self.pages, self.used, values.dtype, values.shape)
+        self.used += -(-values.nbytes // mmap.PAGESIZE) * mmap.PAGESIZE
+        return array
+
+
+# The last room of a process in a folder, as long as an array is in it.
+_ROOMS: WeakValueDictionary[tuple[int, Path], _Room] = WeakValueDictionary()
+
+
+def kept_beside(source: NDArray[Any] | None, values: NDArray[Any]) -> NDArray[Any]:
+    """A read-only copy of values in a temporary file beside that of a source; the values if the source is in memory.
+
+    `release` gives its memory back. In memory, too, where the folder takes no file.
+    """
+    folder = getattr(source, "folder", None)
+    return values if folder is None else kept_in(folder, values)
+
+
+def kept_in(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
+    """The same in a temporary file of a folder."""
+    if not hasattr(mmap, "MADV_DONTNEED"):
+        return values
+    values, key = np.ascontiguousarray(values), (os.getpid(), folder)
+    try:
+        room = _ROOMS.get(key)
+        if room is None or room.used + values.nbytes > len(room.pages):
+            room = _ROOMS[key] = _Room(folder, max(ROOM_BYTES, values.nbytes))
+        array = room.add(values)
+    except OSError:
+        return values
+    array.folder, array.room = folder, room  # type: ignore[attr-defined]
+    return array
 
 
 @lru_cache(maxsize=4)

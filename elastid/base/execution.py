@@ -73,7 +73,7 @@ def survived_on_cluster(
     """
     from distributed import KilledWorker
 
-    with _client(address) as client:
+    with client_of(address) as client:
         submit = client.get_executor(pure=False).submit
         futures = {submit(function, item): index for index, item in enumerate(items)}
         for future in as_completed(futures):
@@ -82,7 +82,7 @@ def survived_on_cluster(
 
 
 @contextmanager
-def _client(address: str) -> Iterator[Any]:
+def client_of(address: str) -> Iterator[Any]:
     """A Dask cluster; ElastidError without certificates, where no scheduler answers, or one item kills all workers."""
     from distributed import Client, KilledWorker
     from distributed.security import Security
@@ -154,6 +154,11 @@ class Execution:
         """The same without progress: of short work within a stage."""
         return replace(self, progress=silent)
 
+    @property
+    def is_shared(self) -> bool:
+        """True if others than this process work."""
+        return self.jobs > 1 or bool(SCHEDULER.get())
+
     def ordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> list[Value]:
         """[function(item) for item in items]."""
         return list(self.in_turn(function, items))
@@ -218,7 +223,7 @@ def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence
     left, deaths = dict(enumerate(items)), 0
     while left:
         try:
-            with _client(address) as client:
+            with client_of(address) as client:
                 scattered = _scattered(client, address, function)
                 submit = client.get_executor(pure=False).submit
                 futures = {submit(_applied, scattered, item): index for index, item in left.items()}
@@ -228,7 +233,7 @@ def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence
                     yield futures[future], value
         except CancelledError as error:
             deaths += 1
-            if deaths == _MOST_DEATHS:
+            if deaths == MOST_DEATHS:
                 raise ElastidError(
                     f"all workers of the cluster at {address} died {deaths} times, perhaps for lack of memory; "
                     "give them more"
@@ -236,7 +241,7 @@ def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence
 
 
 # Workers that may die in one work; half as many go on each time, since most die for lack of memory.
-_MOST_DEATHS = 4
+MOST_DEATHS = 4
 
 
 def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> Iterator[tuple[int, Value]]:
@@ -254,7 +259,7 @@ def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs
                 yield index, value
         if left and _main_is_unguarded():
             raise ElastidError(_UNGUARDED)
-        if deaths == _MOST_DEATHS:
+        if deaths == MOST_DEATHS:
             raise ElastidError(
                 f"worker processes died {deaths} times, perhaps for lack of memory; try again with fewer --jobs"
             )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import pickle
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ def lasting_workers() -> Iterator[None]:
         yield
     finally:
         _AT_REST.reset(token)
-        _dismiss(at_rest)
+        dismiss(at_rest)
 
 
 def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Generator[tuple[int, Outcome], None, None]:
@@ -117,7 +117,29 @@ def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Gener
             if worker not in at_rest:
                 _end(worker)
         if lasting is None:
-            _dismiss(at_rest)
+            dismiss(at_rest)
+
+
+def new_worker() -> Worker:
+    """A worker of one's own, to `dismiss`."""
+    return _call([], [])
+
+
+def answers(given: Mapping[int, tuple[Worker, bytes]]) -> dict[int, Outcome]:
+    """What workers of one's own answer to a message each, (function, item) or (None, item), pickled."""
+    known = dict[int, Outcome]()
+    for i, (worker, message) in given.items():
+        try:
+            worker.pipe.send_bytes(message)
+        except (BrokenPipeError, ConnectionResetError):
+            known[i] = Outcome(died=True)
+    for i, (worker, _) in given.items():
+        if i not in known:
+            try:
+                known[i] = pickle.loads(worker.pipe.recv_bytes())
+            except (EOFError, ConnectionResetError):
+                known[i] = Outcome(died=True)
+    return known
 
 
 def load_for_workers(modules: Sequence[str]) -> None:
@@ -195,7 +217,7 @@ def _end(worker: Worker) -> None:
     worker.pipe.close()
 
 
-def _dismiss(workers: Sequence[Worker]) -> None:
+def dismiss(workers: Sequence[Worker]) -> None:
     """Independently; wait for all."""
     for worker in workers:
         worker.pipe.close()

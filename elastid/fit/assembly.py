@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.note import Note
-from elastid.fit.problem.elastic import ElasticFit, Part, elastic_fit, linear_model, moved_posture
+from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model, moved_posture
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     RESIDUALS,
@@ -34,6 +34,7 @@ from elastid.fit.problem.least_squares import (
     is_far_from_noise,
     moved_in_std,
 )
+from elastid.fit.problem.part import Part
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor

@@ -174,8 +174,14 @@ def _of_one_posture(
 
 def find_copies(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
     """A note on every two configurations that hold the same numbers, which two measurements never do."""
+    holders: dict[complex, list[int]] = {}
+    for place, response in enumerate(responses):
+        for number in response.G[:, 0, 0].tolist():
+            holders.setdefault(number, []).append(place)
+    alike = {pair for places in holders.values() for pair in combinations(dict.fromkeys(places), 2)}
     notes = []
-    for first, second in combinations(responses, 2):
+    for i, j in sorted(alike):
+        first, second = responses[i], responses[j]
         if (first.inputs, first.outputs) != (second.inputs, second.outputs):
             continue
         _, lines, other_lines = np.intersect1d(first.freq_hz, second.freq_hz, assume_unique=True, return_indices=True)

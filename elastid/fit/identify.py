@@ -17,8 +17,9 @@ from typing import TypeAlias
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError, check_kind
-from elastid.base.execution import Execution
+from elastid.base.execution import Execution, on_dask
 from elastid.base.note import Note
 from elastid.fit import checks
 from elastid.fit.assembly import (
@@ -81,6 +82,7 @@ def identify(
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
         found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+        fit = None  # of a thousand configurations some hundred MB
         assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
         evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if result.has_tolerances and evidence.result.status == "model_error":
@@ -140,7 +142,7 @@ def _search(
     # A search by noise alone would follow lines at resonances into false valleys.
     searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
     assembly = Assembly.of(responses, robot, searched, parameters, model, loads)
-    fit = assembly.at(parameters.x, spec.criterion)
+    fit = _at_start(assembly, parameters.x, execution)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError(f"nothing is left to fit: {reason}")
@@ -164,9 +166,22 @@ def _from_all_starts(
     problems = [assembly.search_problem(fit, spec.criterion)]
     if spec.log_first and spec.criterion == "complex":
         logarithmic = by_criterion(fit, assembly.responses, assembly.weights, "log")
+        if fit.placed is not None:
+            logarithmic = logarithmic.at_workers(execution)
         problems.insert(0, assembly.search_problem(logarithmic, "log"))
-    drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
-    return multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
+    drawn = feasible_starts(
+        spread(parameters, spec.starts, spec.start_factor, spec.seed or 0), fit.inertias, parameters
+    )
+    if fit.placed is None:
+        return multistart(problems, drawn, spec.solver, execution)
+    with on_dask(""):  # one start after the other: all workers have their configurations of each
+        return multistart(problems, drawn, spec.solver, replace(execution, jobs=1))
+
+
+def _at_start(assembly: Assembly, x: FloatArray, execution: Execution) -> ElasticFit:
+    """The fit linearised at x (n_x,), its configurations at workers unless it is linearised again at every step."""
+    fit = assembly.at(x, assembly.spec.criterion)
+    return fit if assembly.is_local else fit.at_workers(execution)
 
 
 _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]
@@ -190,13 +205,13 @@ def _with_found_floor(
     if first is not None:
         return assembly, *_estimate(assembly, first, starts, hits, execution)
     bare = assembly.with_floor(None)
-    found = _estimate(bare, bare.at(starts[0].x, spec.criterion), starts, hits, execution)
+    found = _estimate(bare, _at_start(bare, starts[0].x, execution), starts, hits, execution)
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if found[0].end.converged and not found[2].exceeds_noise and not is_distorted:
         return bare, *found
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
     del bare, found  # its weights are most of the memory of a fit
-    return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
+    return floored, *_estimate(floored, _at_start(floored, starts[0].x, execution), starts, hits, execution)
 
 
 def _with_agreements(

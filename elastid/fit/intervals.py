@@ -41,8 +41,9 @@ from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.assembly import RelinearisedOptimum
 from elastid.fit.line_sums import autocovariance, correlation_length
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import RESIDUALS, Ending, Evaluation, LeastSquares, LocalOptimum, held_by_bounds
+from elastid.fit.problem.part import Part
 from elastid.fit.problem.weights import Weights, vec
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import FINE, ROUGH, solve

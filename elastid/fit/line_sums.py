@@ -31,8 +31,9 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.statistics import small_sample_factor
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
+from elastid.fit.problem.part import Part
 from elastid.fit.problem.shared_bias import Factor, bias_slopes
 from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Weights, vec

@@ -222,7 +222,7 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
     residuals, slopes = [], []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
         columns, theta, known = part.normal.columns, fit.theta(part, x), with_R.normal.residuals.compressed
-        pieces, T = columns.pieces, fit._chain(part, x)
+        pieces, T = columns.pieces, part.chain(fit.parameters, x)
         scale = np.ones(pieces.base.max() + 1)
         for block in columns.at(theta):
             R = known.R.R[block.block]

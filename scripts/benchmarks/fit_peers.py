@@ -8,8 +8,9 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.problem.part import Part
 
 
 def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+import subprocess
+import sys
 from dataclasses import FrozenInstanceError, dataclass, fields, replace
 
 import numpy as np
@@ -17,9 +20,12 @@ from elastid.base.arrays import (
     LargeArray,
     frozen,
     frozen_value,
+    kept_beside,
+    kept_in,
     label_of,
     labelled,
     mean_of_rows,
+    release,
     unit_of_name,
 )
 
@@ -125,3 +131,42 @@ def test_a_large_array_reads_the_rows_asked_for() -> None:
     assert (len(large), large.size) == (10, 20)
     assert frozen(large) is large
     np.testing.assert_allclose(mean_of_rows(large, 6), expected[:6].mean(axis=0), rtol=1e-15)
+
+
+FILLED = """
+import sys
+from pathlib import Path
+import numpy as np
+from elastid.base.arrays import kept_in
+kept = [kept_in(Path(sys.argv[1]), np.full(1000, i)) for i in range(3)]
+print(sum(array.sum() for array in kept), flush=True)
+input()
+"""
+
+
+def test_arrays_beside_a_file_take_no_name_and_are_gone_when_their_process_is_killed(tmp_path) -> None:
+    """However it ends, since the file has no name from the first moment."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", FILLED, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "3000\n"
+    assert list(tmp_path.iterdir()) == []
+    process.kill()
+    process.communicate()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_arrays_beside_a_file_are_those_given_also_after_their_memory_and_in_another_process(tmp_path) -> None:
+    """Several in one file, and larger than it; a source in memory, or a folder that takes none, leaves the array."""
+    given = [np.arange(n, dtype=dtype).reshape(-1, 1) for n, dtype in ((5, float), (0, complex), (70_000, np.int64))]
+    kept = [kept_in(tmp_path, array) for array in given]
+    for array, again in zip(given, kept, strict=True):
+        release(again)
+        assert again.dtype == array.dtype
+        assert not again.flags.writeable
+        np.testing.assert_array_equal(again, array)
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(again)), array)
+        np.testing.assert_array_equal(kept_beside(again, array), array)
+    assert kept_beside(given[0], given[0]) is given[0]
+    assert kept_in(tmp_path / "nowhere", given[0]) is given[0]

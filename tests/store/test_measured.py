@@ -398,7 +398,7 @@ def test_covariances_of_a_large_file_stay_in_it_and_go_to_workers_by_their_place
     assert type(2 * far.noise.matrix) is type(np.abs(far.noise.matrix)) is np.ndarray
     assert ends[0] == ends[1]
     assert len(tasks[1]) < len(tasks[0]) - 0.95 * matrix.nbytes
-    assert len(problems[0]) == len(problems[1])
+    assert abs(len(problems[0]) - len(problems[1])) < 1000  # the folder
     assert pickle.loads(pickle.dumps(far.noise.matrix[3:5])).tobytes() == matrix[3:5].tobytes()
     with pytest.raises(ValueError, match="read-only"):
         far.noise.matrix[0, 0, 0] = 1.0

@@ -26,7 +26,8 @@ from elastid.base.names import posture_of
 from elastid.base.note import Note
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.part import Part
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Prior
 

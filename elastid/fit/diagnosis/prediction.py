@@ -15,7 +15,8 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.diagnosis.sensitivities import Evaluated
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.part import Part
 
 Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
@@ -51,14 +52,15 @@ AS_READ = Reading("as read", "", lambda _, values: values)
 
 
 def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
-    """The fit on every so many lines of each configuration, at least 20, about so many real residuals in total.
+    """The fit on every so many lines of each configuration, about so many real residuals in total.
 
+    At least 20 lines each, 5 of very many configurations: V of one by itself is judged, too.
     Without static load tests, which say nothing about readings of the responses.
     """
-    every = max(1, math.ceil(fit.n_residuals / residuals))
+    every, least = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
 
     def thin(part: Part) -> Part:
-        lines = slice(None, None, min(every, max(1, len(part.measured) // 20)))
+        lines = slice(None, None, min(every, max(1, len(part.measured) // least)))
         kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
         whitening = part.whitening and part.whitening.lines(lines)
         return replace(part, kernel=kernel, measured=part.measured[lines], gain=part.gain[lines], whitening=whitening)

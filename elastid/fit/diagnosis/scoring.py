@@ -17,7 +17,8 @@ from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Scores, hypothes
 from elastid.fit.diagnosis.prediction import thinned
 from elastid.fit.diagnosis.score_test import HeldNumber, ScoreTest, free_step
 from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.part import Part
 from elastid.fit.solve.solvers import ROUGH, solve
 
 RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken

@@ -24,8 +24,9 @@ from elastid.base.note import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
-from elastid.fit.problem.elastic import ElasticFit, Part, mixed
+from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import RESIDUALS, as_real
+from elastid.fit.problem.part import Part, mixed
 from elastid.fit.result import FitResult, largest_by_chance
 from elastid.fit.static_agreement import ToolAgreement, ToolComparison
 from elastid.record import MOTION_ORDER

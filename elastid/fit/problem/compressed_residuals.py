@@ -30,7 +30,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, kept_beside, release
 from elastid.base.kernels import call
 from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
@@ -252,8 +252,11 @@ class CompressedResiduals:
             W = mixing * self.gain.reshape(len(self.gain), 1, -1)
             mirrored = np.where(first == second, 0.0, 1.0)
             Q, R = np.linalg.qr(W[:, :, first] + mirrored * W[:, :, second])
+        weights = form(R)
+        if self.whitening is not None:  # of a thousand configurations most of what is worked out
+            weights = replace(weights, R=kept_beside(self.whitening.noise.in_file, weights.R))
         if self.criterion != "complex":
-            return Compressed(form(R), Q=Q)
+            return Compressed(weights, Q=Q)
         left = self._whitened(mixing, slice(None), self.measured)
         q = self._projected(Q, left)
         if mixing is not None:
@@ -262,7 +265,7 @@ class CompressedResiduals:
             left[:, first] -= Q[:, :, 0] * q
             left[:, second] -= Q[:, :, 1] * q  # zero on the diagonal, where both places are the same
         q = np.asfortranarray(q)  # element by element, as the kernel takes it
-        return Compressed(form(R), q=q, constant=np.sum(np.abs(left) ** 2, axis=1))
+        return Compressed(weights, q=q, constant=np.sum(np.abs(left) ** 2, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,6 +310,7 @@ class NormalEquations:
             sums = R.sums(part, e, scale, precision)
             V, pull, moments = V + (constant + sums.cost), pull + sums.pulled, moments + sums.moments
             weights.append(sums.weight)
+        release(R.R)
         places, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
@@ -323,6 +327,7 @@ class NormalEquations:
             cost, weight = self.residuals.compressed.R.weight(part, e)
             V, pull = V + (constant + cost), pull + part.pull(weight)
             weights.append(weight)
+        release(self.residuals.compressed.R.R)
         g = highest * pull[pieces.power, pieces.base].real
         return V, pieces.sigma.T @ g - self._of_images(held, weights)
 

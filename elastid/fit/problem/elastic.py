@@ -9,7 +9,7 @@ One configuration after the other: cost, J^T r and J^T J are summed up and J is 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -18,96 +18,23 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
-from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
+from elastid.base.execution import Execution
+from elastid.fit.problem.chunks import Chunk, PlacedChunks, chunked
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
-from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind, as_real, error_gain
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, as_real, error_gain
+from elastid.fit.problem.part import Part
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion
 from elastid.linear.ports import acted_on, moved_by
-from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """One configuration: measured G (F, n_y, n_u), the kernel of its model, and what its residuals are divided by.
-
-    gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of
-    gain e of a line whose elements err together; None where they count one by one.  compressed: the residuals, where
-    they are known of the very same data and weights, from a model linearised elsewhere.
-    """
-
-    kernel: Kernel
-    measured: ComplexArray
-    gain: FloatArray
-    criterion: ResidualKind
-    whitening: Whitening | None = None
-    compressed: CompressedResiduals | None = None
-
-    @property
-    def configuration(self) -> str:
-        """The name of the configuration."""
-        return self.kernel.model.configuration.name
-
-    @property
-    def error_gain(self) -> ComplexArray:
-        """Residual per error of Ghat (F, n_y, n_u), before it is mixed; 0 where an element is left out."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(self.gain > 0, self.gain * error_gain(self.criterion, self.measured), 0j)
-
-    @property
-    def mixing(self) -> ComplexArray | None:
-        """(F, n_y n_u, n_y n_u) times gain e of a line, in the order of G, is white; worked out at every call."""
-        return None if self.whitening is None else self.whitening.matrix
-
-    @cached_property
-    def normal(self) -> NormalEquations:
-        """Cost, gradient and normal matrix without the derivatives of every element."""
-        columns = Columns(self.kernel)
-        form = columns.elements, columns.is_symmetric, self.kernel.takes_compiled
-        own = CompressedResiduals(*form, self.measured, self.gain, self.criterion, self.whitening)
-        known = self.compressed
-        return NormalEquations(columns, known if known is not None and known.has_data_of(own) else own)
-
-    @property
-    def n_residuals(self) -> int:
-        """Real residuals, two an element."""
-        return 2 * int(np.count_nonzero(self.gain))
-
-    @property
-    def for_sums(self) -> Part:
-        """The same for `normal` alone, without the covariances of its lines, most of its numbers."""
-        residuals = self.normal.residuals.worked_out
-        return replace(self, whitening=residuals.whitening, compressed=residuals)
-
-    def with_residuals_of(self, other: Part) -> Part:
-        """The same with data and weights of another part, and what has been worked out of them."""
-        known = other.normal.residuals
-        return replace(self, measured=other.measured, gain=other.gain, whitening=other.whitening, compressed=known)
-
-    def cost(self, G: ComplexArray) -> float:
-        """sum |r|^2 at a response G (F, n_y, n_u) of the model, in less time than `normal` takes the first time."""
-        e, used = RESIDUALS[self.criterion](self.measured, G)[0], self.gain > 0
-        r = np.where(used, self.gain * np.where(used, e, 0.0), 0.0).reshape(len(e), -1)
-        r = r if self.whitening is None else self.whitening.whitened(r)
-        return float(np.vdot(r, r).real)
-
-    def whitened(self, theta: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
-        """r (F, n_y, n_u) and dr/dtheta (P, F, n_y, n_u); real and imaginary parts have unit variance each.
-
-        mixing: that of the part.
-        """
-        G, dG = self.kernel.evaluate(theta)
-        e, slope = RESIDUALS[self.criterion](self.measured, G)
-        used = self.gain > 0
-        r = np.where(used, self.gain * e, 0.0)
-        dr: ComplexArray = np.multiply(dG, np.where(used, -self.gain * slope, 0.0), out=dG)
-        return (r, dr) if mixing is None else (mixed(mixing, r), mixed(mixing, dr))
+# Lines of all configurations from which on these are worth workers of their own.
+MIN_LINES = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,16 +42,29 @@ class ElasticFit:
     """The parts of all configurations over one set of parameters; it pickles, so that processes can work with it.
 
     inertias: bodies whose inertia must stay physically possible.  loads: static load tests, if there are any.
+    placed: where its configurations are at workers.
     """
 
     parameters: ParameterSet
     parts: tuple[Part, ...]
     inertias: tuple[BodyInertia, ...] = ()
     loads: StaticLoads | None = None
+    placed: PlacedChunks | None = None
 
     def with_residuals_of(self, other: ElasticFit) -> ElasticFit:
-        """The same with what another fit of the same data and weights has worked out of them."""
-        return replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
+        """The same with what another fit of the same data and weights has worked out of them, here or at workers."""
+        fit = replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
+        if other.placed is None:
+            return fit
+        other.placed.move(fit.parameters, fit.parts)
+        return replace(fit, placed=other.placed)
+
+    def at_workers(self, execution: Execution) -> ElasticFit:
+        """The same with its configurations at workers, if there are any and the configurations are many."""
+        is_large = len(self.parts) > 1 and sum(len(part.measured) for part in self.parts) >= MIN_LINES
+        if not (is_large and execution.is_shared):
+            return self
+        return replace(self, placed=PlacedChunks(self.parameters, self.parts, execution))
 
     @property
     def n_residuals(self) -> int:
@@ -141,23 +81,19 @@ class ElasticFit:
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
-        with np.errstate(all="ignore"):
-            try:
-                return self._evaluate(x, precision)
-            except np.linalg.LinAlgError:
-                return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
+        try:
+            V, g, A = self._added(partial(Chunk.sums, x=x, precision=precision))
+            besides = self.besides(x)
+        except np.linalg.LinAlgError:
+            return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
+        return Evaluation(V + besides.cost, 2 * g + besides.gradient, 2 * A + besides.hessian)
 
     def slope(self, x: FloatArray) -> tuple[float, FloatArray]:
         """V and its gradient of `evaluate` alone."""
-        V, g = 0.0, np.zeros(len(x))
-        with np.errstate(all="ignore"):
-            try:
-                for group in self._groups:
-                    theta, T = self.theta(group[0], x), self._chain(group[0], x)
-                    costs, gradients = zip(*(part.normal.slope(theta) for part in group), strict=True)
-                    V, g = V + sum(costs), g + T.T @ sum(gradients)
-            except np.linalg.LinAlgError:
-                return math.inf, np.zeros(len(x))
+        try:
+            V, g = self._added(partial(Chunk.slopes, x=x))
+        except np.linalg.LinAlgError:
+            return math.inf, np.zeros(len(x))
         besides = self.besides(x)
         return V + besides.cost, 2 * g + besides.gradient
 
@@ -165,14 +101,16 @@ class ElasticFit:
         """The same with J^T J from single precision, enough to step."""
         return self.evaluate(x, np.float32)
 
-    def _evaluate(self, x: FloatArray, precision: type[np.floating[Any]]) -> Evaluation:
-        V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
-        for group in self._groups:
-            theta, T = self.theta(group[0], x), self._chain(group[0], x)
-            costs, gradients, normals = zip(*(part.normal.at(theta, precision) for part in group), strict=True)
-            V, g, A = V + sum(costs), g + T.T @ sum(gradients), A + T.T @ sum(normals) @ T
-        besides = self.besides(x)
-        return Evaluation(V + besides.cost, 2 * g + besides.gradient, 2 * A + besides.hessian)
+    def _added(self, sums: Callable[[Chunk], tuple[Any, ...]]) -> list[Any]:
+        """Sums of all `chunks`, added in their order, wherever they are worked out."""
+        at = self.placed if self.placed is not None and self.placed.is_of(self.parameters, self.parts) else None
+        every = [sums(chunk) for chunk in self.chunks] if at is None else at.items.ask(sums)
+        return [sum(each) for each in zip(*every, strict=True)]
+
+    @cached_property
+    def chunks(self) -> tuple[Chunk, ...]:
+        """Its configurations, so many neighbours at a time."""
+        return chunked(self.parameters, self.parts)
 
     def besides(self, x: FloatArray) -> Evaluation:
         """V, its gradient and 2 J^T J at x of static loads, priors and the barrier of the inertias alone."""
@@ -181,15 +119,6 @@ class ElasticFit:
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
         V, g, A = float(r @ r) + float(distance @ distance), J.T @ r + slope * distance, J.T @ J + np.diag(slope**2)
         return Evaluation(V + b, 2 * g + b_slope, 2 * A + b_curvature)
-
-    @cached_property
-    def _groups(self) -> tuple[tuple[Part, ...], ...]:
-        """The parts in groups with the same theta and the same wanted parameters at any x."""
-        groups: dict[tuple[str, tuple[str, ...]], list[Part]] = {}
-        for part in self.parts:
-            own = self.parameters.configuration_of_its_own(part.configuration)
-            groups.setdefault((own, part.kernel.wanted), []).append(part)
-        return tuple(map(tuple, groups.values()))
 
     def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """r (n_residuals + priors,) and J (n_residuals + priors, n_x) stacked: responses, static loads, priors."""
@@ -215,15 +144,11 @@ class ElasticFit:
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
         """The same of one part; mixing: `Part.mixing`, for whoever needs it again."""
         r, dr = part.whitened(self.theta(part, x), mixing)
-        return r, np.tensordot(self._chain(part, x).T, dr, axes=1)
+        return r, np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
 
     def theta(self, part: Part, x: FloatArray) -> FloatArray:
         """theta (n_theta,) in the configuration of a part."""
-        return self.parameters.expand(x, part.configuration)
-
-    def _chain(self, part: Part, x: FloatArray) -> FloatArray:
-        """d theta / d x (P, n_x) of the parameters that x moves there: the kernel's order."""
-        return self.parameters.jacobian(x, part.configuration)[part.kernel.places]
+        return part.theta(self.parameters, x)
 
     @property
     def prior_slopes(self) -> FloatArray:
@@ -282,7 +207,7 @@ def by_criterion(
     """The fit with the same models by another criterion, element by element."""
     each = zip(fit.parts, responses, weights, strict=True)
     parts = (_part(G, part.kernel, replace(own, is_correlated=False), criterion) for part, G, own in each)
-    return replace(fit, parts=tuple(parts))
+    return replace(fit, parts=tuple(parts), placed=None)
 
 
 def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearModel) -> LinearModel:
@@ -354,9 +279,3 @@ def _part(response: FrequencyResponse, kernel: Kernel, weights: Weights, criteri
         phase = np.ones((1, 1, 1)) if criterion == "complex" else np.conj(slope) / np.abs(slope)
         whitening = Whitening(weights.correlated, weights.floor, response.G, sigma, phase)
     return Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, whitening)
-
-
-def mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:
-    """mixing applied to the elements of each line of values (..., F, n_y, n_u)."""
-    flat = values.reshape(-1, len(mixing), mixing.shape[1])
-    return np.asarray((mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape))

@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtr, gammainc, gammaincinv
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, kept_beside
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, FrequencyResponse
 
@@ -191,6 +191,7 @@ def smooth_noise(response: FrequencyResponse, width: int = 0) -> SmoothedNoise |
         return SmoothedNoise(known, known, np.zeros(F), np.zeros(F), response.G, width)
     covariance, own_matrix, own_variance = smooth_covariance(S, _model(response, known, S), known.dof, width)
     power = np.einsum("faa->fa", covariance).real
+    covariance = kept_beside(S, covariance)
     if known.left is None:
         smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), known.dof, matrix=covariance)
     else:

@@ -67,7 +67,9 @@ class Whitening:
         mask = np.zeros(len(self.sigma), dtype=np.bool_)
         mask[keep] = True
         phase = self.phase if len(self.phase) == 1 else self.phase[keep]
-        return Whitening(self.noise.lines(mask), self.floor, self.G[keep], self.sigma[keep], phase)
+        noise = self.noise.lines(mask)
+        self.noise.release()
+        return Whitening(noise, self.floor, self.G[keep], self.sigma[keep], phase)
 
 
 # The floor of a search, and of responses whose noise was not measured, where the study leaves it to the data: the
