@@ -159,6 +159,6 @@ FURTHER: tuple[Injection, ...] = (
     Injection("inertia of motor 1 in kg cm^2", "two-axis", numbers(Jm_1=1e-4), ("Jm_1", "inertia of motor 1*")),
     Injection("inertia of motor 2 on the link side", "two-axis", numbers(Jm_2=1 / 3600),
               ("Jm_2", "inertia of motor 2*")),
-    Injection("encoder 2 behind the gear", "demo", behind_the_gear(1), ()),
+    Injection("encoder 2 behind the gear", "demo", behind_the_gear(1), ("*behind*",)),
 )
 # fmt: on

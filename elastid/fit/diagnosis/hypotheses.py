@@ -30,6 +30,7 @@ from elastid.fit.diagnosis.response_columns import (
     channel_delays,
     gear_couplings,
     gear_ratios,
+    losses,
     of_one_posture,
     posture_angles,
     rate_column,
@@ -167,6 +168,19 @@ def _reading(index: ModificationIndex) -> str:
     return f"an encoder of motor {_axis(index)} that reads {_by_posture(index)}"
 
 
+def _spring(index: ModificationIndex) -> str:
+    return f"a stiffness of gear {_axis(index)} that differs between configurations ({_by_posture(index)})"
+
+
+def _loss(index: ModificationIndex) -> str:
+    return f"hysteresis in gear {_axis(index)} (a loss factor of {float(index.steps[0]):.2g} at all frequencies)"
+
+
+def _hose(index: ModificationIndex) -> str:
+    share = f"{100 * float(index.steps[0]):.2g} % of its gear's"
+    return f"a stiffness across axis {_axis(index)} of {share}, as of a hose, a cable or a balancer"
+
+
 def _load(index: ModificationIndex) -> str:
     gear, percent = f"a stiffness of gear {_axis(index)} that rises with the torque", 100 * float(index.steps[0])
     if index.name.startswith("play"):
@@ -290,6 +304,33 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         is_stated=False,
     ),
     Hypothesis(
+        "spring by posture",
+        ("spring",),
+        Size(0.05, 2.0, unit="1"),
+        phrase=_spring,
+        advice="was it measured on another day, warm or cold, or on another robot? leave that configuration out, or "
+        "measure it again",
+        plausibility=0.5,  # where the torque of gravity explains it, too, it does
+        is_stated=False,
+    ),
+    Hypothesis(
+        "hysteresis",
+        ("loss",),
+        Size(0.03, 1.0, unit="1", grows=True),
+        phrase=_loss,
+        advice="a damper holds it at one frequency alone: believe k of this gear rather than d",
+        columns=losses,
+        is_stated=False,
+    ),
+    Hypothesis(
+        "hose",
+        ("hose",),
+        Size(0.02, math.inf, unit="1", grows=True),
+        phrase=_hose,
+        advice="take hoses and cables off, and give a balancer as compensators in the robot's file",
+        is_stated=False,
+    ),
+    Hypothesis(
         "gear coupling",
         ("coupling",),
         Size(0.1, 2.0, unit="1"),
@@ -344,6 +385,11 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "side of the gear",
         phrase=lambda index: index.name,
         advice="the robot's file takes the inertia of a motor on the motor side, in kg*m^2",
+    ),
+    Hypothesis(
+        "side of the encoder",
+        phrase=lambda index: f"the {index.name}",
+        advice="give its channel the place that it reads: `motor` of the axis before the elastic gear, `joint` behind it",
     ),
     Hypothesis(
         "payload of the file",
