@@ -181,6 +181,11 @@ def _hose(index: ModificationIndex) -> str:
     return f"a stiffness across axis {_axis(index)} of {share}, as of a hose, a cable or a balancer"
 
 
+def _swing(index: ModificationIndex) -> str:
+    body = index.name.partition("_")[2]
+    return f"a part of {body} that swings at {float(index.steps[0]):.3g} Hz, as a tool on a soft plate does"
+
+
 def _load(index: ModificationIndex) -> str:
     gear, percent = f"a stiffness of gear {_axis(index)} that rises with the torque", 100 * float(index.steps[0])
     if index.name.startswith("play"):
@@ -369,6 +374,13 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         phrase=_compliance,
         advice="add it to the robot's file with a spring, and let elastid compare --search judge it",
         search=find_missing_springs,
+    ),
+    Hypothesis(
+        "swinging part",
+        ("swing",),
+        phrase=_swing,
+        advice="measure without tool and cables, or give the tool as a body of its own with a spring at its mount",
+        is_stated=False,
     ),
     Hypothesis(
         "gravity",

@@ -24,6 +24,7 @@ from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.scoring import at_file, score
+from elastid.fit.diagnosis.swinging_load import find_swinging_part
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -58,7 +59,7 @@ def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scor
     if not evidence.is_unexplained or explained > LIMITS.whole:
         return indices
     found = list[ModificationIndex]()
-    for search in (_read_otherwise, _with_load, _mounted_otherwise, _with_springs):  # by their time
+    for search in (_read_otherwise, _with_load, _mounted_otherwise, _with_springs, _with_swinging_part):  # by their time
         if search is _read_otherwise or explained <= LIMITS.explained_share:
             found += search(evidence, scores)
             explained = max((explained, *(index.share for index in found)))
@@ -148,6 +149,19 @@ def _with_springs(evidence: Evidence, scores: Scores) -> list[ModificationIndex]
         cost = min(of_file.optimum.end.cost, scores_there.cost) - spring.drop
         found.append(_against(spring, cost, of_file.result.x + spring.effects, evidence, scores))
     return found
+
+
+def _with_swinging_part(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """By a part of the last body that swings, with the numbers of the file as they stand."""
+    there = at_file(evidence) or evidence
+    part = find_swinging_part(there)
+    if part is None:
+        return []
+    name = f"swing_{part.body}"
+    index = replace(_named(name, "swinging part"), members=(name,), values=np.zeros(1), units=("Hz",), log=(False,),
+                    steps=np.array([part.freq_hz]), occam=part.occam)  # fmt: skip
+    lines = thinned(there.optimum.fit).n_residuals / max(evidence.optimum.fit.n_residuals, 1)
+    return [_against(index, part.cost / lines, part.x, evidence, scores)]
 
 
 def _share_of(name: str, indices: list[ModificationIndex]) -> float:
