@@ -97,8 +97,12 @@ def judged(number: int, seed: int) -> Row:
     off = _off(true, result)
     first = next((index for index in result.indices if index.place == 1), None)
     if first is None or not any(note.code == "modification-index" for note in result.notes):
-        verdict = "within" if result.status == "converged" and off <= SILENT else "none"
-        return Row(injection.name, injection.plant, _other(result), verdict, False, 0.0, 0.0, result.status, (), off)
+        text, family = _other(result), injection.right[0].partition("_")[0] if injection.right else ""
+        is_stated = any(note.code == "held-as-exact" and f"{family}_" in note.text for note in result.notes)
+        verdict = (
+            "none" if result.status != "converged" else "within" if off <= SILENT else "stated" if is_stated else "none"
+        )
+        return Row(injection.name, injection.plant, text, verdict, False, 0.0, 0.0, result.status, (), off)
 
     def is_right(name: str) -> bool:
         return any(fnmatch(name, pattern) for pattern in injection.right)

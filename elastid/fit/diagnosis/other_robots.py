@@ -59,7 +59,13 @@ def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scor
     if not evidence.is_unexplained or explained > LIMITS.whole:
         return indices
     found = list[ModificationIndex]()
-    for search in (_read_otherwise, _with_load, _mounted_otherwise, _with_springs, _with_swinging_part):  # by their time
+    for search in (
+        _read_otherwise,
+        _with_load,
+        _mounted_otherwise,
+        _with_springs,
+        _with_swinging_part,
+    ):  # by their time
         if search is _read_otherwise or explained <= LIMITS.explained_share:
             found += search(evidence, scores)
             explained = max((explained, *(index.share for index in found)))

@@ -1,7 +1,7 @@
 r"""A part of the last body that swings on a spring: a tool on a soft plate, a gripper on its hose.
 
-Its carrier moves by v = J \dot q (6,) at its centre of mass; the part, whose inertia is within the body's, moves in one
-way s besides, of unit modal mass and resonance f_0, and pulls with h (6,), forces in sqrt(kg) and moments in m sqrt(kg):
+Its carrier moves by J dq / dt (6,) at its centre of mass.  The part, whose inertia is within the body's, moves in one
+way s besides, of unit modal mass and resonance f_0, and pulls with h (6,), forces in sqrt(kg), moments in m sqrt(kg):
 
 .. math:: M \to \begin{bmatrix} M & J^T h \\ h^T J & 1 \end{bmatrix}, \quad
           K \to \begin{bmatrix} K & 0 \\ 0 & \omega_0^2 \end{bmatrix}, \quad
