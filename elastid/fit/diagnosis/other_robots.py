@@ -24,7 +24,7 @@ from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.scoring import at_file, score
-from elastid.fit.diagnosis.swinging_load import find_swinging_part
+from elastid.fit.diagnosis.swinging_part import find_swinging_part
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve

@@ -36,7 +36,7 @@ from elastid.linear.linear_model import LinearModel, Slope
 from elastid.linear.response.transfer import factor
 from elastid.model.formulation import formulate
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
-from elastid.robot import FRAME_AXES, Body, Frame, Placement
+from elastid.robot import FRAME_AXES, Body, Frame, Placement, Robot
 
 SPRING, DAMPING, MARK = "k_swing", "d_swing", "swinging_part"
 PATTERN = tuple(f"h_swing_{axis}" for axis in FRAME_AXES)
@@ -51,7 +51,7 @@ class Limits:
     beyond: float = 4.0  # of the band's upper edge
     loss_ratio: float = 0.05  # 2 zeta of the start: omega_0 d / k
     scan_loss: float = 0.2  # the same while f_0 is sought, between whose steps the resonance may be
-    share: float = 0.3  # of the body's inertia that swings, as a prior
+    pattern_std: float = 0.5  # of h, relative to the roots of mass and inertia of what the last joint carries
     spring_std: float = 2.0  # of ln omega_0^2
     followed: int = 3  # resonances that the solver follows
     iterations: int = 25  # for each
@@ -78,11 +78,12 @@ class SwingingPart:
 def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
     """The part of the last body with which V is lowest; None where none could be followed."""
     fit, x = thinned(evidence.optimum.fit), evidence.optimum.end.x
-    body, evaluated = evidence.assembly.linearisation.model.robot.bodies[-1], evaluate(fit, x)
-    scale = _scale(body)
+    robot, evaluated = evidence.assembly.linearisation.model.robot, evaluate(fit, x)
+    body = next(body for body in reversed(robot.bodies) if body.joints)
+    scale = _scale(robot, body)
     motions = [scale[:, None] * J for J in _motions(evidence, fit, body)]
     best = None
-    for f_0, h in _starts(evaluated, motions, fit):
+    for f_0, h in _starts(evaluated, motions, fit, x):
         try:
             swinging = _with_part(evidence, fit, x, motions, f_0, h)
             start = swinging.parameters.x
@@ -94,10 +95,19 @@ def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
     return best
 
 
-def _scale(body: Body) -> FloatArray:
-    """sqrt of mass and inertia (6,) of a body: h in parts of it."""
-    inertia = max(float(np.trace(body.inertia_matrix)) / 3, 1e-4 * body.mass)
-    return np.sqrt(np.array([body.mass] * 3 + [inertia] * 3))
+def _scale(robot: Robot, body: Body) -> FloatArray:
+    """sqrt of mass and inertia (6,) of a body and what is fixed to it, which h is relative to."""
+    carried, names = [body], {body.name}
+    for other in robot.all_bodies:
+        if other.parent in names and not other.joints:
+            carried.append(other)
+            names.add(other.name)
+    mass = sum(each.mass for each in carried)
+    levers = (np.linalg.norm(np.array(each.placement.xyz) + each.center_of_mass) for each in carried[1:])
+    inertia = np.trace(body.inertia_matrix) / 3 + sum(
+        each.mass * lever**2 for each, lever in zip(carried[1:], levers, strict=True)
+    )
+    return np.sqrt(np.array([mass] * 3 + [max(float(inertia), 1e-3 * mass)] * 3))
 
 
 def _motions(evidence: Evidence, fit: ElasticFit, body: Body) -> list[FloatArray]:
@@ -114,18 +124,17 @@ def _motions(evidence: Evidence, fit: ElasticFit, body: Body) -> list[FloatArray
 
 
 def _starts(
-    evaluated: Sequence[Evaluated], motions: Sequence[FloatArray], fit: ElasticFit
+    evaluated: Sequence[Evaluated], motions: Sequence[FloatArray], fit: ElasticFit, x: FloatArray
 ) -> list[tuple[float, FloatArray]]:
     """f_0 and h (6,) in parts of the body, where V after a step is lowest, best first."""
     freq_hz = np.concatenate([e.part.kernel.freq_hz for e in evaluated])
     low, high = float(freq_hz[freq_hz > 0].min()), LIMITS.beyond * float(freq_hz.max())
     count = 1 + math.ceil(math.log(high / low) / math.log(LIMITS.frequency_step))
-    across = [_across(e, J) for e, J in zip(evaluated, motions, strict=True)]
+    across = [_across(e, J, fit.theta(e.part, x)) for e, J in zip(evaluated, motions, strict=True)]
     n_x, trials = len(fit.prior_slopes), []
     for f_0 in high / LIMITS.frequency_step ** np.arange(count):
-        A, b = np.zeros((2, n_x + len(PAIRS), n_x + len(PAIRS)))[0], np.zeros(n_x + len(PAIRS))
-        A[range(n_x), range(n_x)] += fit.prior_slopes**2
-        A[range(n_x, len(b)), range(n_x, len(b))] += LIMITS.share**-2
+        b = np.zeros(n_x + len(PAIRS))
+        A = np.diag(np.concatenate([fit.prior_slopes**2, np.full(len(PAIRS), LIMITS.pattern_std**-2)]))
         for e, columns in zip(evaluated, across, strict=True):
             s = 2j * np.pi * e.part.kernel.freq_hz
             phi = -(s**2) / ((2 * np.pi * f_0) ** 2 * (1 + s * LIMITS.scan_loss / (2 * np.pi * f_0)) + s**2)
@@ -139,15 +148,16 @@ def _starts(
             H[i, j] = H[j, i] = value
         power, directions = np.linalg.eigh(H)
         if power[-1] > 0:
-            trials.append((float(step @ b), float(f_0), math.sqrt(min(power[-1], LIMITS.share)) * directions[:, -1]))
+            trials.append(
+                (float(step @ b), float(f_0), math.sqrt(min(power[-1], LIMITS.pattern_std)) * directions[:, -1])
+            )
     trials.sort(key=lambda trial: trial[0])
     return [(f_0, h) for _, f_0, h in trials[: LIMITS.followed]]
 
 
-def _across(evaluated: Evaluated, J: FloatArray) -> ComplexArray:
-    """c (C Z^-1 J_i^T) (J_j Z^-1 B), both ways (21, F, n_y, n_u), of all pairs i <= j."""
-    kernel = evaluated.part.kernel
-    model, theta, s = kernel.model, kernel.model.theta_ref, 2j * np.pi * kernel.freq_hz
+def _across(evaluated: Evaluated, J: FloatArray, theta: FloatArray) -> ComplexArray:
+    """c (C Z^-1 J_i^T) (J_j Z^-1 B), both ways (21, F, n_y, n_u), of all pairs i <= j; theta (n_theta,): SI."""
+    model, s = evaluated.part.kernel.model, 2j * np.pi * evaluated.part.kernel.freq_hz
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     Z = K + s[:, None, None] * D + s[:, None, None] ** 2 * M
     reached = np.linalg.solve(Z, np.broadcast_to(J.T, (len(s), *J.T.shape)))  # Z^-1 J^T (F, n, 6)
@@ -166,22 +176,23 @@ def _with_part(
     further = (
         Parameter(SPRING, stiffness, "1/s^2", log=True, prior=Prior(stiffness, LIMITS.spring_std)),
         Parameter(DAMPING, 0.0, tie=Tie(SPRING, LIMITS.loss_ratio / (2 * np.pi * f_0))),
-        *(Parameter(name, float(v), prior=Prior(0.0, LIMITS.share)) for name, v in zip(PATTERN, h, strict=True)),
+        *(Parameter(name, float(v), prior=Prior(0.0, LIMITS.pattern_std)) for name, v in zip(PATTERN, h, strict=True)),
     )
     now = own.with_means(x)
     of_model = (*(p for p in now if p.is_of_model), *further)
     parameters = ParameterSet((*of_model, *(p for p in now if not p.is_of_model)))
-    start, parts = parameters.x, []
+    parts = []
     for part, J in zip(fit.parts, motions, strict=True):
-        model = _augmented(part.kernel.model, J, own.expand(x, part.configuration))
-        model = replace(model, theta_ref=np.append(model.theta_ref, [0.0] * len(further)))
+        model = with_part(part.kernel.model, J, own.expand(x, part.configuration))
         parts.append(replace(part, kernel=kernel_of(model, parameters, part.kernel.freq_hz), compressed=None))
-    assert len(start) == len(x) + 1 + len(PATTERN)
     return ElasticFit(parameters, tuple(parts), moved_inertias(parameters, evidence.assembly.linearisation.model.robot))
 
 
-def _augmented(model: LinearModel, J: FloatArray, theta: FloatArray) -> LinearModel:
-    """The model at theta (n_theta,) with a further coordinate s, of modal mass 1 and neither spring nor pattern yet."""
+def with_part(model: LinearModel, J: FloatArray, theta: FloatArray) -> LinearModel:
+    """The model at theta (n_theta,) with a further coordinate s and its parameters, all 0.
+
+    k_swing: omega_0^2, d_swing: eta omega_0^2, h_swing_x ...: pattern of the rows of J (6, n).
+    """
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     n, one = model.n, np.zeros((model.n + 1, model.n + 1))
     one[n, n] = 1.0
@@ -206,7 +217,8 @@ def _augmented(model: LinearModel, J: FloatArray, theta: FloatArray) -> LinearMo
         slopes[name] = Slope(M=pull)
     Z = np.eye(n) if model.Z is None else model.Z
     return replace(
-        model, parameters=(*model.parameters, SPRING, DAMPING, *PATTERN), theta_ref=theta, M=np.pad(M, (0, 1)) + one,
+        model, parameters=(*model.parameters, SPRING, DAMPING, *PATTERN), theta_ref=np.append(theta, np.zeros(8)),
+        M=np.pad(M, (0, 1)) + one,
         D=np.pad(D, (0, 1)), K=np.pad(K, (0, 1)), slopes=slopes, B=np.pad(model.acting(theta), ((0, 1), (0, 0))),
         C=np.pad(C, ((0, 0), (0, 1))), T=np.pad(T, ((0, 0), (0, 1))), Z=np.pad(Z, ((0, 0), (0, 1))),
     )  # fmt: skip
@@ -217,7 +229,7 @@ def _part(
 ) -> SwingingPart:
     names, values = fit.parameters.free_names, dict(zip(fit.parameters.free_names, x.tolist(), strict=True))
     places = [names.index(name) for name in (SPRING, *PATTERN)]
-    widths = np.array([LIMITS.spring_std] + [LIMITS.share] * len(PATTERN))
+    widths = np.array([LIMITS.spring_std] + [LIMITS.pattern_std] * len(PATTERN))
     # Of the new parameters, beyond what their priors are alone.
     C = np.linalg.pinv(fit.evaluate(x).hessian / 2, hermitian=True)[np.ix_(places, places)]
     _, narrowed = np.linalg.slogdet(C / np.outer(widths, widths))
