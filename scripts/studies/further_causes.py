@@ -141,7 +141,7 @@ FURTHER: tuple[Injection, ...] = (
               ("y at motor 2 and at motor 3 exchanged",)),
     Injection("torque constant 3 5 % off", "demo", of_channel("u", 2, constant(1 / 1.05)), ("gain_u_motor_3",)),
     Injection("resolver 2 eccentric", "demo", eccentric(1, 0.03), ("reading_2*",)),
-    Injection("tool on a soft plate", "demo", loose_tool(4e3), (), file=with_tool),
+    Injection("tool on a soft plate", "demo", loose_tool(4e3), ("swing_*",), file=with_tool),
     Injection("payload of 1 kg forgotten", "six-axis", payload(1.0, 0.05, 0.02, 0.1), ("payload_*",),
               file=lambda robot: replace(robot, payload=None)),
     Injection("belts between axes 4 to 6", "six-axis", belts(1.0), ("coupling_*",)),
@@ -159,6 +159,6 @@ FURTHER: tuple[Injection, ...] = (
     Injection("inertia of motor 1 in kg cm^2", "two-axis", numbers(Jm_1=1e-4), ("Jm_1", "inertia of motor 1*")),
     Injection("inertia of motor 2 on the link side", "two-axis", numbers(Jm_2=1 / 3600),
               ("Jm_2", "inertia of motor 2*")),
-    Injection("encoder 2 behind the gear", "demo", behind_the_gear(1), ()),
+    Injection("encoder 2 behind the gear", "demo", behind_the_gear(1), ("*behind*",)),
 )
 # fmt: on

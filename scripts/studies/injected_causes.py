@@ -30,6 +30,7 @@ class Injection:
     """A cause.  measured: exact responses of the plant's robot with it.  right: patterns of names that are the cause.
 
     exact: True if the fit takes the robot's file as exact.  file: the robot's file, of the plant's robot.
+    drawn: True if the robot is off its file as CAD and data sheets are, too.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Injection:
     right: tuple[str, ...]
     exact: bool = False
     file: Callable[[Robot], Robot] = lambda robot: robot
+    drawn: bool = False
 
 
 def exact(plant: Plant, robot: Robot, angles: Mapping[str, Sequence[float]] | None = None) -> list[FrequencyResponse]:

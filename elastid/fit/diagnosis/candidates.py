@@ -12,7 +12,7 @@ from elastid.fit.diagnosis.score_test import Candidate, HeldNumber
 from elastid.robot import Robot
 
 # Families of numbers that depend on the posture alone.
-OF_POSTURES = ("friction by posture", "transmission", "reading by posture")
+OF_POSTURES = ("friction by posture", "transmission", "reading by posture", "spring by posture")
 
 
 def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:

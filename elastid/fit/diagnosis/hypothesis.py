@@ -227,12 +227,14 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """A note on each index of the sequence that explains enough, and one where none does."""
     sequence = [index for index in evidence.result.indices if index.place]
     texts = [_sentence(index, evidence) for index in sequence if index.share >= LIMITS.stated_share]
-    if sequence and sequence[0].share < LIMITS.reason_share:
-        best = sequence[0]
+    is_alone = not (sequence or evidence.apart) and evidence.result.status == "misfit" and evidence.result.exceeds_noise
+    if is_alone or (sequence and sequence[0].share < LIMITS.reason_share):
+        best = f" more than {_percent(sequence[0].share)}" if sequence else " a part"
+        which = f" ({phrase(sequence[0], evidence)} does)" if sequence else ""
         texts = [
-            f"no number that the fit held explains more than {_percent(best.share)} of what the residuals have beyond "
-            f"the noise ({phrase(best, evidence)} does): an elastic joint may be missing in the robot's file; add "
-            "those that are possible and let elastid compare --search find which the data show"
+            f"no cause that was tried explains{best} of what the residuals have beyond the noise{which}: an elastic "
+            "joint may be missing in the robot's file; add those that are possible and let elastid compare --search "
+            "find which the data show"
         ]
     return tuple(Note("modification-index", text) for text in texts)
 

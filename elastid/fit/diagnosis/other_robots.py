@@ -1,8 +1,9 @@
 """Other robots than the file's, each fitted with the tolerances about its own numbers.
 
 They stand at the angles as another unit, direction or order has them, are mounted otherwise, do not carry the payload
-that the file has, have inertias of motors of the other side of the gears, or have a spring that it lacks.  A fit that
-moved numbers within their tolerances to make up for a cause ends where no step leads to it; these begin at the file.
+that the file has, have inertias of motors or encoders on the other side of the gears, or have a spring that it lacks.
+A fit that moved numbers within their tolerances to make up for a cause ends where no step leads to it; these begin at
+the file.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.scoring import at_file, score
+from elastid.fit.diagnosis.swinging_part import find_swinging_part
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -57,7 +59,13 @@ def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scor
     if not evidence.is_unexplained or explained > LIMITS.whole:
         return indices
     found = list[ModificationIndex]()
-    for search in (_read_otherwise, _with_load, _mounted_otherwise, _with_springs):  # by their time
+    for search in (
+        _read_otherwise,
+        _with_load,
+        _mounted_otherwise,
+        _with_springs,
+        _with_swinging_part,
+    ):  # by their time
         if search is _read_otherwise or explained <= LIMITS.explained_share:
             found += search(evidence, scores)
             explained = max((explained, *(index.share for index in found)))
@@ -149,6 +157,19 @@ def _with_springs(evidence: Evidence, scores: Scores) -> list[ModificationIndex]
     return found
 
 
+def _with_swinging_part(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """By a part of the last body that swings, with the numbers of the file as they stand."""
+    there = at_file(evidence) or evidence
+    part = find_swinging_part(there)
+    if part is None:
+        return []
+    name = f"swing_{part.body}"
+    index = replace(_named(name, "swinging part"), members=(name,), values=np.zeros(1), units=("Hz",), log=(False,),
+                    steps=np.array([part.freq_hz]), occam=part.occam)  # fmt: skip
+    lines = thinned(there.optimum.fit).n_residuals / max(evidence.optimum.fit.n_residuals, 1)
+    return [_against(index, part.cost / lines, part.x, evidence, scores)]
+
+
 def _share_of(name: str, indices: list[ModificationIndex]) -> float:
     return max((index.share for index in indices if index.name == name), default=-math.inf)
 
@@ -185,10 +206,11 @@ def _of_robot(evidence: Evidence, robot: Robot, parameters: ParameterSet) -> Ass
 
 
 def _read_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """By angles of all configurations, or inertias of motors, that the study does not mean as they are read."""
+    """By angles of all configurations, inertias of motors or places of encoders that the study does not mean so."""
     if not evidence.is_suspect:
         return []
-    return _best(_settled(variant, evidence, scores) for variant in (*_angles(evidence), *_motor_inertias(evidence)))
+    variants = (*_angles(evidence), *_motor_inertias(evidence), *_encoders(evidence))
+    return _best(_settled(variant, evidence, scores) for variant in variants)
 
 
 def _angles(evidence: Evidence) -> Iterator[Variant]:
@@ -226,6 +248,22 @@ def _motor_inertias(evidence: Evidence) -> Iterator[Variant]:
     for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
         index = _named(f"{name} given on the link side, or in kg cm^2", "side of the gear")
         yield index, _of_robot(evidence, robot.with_parameters(numbers), _about(own.parameters, numbers))
+
+
+def _encoders(evidence: Evidence) -> Iterator[Variant]:
+    """The study with encoders of an axis, or of all axes, on the other side of the elastic gear."""
+    own = evidence.assembly
+    elastic = [joint.name for joint in own.linearisation.model.robot.driven if joint.is_flexible]
+    for side, now, then in (("behind", "motor", "joint"), ("before", "joint", "motor")):
+        moved = {f"{now} {name}": f"{then} {name}" for name in elastic}
+        read = [place for place in moved if any(place in G.outputs for G in own.responses)]
+        for places in (*([place] for place in read), *([read] if len(read) > 1 else ())):
+            whose = f"encoder of axis {places[0].partition(' ')[2]}" if len(places) == 1 else "encoders of all axes"
+            outputs = {place: moved[place] for place in places}
+            responses = tuple(
+                replace(G, outputs=tuple(outputs.get(place, place) for place in G.outputs)) for G in own.responses
+            )
+            yield _named(f"{whose} {side} the gear", "side of the encoder"), replace(own, responses=responses)
 
 
 def _settled(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:

@@ -22,7 +22,7 @@ from elastid.linear.linear_model import DELAY
 from elastid.robot import Body, Robot, gain_name
 
 # Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
-LOAD_RATIO = 0.8
+LOAD_RATIO = 0.97
 # Of the largest torque, below which a gear carries none.
 NO_LOAD = 0.01
 
@@ -68,8 +68,8 @@ def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
 
     delay@c1 of all its channels, s; friction_1@c1: ln fm_1; transmission_1@c1: ln of the effective ratio, which a
     transmission error changes by its slope at the posture's angle; reading_1@c1: ln of the motion that is read per
-    motion of the motor; m_fore@c1 ...: the numbers of the last body, which carries a load.  None of a single
-    configuration.
+    motion of the motor; spring_1@c1: ln k_1; m_fore@c1 ...: the numbers of the last body, which carries a load.  None
+    of a single configuration.
     """
     name, robot, last = response.model.configuration.name, response.robot, response.robot.bodies[-1]
     if len(response.loads) < 2:
@@ -81,6 +81,8 @@ def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
         friction = f"fm_{joint.name}"
         if friction in response.slopes and response.value(friction) > 0:
             columns[f"friction_{joint.name}@{name}"] = response.value(friction) * response.slopes[friction]
+        if (spring := f"k_{joint.name}") in response.slopes:
+            columns[f"spring_{joint.name}@{name}"] = response.value(spring) * response.slopes[spring]
         gain = gain_name("y", f"motor {joint.name}")
         if gain in response.slopes:
             columns[f"reading_{joint.name}@{name}"] = response.slopes[gain]
@@ -111,6 +113,13 @@ def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
             columns[f"load_{joint}"] = (own / most) ** 2 * slope
             columns[f"play_{joint}"] = -((least / max(own, least)) ** 4) * slope
     return columns
+
+
+def losses(response: HeldResponse) -> dict[str, ComplexArray]:
+    """Derivatives to the loss factor e of each gear, k (1 + j e): of hysteresis, which no d describes over a band."""
+    names = {joint.name: f"k_{joint.name}" for joint in response.robot.driven}
+    slopes, value = response.slopes, response.value
+    return {f"loss_{joint}": 1j * value(k) * slopes[k] for joint, k in names.items() if k in slopes}
 
 
 def gear_couplings(response: HeldResponse) -> dict[str, ComplexArray]:

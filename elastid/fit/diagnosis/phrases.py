@@ -1,0 +1,215 @@
+"""Phrases of causes: the clause that states a change, from its modification index, and advice that depends on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+from elastid.fit.diagnosis.hypothesis import CHECK_OR_PRIOR, Size, relative
+from elastid.fit.result import FitResult, ModificationIndex
+
+GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
+POSTURES = 3  # that a phrase names
+DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
+
+
+def gain(index: ModificationIndex) -> str:
+    """Factor by which a channel, or all channels of one kind, read wrongly."""
+    _, role, where = index.name.split("_", 2)
+    signals, factor = "torques" if role == "u" else "motions", relative(math.exp(float(index.steps[0])))
+    if where == "*":
+        return f"{signals} of all channels that read {factor}"
+    return f"{signals[:-1]} at {where.replace('_', ' ')} that reads {factor}"
+
+
+def gain_advice(index: ModificationIndex, _: FitResult) -> str:
+    """Check of the channels, or a prior of a single one."""
+    advice = CHECK_OR_PRIOR.partition(",")[0] if index.name.endswith("*") else CHECK_OR_PRIOR
+    usual = (GAIN_U if index.name.startswith("gain_u") else GAIN_Y).usual
+    text = advice.format(name=index.name, usual=usual)
+    return text.replace("check it", "check torque constants, units and scales of the channels", 1)
+
+
+def angle(index: ModificationIndex) -> str:
+    """Offset of an axis, in one configuration or in all."""
+    axis, _, configuration = index.name.partition("_")[2].partition("@")
+    where = f"in configuration {configuration}" if configuration else "in all configurations"
+    if index.units[0] == "m":
+        return f"a position of axis {axis} {1e3 * float(index.steps[0]):+.2g} mm {where}"
+    return f"an angle of axis {axis} {math.degrees(float(index.steps[0])):+.2g} deg {where}"
+
+
+def rate(index: ModificationIndex) -> str:
+    """Error of the sampling rate."""
+    return f"a sampling rate {relative(1 + float(index.steps[0]))} (and motions from positions)"
+
+
+def compliance(index: ModificationIndex) -> str:
+    """Stiffness of a gear, a base or a body that the file has as rigid."""
+    kind, _, where = index.name.partition("_")
+    k = 1 / index.changed[0] if index.changed[0] > 0 else math.inf
+    if kind == "gear":
+        return f"elasticity in the gear of axis {where} of {k:.2g} N*m/rad"
+    if kind == "base":
+        return f"an elastic base about its {where} axis of {k:.2g} N*m/rad"
+    body, _, axis = where.rpartition("_")
+    return f"an elastic rotation of body {body} about its {axis} axis of {k:.2g} N*m/rad"
+
+
+def position_loop(index: ModificationIndex) -> str:
+    """Bandwidth of a position loop around one motor or all."""
+    where = index.name.partition("_")[2]
+    whose = "all motors" if where == "*" else f"motor {where}"
+    return f"a position loop of {math.sqrt(max(index.changed[0], 0.0)) / (2 * math.pi):.2g} Hz around {whose}"
+
+
+def payload(index: ModificationIndex) -> str:
+    """Mass, centre and inertia of a body together; as a further mass where they are one."""
+    body = index.name.partition("_")[2]
+    mass, new = float(index.values[0]), index.changed[0]
+    more = new - mass
+    centres = {
+        name[-1]: (new * changed - mass * float(value))
+        for name, value, changed in zip(index.members, index.values, index.changed, strict=True)
+        if name[0] == "c"
+    }
+    if not more > 0 or len(centres) < 3:
+        return f"mass, centre of mass and inertia of {body} ({mass:.4g} to {new:.4g} kg)"
+    centre = ", ".join(f"{centres[axis] / more:.2g}" for axis in "xyz")
+    return f"{more:.2g} kg more on {body}, about [{centre}] m in its axes"
+
+
+def late(index: ModificationIndex) -> str:
+    """Delay, low pass or hold of a channel or of all, with its time."""
+    T = float(index.steps[0])
+    form = next(form for form in ("delay", "low_pass", "hold") if index.name.startswith(form))
+    role, _, place = index.name.removeprefix(form).lstrip("_").partition("_")
+    on = f" of {role} at {place.replace('_', ' ')}" if role else ""
+    if form == "delay":
+        return f"a delay of {T / 1e-3:.3g} ms{on}"
+    if form == "low_pass":
+        size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
+        if T > 0:
+            return f"{size}{on}"
+        if role == "y":
+            return f"{size}{on} that was taken out where there is none"
+        return f"{size} that torques pass before they are logged{on}"
+    if T < 0:
+        return f"a torque that acts {-T / 2e-3:.3g} ms earlier than it was taken to{on}"
+    return f"a torque that acts {T / 2e-3:.3g} ms late, held for {T / 1e-3:.3g} ms{on}"
+
+
+def late_advice(index: ModificationIndex, result: FitResult) -> str:
+    """Keys that give a delay, a hold or a lag to the model, or the filter to check."""
+    delay, names = "free delay (fit.parameters: {delay: {}})", (index.name, *index.alike)
+    hold = next((i for i in result.indices if i.name == "hold" and i.name in names), None)
+    if hold is not None and hold.steps[0] < 0:
+        return "leave hold: zero-order out where u was measured, and check the delay"
+    if hold is not None:
+        text = (
+            f"where u is a command that the drive holds, a sample at {1 / float(hold.steps[0]):.4g} Hz, say hold: "
+            "zero-order in experiment.recorded (with rate_hz in experiment.responses)"
+        )
+        return f"{text}; where the torque loop or a log delays it, {delay}" if "delay" in names else text
+    if index.name == "delay":
+        return f"{delay}, or give the robot's chain its lags"
+    if (index.name == "low_pass" or index.name.startswith("low_pass_u")) and index.steps[0] < 0:
+        return "log torques before their filter, or take the filter out of what was logged"
+    if index.name == "low_pass":
+        return "give the robot's chain the sensor_lag of its encoders, or the torque_lag of its drives"
+    return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
+
+
+def by_posture(index: ModificationIndex) -> str:
+    """Changes by posture, relative, the largest first."""
+    changes = {name.partition("@")[2]: float(step) for name, step in zip(index.members, index.steps, strict=True)}
+    mean = sum(changes.values()) / len(changes) if len(changes) > 1 else 0.0
+    largest = sorted(changes, key=lambda posture: -abs(changes[posture] - mean))[:POSTURES]
+    return ", ".join(f"{100 * (changes[posture] - mean):+.2g} % in {posture}" for posture in largest)
+
+
+def axis(index: ModificationIndex) -> str:
+    """Name of the axis that an index is of: 2 of friction_2@c1."""
+    return index.name.partition("@")[0].partition("_")[2]
+
+
+def scale(index: ModificationIndex) -> str:
+    """Factors of channels in another unit."""
+    factors = [float(word) for before, word in pairwise(index.name.replace(",", "").split()) if before == "times"]
+    is_degrees = factors and all(abs(math.log(math.radians(1) / factor)) < DEGREES_LOG for factor in factors)
+    return f"{'degrees read as radians' if is_degrees else 'channels in another scale'} ({index.name})"
+
+
+def friction(index: ModificationIndex) -> str:
+    """Friction of a motor by configuration."""
+    return f"friction of motor {axis(index)} that depends on the posture ({by_posture(index)})"
+
+
+def transmission(index: ModificationIndex) -> str:
+    """Effective ratio of a gear by configuration."""
+    return f"a transmission error of gear {axis(index)} (effective ratio {by_posture(index)})"
+
+
+def reading(index: ModificationIndex) -> str:
+    """Scale of an encoder by configuration."""
+    return f"an encoder of motor {axis(index)} that reads {by_posture(index)}"
+
+
+def spring(index: ModificationIndex) -> str:
+    """Stiffness of a gear by configuration."""
+    return f"a stiffness of gear {axis(index)} that differs between configurations ({by_posture(index)})"
+
+
+def loss(index: ModificationIndex) -> str:
+    """Loss factor of a gear."""
+    return f"hysteresis in gear {axis(index)} (a loss factor of {float(index.steps[0]):.2g} at all frequencies)"
+
+
+def hose(index: ModificationIndex) -> str:
+    """Stiffness across a joint, relative to its gear's."""
+    share = f"{100 * float(index.steps[0]):.2g} % of its gear's"
+    return f"a stiffness across axis {axis(index)} of {share}, as of a hose, a cable or a balancer"
+
+
+def swing(index: ModificationIndex) -> str:
+    """Resonance of a part of a body."""
+    body = index.name.partition("_")[2]
+    return f"a part of {body} that swings at {float(index.steps[0]):.3g} Hz, as a tool on a soft plate does"
+
+
+def load(index: ModificationIndex) -> str:
+    """Change of a gear's stiffness with the torque it carries."""
+    gear, percent = f"a stiffness of gear {axis(index)} that rises with the torque", 100 * float(index.steps[0])
+    if index.name.startswith("play"):
+        return f"{gear} out of a gap ({-percent:+.2g} % at the smallest torque of these postures)"
+    return f"{gear} it carries ({percent:+.2g} % at the largest torque of these postures)"
+
+
+def coupling(index: ModificationIndex) -> str:
+    """Turns of a motor with another axis."""
+    motor, joint = index.name.split("_")[1:3]
+    return f"a gear that turns motor {motor} along by {float(index.steps[0]):+.3g} of its ratio when axis {joint} turns"
+
+
+def reference(index: ModificationIndex) -> str:
+    """Reference of a controller in place of the torque, with its factor where that is unusual."""
+    gains = [float(step) for name, step in zip(index.members, index.steps, strict=True) if name.startswith("gain")]
+    times = f", times {math.exp(-gains[0]):.3g}" if gains and abs(gains[0]) > GAIN_U.usual else ""
+    return f"the reference of a controller{times} that was logged instead of the torque"
+
+
+def payload_of_one(index: ModificationIndex) -> str:
+    """Load in one configuration."""
+    return f"{payload(replace(index, name=index.name.partition('@')[0]))}, in configuration {posture(index)} alone"
+
+
+def posture(index: ModificationIndex) -> str:
+    """Name of the configuration that an index is of: c1 of friction_2@c1."""
+    return index.name.partition("@")[2]
+
+
+def late_posture(index: ModificationIndex) -> str:
+    """Delay of one configuration."""
+    T = float(index.steps[0]) / 1e-3
+    return f"motions of configuration {posture(index)} alone that are {T:.3g} ms late against its torques"
