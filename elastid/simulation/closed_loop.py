@@ -23,6 +23,7 @@ import subprocess
 import tempfile
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -294,11 +295,12 @@ def simulate(
     blocks = [np.empty((CHUNK_SAMPLES, signal.shape[1])) for signal in signals]
     results = [np.empty((CHUNK_SAMPLES, loop.function.size1_out(i))) for i in range(loop.function.n_out())]
     # Matrices of CasADi made of these and back would take as long as the simulation.  Its columns are rows here.
-    buffer, evaluate = loop.function.buffer()  # which is deleted when it goes out of scope
+    buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
+    buffer, evaluate = loop.function.buffer()
     for i, values in enumerate((*state, *blocks)):
-        buffer.set_arg(i, memoryview(values))
+        buffer.set_arg(i, values.data)
     for i, values in enumerate(results):
-        buffer.set_res(i, memoryview(values))
+        buffer.set_res(i, values.data)
     chunks = []
     for start in range(0, n, CHUNK_SAMPLES):
         used = min(CHUNK_SAMPLES, n - start)
