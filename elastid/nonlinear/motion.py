@@ -14,6 +14,8 @@ from elastid.record import MOTION_ORDER, Record
 
 # Cells of the fine grid in a sample, where the motion above half the rate is not known.
 CELLS = 8
+# As many are enough for a choice between shapes, and levels to begin with: they move by 2e-4.
+FEW_CELLS = 4
 # Lines of the period are kept as they are unless the velocity has more noise than this part of its RMS, since friction
 # moves the motor a little at all of them. All others are filtered, over so many neighbours.
 _NOISY, _NEIGHBOURS = 0.01, 9
@@ -68,7 +70,7 @@ def slowest(velocity: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(np.maximum(least, -most), 0.0))
 
 
-def motion_of(record: Record, place: str) -> Motion:
+def motion_of(record: Record, place: str, cells: int = CELLS) -> Motion:
     """The motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
 
     Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
@@ -82,11 +84,11 @@ def motion_of(record: Record, place: str) -> Motion:
     velocity = integrated(kept, s, order - 1)
     if order != 1:
         velocity[0] = gain * record.rate_hz  # a mean velocity is the gain of the angle
-    x = np.empty(n * CELLS + 1)
-    irfft(velocity, n * CELLS, out=x[:-1])
-    x[:-1] *= CELLS
+    x = np.empty(n * cells + 1)
+    irfft(velocity, n * cells, out=x[:-1])
+    x[:-1] *= cells
     x[-1] = x[0]
-    return Motion(x, start, record.rate_hz, noise, CELLS)
+    return Motion(x, start, record.rate_hz, noise, cells)
 
 
 def filtered(record: Record, Y: ComplexArray, order: int) -> tuple[ComplexArray, float]:
