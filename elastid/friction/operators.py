@@ -16,13 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.kernels import call, is_compiled
 
 
 @dataclass(frozen=True)
 class Path:
     """A motion q (n,) by its turning points: steps between them, the last one (n,) before each q, q (n,) from it on."""
 
-    steps: list[float]
+    steps: FloatArray
     last: IntArray
     moved: FloatArray
 
@@ -34,7 +35,7 @@ class Path:
         turning = np.concatenate([[0], np.flatnonzero(is_turning) + 1, [len(q) - 1]])
         counts = np.diff(turning)
         last = np.append(np.repeat(np.arange(len(counts)), counts), len(counts) - 1)
-        return cls(np.diff(q[turning]).tolist(), last, np.asarray(q - q[turning[last]]))
+        return cls(np.diff(q[turning]), last, np.asarray(q - q[turning[last]]))
 
     def without(self, n: int) -> Path:
         """The same without the points of its first n q, whose steps it still has."""
@@ -43,17 +44,29 @@ class Path:
 
 def stop(path: Path, D: float) -> FloatArray:
     """s (n,) of a stop operator along a path, from s = 0."""
+    if is_compiled():
+        return _in_c(path, D, False)
     states = [0.0]
-    for step in path.steps:
+    for step in path.steps.tolist():
         states.append(min(max(states[-1] + step, -D), D))
     return np.asarray(np.clip(np.array(states)[path.last] + path.moved, -D, D))
 
 
 def bristle(path: Path, D: float) -> FloatArray:
     """s (n,) of a bristle along a path, from s = 0."""
+    if is_compiled():
+        return _in_c(path, D, True)
     states = [0.0]
-    for step in path.steps:
+    for step in path.steps.tolist():
         end = math.copysign(D, step)
         states.append(end + (states[-1] - end) * math.exp(-abs(step) / D))
     ends = np.copysign(D, path.moved)
     return np.asarray(ends + (np.array(states)[path.last] - ends) * np.exp(-np.abs(path.moved) / D))
+
+
+def _in_c(path: Path, D: float, is_bristle: bool) -> FloatArray:
+    """The same by `base/kernels/operators.c`."""
+    s, states = np.empty(len(path.moved)), np.empty(len(path.steps) + 1)
+    numbers = len(path.steps), len(s), int(is_bristle), np.array([D], np.float64)
+    call("element", *numbers, path.steps, path.last, path.moved, states, s)
+    return s

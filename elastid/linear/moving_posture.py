@@ -40,6 +40,9 @@ from elastid.response import FrequencyResponse, MotorMotion
 _MOST_LINES, _FEW = 48, 8
 # Standard deviations that the effect may have, of all elements together, before it is worked out.
 NEGLIGIBLE = 0.1
+# The error of an effect on m lines, of the effect: this over m^2 (on six axes; 5 % on 24 lines). As many are taken as
+# make it half of what is negligible; their work grows with m^2.
+_LINES_ERROR = 30.0
 # A mean farther from the configuration than so many times the mean square of the motion is no effect of that: a zero of
 # the encoder, or a posture that was given in round numbers.
 _LARGEST_SHIFT = 30.0
@@ -57,15 +60,17 @@ def effect_of_motion(
     motion, known, freq_hz = response.motion, response.uncertainty, response.freq_hz
     if motion is None or not motion.power.any():
         return None
-    about = _About.of(model, linear, theta, motion)
+    about, most = _About.of(model, linear, theta, motion), round(share * _MOST_LINES)
     if known is not None:
         some = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
         rough = about.effect(freq_hz[some], _FEW)
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.where(known.variance[some] > 0, np.abs(rough) ** 2 / known.variance[some], np.inf)
-        if 2 * float(np.sum(shares)) * response.n_lines / len(some) < NEGLIGIBLE**2:
+        size = np.sqrt(2 * float(np.sum(shares)) * response.n_lines / len(some))
+        if size < NEGLIGIBLE:
             return None
-    effect = about.effect(freq_hz, round(share * _MOST_LINES))
+        most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / (NEGLIGIBLE / 2)))))
+    effect = about.effect(freq_hz, max(most, _FEW))
     return effect if np.isfinite(effect).all() else None
 
 

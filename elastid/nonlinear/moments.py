@@ -84,13 +84,8 @@ class Moments:
         return X
 
     def images(self, order: int) -> ComplexArray:
-        """DFT (n // 2 + 1,) of the part above half the rate of that integral, as its samples show it."""
-        # By two cells, as the spectrum: 1 / sinc^2 is 1 - s^2 / 12 in cells.
-        return self._images(order) - self._images(order - 2) / (12 * self.cells**2)
-
-    def _images(self, order: int) -> ComplexArray:
-        """As `images`, of the signal that is constant in each cell."""
-        s, step = _steps(self.mu.shape[1])
+        """DFT (n // 2 + 1,) of that integral's part above half the rate, as its samples show it; order: from 2 on."""
+        step = _steps(self.mu.shape[1])[1]
         X = [self._samples()]
         for p in range(1, order + 1):
             known = self._over_sample(p)
@@ -98,11 +93,12 @@ class Moments:
                 known += X[p - i] / math.factorial(i)
             known /= step
             # What the mean of the integral is more than that of its samples.
-            within = self._over_sample(p + 1)[0] + sum(X[p - i + 1][0] / math.factorial(i) for i in range(2, p + 1))
+            within = self._over_sample(p + 1, 1)[0] + sum(X[p - i + 1][0] / math.factorial(i) for i in range(2, p + 1))
             known[0] = -within
             X.append(known)
-        images = X[order].copy()
-        images[1:] -= (self.of_cells / s**order)[1:]
+        # By two cells, as the spectrum: 1 / sinc^2 is 1 - s^2 / 12 in cells.
+        images: ComplexArray = X[order] - X[order - 2] / (12 * self.cells**2)
+        images -= _below(self.mu.shape[1], order, self.cells) * self.of_cells
         return images
 
     def _samples(self) -> ComplexArray:
@@ -113,10 +109,10 @@ class Moments:
         X[0] = 0.0
         return np.asarray(X)
 
-    def _over_sample(self, order: int) -> ComplexArray:
+    def _over_sample(self, order: int, lines: int | None = None) -> ComplexArray:
         """DFT (n // 2 + 1,) of the integral of (1 - tau)^(p - 1) / (p - 1)! f, without its mean, over each sample."""
         factors = _of_power(order)
-        X = np.asarray(factors[: len(self.mu)] @ self.dft[:order])
+        X = np.asarray(factors[: len(self.mu)] @ self.dft[:order, :lines])
         X[0] -= factors[0] * self.dft[0, 0]
         return X
 
@@ -150,6 +146,15 @@ def _weights(n: int, lines: int) -> ComplexArray:
 def _of_two_cells(n: int, lines: int, cells: float) -> FloatArray:
     """sinc^2 (lines,) of a cell at lines of n samples."""
     return frozen(np.sinc(np.arange(lines) / (n * cells)) ** 2)
+
+
+@lru_cache(maxsize=8)
+def _below(n: int, order: int, cells: float) -> ComplexArray:
+    """The integral (n // 2 + 1,) below half the rate of a signal that is constant in each cell, over its F."""
+    s, _ = _steps(n)
+    factors = (1 - s**2 / (12 * cells**2)) / s**order
+    factors[0] = 0.0
+    return frozen(factors, np.complex128)
 
 
 @lru_cache(maxsize=8)

@@ -14,6 +14,8 @@ from elastid.record import MOTION_ORDER, Record
 
 # Cells of the fine grid in a sample, where the motion above half the rate is not known.
 CELLS = 8
+# As many are enough for a choice between shapes, and levels to begin with: they move by 2e-4.
+FEW_CELLS = 4
 # Lines of the period are kept as they are unless the velocity has more noise than this part of its RMS, since friction
 # moves the motor a little at all of them. All others are filtered, over so many neighbours.
 _NOISY, _NEIGHBOURS = 0.01, 9
@@ -68,7 +70,7 @@ def slowest(velocity: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(np.maximum(least, -most), 0.0))
 
 
-def motion_of(record: Record, place: str) -> Motion:
+def motion_of(record: Record, place: str, cells: int = CELLS) -> Motion:
     """The motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
 
     Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
@@ -82,11 +84,11 @@ def motion_of(record: Record, place: str) -> Motion:
     velocity = integrated(kept, s, order - 1)
     if order != 1:
         velocity[0] = gain * record.rate_hz  # a mean velocity is the gain of the angle
-    x = np.empty(n * CELLS + 1)
-    irfft(velocity, n * CELLS, out=x[:-1])
-    x[:-1] *= CELLS
+    x = np.empty(n * cells + 1)
+    irfft(velocity, n * cells, out=x[:-1])
+    x[:-1] *= cells
     x[-1] = x[0]
-    return Motion(x, start, record.rate_hz, noise, CELLS)
+    return Motion(x, start, record.rate_hz, noise, cells)
 
 
 def filtered(record: Record, Y: ComplexArray, order: int) -> tuple[ComplexArray, float]:
@@ -95,26 +97,39 @@ def filtered(record: Record, Y: ComplexArray, order: int) -> tuple[ComplexArray,
     order: of the derivative of the angle that Y is.
     """
     n = whole_samples(record)
-    s = laplace(len(Y), n, record.rate_hz)
-    power = np.abs(Y) ** 2
+    repeats, of_velocity = n // record.period_samples, _velocity_power(len(Y), n, record.rate_hz, order)
+    power = Y.real**2 + Y.imag**2
     band = power[int((1 - 1 / 8) * len(power)) :]  # of the highest lines, where a robot barely moves
     noise = float(np.median(band)) / np.log(2)
-    of_period = np.arange(len(Y)) % (n // record.period_samples) == 0
+    between = np.arange(len(Y)) % repeats != 0
     kept = np.ones(len(Y))
-    kept[~of_period] = _signal_share(power[~of_period], noise)
-    if _velocity_noise(kept, s, noise, n, order) > _NOISY * _rms(integrated(kept * Y, s, order - 1), n):
-        kept[of_period] = _signal_share(power[of_period], noise)
-    return kept * Y, _velocity_noise(kept, s, noise, n, order)
+    kept[between] = _signal_share(power[between], noise)
+    if noise * (kept @ of_velocity) > _NOISY**2 * ((kept**2 * power) @ of_velocity):
+        kept[::repeats] = _signal_share(power[::repeats], noise)
+    # That of a line after Wiener's filter is noise times gain.
+    return kept * Y, math.sqrt(2 * noise * (kept @ of_velocity)) / n
 
 
 def _signal_share(power: FloatArray, noise: float) -> FloatArray:
     """Wiener's gain (F,) of lines of a power (F,), by the mean of neighbours: 1 - noise / power, 0 below one half."""
     if not len(power):
         return power
-    window = np.ones(min(_NEIGHBOURS, len(power)))
-    near = np.convolve(power, window, "same") / np.convolve(np.ones(len(power)), window, "same")
+    near = np.convolve(power, np.ones(min(_NEIGHBOURS, len(power))), "same") / _neighbours(len(power))
     # Noise alone has a mean of twice its power at four lines in a thousand.
     return np.where(near > 2 * noise, 1 - noise / np.maximum(near, 1e-300), 0.0)
+
+
+@lru_cache(maxsize=16)
+def _neighbours(lines: int) -> FloatArray:
+    """How many lines are in the mean of each (lines,)."""
+    return frozen(np.convolve(np.ones(lines), np.ones(min(_NEIGHBOURS, lines)), "same"))
+
+
+@lru_cache(maxsize=16)
+def _velocity_power(lines: int, n: int, rate_hz: float, order: int) -> FloatArray:
+    """Power of a velocity by that of each line of a motion (lines,), which is a derivative of that order."""
+    of_lines = integrated(np.ones(lines, np.complex128), laplace(lines, n, rate_hz), order - 1)
+    return frozen(np.abs(of_lines) ** 2)
 
 
 def whole_samples(record: Record) -> int:
@@ -143,19 +158,6 @@ def _gain(y: FloatArray, N: int) -> float:
         return float(y[-N] + y[-1] - y[-N - 1] - y[0])
     gain = float(2 * y[-1] - y[-2] - y[0])
     return gain if abs(gain) > 2 * np.max(np.abs(np.diff(y, 2))) else 0.0
-
-
-def _velocity_noise(kept: FloatArray, s: ComplexArray, noise: float, n: int, order: int) -> float:
-    """Standard deviation of the velocity's error by noise of power `noise` at each line, of which a share is kept (F,).
-
-    That of a line after Wiener's filter is noise times gain.
-    """
-    return math.sqrt(noise) * _rms(integrated(np.sqrt(kept).astype(np.complex128), s, order - 1), n)
-
-
-def _rms(X: ComplexArray, n: int) -> float:
-    """RMS of a signal of n samples from its spectrum."""
-    return float(np.sqrt(2 * np.sum(np.abs(X) ** 2)) / n)
 
 
 @lru_cache(maxsize=16)

@@ -68,8 +68,8 @@ SHARP_CELLS = 16
 _POINTS, _BEFORE, _AFTER = 4, 4, 8
 # A velocity at the start of a sample and one that grows over it, at the ends of cells.
 _LINE = np.stack([np.ones(SHARP_CELLS + 1), np.linspace(0, 1, SHARP_CELLS + 1)])
-# Part of the first error of the velocity that is left, and steps at most.
-_TOLERANCE, _STEPS = 0.01, 12
+# Part of the first error of the velocity at which one step more is the last, which leaves 1e-3 of it; steps at most.
+_TOLERANCE, _STEPS = 0.03, 12
 
 
 def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Motion:

@@ -18,6 +18,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, labelled
+from elastid.base.kernels import call, is_compiled
 from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.moments import Moments
 from elastid.nonlinear.motion import Motion, whole_samples
@@ -147,7 +148,14 @@ def sliding_means(velocity: FloatArray, taken: Sequence[tuple[Shape, float]]) ->
     which it is not, moves the mean, g being integrated by parts:
 
     .. math:: \bar g = \frac{\Delta I}{\Delta v} - \frac{\Delta^2 v}{12} \frac{\Delta g}{\Delta v}
+
+    In C (`base/kernels/sliding.c`), or with NumPy.
     """
+    if is_compiled():
+        means = np.empty((len(velocity), velocity.shape[1] - 1))
+        numbers = np.array([(shape.kind == "stribeck", shape.threshold, level) for shape, level in taken], np.float64)
+        call("sliding_means", *velocity.shape, len(taken), velocity, numbers, means)
+        return means
     v, points, limit = velocity.ravel(), velocity.shape[1], reach(taken)
     slow, negative = np.abs(v) <= limit, np.signbit(v)
     turning = negative[:-1] != negative[1:]

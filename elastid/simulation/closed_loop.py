@@ -23,6 +23,7 @@ import subprocess
 import tempfile
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -185,8 +186,8 @@ def _advance(model: ElasticModel, contacts: Contacts) -> ca.Function:
     return ca.Function("advance", [z, v, curves, step], [ca.densify(contacts.advanced(v, z, curves, step))])
 
 
-# Samples between two checks of the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
-CHUNK_SAMPLES = 1000
+# Samples between two checks of the result: some milliseconds of computing, so that Ctrl-C is heard.  A power of four.
+CHUNK_SAMPLES = 256
 _FILTERS = 4  # place of the filters' states among the arguments
 
 
@@ -290,19 +291,29 @@ def simulate(
     z = loop.contacts.steady(v, np.atleast_2d(numbers)[0])
     state = [q0, v, z, loop.drives.start(commands.torque[0]), np.zeros(loop.function.size1_in(_FILTERS))]
     state += [np.zeros(n_u), loop.B.T @ (q0 - v / loop.rate_hz)]
+    state = [np.array(values, np.float64) for values in state]
+    blocks = [np.empty((CHUNK_SAMPLES, signal.shape[1])) for signal in signals]
+    results = [np.empty((CHUNK_SAMPLES, loop.function.size1_out(i))) for i in range(loop.function.n_out())]
+    # Matrices of CasADi made of these and back would take as long as the simulation.  Its columns are rows here.
+    buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
+    buffer, evaluate = loop.function.buffer()
+    for i, values in enumerate((*state, *blocks)):
+        buffer.set_arg(i, values.data)
+    for i, values in enumerate(results):
+        buffer.set_res(i, values.data)
     chunks = []
     for start in range(0, n, CHUNK_SAMPLES):
-        block = [signal[start : start + CHUNK_SAMPLES] for signal in signals]
-        padding = ((0, CHUNK_SAMPLES - len(block[0])), (0, 0))
-        results = [
-            np.array(result.full())
-            for result in loop.function(*state, *(np.pad(part, padding, mode="edge").T for part in block))
-        ]
-        q, reading, u = results[0], *results[-2:]
-        chunks.append((np.column_stack([state[0], q[:, :-1]]).T, reading.T, u.T))
-        _check(loop, reading.T[: len(block[0])], commands.position, start)
-        state = [result[:, -1] for result in results[: len(state)]]
-    return Trajectory(*(np.concatenate(parts)[:n] for parts in zip(*chunks, strict=True)))
+        used = min(CHUNK_SAMPLES, n - start)
+        for block, signal in zip(blocks, signals, strict=True):
+            block[:used] = signal[start : start + used]
+            block[used:] = block[used - 1]
+        evaluate()
+        q, reading, u = (results[i][:used].copy() for i in (0, -2, -1))
+        chunks.append((np.vstack([state[0], q[:-1]]), reading, u))
+        _check(loop, reading, commands.position, start)
+        for values, result in zip(state, results, strict=False):
+            values[:] = result[-1]
+    return Trajectory(*map(np.concatenate, zip(*chunks, strict=True)))
 
 
 def _check(loop: ClosedLoop, reading: FloatArray, position: FloatArray, start: int) -> None:

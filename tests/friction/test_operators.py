@@ -2,9 +2,12 @@
 
 import hypothesis.strategies as st
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis.extra.numpy import arrays
 
+from elastid.base.kernels import is_compiled
+from elastid.friction import operators
 from elastid.friction.operators import Path, bristle, stop
 
 
@@ -27,3 +30,16 @@ def test_a_bristle_follows_its_differential_equation() -> None:
     for step in np.diff(q):
         s.append(s[-1] + step - abs(step) * s[-1] / 0.2)
     np.testing.assert_allclose(bristle(Path.of(q), 0.2), s, atol=1e-3)
+
+
+def test_states_in_c_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also of a path whose first points are left out, and of one that stands still; to rounding."""
+    if not is_compiled():
+        pytest.skip("the kernels in C are not built")
+    q = np.cumsum(np.random.default_rng(0).normal(size=200))
+    paths = [Path.of(q), Path.of(q).without(50), Path.of(np.zeros(4))]
+    in_c = [of(path, 0.7) for path in paths for of in (stop, bristle)]
+    monkeypatch.setattr(operators, "is_compiled", lambda: False)
+    expected = [of(path, 0.7) for path in paths for of in (stop, bristle)]
+    for found, states in zip(in_c, expected, strict=True):
+        np.testing.assert_allclose(found, states, atol=1e-14)

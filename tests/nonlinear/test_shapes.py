@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elastid.base.kernels import is_compiled
 from elastid.friction.operators import Path, stop
+from elastid.nonlinear import shapes
 from elastid.nonlinear.motion import motion_of
-from elastid.nonlinear.shapes import Shape, amplitudes, friction_moments, sliding_means
+from elastid.nonlinear.shapes import Kind, Shape, amplitudes, friction_moments, sliding_means
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 200.0, 400
@@ -131,3 +133,20 @@ def test_a_reversal_is_found_between_two_slopes() -> None:
     velocity = np.where(x < turn, 1.5 * (turn - x), 0.5 * (turn - x))[None]
     (means,) = sliding_means(velocity, [(SIGN, 1.0)])
     np.testing.assert_allclose(means.mean(), turn - (1 - turn), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "taken",
+    [[("sign", 0.0, 2.0)], [("sign", 0.02, 1.0), ("sign", 0.05, 0.5)], [("stribeck", 0.1, 0.7), ("sign", 0.0, 2.0)]],
+)
+def test_means_in_c_are_those_of_numpy(taken: list[tuple[Kind, float, float]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Along motions that turn, stand still and start from rest; to rounding, of which slow cells make more."""
+    if not is_compiled():
+        pytest.skip("the kernels in C are not built")
+    c = np.random.default_rng(0).normal(size=(60, 4, 1))
+    velocity = 0.3 * np.sum(c * np.linspace(0, 1, 17) ** np.arange(4)[:, None], axis=1)
+    velocity[5], velocity[6], velocity[7, 3:] = 0.2, 0.0, 0.0
+    friction = [(Shape("motor 1", kind, threshold), level) for kind, threshold, level in taken]
+    in_c = sliding_means(velocity, friction)
+    monkeypatch.setattr(shapes, "is_compiled", lambda: False)
+    np.testing.assert_allclose(in_c, sliding_means(velocity, friction), atol=1e-9)

@@ -51,6 +51,8 @@ class Plant:
 
 def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
     """The robot with the numbers that the identification must find; StudyError for a name that it does not have."""
+    if not truth:
+        return robot
     known = robot.parameters(robot.on_demand) | friction_numbers(robot)
     unit = {name: unit for name, (_, unit) in known.items()}
     try:

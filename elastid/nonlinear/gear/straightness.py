@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import nnls
@@ -247,6 +248,12 @@ class _Problem:
             level * gains[best] / self.compliance[i],
         )
 
+    @cached_property
+    def _basis(self) -> ComplexArray:
+        """Of the torques' span over the experiments (K_on, M, n), at excited lines."""
+        torques = self.tau[self.lines.excited[self.used]]
+        return np.asarray(np.linalg.svd(torques.swapaxes(1, 2), full_matrices=False)[0])
+
     def _gain(self, i: int, friction: _Friction) -> ComplexArray:
         """Angle i (K,) by a braking torque."""
         X = self.X - np.diag(self.compliance) if friction.is_behind else self.X
@@ -256,11 +263,13 @@ class _Problem:
         """Real columns (2 K M, n_c) and what a straight spring leaves of angle i (2 K M,), over its residuals' std."""
         on = self.lines.excited[self.used]
         n, M = self.tau.shape[1:]
-        basis = np.linalg.svd(self.tau.swapaxes(1, 2), full_matrices=False)[0]
+        basis, adjoint = self._basis, self._basis.conj().swapaxes(1, 2)
 
         def left(x: ComplexArray) -> ComplexArray:
             """Of x (K, M, m), on excited lines, by no torque."""
-            return np.where(on[:, None, None], x - basis @ (basis.conj().swapaxes(1, 2) @ x), x)
+            x = x.copy()
+            x[on] -= basis @ (adjoint @ x[on])
+            return x
 
         straight = np.where(on[:, None], 0.0, np.einsum("kj,kjm->km", self.X[:, i], self.tau))
         y, columns = left((self.Q[:, i] - straight)[:, :, None]), left(columns)
@@ -342,9 +351,13 @@ def _real(x: ComplexArray, S: FloatArray) -> FloatArray:
 
 def _solve(A: FloatArray, b: FloatArray, brakes: int) -> tuple[FloatArray, float]:
     """Least squares x of A x = b and its V; the first `brakes` of x are not negative."""
-    size = np.sqrt(np.sum(A**2, axis=0)) + 1e-300
-    triangle = np.asarray(np.linalg.qr(np.column_stack([A / size, b]), mode="r"))  # R, and Q^T b as its last column
-    R, pull = triangle[:, :-1], triangle[:, -1]
+    columns = np.column_stack([A, b])
+    products = columns.T @ columns
+    size = np.sqrt(np.diag(products)) + 1e-300
+    # R of a QR, and Q^T b as its last column: to 1e-7 of the largest singular value, a tenth of the ridge below.
+    products = products / size / size[:, None] + 1e-14 * np.eye(len(size))
+    triangle, size = np.linalg.cholesky(products).T, size[:-1]
+    R, pull = triangle[:-1, :-1], triangle[:-1, -1] * np.sqrt(b @ b)
     both = np.concatenate([R, -R[:, brakes:]], axis=1)
     # A little of a ridge, since each free column is there with either sign.
     m = both.shape[1]
