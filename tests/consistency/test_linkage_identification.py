@@ -82,6 +82,7 @@ def relative(result: FitResult, name: str) -> float:
     return float(np.sqrt(result.covariance[i, i]))
 
 
+@pytest.mark.slow
 def test_a_single_posture_is_said_to_confuse_gear_and_rod():
     """Below the third mode k_3 and k_rod are one spring there; with the angle spread they are two."""
     one = fitted(SPREAD[:1])
