@@ -1,6 +1,5 @@
 """A study small enough to be run many times: one elastic joint, simulated in a second."""
 
-import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -56,19 +55,6 @@ def pytest_configure(config: pytest.Config) -> None:
     if worker and hasattr(os, "sched_setaffinity"):
         cores = sorted(os.sched_getaffinity(0))
         os.sched_setaffinity(0, {cores[int(worker.removeprefix("gw")) % len(cores)]})
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_collect_file() -> Iterator[None]:
-    """No doctests are looked for in the tests; those of the package are beside them."""
-    collected = yield
-    return [each for each in collected if type(each) is pytest.Module]
-
-
-def pytest_collection_finish() -> None:
-    """Modules and tests stay until the end: no collection of garbage looks through them again."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.fixture

@@ -82,6 +82,7 @@ def relative(result: FitResult, name: str) -> float:
     return float(np.sqrt(result.covariance[i, i]))
 
 
+@pytest.mark.slow
 def test_a_single_posture_is_said_to_confuse_gear_and_rod():
     """Below the third mode k_3 and k_rod are one spring there; with the angle spread they are two."""
     one = fitted(SPREAD[:1])
@@ -146,10 +147,9 @@ def forecast(**changes: object) -> tuple[list[float], float]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 3])
-def test_designed_postures_spread_the_angle_between_lever_and_rod(seed: int):
+def test_designed_postures_spread_the_angle_between_lever_and_rod():
     """Among random candidates: nearly aligned and nearly square, and gear and rod come apart, as in no one posture."""
-    sines, correlation = forecast(design=DesignSpec(count=6, candidates=CandidateSpec(random=60)), seed=seed)
+    sines, correlation = forecast(design=DesignSpec(count=6, candidates=CandidateSpec(random=60)))
     assert max(sines) - min(sines) > 0.4
     assert abs(correlation) < 0.75
     one = ExperimentSpec(
@@ -157,8 +157,7 @@ def test_designed_postures_spread_the_angle_between_lever_and_rod(seed: int):
         realisations=6,
         simulated=SimulatedSpec(noise=NoiseSpec(torque_std=10, angle_std=1e-5), substeps=6),
     )
-    if seed == 1:
-        assert forecast(experiment=one)[1] < -0.97
+    assert forecast(experiment=one)[1] < -0.97
 
 
 STUDY = """\

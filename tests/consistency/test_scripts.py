@@ -84,10 +84,19 @@ def test_example_18_finds_the_modes_of_three_masses() -> None:
 
 @pytest.mark.slow
 def test_example_18_commands_a_move_that_the_tool_follows() -> None:
-    """Over a hundred times as exactly as with rigid feedforward, and with the catalogue's springs thirty times."""
-    move = example("ex18_command_a_fast_move")
-    assert move["gain"] > 100
-    assert move["over_catalogue"] > 30
+    """Over a hundred times as exactly as with rigid feedforward, and with the catalogue's springs thirty times.
+
+    The vibration is a third; draws enclose the error, within the limits of torque.
+    """
+    found = example("ex18_command_a_fast_move")
+    assert found["gain"] > 100
+    assert found["over_catalogue"] > 30
+    move = found["move"]
+    identified = move[found["IDENTIFIED"]]
+    assert identified.residual < move[found["RIGID"]].residual / 3
+    assert np.all(identified.low <= identified.high)
+    assert np.all(move.most <= 900.0)
+    assert not move.advice
 
 
 @pytest.mark.slow

@@ -181,11 +181,10 @@ def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_one_robot_with_wrong_masses_is_not_taken_for_two(seed: int) -> None:
+def test_one_robot_with_wrong_masses_is_not_taken_for_two() -> None:
     """A model error that all configurations have is not removed by two sets of parameters."""
-    data = measure(arm(mass=30.0), "a", seed, (*POSTURES, (0.0, 0.5), (0.6, 0.7), (-0.9, -0.4)))
-    result = identify(data, arm(), replace(SPEC, robots={}, parameters={}, seed=seed))
+    data = measure(arm(mass=30.0), "a", 0, (*POSTURES, (0.0, 0.5), (0.6, 0.7), (-0.9, -0.4)))
+    result = identify(data, arm(), replace(SPEC, robots={}, parameters={}, seed=0))
     assert result.model_error > 1.5
     assert not [word for word in said(result.notes) if "disagree" in word]
 

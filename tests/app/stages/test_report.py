@@ -270,6 +270,7 @@ def test_responses_from_elsewhere_need_no_robot(
     assert "its stages are estimate and report" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_frf_of_a_study_is_read_by_another_without_a_robot(bench: Path, tmp_path: Path) -> None:
     """It brings its places with it; a hold is of the study that estimated it, which a note says."""
     file = {"path": str(bench / "run" / "frf.h5"), "configuration": "bench"}

@@ -83,6 +83,7 @@ def test_validation_json_says_what_validation_h5_holds(finished):
     assert summary_json["folded"] == found.folded
 
 
+@pytest.mark.slow
 def test_a_validation_is_whole_and_never_that_of_another_fit(finished, tmp_path):
     """Without its JSON file it is done again; a fit to other data takes the old one away, the same fit keeps it."""
     folder = Path(shutil.copytree(finished, tmp_path / "copy"))

@@ -126,10 +126,10 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-PAGES = [elasticity, friction, responses, fleet]
+PAGES = [elasticity, *(pytest.param(page, marks=pytest.mark.slow) for page in (friction, responses, fleet))]
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_has_names_headings_and_contrast(
     visit: Any, tmp_path: Path, page: Callable[..., Path], scheme: str

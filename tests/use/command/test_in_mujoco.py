@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from plants.commanded_arm import arm, move
@@ -72,10 +74,9 @@ def errors(xml: str, references: References, gains: Gains, target: FloatArray) -
     return np.array(away[1000:])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("xml", "gain", "calmer"), [(XML, 10, 3), (RUBBING, 4, 1.2), (TILTING, 10, 3)])
-def test_another_engine_follows_more_exactly_than_with_rigid_feedforward(xml: str, gain: float, calmer: float) -> None:
-    """Largest error in the move, and vibration after it; on the robot of the model, and on two that it is not."""
+@cache
+def commands() -> tuple[References, References, Gains, FloatArray]:
+    """References of rigid and of elastic feedforward, the gains of both, and the path."""
     own = move(0.8)
     true: Robot = arm(stiffness=0.8, friction=0.0)
     commanded = CommandedRobot.of(true, "tool", own.ends[0])
@@ -84,7 +85,15 @@ def test_another_engine_follows_more_exactly_than_with_rigid_feedforward(xml: st
     rigid = rigid_references(true, commanded, own, elastic.time_s)
     target = commanded.poses(commanded.rigid(own, elastic.time_s)[0]).position
     gains = tune(commanded.model, commanded.rigid_posture(own.ends[0]), 4.0, 0.7)
-    by_rigid, by_elastic = (errors(xml, each, gains, target) for each in (rigid, elastic))
-    after = elastic.time_s > own.duration
+    return rigid, elastic, gains, target
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("xml", "gain", "calmer"), [(XML, 10, 3), (RUBBING, 4, 1.2), (TILTING, 10, 3)])
+def test_another_engine_follows_more_exactly_than_with_rigid_feedforward(xml: str, gain: float, calmer: float) -> None:
+    """Largest error in the move, and vibration after it; on the robot of the model, and on two that it is not."""
+    *references, gains, target = commands()
+    by_rigid, by_elastic = (errors(xml, each, gains, target) for each in references)
+    after = references[1].time_s > move(0.8).duration
     assert by_elastic.max() < by_rigid.max() / gain
     assert np.ptp(by_elastic[after]) < np.ptp(by_rigid[after]) / calmer

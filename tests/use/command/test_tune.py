@@ -1,4 +1,4 @@
-"""A tuned move against the twin with other numbers, and on draws; moves that cannot be made."""
+"""A tuned move at its limits, on draws; moves that cannot be made. What it gains is in the example 18."""
 
 from __future__ import annotations
 
@@ -8,24 +8,9 @@ from plants.commanded_arm import END, START, given, move
 
 from elastid.base.errors import DataError
 from elastid.use.command.moves import point_to_point
-from elastid.use.command.tune import CATALOGUE, IDENTIFIED, RIGID, tune_move
+from elastid.use.command.tune import tune_move
 
 HIGHEST = 2.0  # rad: the link hangs beyond the vertical, and gravity turns it back
-
-
-@pytest.mark.slow
-def test_the_tool_follows_ten_times_as_exactly_as_with_rigid_feedforward() -> None:
-    """On the truth, 20 % softer than the catalogue; the vibration is a third; draws enclose the error."""
-    tuned = tune_move(given(), move(0.8), "arm")
-    rigid, catalogue, identified = (tuned[name] for name in (RIGID, CATALOGUE, IDENTIFIED))
-    assert identified.largest < rigid.largest / 10
-    assert identified.largest < catalogue.largest / 5
-    assert identified.residual < rigid.residual / 3
-    assert identified.high is not None
-    assert identified.low is not None
-    assert np.all(identified.low <= identified.high)
-    assert np.all(tuned.most <= 900.0)
-    assert not tuned.advice
 
 
 @pytest.mark.slow
