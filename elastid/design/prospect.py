@@ -155,10 +155,9 @@ class Prospect:
         """
         model, G, motion = self._local(configuration, x)
         covariance = self._covariance(G, motion, configuration, realisations or self.realisations)
-        # The torques of the controller are held, and encoders sampled with them.
-        sampled = tuple(logged_quantity(place) == "position" for place in self.outputs)
-        rates = (self.plan.rate_hz,) * len(self.robot.driven)
-        model = replace(model, hold=HeldTorque(rates, sampled) if any(sampled) else None)
+        # The torques of the controller are held, and all outputs, accelerations too, are of motions sampled with them.
+        rates, sampled = (self.plan.rate_hz,) * len(self.robot.driven), (True,) * len(self.outputs)
+        model = replace(model, hold=HeldTorque(rates, sampled))
         response = replace(to_response(model, self.parameters.expand(x), self.plan.freq_hz), total=covariance)
         return ExpectedResponse(response, model, weigh(response, fit or self.fit), self.parameters, fit or self.fit)
 

@@ -54,7 +54,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
 def _counted_on(values: FloatArray) -> tuple[FloatArray, int]:
     """Counts (n,) of a counter of k bits without its jumps by 2^k, and their number; other values as they are.
 
-    A counter's are whole and within 2^k, and jump by nearly all of it: without that they go on as between other samples.
+    A counter's are whole and within 2^k, and jump by nearly all of it; without the jumps they go on as elsewhere.
     """
     known = np.isfinite(values)
     counts = values[known]

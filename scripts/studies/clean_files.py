@@ -140,7 +140,7 @@ class Rail(Arm):
     @property
     def robot(self) -> Robot:
         """As a file has it."""
-        m1, _, I1, _, m2, c2, I2 = self.arm
+        m1, _, _, _, m2, c2, I2 = self.arm
         motors = [Motor(J / i**2, i, f / i**2) for J, i, f in zip(self.J, RATIO, self.f, strict=False)]
         springs = [Spring(k, d) for k, d in zip(self.k, self.d, strict=True)]
         carriage = Body("carriage", joints=(Joint("1", "x", springs[0], motors[0], motion="translation"),), mass=m1)
