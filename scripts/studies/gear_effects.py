@@ -92,7 +92,7 @@ CASES: dict[str, tuple[Gear, tuple[Known, ...]]] = {
 QUICK = ("hardening spring",)
 SPEC = EstimatorSpec(friction="none", transient_periods=0)
 MAX_K, MAX_D, MAX_LEVEL, MAX_SCALE = 1e-3, 2e-2, 0.03, 0.02
-EXPERIMENTS, SUBSTEPS = 4, 24
+EXPERIMENTS, SUBSTEPS = 4, 64
 
 
 def sets_of(gear: Gear, draws: int, seed: int) -> list[tuple[Record, ...]]:

@@ -35,6 +35,7 @@ from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
 _AT_LINKS = 10.0
 _WINDOW = 15  # lines over which the power of residuals is averaged
 _STEPS, _HALVINGS = 8, 5  # Newton's method
+_FOLLOWED = 0.1  # error of the motion as it follows a scale, over itself
 _FAR = 0.1  # error of a start over the motion, from which on that without forces is tried, too
 
 
@@ -152,8 +153,12 @@ def estimate_motion(
             after.loads[m, problem.joints.index(joint)] = np.abs(motion.torque)
         for i, effect in enumerate(effects):
             j = problem.joints.index(effect.joint)
-            for place, phi in forces(effect, motions[effect.joint]):
-                Phi = lines.all_amplitudes(phi)[:, None] * drive.directions(place, j)
+            acting = [(place, j, phi) for place, phi in forces(effect, motions[effect.joint])]
+            if effect.is_edge:
+                further = problem.followed(effect, acting[0][2], x, m)
+                acting += [(*signal, phi) for signal, phi in zip(problem.signals, further, strict=True)]
+            for place, at, phi in acting:
+                Phi = lines.all_amplitudes(phi)[:, None] * drive.directions(place, at)
                 after.Phi[:, :, m, i] += Phi[:F]
                 moved = (CH_above @ Phi[F:, :, None])[:, :, 0]
                 after.folded[:, lines.sampled, m, i] += lines.folded(moved)
@@ -193,21 +198,39 @@ class _Problem:
         """Motion (F, n) of an experiment from its estimate without implicit effects, the unknowns and forces (n_x, n)
         by them.
         """
-        signals, drive, lines = self.signals, self.drive, self.lines
-        if not signals:
+        lines, rows = self.lines, self._rows
+        if not self.signals:
             return base, np.zeros((0, 0)), np.zeros((0, 0))
-        rows = np.array([drive.directions(place, j) for place, j in signals])
-        power = np.where([place == "gear" for place, _ in signals], 0, 1)
-        s = self.s[:, None] ** power
-        x_0 = lines.fine((s * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
-        A = s[:, :, None] * (rows @ self.of_force @ rows.T)
-        softness = np.where(power == 0, 1 / drive.k[[j for _, j in signals]], 0.0)
-        beyond = np.arange(len(s) + 1, lines.samples * CELLS // 2)[:, None]
-        linear = _Linear(lines, A, (len(s) / beyond) ** (2 - power), softness)
-        x = newton(partial(self._law, m), linear, x_0, x_0 if start is None else start, self.near)
+        x_0 = lines.fine((self._powers * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
+        x = newton(partial(self._law, m), self.linear, x_0, x_0 if start is None else start, self.near)
         force = self._law(m, x)[0]
         torque = lines.all_amplitudes(force).T
         return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force
+
+    @cached_property
+    def _rows(self) -> FloatArray:
+        """Directions (n_x, n) of the unknowns."""
+        return np.array([self.drive.directions(place, j) for place, j in self.signals])
+
+    @cached_property
+    def _powers(self) -> ComplexArray:
+        """Of s on all lines, by which the unknowns (F, n_x) are derivatives of deflections."""
+        return self.s[:, None] ** np.where([place == "gear" for place, _ in self.signals], 0, 1)
+
+    @cached_property
+    def linear(self) -> Linear:
+        """The unknowns by forces at their places."""
+        of_gear = np.array([place == "gear" for place, _ in self.signals], bool)
+        A = self._powers[:, :, None] * (self._rows @ self.of_force @ self._rows.T)
+        softness = np.where(of_gear, 1 / self.drive.k[[j for _, j in self.signals]], 0.0)
+        beyond = np.arange(len(A) + 1, self.lines.samples * CELLS // 2)[:, None]
+        return Linear(self.lines, A, (len(A) / beyond) ** np.where(of_gear, 2, 1), softness)
+
+    def followed(self, effect: GearEffect, phi: FloatArray, x: FloatArray, m: int) -> FloatArray:
+        """Forces (n_x, n) by the unknowns, as these follow a small further one phi (n,) at the effect's place."""
+        force, slope = np.zeros_like(x), self._law(m, x)[1]
+        force[self.signals.index((effect.place, self.joints.index(effect.joint)))] = phi
+        return slope * _moved(self.linear, slope, np.std(x, axis=1)[:, None] + 1e-300, -self.linear(force), _FOLLOWED)
 
     @property
     def _at_rest(self) -> FloatArray:
@@ -274,7 +297,7 @@ class _Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class _Linear:
+class Linear:
     """x by force: A (F, n_x, n_x) on the lines, softness (n_x,) at rest.
 
     beyond (K, n_x): what is left of the last line's at those above, up to half the rate of the fine grid, where all is
@@ -308,30 +331,39 @@ def newton(
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
 
-    def error(x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Error, slope of the law and RMS of the error."""
+    def error(x: FloatArray) -> tuple[FloatArray, FloatArray, float, float]:
+        """Error, slope of the law, RMS of the error and of that of the force by it, which sticking makes the larger."""
         force, slope = law(x)
         e = np.asarray((x - x_0 + linear(force)) / size)
-        return e, slope, float(np.sqrt(np.mean(e**2)))
+        of_force = slope * e * size / (np.std(force, axis=1)[:, None] + 1e-300)
+        return e, slope, float(np.sqrt(np.mean(e**2))), float(np.sqrt(np.mean(of_force**2)))
 
-    e, slope, left = error(x)
+    e, slope, left, of_force = error(x)
     if left > _FAR and (at_0 := error(x_0))[2] < left:
-        x, (e, slope, left) = x_0, at_0
+        x, (e, slope, left, of_force) = x_0, at_0
     for _ in range(_STEPS):
-        if left < near:
+        if max(left, of_force) < near:
             break
-
-        def product(v: FloatArray, slope: FloatArray = slope) -> FloatArray:
-            v = v.reshape(x_0.shape) * size
-            return np.asarray((v + linear(slope * v)) / size).ravel()
-
-        operator = LinearOperator((x.size, x.size), matvec=product, dtype=np.float64)
-        step = gmres(operator, -e.ravel(), rtol=3e-2, restart=40, maxiter=1)[0].reshape(x.shape) * size
+        step = _moved(linear, slope, size, -e * size, 3e-2)
         for halving in range(_HALVINGS + 1):
             trial = error(x + step / 2**halving)
             if trial[2] < left:
-                x, (e, slope, left) = x + step / 2**halving, trial
+                x, (e, slope, left, of_force) = x + step / 2**halving, trial
                 break
         else:
             break
     return x
+
+
+def _moved(
+    linear: Callable[[FloatArray], FloatArray], slope: FloatArray, size: FloatArray, x_0: FloatArray, near: float
+) -> FloatArray:
+    """x (n_x, n) of x + linear(slope x) = x_0; near: error over that of no x; size (n_x, 1): of the unknowns."""
+
+    def product(v: FloatArray) -> FloatArray:
+        v = v.reshape(x_0.shape) * size
+        return np.asarray((v + linear(slope * v)) / size).ravel()
+
+    operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float64)
+    found = gmres(operator, (x_0 / size).ravel(), rtol=near, restart=40, maxiter=1)[0]
+    return np.asarray(found.reshape(x_0.shape) * size)
