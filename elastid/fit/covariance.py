@@ -150,15 +150,17 @@ def estimate_uncertainty(
     for part in parts:  # R of the stacked J = Q R, configuration by configuration
         R = np.asarray(np.linalg.qr(np.vstack([R, part.rows]), mode="r"))
     A_inverse, singular_values, unreached, weakest = inverse_information(R)
-    pairs = list(zip(fit.parts, responses, strict=True))
-    power = work.ordered(partial(line_powers, bare, x, factors, A_inverse), pairs)
+    blocks = [part.blocks for part in parts]
+    again = work.ordered(
+        partial(line_powers, bare, x, factors, A_inverse), list(zip(fit.parts, responses, blocks, strict=True))
+    )
+    power = [of_lines for of_lines, _ in again]
     dof = fit.problem.dof
     meat, expected_cost, cost_dof = _noise(prior, static_J, dof, parts, A_inverse)
     noise = A_inverse @ meat @ A_inverse
     inflation = fit.n_residuals / max(dof, 1) * _correlation_length(parts)
     pulls = np.hstack([_by_frequency(parts), static_J.T * static_r])
     residuals = inflation * np.sum((A_inverse @ pulls) ** 2, axis=1)
-    blocks = [part.blocks for part in parts]
     by_blocks = block_variance(blocks, A_inverse)
     cost = expected_cost if is_forecast else sum(part.cost for part in parts) + float(static_r @ static_r)
     floor = _floor(parts, floor_pulls, A_inverse, cost, expected_cost, dof if math.isnan(cost_dof) else cost_dof)
@@ -178,7 +180,7 @@ def estimate_uncertainty(
     share, band_hz = information_shares(power, [part.freq_hz for part in parts], A_inverse, static_J)
     kept = slice(n_x)  # the factors are no part of the result
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
-    parted = disagreement(blocks, A_inverse)
+    parted = disagreement((of_blocks for _, of_blocks in again), int(np.count_nonzero(np.diag(A_inverse) > 0)))
     estimate = covariance[kept, kept], singular_values, unreached[kept]
     return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept])
 

@@ -23,7 +23,7 @@ few configurations or blocks: the 97.5 % point of Student's distribution over th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -113,16 +113,17 @@ def line_powers(
     x: FloatArray,
     factors: Sequence[Factor],
     A_inverse: FloatArray,
-    configuration: tuple[Part, FrequencyResponse],
-) -> FloatArray:
-    """[A^-1 A_k A^-1]_ii (F, n_x) of the lines of one configuration, A_k = J_k^T J_k; arguments as `sum_lines`.
+    configuration: tuple[Part, FrequencyResponse, Blocks],
+) -> tuple[FloatArray, tuple[float, int]]:
+    """[A^-1 A_k A^-1]_ii (F, n_x) of the lines of one configuration, A_k = J_k^T J_k, and `block_disagreement`.
 
-    The rows of J are worked out again, since those of all configurations would fill the memory.
+    Arguments as `sum_lines`. The rows of J are worked out again, since those of all configurations would fill the
+    memory.
     """
-    part, response = configuration
+    part, response, blocks = configuration
     _, J = _block(fit, x, factors, part, response, part.mixing)
     moved = (_rows(J) @ A_inverse) ** 2
-    return np.asarray(moved.reshape(J.shape[1], -1, len(A_inverse)).sum(axis=1))
+    return np.asarray(moved.reshape(J.shape[1], -1, len(A_inverse)).sum(axis=1)), block_disagreement(blocks, A_inverse)
 
 
 def _block(
@@ -273,14 +274,19 @@ def block_variance(blocks: Sequence[Blocks], A_inverse: FloatArray) -> FloatArra
     return np.asarray(t**2 * n / (n - 1) * np.sum(moved**2, axis=0))
 
 
-def disagreement(blocks: Sequence[Blocks], A_inverse: FloatArray) -> float:
-    """T of the blocks whose noise is known; NaN where that is none, or too few to disagree."""
-    total, rank = 0.0, -int(np.count_nonzero(np.diag(A_inverse) > 0))
-    scale = np.sqrt(np.diag(A_inverse))
-    for block in blocks:
-        for pull, noise in zip(block.pull, () if block.noise is None else block.noise, strict=block.noise is not None):
-            values, vectors = np.linalg.eigh(symmetric(noise, len(pull)) * np.outer(scale, scale))
-            known = values > 1e-9 * max(float(values[-1]), 1e-300)
-            total += float(np.sum((vectors[:, known].T @ (scale * pull)) ** 2 / values[known]))
-            rank += int(np.count_nonzero(known))
-    return total / rank if rank > 0 else math.nan
+def disagreement(of_each: Iterable[tuple[float, int]], n_x: int) -> float:
+    """T from the `block_disagreement` of each configuration; NaN without more of them than n_x unknowns."""
+    totals, ranks = zip(*of_each, strict=True)
+    rank = sum(ranks) - n_x
+    return sum(totals) / rank if rank > 0 else math.nan
+
+
+def block_disagreement(blocks: Blocks, A_inverse: FloatArray) -> tuple[float, int]:
+    """sum g_b^T S_b^+ g_b of the blocks of one configuration, and the ranks of S_b; 0 of both without noise."""
+    total, rank, scale = 0.0, 0, np.sqrt(np.diag(A_inverse))
+    for pull, noise in zip(blocks.pull, () if blocks.noise is None else blocks.noise, strict=blocks.noise is not None):
+        values, vectors = np.linalg.eigh(symmetric(noise, len(pull)) * np.outer(scale, scale))
+        known = values > 1e-9 * max(float(values[-1]), 1e-300)
+        total += float(np.sum((vectors[:, known].T @ (scale * pull)) ** 2 / values[known]))
+        rank += int(np.count_nonzero(known))
+    return total, rank

@@ -13,6 +13,7 @@ from elastid.fit.line_sums import (
     LineSums,
     autocovariance,
     bands,
+    block_disagreement,
     block_variance,
     disagreement,
     jackknife_variance,
@@ -36,7 +37,7 @@ def drawn(rng: np.random.Generator, length: int, band: int) -> tuple[np.ndarray,
         blocks = [Blocks(pull, known[:, *np.triu_indices(N_X)])]
         found.append(x)
         stated.append(block_variance(blocks, A_inverse))
-        parted.append(disagreement(blocks, A_inverse))
+        parted.append(disagreement([block_disagreement(each, A_inverse) for each in blocks], N_X))
     return np.array(found), np.array(stated), parted
 
 
@@ -73,7 +74,7 @@ def test_bands_are_twice_as_long_as_the_residuals_are_correlated() -> None:
 def test_few_blocks_and_unknown_noise_say_nothing() -> None:
     """One block has no scatter; pulls without a covariance do not disagree."""
     assert not block_variance([Blocks(np.ones((1, 2)), None)], np.eye(2)).any()
-    assert np.isnan(disagreement([Blocks(np.ones((5, 2)), None)], np.eye(2)))
+    assert np.isnan(disagreement([block_disagreement(Blocks(np.ones((5, 2)), None), np.eye(2))], 2))
 
 
 def evidence_of(J, r) -> LineSums:
