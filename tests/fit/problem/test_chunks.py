@@ -22,7 +22,7 @@ Q = 18  # two chunks
 
 @pytest.fixture
 def responses(tmp_path, monkeypatch):
-    """Of a plant in many configurations on 49 lines: covariances stay in their file, the smoothed first one beside it."""
+    """A plant in many configurations on 49 lines: covariances stay in their file, a smoothed one beside it."""
     rng, model = np.random.default_rng(0), plant((0, 1, 2))
     every = []
     for i in range(Q):
