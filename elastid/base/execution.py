@@ -34,7 +34,7 @@ SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 
 @contextmanager
 def on_dask(address: str) -> Iterator[None]:
-    """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address changes nothing.
+    """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address: to processes.
 
     Raises ElastidError where Dask is not installed, StudyError for a text that is no address.
     """

@@ -137,7 +137,8 @@ def estimate_uncertainty(
     static_r, static_J = _static(fit, x, len(factors))
     configurations = list(zip(fit.parts, responses, weights, strict=True))
     R = np.vstack([np.diag(prior), static_J])
-    for own in work.in_turn(partial(triangle, bare, x, factors), configurations):  # R of the stacked J = Q R
+    pairs = list(zip(fit.parts, responses, strict=True))
+    for own in work.in_turn(partial(triangle, bare, x, factors), pairs):  # R of the stacked J = Q R
         R = np.asarray(np.linalg.qr(np.vstack([R, own]), mode="r"))
     half, singular_values, unreached, weakest = inverse_information(R)
     parts, floor_pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
@@ -177,8 +178,9 @@ def estimate_uncertainty(
     share, band_hz = information_shares(power, [part.freq_hz for part in parts], by_loads)
     kept = slice(n_x)  # the factors are no part of the result
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
+    parted = disagreement([part.disagreement for part in parts], len(half))
     estimate = covariance[kept, kept], singular_values, unreached[kept]
-    return Uncertainty(*estimate, *by_noise, *information, disagreement(blocks), shift[kept], repeated[kept])
+    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept])
 
 
 def _static(fit: ElasticFit, x: FloatArray, n_factors: int) -> tuple[FloatArray, FloatArray]:

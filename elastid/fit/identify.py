@@ -19,7 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError, check_kind
-from elastid.base.execution import Execution, on_dask
+from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit import checks
 from elastid.fit.assembly import (
@@ -172,10 +172,8 @@ def _from_all_starts(
     drawn = feasible_starts(
         spread(parameters, spec.starts, spec.start_factor, spec.seed or 0), fit.inertias, parameters
     )
-    if fit.placed is None:
-        return multistart(problems, drawn, spec.solver, execution)
-    with on_dask(""):  # one start after the other: all workers have their configurations of each
-        return multistart(problems, drawn, spec.solver, replace(execution, jobs=1))
+    with fit.evaluated_by(execution) as alone:
+        return multistart(problems, drawn, spec.solver, alone)
 
 
 def _at_start(assembly: Assembly, x: FloatArray, execution: Execution) -> ElasticFit:

@@ -315,7 +315,8 @@ def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
-        names, left = choose_profiles(problem, x, variance, execution.quiet)
+        with optimum.fit.evaluated_by(execution.quiet) as alone:
+            names, left = choose_profiles(problem, x, variance, alone)
         text = (
             f"{', '.join(names)}: the cost is not quadratic over the symmetric interval (in the logarithm, of a "
             "positive parameter); the interval is by profile likelihood"
@@ -327,7 +328,8 @@ def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec
     else:
         names = match_names(spec.profile, result.parameters)
     if names:
-        ends = profile_ends(problem, x, variance, names, execution)
+        with optimum.fit.evaluated_by(execution) as alone:
+            ends = profile_ends(problem, x, variance, names, alone)
         result = replace(result, profile95=_natural(result.parameters, ends))
     if spec.bootstrap:
         kind, weights = spec.bootstrap_kind, optimum.weights

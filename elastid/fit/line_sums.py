@@ -23,7 +23,7 @@ few configurations or blocks: the 97.5 % point of Student's distribution over th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -47,7 +47,8 @@ class LineSums:
     rows (n_x, n_x): a triangle with the J^T J of its part.  power (F, n_p): of each line, what it contributes to the
     variances of the n_p parameters: [A^-1 A_k A^-1]_ii, A_k = J_k^T J_k.  autocovariance (F,): Re sum r_k^* r_{k+l} of
     its whitened residuals, by lag.  n_residuals: real ones that are not zero.  pull (n_x, F): J_k^T r_k of each line.
-    blocks: the pulls summed over bands, with their covariance under the measured noise.  noise_power: E|r|^2 under it,
+    blocks: the pulls summed over bands, with their covariance under the measured noise.  disagreement: theirs
+    (`block_disagreement`).  noise_power: E|r|^2 under it,
     noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both NaN where
     no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
     exactly or not at all.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
@@ -62,6 +63,7 @@ class LineSums:
     n_residuals: int
     pull: FloatArray
     blocks: Blocks
+    disagreement: tuple[float, int]
     noise_power: float
     noise_spread: float
     noise_dof: float
@@ -74,17 +76,20 @@ class LineSums:
         return float(self.autocovariance[0])
 
 
-Configuration = tuple[Part, FrequencyResponse, Weights]
-
-
-def triangle(fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], configuration: Configuration) -> FloatArray:
+def triangle(
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], configuration: tuple[Part, FrequencyResponse]
+) -> FloatArray:
     """R (n_x, n_x) of J = Q R of one configuration; arguments as `sum_lines`."""
-    part, response, _ = configuration
+    part, response = configuration
     return _triangle(_rows(_block(fit, x, factors, part, response, part.mixing)[1]))
 
 
 def sum_lines(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], half: FloatArray, configuration: Configuration
+    fit: ElasticFit,
+    x: FloatArray,
+    factors: Sequence[Factor],
+    half: FloatArray,
+    configuration: tuple[Part, FrequencyResponse, Weights],
 ) -> LineSums:
     """The sums of one configuration at x (n_p,); fit: whose parameters count.
 
@@ -121,7 +126,7 @@ def sum_lines(
     floor_pull = _coherent(response, pulls.transpose(1, 0, 2))
     noise_sums, floor_sums = (power, spread, dof), (floor_power, floor_pull)
     own = response.freq_hz, _triangle(rows), power_of_lines
-    return LineSums(*own, lags, n_residuals, pull, blocks, *noise_sums, *floor_sums)
+    return LineSums(*own, lags, n_residuals, pull, blocks, block_disagreement(blocks), *noise_sums, *floor_sums)
 
 
 def _block(
@@ -280,13 +285,19 @@ def block_variance(blocks: Sequence[Blocks], half: FloatArray) -> FloatArray:
     return np.asarray(t**2 * n / (n - 1) * np.sum(moved**2, axis=0))
 
 
-def disagreement(blocks: Sequence[Blocks]) -> float:
-    """T of the blocks whose noise is known; NaN where that is none, or too few to disagree."""
-    total, rank = 0.0, -(blocks[0].pull.shape[1] if blocks else 0)
-    for block in blocks:
-        for pull, noise in zip(block.pull, () if block.noise is None else block.noise, strict=block.noise is not None):
-            values, vectors = np.linalg.eigh(symmetric(noise, len(pull)))
-            known = values > 1e-9 * max(float(values[-1]), 1e-300)
-            total += float(np.sum((vectors[:, known].T @ pull) ** 2 / values[known]))
-            rank += int(np.count_nonzero(known))
-    return total / rank if rank > 0 else math.nan
+def disagreement(of_each: Iterable[tuple[float, int]], n_x: int) -> float:
+    """T from the `block_disagreement` of each configuration; NaN without more of them than n_x unknowns."""
+    totals, ranks = zip(*of_each, strict=True)
+    rank = sum(ranks) - n_x
+    return sum(totals) / rank if rank > 0 else math.nan
+
+
+def block_disagreement(blocks: Blocks) -> tuple[float, int]:
+    """sum g_b^T S_b^+ g_b of the blocks of one configuration, and the ranks of S_b; 0 of both without noise."""
+    total, rank = 0.0, 0
+    for pull, noise in zip(blocks.pull, () if blocks.noise is None else blocks.noise, strict=blocks.noise is not None):
+        values, vectors = np.linalg.eigh(symmetric(noise, len(pull)))
+        known = values > 1e-9 * max(float(values[-1]), 1e-300)
+        total += float(np.sum((vectors[:, known].T @ pull) ** 2 / values[known]))
+        rank += int(np.count_nonzero(known))
+    return total, rank

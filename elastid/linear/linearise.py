@@ -26,9 +26,10 @@ constraint.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -184,11 +185,18 @@ class Linearisation:
 
     matrices(q, lambda_, theta) -> lower triangles of M, D, K side by side (n_q (n_q + 1) / 2, 3), and their Jacobian to
     theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.  point: None where the operating point is held.
+    recipe: arguments of `of_robot`, all that goes to another process where they are known, a thousandth of the rest.
     """
 
     model: ElasticModel
     matrices: ca.Function
     point: PointDerivatives | None
+    recipe: tuple[Robot, ModelSpec, tuple[str, ...]] | None = None
+
+    def __reduce__(self) -> tuple[Callable[..., Linearisation], tuple[Any, ...]]:
+        if self.recipe is not None:
+            return _linearised, self.recipe
+        return Linearisation, (self.model, self.matrices, self.point)
 
     @property
     def follows(self) -> bool:
@@ -279,7 +287,7 @@ def _moves_with_parameters(model: ElasticModel) -> bool:
 
 @lru_cache(maxsize=4)
 def _linearised(robot: Robot, spec: ModelSpec, geometry: tuple[str, ...]) -> Linearisation:
-    return Linearisation.of(formulate(robot, spec, geometry))
+    return replace(Linearisation.of(formulate(robot, spec, geometry)), recipe=(robot, spec, geometry))
 
 
 def linearise(

@@ -1,12 +1,17 @@
-"""Peak memory of a fit of a thousand configurations whose lines have full covariances, from its file.
+"""Peak memory of a fit of a thousand configurations whose lines have full covariances, and what workers win.
 
-    python scripts/benchmarks/large_fit.py [--quick] [--configurations Q] [--folder F]
+    python scripts/benchmarks/large_fit.py [--quick] [--configurations Q] [--jobs N] [--folder F]
 
 The robot of fit.py, 18 coordinates and 40 parameters, 200 lines, six inputs and outputs, a covariance of 36 x 36 at
 every line: 4.2 MB a configuration in frf.h5, whose arrays stay in the file. Two starts, a floor of 1 %, no profiles;
 search, covariance of the estimate and diagnosis as in a study. File and fit are made by processes of their own; the
-peak is all memory that the fit ever had (ru_maxrss), pages of the file included. Linux only. The last line is one
-JSON object.
+peak is all memory that the fit ever had (ru_maxrss), pages of the file included.
+
+--jobs N (1): the same fit by N worker processes, too, which must end in the same numbers. CPU seconds of the process
+that asks, which no worker takes from it, and of the workers; what one worker and 64 would take of the fit by one
+process, if each had a processor of its own; and the bytes that went to workers. Linux only.
+
+The last line is one JSON object.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -23,12 +28,18 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
+from hashlib import sha256
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from fit import IDENTIFIED, build_robot, measured
 from timing import machine
 
+from elastid.base.execution import Execution
+from elastid.base.workers import lasting_workers
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.store.measured import read_responses, write_responses
@@ -39,19 +50,78 @@ def write(path: Path, Q: int, F: int) -> None:
     write_responses(path, measured(build_robot(), Q, np.linspace(2.0, 100.0, F)))
 
 
-def fit(path: Path) -> None:
+def fit(path: Path, jobs: int) -> None:
     """The fit of a file, and what it took, as JSON."""
     spec = FitSpec(
         parameters={name: ParameterSpec() for name in IDENTIFIED}, starts=2, seed=1, profile=(),
         weights=WeightSpec(floor=0.01),
     )  # fmt: skip
-    begin = time.process_time()
+    sent, send = [0], Connection.send_bytes
+
+    def counted(self: Connection, data: bytes, *further: int) -> None:
+        sent[0] += len(data)
+        send(self, data, *further)
+
+    Connection.send_bytes = counted  # type: ignore[method-assign]
+    wall, begin = time.perf_counter(), time.process_time()
     responses = read_responses(path)
-    result = identify(responses, build_robot(), spec)
-    peak_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
-    cpu_s = time.process_time() - begin
-    found = {"status": result.status, "hits": result.hits, "V_over_expected": result.cost / result.cost_expected}
-    print(json.dumps({"configurations": len(responses), "peak_gb": peak_gb, "cpu_s": cpu_s, **found}))
+    with lasting_workers():
+        result = identify(responses, build_robot(), spec, execution=Execution(jobs))
+        found = {
+            "configurations": len(responses),
+            "peak_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
+            "cpu_s": time.process_time() - begin,
+            "wall_s": time.perf_counter() - wall,
+            "sent_mb": sent[0] / 1e6,
+            "status": result.status,
+            "hits": result.hits,
+            "V_over_expected": result.cost / result.cost_expected,
+            "sha256": sha256(result.x.tobytes() + result.covariance.tobytes()).hexdigest()[:16],
+        }
+    print(json.dumps(found))
+
+
+def run(path: Path, jobs: int) -> dict[str, Any]:
+    """The fit in a process of its own, and the CPU seconds of that one's descendants."""
+    command = [sys.executable, __file__, "--fit", str(path), "--jobs", str(jobs)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        seconds: dict[int, float] = {}
+        while process.poll() is None:
+            seconds |= cpu_of_descendants(process.pid)
+            time.sleep(0.2)
+        assert process.stdout is not None
+        found: dict[str, Any] = json.loads(process.stdout.read())
+    return found | {"workers_cpu_s": sum(seconds.values())}
+
+
+def cpu_of_descendants(pid: int) -> dict[int, float]:
+    """CPU seconds by process of all that a process has started, and of what those have."""
+    parents, seconds = dict[int, int](), dict[int, float]()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            fields = stat.read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+            parents[int(stat.parent.name)] = int(fields[1])
+            seconds[int(stat.parent.name)] = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def descends(child: int) -> bool:
+        return child in parents and (parents[child] == pid or descends(parents[child]))
+
+    return {child: seconds[child] for child in parents if descends(child)}
+
+
+def of_workers(one: dict[str, Any], many: dict[str, Any], jobs: int) -> dict[str, float]:
+    """What workers win, each with a processor of its own: the asking process works while they wait."""
+    assert one["sha256"] == many["sha256"]
+    own, theirs = many["cpu_s"], many["workers_cpu_s"]
+    return {
+        "asking_cpu_s": own,
+        "workers_cpu_s": theirs,
+        "serial_share": own / (own + theirs),
+        "sent_mb": many["sent_mb"],
+        "workers_peak_gb": many["peak_gb"],
+        f"wall_{jobs}_over_1": one["wall_s"] / many["wall_s"],
+        **{f"model_{n}_over_1": one["cpu_s"] / (own + theirs / n) for n in sorted({jobs, 64})},
+    }
 
 
 def main() -> None:
@@ -59,6 +129,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="three configurations, to see that it runs")
     parser.add_argument("--configurations", type=int, default=1000)
+    parser.add_argument("--jobs", type=int, default=1, help="worker processes of a second fit (default: none)")
     parser.add_argument("--folder", type=Path, help="for the file (default: a temporary one)")
     parser.add_argument("--write", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--fit", type=Path, help=argparse.SUPPRESS)
@@ -67,15 +138,17 @@ def main() -> None:
     if given.write:
         write(given.write, Q, F)
     elif given.fit:
-        fit(given.fit)
+        fit(given.fit, given.jobs)
     else:
         print(machine(), flush=True)
         with tempfile.TemporaryDirectory(dir=given.folder) as folder:
             path, size = Path(folder) / "frf.h5", ["--configurations", str(Q), *(["--quick"] if given.quick else [])]
             subprocess.run([sys.executable, __file__, "--write", path, *size], check=True)
-            answer = subprocess.run([sys.executable, __file__, "--fit", path], check=True, capture_output=True)
-            found = json.loads(answer.stdout) | {"file_gb": path.stat().st_size / 1e9}
-        print(json.dumps({name: round(v, 2) if isinstance(v, float) else v for name, v in found.items()}))
+            found = run(path, 1)
+            if given.jobs > 1:
+                found |= of_workers(found, run(path, given.jobs), given.jobs)
+            found["file_gb"] = path.stat().st_size / 1e9
+        print(json.dumps({name: round(v, 3) if isinstance(v, float) else v for name, v in found.items()}))
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 from plants.three_mass import fit_of, measured, noise_of, parameters, plant
 
 from elastid.base.errors import ElastidError, StudyError
-from elastid.base.execution import SCHEDULER, on_dask, ordered, surviving
+from elastid.base.execution import SCHEDULER, Execution, on_dask, ordered, surviving
+from elastid.base.placed import Placed
 from elastid.fit.solve.solvers import multistart, spread
 
 distributed = pytest.importorskip("distributed")
@@ -119,6 +121,29 @@ def test_a_multistart_on_a_cluster_is_that_of_one_process(address):
         assert (one.cost, one.message) == (other.cost, other.message)
     with on_dask(address), pytest.raises(ValueError, match=r"math domain|nonnegative"):
         ordered(math.sqrt, [1.0, -1.0], 1)
+
+
+def process(item: int) -> int:
+    return os.getpid()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_items_stay_at_workers_of_a_cluster_and_are_asked_there(address, tmp_path):
+    """Each at one of them; a worker that dies is followed by one that has the items as they were last."""
+    with on_dask(address):
+        there = Placed([1, 3, 5], Execution())
+    processes = there.ask(process)
+    assert processes[0] != processes[1] == processes[2]
+    assert there.ask(process) == processes
+    there.change([1, 9, 25], [killed_at_two] * 3)
+    assert there.ask(math.sqrt) == [1.0, 3.0, 5.0]
+    there.change([1, 3, 5], [math.isqrt] * 3)
+    assert there.ask(DyingOnce(tmp_path)) == [1, 9, 25]
+    assert (tmp_path / "died").exists()
+    assert there.ask(float) == [1.0, 3.0, 5.0]
+    with pytest.raises(TypeError, match=r"string pattern|expected string"):
+        there.ask(re.compile("x").match)
 
 
 @pytest.mark.filterwarnings("default")

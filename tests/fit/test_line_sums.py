@@ -13,6 +13,7 @@ from elastid.fit.line_sums import (
     LineSums,
     autocovariance,
     bands,
+    block_disagreement,
     block_variance,
     disagreement,
     jackknife_variance,
@@ -36,7 +37,7 @@ def drawn(rng: np.random.Generator, length: int, band: int) -> tuple[np.ndarray,
         blocks = [Blocks(pull, known[:, *np.triu_indices(N_X)])]
         found.append(x)
         stated.append(block_variance(blocks, A_inverse))
-        parted.append(disagreement(blocks))
+        parted.append(disagreement([block_disagreement(each) for each in blocks], N_X))
     return np.array(found), np.array(stated), parted
 
 
@@ -73,14 +74,14 @@ def test_bands_are_twice_as_long_as_the_residuals_are_correlated() -> None:
 def test_few_blocks_and_unknown_noise_say_nothing() -> None:
     """One block has no scatter; pulls without a covariance do not disagree."""
     assert not block_variance([Blocks(np.ones((1, 2)), None)], np.eye(2)).any()
-    assert np.isnan(disagreement([Blocks(np.ones((5, 2)), None)]))
+    assert np.isnan(disagreement([block_disagreement(Blocks(np.ones((5, 2)), None))], 2))
 
 
 def evidence_of(J, r) -> LineSums:
     """A configuration of real residuals r (N,) with slopes J (N, n_x)."""
     pull = (J * r[:, None]).T
     lags, unknown = autocovariance(r[:, None] + 0j), (np.nan, np.nan, np.inf, 0.0, {})
-    return LineSums(np.ones(len(r)), J, J**2, lags, len(r), pull, Blocks(pull.T, None), *unknown)
+    return LineSums(np.ones(len(r)), J, J**2, lags, len(r), pull, Blocks(pull.T, None), (0.0, 0), *unknown)
 
 
 def left_out(blocks, y):

@@ -31,8 +31,8 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
-from elastid.fit.diagnosis.prediction import STEP_STD, evaluate, squares, thinned
-from elastid.fit.diagnosis.sensitivities import Evaluated
+from elastid.fit.diagnosis.prediction import STEP_STD, evaluate, spread_out, squares, thinned
+from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel
 from elastid.fit.problem.elastic import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.result import ModificationIndex
@@ -40,6 +40,7 @@ from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import factor
 from elastid.parameters import Parameter, ParameterSet, Tie
+from elastid.response import FrequencyResponse
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,11 @@ def find_missing_springs(
 
 @dataclass(frozen=True, eq=False)
 class _Spring:
-    """A coordinate that becomes elastic: name of its stiffness, the fit with it, x (n_x + 1,), and V after a step."""
+    """A coordinate that becomes elastic: name of its stiffness k, d / k in s, x (n_x + 1,), and V after a step."""
 
     name: str
-    fit: ElasticFit
+    stiffness: float
+    damping_ratio: float
     x: FloatArray
     predicted: float
 
@@ -88,13 +90,9 @@ class _Spring:
 def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     """The springs at the stiffnesses about which V has a minimum."""
     assembly, optimum, held = evidence.assembly, evidence.optimum, scores.held
-    fit, x = thinned(optimum.fit), optimum.end.x
-    # The model of each configuration at x, its rigid coordinates with stiff springs.
-    count = len(held.linearisation.model.parameters) + 1
-    thetas = [held.theta(assembly.parameters, x, G.configuration.name)[:count] for G in assembly.responses]
-    linear = (linear_model(held.linearisation, *pair) for pair in zip(assembly.responses, thetas, strict=True))
-    models = [replace(model, theta_ref=theta) for model, theta in zip(linear, thetas, strict=True)]
-
+    every, x = spread_out(len(optimum.fit.parts)), optimum.end.x
+    some = replace(optimum.fit, parts=optimum.fit.parts[every])
+    fit, models = thinned(some), _models(evidence, held, assembly.responses[every])
     springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
     damped = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
     evaluated, ratio = evaluate(fit, x), float(np.median(damped)) if damped else 1e-3
@@ -104,12 +102,27 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
         stiffnesses = _stiffnesses(name, used, fit)
         costs = released_costs(evaluated, used, name, stiffnesses, ratio, fit.prior_slopes)
         for k in stiffnesses[_minima(costs, LIMITS.dip * scores.level) & (costs < LIMITS.screened_ratio * V)]:
-            sprung = _with_spring(optimum.fit, name, float(k), ratio, models, assembly)
+            sprung = _with_spring(some, name, float(k), ratio, models, assembly)
             known = dict(zip(assembly.parameters.free_names, x.tolist(), strict=True))
             start = np.array([known.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
             step, predicted = _damped_step(thinned(sprung), start)
             if predicted < LIMITS.predicted_ratio * V:
-                yield _Spring(name, sprung, np.clip(start + step, *sprung.parameters.x_bounds), predicted)
+                end = np.clip(start + step, *sprung.parameters.x_bounds)
+                yield _Spring(name, float(k), ratio, end, predicted)
+
+
+def _models(evidence: Evidence, held: HeldModel, responses: Sequence[FrequencyResponse]) -> list[LinearModel]:
+    """The model of each response at the optimum, its rigid coordinates with stiff springs."""
+    x, fitted = evidence.optimum.end.x, evidence.assembly.parameters
+    count, rigid = len(held.linearisation.model.parameters) + 1, held.rigid
+    kept = {*fitted.names, *rigid, *(f"d{name[1:]}" for name in rigid)}
+    models = []
+    for response in responses:
+        theta = held.theta(fitted, x, response.configuration.name)[:count]
+        model = linear_model(held.linearisation, response, theta)
+        slopes = {name: slope for name, slope in model.slopes.items() if name in kept}
+        models.append(replace(model, theta_ref=theta, slopes=slopes))
+    return models
 
 
 def _minima(costs: FloatArray, depth: float) -> BoolArray:
@@ -158,19 +171,21 @@ def _damped_step(fit: ElasticFit, x: FloatArray) -> tuple[FloatArray, float]:
 
 def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> ModificationIndex | None:
     """V and the parameters of the fit where the solver follows a spring; None where V does not fall."""
-    optimum, result = evidence.optimum, evidence.result
+    assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
+    models = _models(evidence, scores.held, assembly.responses)
+    fit = _with_spring(optimum.fit, spring.name, spring.stiffness, spring.damping_ratio, models, assembly)
     try:
-        end = solve(spring.fit.problem, spring.x, ROUGH, LIMITS.iterations)
+        end = solve(fit.problem, spring.x, ROUGH, LIMITS.iterations)
     except FitError:
         return None
     before = replace(optimum.fit, loads=None).evaluate(optimum.end.x).cost
     drop = min(before, scores.cost) - end.cost
     if not drop > 0:
         return None
-    estimates = dict(zip(spring.fit.parameters.free_names, end.x.tolist(), strict=True))
+    estimates = dict(zip(fit.parameters.free_names, end.x.tolist(), strict=True))
     k = math.exp(estimates[spring.name])
-    place = spring.fit.parameters.free_names.index(spring.name)
-    variance = np.linalg.pinv(spring.fit.evaluate(end.x).hessian / 2, hermitian=True)[place, place]
+    place = fit.parameters.free_names.index(spring.name)
+    variance = np.linalg.pinv(fit.evaluate(end.x).hessian / 2, hermitian=True)[place, place]
     name = scores.held.rigid[spring.name]
     return ModificationIndex(
         name=name,

@@ -51,6 +51,15 @@ class Prediction:
 AS_READ = Reading("as read", "", lambda _, values: values)
 
 
+# Configurations that a judgement of all together takes; of more, every so many.
+CONFIGURATIONS = 32
+
+
+def spread_out(count: int) -> slice:
+    """So many of a number of configurations, spread over all of them."""
+    return slice(None, None, max(1, math.ceil(count / CONFIGURATIONS)))
+
+
 def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
     """The fit on every so many lines of each configuration, about so many real residuals in total.
 

@@ -14,7 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.candidates import OF_POSTURES, candidates
 from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Scores, hypothesis_of
-from elastid.fit.diagnosis.prediction import thinned
+from elastid.fit.diagnosis.prediction import spread_out, thinned
 from elastid.fit.diagnosis.score_test import HeldNumber, ScoreTest, free_step
 from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held
 from elastid.fit.problem.elastic import ElasticFit
@@ -22,7 +22,6 @@ from elastid.fit.problem.part import Part
 from elastid.fit.solve.solvers import ROUGH, solve
 
 RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
-CONFIGURATIONS = 32  # of it, each of which brings some twenty numbers; with more, every so many are taken
 
 
 @dataclass(frozen=True)
@@ -43,9 +42,11 @@ _Sums: TypeAlias = tuple[FloatArray, FloatArray, float, tuple[str, ...]]
 def score(evidence: Evidence) -> Scores:
     """The score test at the optimum; parameters at a bound stay there."""
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
-    held, thin = HeldModel.of(assembly, fit.parts[0].kernel.model), thinned(_some(fit), RESIDUALS)
+    held = HeldModel.of(assembly, fit.parts[0].kernel.model)
+    # Each configuration brings some twenty numbers.
+    thin = thinned(replace(fit, parts=fit.parts[spread_out(len(fit.parts))]), RESIDUALS)
     columns = tuple(h.columns for h in evidence.hypotheses if h.columns is not None)
-    sums = partial(_sums, held, thin, x, columns)
+    sums = partial(_sums, held, replace(thin, parts=()), x, columns)  # each part goes by itself
     A, b, V, names = _added(evidence.execution.ordered(sums, [part for part in thin.parts if part.n_residuals]), len(x))
     numbers, scale = _held_numbers(names, evidence, held, x)
     every, lines = np.concatenate([np.ones(len(x)), scale]), thin.n_residuals / max(fit.n_residuals, 1)
@@ -61,11 +62,6 @@ def score(evidence: Evidence) -> Scores:
     noise, V = evidence.noise_cost * lines, V + pull - drop
     level = (noise or V) / max(thin.n_residuals - len(x), 1)
     return Scores(held, test, freed, V - noise, level, lines, evidence.noise_cost, moved)
-
-
-def _some(fit: ElasticFit) -> ElasticFit:
-    """The fit on as many configurations as the score test takes."""
-    return replace(fit, parts=fit.parts[:: math.ceil(len(fit.parts) / CONFIGURATIONS)])
 
 
 def at_file(evidence: Evidence) -> Evidence | None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution
+from elastid.base.execution import Execution, on_dask
 from elastid.fit.problem.chunks import Chunk, PlacedChunks, chunked
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, as_real, error_gain
@@ -65,6 +66,15 @@ class ElasticFit:
         if not (is_large and execution.is_shared):
             return self
         return replace(self, placed=PlacedChunks(self.parameters, self.parts, execution))
+
+    @contextmanager
+    def evaluated_by(self, execution: Execution) -> Iterator[Execution]:
+        """The execution of work that evaluates it: one item after the other where its configurations are at workers."""
+        if self.placed is None:
+            yield execution
+            return
+        with on_dask(""):
+            yield replace(execution, jobs=1)
 
     @property
     def n_residuals(self) -> int:
