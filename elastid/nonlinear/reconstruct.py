@@ -176,7 +176,8 @@ class _HeldMotor:
         n, half = len(self.u), len(self.Y)
         lines = 3 * n // 2 + 1
         torque = self.held.spectrum(lines) - self._friction_at_first[1].spectrum(lines)
-        return np.asarray(-self.kappa * self.a * torque[half:] / laplace(lines, n, 1.0)[half:] ** 4)
+        square = laplace(lines, n, 1.0)[half:] ** 2  # NumPy's fourth power is slow
+        return np.asarray(-self.kappa * self.a * torque[half:] / square**2)
 
     @cached_property
     def _images_of_spring(self) -> ComplexArray:
