@@ -14,7 +14,7 @@ from elastid.record import MOTION_ORDER, Record
 
 # Cells of the fine grid in a sample, where the motion above half the rate is not known.
 CELLS = 8
-# As many are enough for a choice between shapes, and levels to begin with: they move by 2e-4.
+# As many do for a choice between shapes, and for levels to begin with.
 FEW_CELLS = 4
 # Lines of the period are kept as they are unless the velocity has more noise than this part of its RMS, since friction
 # moves the motor a little at all of them. All others are filtered, over so many neighbours.

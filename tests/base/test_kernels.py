@@ -14,7 +14,7 @@ from plants.three_mass import circular
 from elastid.app.work import software
 from elastid.base import kernels
 from elastid.frf import matrices
-from elastid.friction.operators import Path, bristle
+from elastid.friction import operators
 from elastid.linear.response.ldl import Elimination, Leaves
 from elastid.nonlinear.shapes import Shape, sliding_means
 
@@ -55,7 +55,7 @@ def results(level: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray
             "positive part": matrices.positive(B + matrices.adjoint(B)),
             "responses": Elimination.of(np.ones((6, 6), bool)).products(M, D, K, np.linspace(0.1, 9.0, 37), *sides),
             "sliding": sliding_means(velocity, friction),
-            "bristle": bristle(Path.of(velocity.ravel()), 0.2),
+            "bristle": operators.bristle(operators.Path.of(velocity.ravel()), 0.2),
         }
     kernels._kernel.cache_clear()
     return values
