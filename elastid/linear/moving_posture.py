@@ -40,8 +40,8 @@ from elastid.response import FrequencyResponse, MotorMotion
 _MOST_LINES, _FEW = 48, 8
 # Standard deviations that the effect may have, of all elements together, before it is worked out.
 NEGLIGIBLE = 0.1
-# The error of an effect on m lines, of the effect: this over m^2 (on six axes; 5 % on 24 lines). As many are taken as
-# make it half of what is negligible; their work grows with m^2.
+# An effect on m lines is off by about this over m^2 of itself. As many are taken as make that half of what is
+# negligible, since their work grows with m^2.
 _LINES_ERROR = 30.0
 # A mean farther from the configuration than so many times the mean square of the motion is no effect of that: a zero of
 # the encoder, or a posture that was given in round numbers.

@@ -18,7 +18,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.moving_posture import effect_of_motion, posture_effect
+from elastid.linear.moving_posture import NEGLIGIBLE, effect_of_motion, posture_effect
 from elastid.linear.response.transfer import to_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.spec import ModelSpec
@@ -161,6 +161,12 @@ def test_many_lines_are_put_together_and_interpolated() -> None:
         for most in (100, 48)
     )
     np.testing.assert_allclose(thinned, every, atol=0.03 * np.abs(every).max())
+    # Of one standard deviation of all elements together, as few as leave less than what is negligible of that.
+    response = replace(to_response(linear, linear.theta_ref, freq_hz), motion=replace(few, freq_hz=lines, power=power))
+    variance = np.full(every.shape, 2 * np.sum(np.abs(every) ** 2))
+    enough = effect_of_motion(model, linear, linear.theta_ref, replace(response, noise=Covariance(variance, np.inf)))
+    assert enough is not None
+    assert 0 < np.sqrt(2 * np.sum(np.abs(enough - every) ** 2 / variance)) < NEGLIGIBLE
 
 
 def beyond_scatter(

@@ -183,7 +183,7 @@ def feed_forward_of(model: ElasticModel) -> FeedForward:
     return torque
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _feed_forward(model: ElasticModel, q0: tuple[float, ...], shape: tuple[int, ...], path: bytes) -> FloatArray:
     """The torque (n, n_u) along a path (3, n, n_u), kept since all runs of a configuration follow the same one."""
     return frozen(feed_forward(model, np.array(q0), *np.frombuffer(path).reshape(shape)))

@@ -354,8 +354,8 @@ def _solve(A: FloatArray, b: FloatArray, brakes: int) -> tuple[FloatArray, float
     columns = np.column_stack([A, b])
     products = columns.T @ columns
     size = np.sqrt(np.diag(products)) + 1e-300
-    # R of a QR, and Q^T b as its last column: to 1e-7 of the largest singular value, a tenth of the ridge below.
-    products = products / size / size[:, None] + 1e-14 * np.eye(len(size))
+    # R of a QR, and Q^T b as its last column: to 3e-7 of a column, a third of the ridge below.
+    products = products / size / size[:, None] + 1e-13 * np.eye(len(size))
     triangle, size = np.linalg.cholesky(products).T, size[:-1]
     R, pull = triangle[:-1, :-1], triangle[:-1, -1] * np.sqrt(b @ b)
     both = np.concatenate([R, -R[:, brakes:]], axis=1)
