@@ -89,22 +89,26 @@ def motion_of(record: Record, place: str) -> Motion:
     return Motion(x, start, record.rate_hz, noise, CELLS)
 
 
-def filtered(record: Record, Y: ComplexArray, order: int) -> tuple[ComplexArray, float]:
+def filtered(record: Record, Y: ComplexArray, order: int, most_noise: float = math.inf) -> tuple[ComplexArray, float]:
     """Of the DFT Y (n // 2 + 1,) of a motion what is not noise, and the deviation of the velocity by the noise left.
 
-    order: of the derivative of the angle that Y is.
+    order: of the derivative of the angle that Y is.  most_noise: power of the noise of a line, at most.
     """
     n = whole_samples(record)
     s = laplace(len(Y), n, record.rate_hz)
     power = np.abs(Y) ** 2
-    band = power[int((1 - 1 / 8) * len(power)) :]  # of the highest lines, where a robot barely moves
-    noise = float(np.median(band)) / np.log(2)
+    noise = min(noise_power(Y), most_noise)
     of_period = np.arange(len(Y)) % (n // record.period_samples) == 0
     kept = np.ones(len(Y))
     kept[~of_period] = _signal_share(power[~of_period], noise)
     if _velocity_noise(kept, s, noise, n, order) > _NOISY * _rms(integrated(kept * Y, s, order - 1), n):
         kept[of_period] = _signal_share(power[of_period], noise)
     return kept * Y, _velocity_noise(kept, s, noise, n, order)
+
+
+def noise_power(Y: ComplexArray) -> float:
+    """Power of the noise of a line in the DFT of a motion: that of the highest lines, where a robot barely moves."""
+    return float(np.median(np.abs(Y[int((1 - 1 / 8) * len(Y)) :]) ** 2) / np.log(2))
 
 
 def _signal_share(power: FloatArray, noise: float) -> FloatArray:
