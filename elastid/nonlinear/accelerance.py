@@ -112,7 +112,7 @@ def with_inertial_accelerance(
     Only of motors whose torque is held, with friction, where the regression is good.  execution: of the records.
     """
     accelerance, series, from_hz = (array.copy() for array in (friction.accelerance, friction.series, friction.from_hz))
-    lowest = _lowest_hz(float(friction.highest_hz[-1]), records[0].rate_hz)
+    lowest = _lowest_hz(friction, records[0].rate_hz)
     held = [place for place in friction.places if shows_images(records[0], place)]
     if not set(held) & set(friction.taken_places()):
         return friction
@@ -146,9 +146,10 @@ def _regression(X: ComplexArray, y: ComplexArray) -> tuple[FloatArray, float, fl
     return solution, float(np.sqrt(left / 2 * inverse[0, 0]) / size[0]), left
 
 
-def _lowest_hz(highest_hz: float, rate_hz: float) -> float:
-    """From where on a motor moves as an inertia on a spring, the excitation reaching up to `highest_hz`."""
-    return min(1.5 * highest_hz, 1 / 4 * rate_hz)
+def _lowest_hz(friction: FrictionTakenOut, rate_hz: float) -> float:
+    """From where on the series holds, beyond the excited lines and the poles next to them."""
+    poles_hz = np.sqrt(friction.above[-1, :, 5].max()) / (2 * np.pi)
+    return float(min(1.5 * max(friction.highest_hz[-1], poles_hz), 1 / 4 * rate_hz))
 
 
 def _equations(
@@ -159,7 +160,7 @@ def _equations(
     With y (n_m, N) at lines that hold what does not repeat; of one period those of the highest eighth, barely moved.
     """
     n, rate_hz = whole_samples(record), record.rate_hz
-    lowest, repeats = _lowest_hz(float(friction.highest_hz[-1]), rate_hz), n // record.period_samples
+    lowest, repeats = _lowest_hz(friction, rate_hz), n // record.period_samples
     every = np.arange(n // 2)
     above = line_frequencies(every, rate_hz, n) > lowest
     lines = every[above & (every % repeats == 0)]
