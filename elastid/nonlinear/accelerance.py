@@ -10,12 +10,13 @@ which is linear in its six numbers. (Levy, IRE Trans. Autom. Control 4, 1959; we
 Sanathanan and Koerner, IEEE Trans. Autom. Control 8, 1963.) Where a + c / s^2 describes these lines as well, it is an
 inertia on a spring whose other end rests.
 
-From 1.5 times the highest line on all images of its samples are known but for these two,
+From 1.5 times the highest line on all images of its samples are known but for these numbers,
 
-.. math:: y = a \Big[\frac{\tau}{s^2}\Big]_{folded} + b \Big[\frac{\tau}{s^4}\Big]_{folded}, \qquad
-          \tau = H u - \sum_i f_i \phi_i, \quad a = 1 / J, \quad b = -k / J^2
+.. math:: y = \sum_{i=0}^{4} a_i \Big[\frac{\tau}{s^{2+i}}\Big]_{folded}, \qquad \tau = H u - \sum_i f_i \phi_i,
+          \quad a_0 = 1 / J, \quad a_1 = -d / J^2, \quad a_2 = -k / J^2 + d^2 / J^3
 
-which a regression over these lines gives to some tenths of a percent, unless noise hides them.
+of which the last two count where a resonance is near. A regression over these lines gives a_0 to some tenths of a
+percent, unless noise hides them.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ from elastid.record import Motion as Quantity
 # The upper excited lines, from this part of the highest on, show how a motor moves above them, if that leaves at most
 # this part of its response.
 _UPPER, _UNEXPLAINED = 0.6, 0.1
-# A pair of poles must leave at most this part of what an inertia on a spring leaves.
-_POLES_GAIN = 0.5
+# Further numbers, for a resonance near the band, must leave at most this part of the power that is left without.
+_FURTHER_GAIN = 0.7
 # Of the power of the lines that show the acceleration per torque, at most, what does not repeat: a is then off by a
 # tenth of it, times the gain of the loop there, which is below one.
 _NOISE_SHARE = 0.1
@@ -88,7 +89,9 @@ def _continued(s: ComplexArray, A: ComplexArray) -> FloatArray:
         alpha, beta = poles[4:]
         weight = 1 / np.maximum(np.abs(x**2 + alpha * x + beta), 1e-6)
     is_stable = alpha > 0 and beta > 0
-    found, left = (poles, of_poles) if is_stable and poles[0] > 0 and of_poles < _POLES_GAIN * left else (plain, left)
+    found, left = (
+        (poles, of_poles) if is_stable and poles[0] > 0 and of_poles**2 < _FURTHER_GAIN * left**2 else (plain, left)
+    )
     if found[0] <= 0 or left > _UNEXPLAINED * size:
         return np.zeros(6)
     return np.asarray(found * top ** np.array([0, 1, 2, 4, 1, 2]))
@@ -108,56 +111,65 @@ def with_inertial_accelerance(
 
     Only of motors whose torque is held, with friction, where the regression is good.  execution: of the records.
     """
-    accelerance, stiffness, from_hz = (
-        array.copy() for array in (friction.accelerance, friction.stiffness, friction.from_hz)
-    )
-    lowest = _lowest_hz(float(friction.highest_hz[-1]), records[0].rate_hz)
-    taken_out = [place for place in friction.taken_places() if shows_images(records[0], place)]
-    motors = [m for m, place in enumerate(friction.places) if place in taken_out]
-    work = partial(_equations, [friction.places[m] for m in motors], friction)
+    accelerance, series, from_hz = (array.copy() for array in (friction.accelerance, friction.series, friction.from_hz))
+    lowest = _lowest_hz(friction, records[0].rate_hz)
+    held = [place for place in friction.places if shows_images(records[0], place)]
+    if not set(held) & set(friction.taken_places()):
+        return friction
     # Six records give it to less than a percent.
-    of_records = (execution or Execution()).ordered(work, records[:6]) if motors else []
-    for m, *parts in zip(motors, *of_records, strict=True):
-        X, y, other = (np.concatenate(equations, axis=-1) for equations in zip(*parts, strict=True))
+    of_records = (execution or Execution()).ordered(partial(_equations, held, friction), records[:6])
+    X, Y, others = (np.concatenate(parts, axis=-1) for parts in zip(*of_records, strict=True))
+    for i, place in enumerate(held):
         # The loop's torque answers noise as it answers motion: where y is noise, the regression finds -1 / C.
-        if np.mean(np.abs(other) ** 2) > _NOISE_SHARE * np.mean(np.abs(y) ** 2):
+        is_noise = np.mean(np.abs(others[i]) ** 2) > _NOISE_SHARE * np.mean(np.abs(Y[i]) ** 2)
+        if is_noise or place not in friction.taken_places():
             continue
-        A = (X.conj() @ X.T).real
-        solution = np.linalg.solve(A, (X.conj() @ y).real)
-        variance = np.mean(np.abs(y - solution @ X) ** 2) / 2 * np.linalg.inv(A)[0, 0]
+        m = friction.places.index(place)
+        short, longer = (_regression(X[i, :n], Y[i]) for n in (3, 5))
+        solution, std, _ = longer if longer[2] < _FURTHER_GAIN * short[2] else short
         # One of a larger standard deviation is not better than the excited lines, if they show one.
-        if np.sqrt(variance) < (0.03 if accelerance[m] > 0 else 0.1) * solution[0]:
-            accelerance[m] = solution[0]
-            stiffness[m] = -solution[1] / solution[0] * (2 * np.pi * lowest) ** 2
-            from_hz[m] = lowest
-    return replace(friction, accelerance=accelerance, stiffness=stiffness, from_hz=from_hz)
+        if std < (0.03 if accelerance[m] > 0 else 0.1) * solution[0]:
+            accelerance[m], from_hz[m] = solution[0], lowest
+            series[m] = 0.0
+            series[m, : len(solution) - 1] = (
+                solution[1:] / solution[0] * (2 * np.pi * lowest) ** np.arange(1, len(solution))
+            )
+    return replace(friction, accelerance=accelerance, series=series, from_hz=from_hz)
 
 
-def _lowest_hz(highest_hz: float, rate_hz: float) -> float:
-    """From where on a motor moves as an inertia on a spring, the excitation reaching up to `highest_hz`."""
-    return min(1.5 * highest_hz, 1 / 4 * rate_hz)
+def _regression(X: ComplexArray, y: ComplexArray) -> tuple[FloatArray, float, float]:
+    """Real numbers (n,) for columns (n, F) of y (F,), the deviation of the first, and the power that is left."""
+    size = np.sqrt(np.sum(np.abs(X) ** 2, axis=1))
+    inverse = np.linalg.pinv((X.conj() @ X.T).real / np.outer(size, size), hermitian=True)
+    solution = inverse @ ((X.conj() @ y).real / size) / size
+    left = float(np.mean(np.abs(y - solution @ X) ** 2))
+    return solution, float(np.sqrt(left / 2 * inverse[0, 0]) / size[0]), left
+
+
+def _lowest_hz(friction: FrictionTakenOut, rate_hz: float) -> float:
+    """From where on the series holds, beyond the excited lines and the poles next to them."""
+    poles_hz = np.sqrt(friction.above[-1, :, 5].max()) / (2 * np.pi)
+    return float(min(1.5 * max(friction.highest_hz[-1], poles_hz), 1 / 4 * rate_hz))
 
 
 def _equations(
     places: Sequence[str], friction: FrictionTakenOut, record: Record
-) -> list[tuple[ComplexArray, ComplexArray, ComplexArray]]:
-    """The columns of a and of b (2, F), and y (F,), of each place at the lines of the period above the excited ones.
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """The columns (n_m, 5, F) of a_0 to a_4 and y (n_m, F) at the lines of the period above the excited ones.
 
-    With y (N,) at lines that hold what does not repeat; of one period those of the highest eighth, barely moved.
+    With y (n_m, N) at lines that hold what does not repeat; of one period those of the highest eighth, barely moved.
     """
     n, rate_hz = whole_samples(record), record.rate_hz
-    lowest, repeats = _lowest_hz(float(friction.highest_hz[-1]), rate_hz), n // record.period_samples
+    lowest, repeats = _lowest_hz(friction, rate_hz), n // record.period_samples
     every = np.arange(n // 2)
     above = line_frequencies(every, rate_hz, n) > lowest
     lines = every[above & (every % repeats == 0)]
     other = every[above & (every % repeats != 0)] if repeats > 1 else every[-len(every) // 8 :]
-    equations = []
+    columns, size = [], 2 * np.pi * lowest / rate_hz
     for place in places:
         motion = sharp_motion(record, place, friction)
         braking = friction_moments(record, motion, friction.taken_shapes(place))
         held = Moments.held(record.u[:n, record.inputs.index(place)])
-        inertia, spring = held.integral(2) - braking.integral(2), held.integral(4) - braking.integral(4)
-        X = np.stack([inertia, spring * (2 * np.pi * lowest / rate_hz) ** 2])[:, lines]
-        Y, _, _ = own_spectrum(record, place)
-        equations.append((np.asarray(X / rate_hz**2), Y[lines], Y[other]))
-    return equations
+        columns.append([(held.integral(p) - braking.integral(p))[lines] * size ** (p - 2) for p in range(2, 7)])
+    Y = np.stack([own_spectrum(record, place)[0] for place in places])
+    return np.array(columns) / rate_hz**2, Y[:, lines], Y[:, other]

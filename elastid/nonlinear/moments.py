@@ -78,7 +78,7 @@ class Moments:
         return low if math.isinf(self.cells) else low / _of_two_cells(n, lines, self.cells)
 
     def integral(self, order: int) -> ComplexArray:
-        """X_p (n // 2 + 1,) of the integral of an order p of 1 to 4 that has no mean, times in samples."""
+        """X_p (n // 2 + 1,) of the integral of an order p of 1 to 6 that has no mean, times in samples."""
         X, (s, _) = self.images(order), _steps(self.mu.shape[1])
         X[1:] += (self.spectrum(len(X)) / s**order)[1:]
         return X

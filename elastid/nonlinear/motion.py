@@ -92,16 +92,15 @@ def motion_of(record: Record, place: str, cells: int = CELLS) -> Motion:
     return Motion(x, start, record.rate_hz, noise, cells)
 
 
-def filtered(record: Record, Y: ComplexArray, order: int) -> tuple[ComplexArray, float]:
+def filtered(record: Record, Y: ComplexArray, order: int, most_noise: float = math.inf) -> tuple[ComplexArray, float]:
     """Of the DFT Y (n // 2 + 1,) of a motion what is not noise, and the deviation of the velocity by the noise left.
 
-    order: of the derivative of the angle that Y is.
+    order: of the derivative of the angle that Y is.  most_noise: power of the noise of a line, at most.
     """
     n = whole_samples(record)
     repeats, of_velocity = n // record.period_samples, _velocity_power(len(Y), n, record.rate_hz, order)
     power = Y.real**2 + Y.imag**2
-    band = power[int((1 - 1 / 8) * len(power)) :]  # of the highest lines, where a robot barely moves
-    noise = float(np.median(band)) / np.log(2)
+    noise = min(noise_power(Y), most_noise)
     between = np.arange(len(Y)) % repeats != 0
     kept = np.ones(len(Y))
     kept[between] = _signal_share(power[between], noise)
@@ -109,6 +108,11 @@ def filtered(record: Record, Y: ComplexArray, order: int) -> tuple[ComplexArray,
         kept[::repeats] = _signal_share(power[::repeats], noise)
     # That of a line after Wiener's filter is noise times gain.
     return kept * Y, math.sqrt(2 * noise * (kept @ of_velocity)) / n
+
+
+def noise_power(Y: ComplexArray) -> float:
+    """Power of the noise of a line in the DFT of a motion: that of the highest lines, where a robot barely moves."""
+    return float(np.median(np.abs(Y[int((1 - 1 / 8) * len(Y)) :]) ** 2) / np.log(2))
 
 
 def _signal_share(power: FloatArray, noise: float) -> FloatArray:

@@ -56,7 +56,16 @@ from numpy.polynomial.legendre import legvander
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import line_frequencies
 from elastid.nonlinear.moments import Moments
-from elastid.nonlinear.motion import Motion, filtered, laplace, motion_of, own_spectrum, slowest, whole_samples
+from elastid.nonlinear.motion import (
+    Motion,
+    filtered,
+    laplace,
+    motion_of,
+    noise_power,
+    own_spectrum,
+    slowest,
+    whole_samples,
+)
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape, friction_means, friction_moments, reach, sliding_means, steady
 from elastid.record import Record
@@ -197,7 +206,7 @@ class _HeldMotor:
         # Samples of the part above: all of the inertia's without the part below, and what is further, with its images.
         above = a * (self.held_images - friction.images(2)) + self._further_images
         above[first:] += inertia[first - 1 :] + further
-        rest, noise = filtered(self.record, self.Y - above, 0)
+        rest, noise = filtered(self.record, self.Y - above, 0, noise_power(self.Y))
         rest[1:first] -= inertia[: first - 1]
         rest[first:] += further
         rest = np.concatenate([rest, self._further_above])

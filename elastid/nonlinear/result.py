@@ -26,8 +26,9 @@ class FrictionTakenOut:
     median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
     of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
     accelerance (n_m,): acceleration per torque of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
-    stiffness (n_m,): k / J in 1 / s^2 of the spring behind it, whose other end rests; from_hz (n_m,): the frequency
-    from which it moves as these two, 0 where that is known above half the rate alone.  highest_hz (C,): the highest
+    series (n_m, 4): c_i, in 1 / s^i, of its acceleration a (1 + c_1 / s + c_2 / s^2 + ..) there, which a damper and a
+    spring behind it make; from_hz (n_m,): the frequency from which it moves so, 0 where
+    that is known above half the rate alone.  highest_hz (C,): the highest
     excited line; above (C, n_m, 6): a, b, c, e, alpha, beta of the acceleration per torque from there to from_hz, or
     on where that is 0, (a s^2 + b s + c + e / s^2) / (s^2 + alpha s + beta); all 0 where unknown.
     notes: what was taken out of which motor, or why nothing was.
@@ -43,7 +44,7 @@ class FrictionTakenOut:
     after: FloatArray = labelled("the same with friction taken out", "N*m", "configurations places")
     kept_share: FloatArray = labelled("share of its power left in other realisations", "", "places")
     accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
-    stiffness: FloatArray = labelled("spring behind the motor over its inertia", "1/s^2", "places")
+    series: FloatArray = labelled("of that acceleration, over s, s^2, s^3 and s^4", "", "places 4")
     from_hz: FloatArray = labelled("from where on the motor moves so, 0: half the rate", "Hz", "places")
     highest_hz: FloatArray = labelled("highest excited line", "Hz", "configurations")
     above: FloatArray = labelled(
@@ -56,7 +57,8 @@ class FrictionTakenOut:
         n_m, n_f, C = len(self.places), len(self.shapes), len(self.configurations)
         expected: dict[str, tuple[int, ...]] = {"levels": (n_f,), "covariance": (n_f, n_f)}
         expected |= {"before": (C, n_m), "after": (C, n_m), "highest_hz": (C,), "above": (C, n_m, 6)}
-        of_motors = ("kept_share", "accelerance", "stiffness", "from_hz")
+        expected |= {"series": (n_m, 4)}
+        of_motors = ("kept_share", "accelerance", "from_hz")
         for name, shape in (expected | dict.fromkeys(of_motors, (n_m,))).items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"friction: {name} has shape {getattr(self, name).shape}, expected {shape}")
@@ -91,12 +93,13 @@ class FrictionTakenOut:
         m = self.places.index(place)
         a, b, c, e, alpha, beta = self._above(configuration, m)
         with np.errstate(divide="ignore", invalid="ignore"):
+            by_series = sum(c_i / s**i for i, c_i in enumerate(self.series[m], 1))
             if a == 0:
-                further = -self.stiffness[m] / s**2
+                further = by_series
             else:
                 further = (a * s**2 + b * s + c + e / s**2) / (s**2 + alpha * s + beta) / self.accelerance[m] - 1
                 if self.from_hz[m] > 0:
-                    further = np.where(np.abs(s) >= 2 * np.pi * self.from_hz[m], -self.stiffness[m] / s**2, further)
+                    further = np.where(np.abs(s) >= 2 * np.pi * self.from_hz[m], by_series, further)
         return np.asarray(np.where(s == 0, 0.0, further))
 
     def _above(self, configuration: str, m: int) -> FloatArray:

@@ -50,7 +50,7 @@ def simulated() -> tuple[Record, np.ndarray]:
 def friction_of(accelerance: float, from_hz: float = 0.0, above: Sequence[float] = (0.0,) * 6) -> FrictionTakenOut:
     return FrictionTakenOut(
         ("motor 1",), ("N*m",), (Shape("motor 1", "sign"),), np.array([COULOMB]), np.eye(1), ("c",), np.ones((1, 1)),
-        np.ones((1, 1)), np.ones(1), np.array([accelerance]), np.array([K / J]), np.array([from_hz]),
+        np.ones((1, 1)), np.ones(1), np.array([accelerance]), np.array([[0.0, -K / J, 0.0, 0.0]]), np.array([from_hz]),
         np.array([12.5]), np.array([[above]]),
     )  # fmt: skip
 
