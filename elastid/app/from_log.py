@@ -270,6 +270,7 @@ def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
 
 
 def _responses(guess: LogGuess, clock: Clock, period: Sequence[str]) -> Iterator[str]:
+    yield "# For stiffness and damping of gears a study has a robot too: `elastid new DIR --template recorded` shows how."
     yield "experiment:"
     yield "  configurations: {bench: []} # guessed: all logs are of one state of the structure"
     yield "  recorded:"
