@@ -53,6 +53,7 @@ TABLE: dict[str, tuple[str, float]] = {
     for unit, scale in ({dimension: 1.0} | _FURTHER.get(dimension, {})).items()
 }
 
+
 def _spellings(unit: str) -> Iterator[str]:
     """A unit as logs and data sheets write it: 'Nm/rad', 'kg m²', '°/s', '1/min'."""
     for product in ("", " ", "·", "*"):

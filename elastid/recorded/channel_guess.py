@@ -133,7 +133,8 @@ _UNITS = (
 )  # fmt: skip
 _WORDS = {
     "temperature": r"temp.*", "torque": r"torques?|tau|trq|\w*moment|efforts?",
-    "force": r"forces?|\w*kraft|f|hammer|shaker", "current": r"currents?|curr|\w*strom|iq|i", "voltage": r"volt.*|vir|vdc",
+    "force": r"forces?|\w*kraft|f|hammer|shaker", "current": r"currents?|curr|\w*strom|iq|i",
+    "voltage": r"volt.*|vir|vdc",
     "acceleration": r"acc.*|qdd|ddq|\w*beschl.*", "velocity": r"vel.*|speeds?|omega|qd|dq|w|v|\w*geschw.*|\w*drehzahl",
     "position": r"pos.*|angles?|theta|phi|\w*winkel|enc.*|q|qm|qg|x|\w*lage",
 }  # fmt: skip
