@@ -294,6 +294,7 @@ def _responses(guess: LogGuess, clock: Clock, period: Sequence[str]) -> Iterator
 def _rate(clock: Clock) -> Iterator[str]:
     rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
     yield f"    rate_hz: {rate} # guessed: {clock.why}"
+    yield "    # hold: zero-order # of a torque or current that is the command of the drive and not measured"
     if not clock.is_even:
         yield f"    time: {_quoted(clock.name)} # samples are brought from it to rate_hz"
 

@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
@@ -222,13 +221,9 @@ def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) ->
     known = np.zeros(0, bool) if degc is None else np.isfinite(degc)
     if degc is not None and known.any():
         degc = np.interp(np.arange(len(degc)), np.flatnonzero(known), degc[known])
-    instants = np.arange(len(record.position))
-    # A command that is held acts half a sample later, where the joint is by then.
-    lag = record.torque_delay_s * record.rate_hz
-    position = make_interp_spline(instants, record.position, k=5)(instants + lag) if lag else record.position
     return Motion(
-        place, record.rate_hz, position, record.torque, record.slides, against_gravity, turn,
-        record.load_torque, degc if known.any() else None,
+        place, record.rate_hz, record.position, record.torque, record.slides, against_gravity, turn,
+        record.load_torque, degc if known.any() else None, record.torque_delay_s,
     )  # fmt: skip
 
 

@@ -67,7 +67,7 @@ class ExperimentSpec:
     def __post_init__(self) -> None:
         if sum(kind is not None for kind in (self.simulated, self.recorded, self.responses)) != 1:
             raise ValueError(
-                "give exactly one of simulated, recorded and responses; an experiment that is yet to be run is simulated"
+                "give exactly one of simulated, recorded and responses; an experiment yet to be run is simulated"
             )
         for name, number, least in (
             ("realisations", self.realisations, "1"),
