@@ -10,7 +10,7 @@ import os
 import shlex
 import sys
 from collections.abc import Sequence
-from errno import EACCES, EDQUOT, EFBIG, ENOSPC, EPERM, EROFS
+from errno import EACCES, EDQUOT, EFBIG, ENOENT, ENOSPC, EPERM, EROFS
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -338,6 +338,8 @@ def explained(error: Exception) -> int:
             advice = "; make room, and the same command goes on where it was" if full else ""
             if error.errno in (EACCES, EPERM, EROFS):
                 advice = "; check who may read and write there, or give another folder with --run"
+            if error.errno == ENOENT:
+                advice = "; it, or a folder above it, was removed or renamed during the run; give the command again"
             return _ended(f"{where}{error.strerror or error}{advice}", 1)
     raise error
 

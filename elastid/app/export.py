@@ -18,7 +18,7 @@ from elastid.app.identified_robot import (
 )
 from elastid.app.run import Run
 from elastid.app.stages.fit import warn_of_distrust
-from elastid.base.errors import StudyError
+from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
 from elastid.export.code import write_c, write_casadi
@@ -69,12 +69,15 @@ ROBOT, DRAWS, OBSERVER, COMPENSATION = "robot", "draws", "observer", "compensati
 
 
 def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
-    """export/<target>/: the identified model for another tool; StudyError where there is no current fit.
+    """export/<target>/: the identified model for another tool; StudyError where there is no current fit or such target.
 
     count: of draws.
 
     Where robots, or other groups of configurations, have parameters of their own: a model of each in a folder below.
     """
+    every = sorted({*TARGETS, *RESPONSE_TARGETS, ROBOT, DRAWS, OBSERVER, COMPENSATION})
+    if target not in every:
+        raise StudyError(f"{target} is no target of an export; {did_you_mean(target, every)}")
     if run.study.friction is not None:
         return _export_friction(run, target)
     if target == OBSERVER:

@@ -58,6 +58,9 @@ class Clock:
     is_in_s: bool = True
 
 
+_MIN_KELVIN = 200.0  # of a machine's temperature, in K
+
+
 def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
     """The files of a new study in a folder, by name, guessed from the first of the logs.
 
@@ -93,7 +96,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess.is_motion:
-        content = [*_head("friction", first), *_friction(guess, clock), text, *_files(paths, (), (), together)]
+        heat = [] if together else [(each, x) for each, x in signals if each.quantity == "temperature"]
+        content = [*_head("friction", first), *_friction(guess, clock, heat), text, *_files(paths, (), (), together)]
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = [(joint.torque.name, joint.torque.column) for joint in guess.joints]
     drives = np.stack([x for g, x in signals if (g.name, g.column) in driving], axis=1)
@@ -236,7 +240,8 @@ def _head(kind: str, first: Path) -> Iterator[str]:
     yield f"name: {kind}"
 
 
-def _friction(guess: LogGuess, clock: Clock) -> Iterator[str]:
+def _friction(guess: LogGuess, clock: Clock, temperatures: Sequence[tuple[ChannelGuess, FloatArray]]) -> Iterator[str]:
+    """temperatures: signals (n,) that are named so, believed where there is one for each joint."""
     yield "robot: robot.yml # guessed: geometry, ratios and inertias are not in the logs"
     yield "friction: {passes: detect} # guessed: slow motion of joints, whose friction can be found"
     yield "experiment:"
@@ -246,6 +251,8 @@ def _friction(guess: LogGuess, clock: Clock) -> Iterator[str]:
     for i, joint in enumerate(guess.joints, start=1):
         yield _channel("u", f"motor {i}", joint.torque, "force" if joint.slides else "torque")
         yield _channel("y", f"motor {i}", joint.motion)
+    for i, (sensor, x) in enumerate(temperatures if len(temperatures) == len(guess.joints) else (), start=1):
+        yield _channel("t", f"joint {i}", replace(sensor, unit="K" if np.median(x) > _MIN_KELVIN else "degC"))
 
 
 def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
@@ -270,6 +277,7 @@ def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
 
 
 def _responses(guess: LogGuess, clock: Clock, period: Sequence[str]) -> Iterator[str]:
+    yield "# Stiffness and damping of gears need a robot, too: `elastid new DIR --template recorded` shows how."
     yield "experiment:"
     yield "  configurations: {bench: []} # guessed: all logs are of one state of the structure"
     yield "  recorded:"
@@ -286,6 +294,7 @@ def _responses(guess: LogGuess, clock: Clock, period: Sequence[str]) -> Iterator
 def _rate(clock: Clock) -> Iterator[str]:
     rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
     yield f"    rate_hz: {rate} # guessed: {clock.why}"
+    yield "    # hold: zero-order # of a torque or current that is the command of the drive and not measured"
     if not clock.is_even:
         yield f"    time: {_quoted(clock.name)} # samples are brought from it to rate_hz"
 

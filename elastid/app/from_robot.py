@@ -55,6 +55,7 @@ def _texts_from_mjcf(path: Path) -> dict[str, str]:
     comments = (
         f"Compiled by MuJoCo from {path.name}.",
         f"Guessed: the springs of gears, which swing at {_HELD_HZ:g} Hz, motor held{rotors}.",
+        "Guessed where the file has none: viscous friction that stops a motor's rotor within a second.",
         *(f"Not taken over: {what}." for what in left_out),
     )
     return {
@@ -78,7 +79,8 @@ def _with_drive(joint: Joint, of_links: float) -> Joint:
         return joint
     spring = Spring(*_gear(of_links)) if joint.spring is None else joint.spring
     rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / joint.motor.ratio**2
-    return replace(joint, motor=replace(joint.motor, inertia=rotor), spring=spring)
+    viscous = joint.motor.viscous or float(f"{rotor:.2g}")
+    return replace(joint, motor=replace(joint.motor, inertia=rotor, viscous=viscous), spring=spring)
 
 
 def _gear(of_links: float) -> tuple[float, float]:
@@ -124,14 +126,16 @@ def _robot(robot: Robot, urdf: str, inertia: FloatArray) -> str:
     for joint, of_links in zip(robot.driven, inertia.tolist(), strict=True):
         ratio = 1.0 if joint.motion == "translation" else _RATIO
         k, d = _gear(of_links)
+        rotor = f"{of_links / ratio**2:.2g}"
         joints.append(
             f"  {json.dumps(joint.name)}:\n"
-            f"    motor: {{inertia: {of_links / ratio**2:.2g}, ratio: {ratio:g}}} # guessed\n"
+            f"    motor: {{inertia: {rotor}, ratio: {ratio:g}, viscous: {rotor}}} # guessed\n"
             f"    spring: {{stiffness: {k:g}, damping: {d:g}}} # guessed\n"
         )
     return f"""\
 # The rigid part is that of the URDF. All numbers below are guesses: put those of the data sheets in their place.
-# Motors have as much inertia as the links behind them, gears of {_RATIO:g} : 1 swing at {_HELD_HZ:g} Hz, motor held.
+# Motors have as much inertia as the links behind them, and friction that stops them within a second;
+# gears of {_RATIO:g} : 1 swing at {_HELD_HZ:g} Hz, motor held.
 # Bearings and links bend, too: `elastic: [{{name: 1x, axis: x, spring: {{stiffness: 1e6, damping: 1e3}}}}]` at a joint.
 urdf: {json.dumps(urdf)}
 joints:
@@ -169,7 +173,7 @@ experiment:
     noise: {{torque_std: {rms.min() / 10:.2g}, angle_std: 1e-6}} # guessed
 fit:
   starts: 8
-  parameters: {{k_*: {{}}, d_*: {{}}}}
+  parameters: {{k_*: {{}}, d_*: {{}}, fm_*: {{}}}}
 validation:
   left_out: [posture {len(postures)}]
 """

@@ -60,7 +60,8 @@ def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
         signals: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]
     except DataError:
         signals = [_column(log, i) for i in range(len(named))]
-    return [_signal_row(name, shape, "", x) for (name, shape), x in zip(named, signals, strict=True)]
+    units = log.units or [""] * len(named)
+    return [_signal_row(*each, unit, x) for each, unit, x in zip(named, units, signals, strict=True)]
 
 
 def _column(log: TextLog, i: int) -> Iterator[FloatArray]:

@@ -13,7 +13,7 @@ import numpy as np
 from elastid.app.identified_robot import with_found_friction
 from elastid.app.run import Run, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
-from elastid.base.display import number
+from elastid.base.display import columns, number
 from elastid.base.errors import StudyError
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.loop_gains import MAX_DELAY_SAMPLES
@@ -69,11 +69,12 @@ def loops_study(run: Run, choice: Choice) -> None:
         postures = _postures(run, result, choice)
         asked = Asked(postures, rate_hz, delay, choice.draws, run.study.seed or 0, robot, name)
         loops = design_loops(
-            run.study.name, result, asked, today, measured, lambda words: run.console.say(f"{NAME}: found {words}")
+            run.study.name, result, asked, today, measured, lambda words: run.console.detail(f"{NAME}: found {words}")
         )
         _write(run, loops)
-        for table in tables(loops):
-            run.console.table(table)
+        for table in tables(loops):  # both are on the page
+            for row in columns(table):
+                run.console.detail(row)
         for line in sentences(loops):
             run.console.say(f"{NAME}: {line}")
         if loops.today is not None and (lost := unstable(loops.today)):

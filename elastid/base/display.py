@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape as escape_html
 from importlib import import_module
+from itertools import zip_longest
 from typing import Any, Protocol
 
 from elastid.base.errors import ElastidError
@@ -80,13 +81,14 @@ def as_html(value: Displayed) -> str:
     return value.display.html
 
 
-def degrees(radians: Sequence[float]) -> str:
-    """Angles of a posture in degrees.
+def degrees(posture: Sequence[float], sliding: Sequence[bool] = ()) -> str:
+    """Angles of a posture in degrees, positions of the joints that slide in m.
 
-    >>> degrees([0.5235987755982988, -3.141592653589793])
-    '30°, -180°'
+    >>> degrees([0.5235987755982988, -3.141592653589793]), degrees([0.25, 0.1], [True, False])
+    ('30°, -180°', '0.25 m, 5.73°')
     """
-    return ", ".join(f"{57.29577951308232 * angle:.4g}°" for angle in radians)
+    places = zip_longest(posture, sliding, fillvalue=False)
+    return ", ".join(f"{at:.4g} m" if slides else f"{57.29577951308232 * at:.4g}°" for at, slides in places)
 
 
 def number(value: float | None, digits: int = 4) -> str:

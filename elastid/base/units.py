@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from typing import Annotated, Any, TypeAlias
 
 # By dimension, named by its SI unit: further units and their factors to SI.
@@ -52,12 +53,35 @@ TABLE: dict[str, tuple[str, float]] = {
     for unit, scale in ({dimension: 1.0} | _FURTHER.get(dimension, {})).items()
 }
 
+
+def _spellings(unit: str) -> Iterator[str]:
+    """A unit as logs and data sheets write it: 'Nm/rad', 'kg m²', '°/s', '1/min'."""
+    for product in ("", " ", "·", "*"):
+        plain = unit.replace("*", product)
+        for power in ("^2", "²", "2"):
+            raised = plain.replace("^2", power)
+            yield from (raised, raised.replace("deg", "°"), raised.replace("rpm", "1/min"))
+
+
+# Spellings of units that are read, too; messages, schema and `units_of` have the first one alone.
+_ALSO = {other: unit for unit in TABLE for other in _spellings(unit) if other not in TABLE}
+TABLE |= {other: TABLE[unit] for other, unit in _ALSO.items()}
+
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?$")
+
+
+def usual_spelling(unit: str) -> str:
+    """The name in the table of a unit that may be spelt otherwise.
+
+    >>> usual_spelling("Nm")
+    'N*m'
+    """
+    return _ALSO.get(unit, unit)
 
 
 def units_of(dimension: str) -> list[str]:
     """The names in the table that measure a dimension, named by its SI unit."""
-    return [name for name, (measures, _) in TABLE.items() if measures == dimension]
+    return [name for name, (measures, _) in TABLE.items() if measures == dimension and name not in _ALSO]
 
 
 def factor(unit: str, dimension: str) -> float:
@@ -161,7 +185,7 @@ class InUnit:
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
         fitting = [name for unit in self.units for name in units_of(unit)]
-        names = "|".join(re.escape(name) for name in fitting)
+        names = "|".join(re.escape(name) for name in TABLE if _ALSO.get(name, name) in fitting)
         return {
             "description": f"in {' or '.join(self.units)}, or a text with a unit: {', '.join(fitting)}",
             "anyOf": [{"type": "number"}, {"type": "string", "pattern": rf"^\s*[-+0-9.eE]+\s*({names})?$"}],

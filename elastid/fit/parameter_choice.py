@@ -127,7 +127,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     wanted = _match(shared, table, robot.on_demand) if spec.parameters else _default(robot)
     grouped = {name: groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
     check_keys(spec, wanted)
-    linear = _linear_names(robot)
+    linear, coasting = _linear_names(robot), _friction_starts(robot)
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio, table) for name, ratio in spec.ratios.items()]
     for name, (value, unit) in table.items():
@@ -135,12 +135,15 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
         if name not in wanted:
             chosen.append(Parameter(name, value, unit, log=log, free=False))
             continue
-        parameter = _parameter(name, value, unit, wanted[name], log)
+        asked = wanted[name]
+        if name in coasting and asked.start is None and not asked.fixed:
+            asked = replace(asked, start=coasting[name])
+        parameter = _parameter(name, value, unit, asked, log)
         everywhere = bool(own) and {c for only in own.values() for c in only} >= set(configurations)
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
         for key, only in ((f"{name}@{group}", only) for group, only in own.items()):
-            asked = spec_of_group(key, wanted[name], spec.parameters)
-            further.append(replace(_parameter(key, value, unit, asked, log), only=only))
+            own_asked = spec_of_group(key, asked, spec.parameters)
+            further.append(replace(_parameter(key, value, unit, own_asked, log), only=only))
     _check_ratios(spec, chosen)
     chosen += further
     try:
@@ -239,6 +242,12 @@ def _default(robot: Robot) -> dict[str, ParameterSpec]:
         if spring is not None:
             names += [f"k{of_motor}_{name}"] + [f"d{of_motor}_{name}"] * (spring.damping > 0)
     return {name: ParameterSpec() for name in names}
+
+
+def _friction_starts(robot: Robot) -> dict[str, float]:
+    """Where a search begins for motor friction of which the file has none: that which stops the rotor within 1 s."""
+    motors = {joint.name: joint.motor for joint in robot.driven if joint.motor is not None}
+    return {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
 
 
 def _linear_names(robot: Robot) -> set[str]:

@@ -119,9 +119,14 @@ class Estimate:
     high: float
     unit: str
 
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Both ends of the 95 % interval."""
+        return self.low, self.high
+
     def __str__(self) -> str:
         kept = digits(self.value, self.std)
-        ends = " to ".join(interval_of((self.low, self.high), kept))
+        ends = " to ".join(interval_of(self.interval, kept))
         return f"{self.name} = {number(self.value, kept)} {self.unit}, 95 % {ends}"
 
 

@@ -28,6 +28,7 @@ class Motion:
 
     turns_against_gravity: True if the torque of gravity changes with the angle.  turn: of the joint for one of its
     motor, 0 for none.  load: |torque| that the joint carries.  temperature (n,): degC, None where none was logged.
+    torque_delay_s: by which the torque acts later than its position was read.
     """
 
     place: str
@@ -39,6 +40,16 @@ class Motion:
     turn: float = 0.0
     load: float = 0.0
     temperature: FloatArray | None = None
+    torque_delay_s: float = 0.0
+
+    @property
+    def acting_position(self) -> FloatArray:
+        """The position (n,) where the torque acts: a command that is held acts half a sample later."""
+        if self.torque_delay_s == 0:
+            return self.position
+        samples = np.arange(len(self.position))
+        lag = self.torque_delay_s * self.rate_hz
+        return np.asarray(make_interp_spline(samples, self.position, k=5)(samples + lag))
 
     def __post_init__(self) -> None:
         if self.position.shape != self.torque.shape or self.position.ndim != 1:
@@ -80,11 +91,12 @@ class MotionSignals:
                 f"{passband_hz:g} Hz, which spoils {spoilt / rate:.3g} s at either end; record longer, or raise it"
             )
         smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
-        position = np.asarray(sosfiltfilt(smooth, motion.position))
+        acting = motion.acting_position
+        position = np.asarray(sosfiltfilt(smooth, acting))
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
         samples = np.arange(len(position))
         spline = make_interp_spline(samples / rate, position, k=5)
-        logged = make_interp_spline(samples / rate, motion.position, k=5)
+        logged = make_interp_spline(samples / rate, acting, k=5)
         derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])
         # A jump between two samples is sampled as its part within the band is.
         # Samples of jumps in a period of the passband.

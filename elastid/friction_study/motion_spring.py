@@ -105,7 +105,7 @@ def _noise_variance(motion: Motion, signals: MotionSignals) -> float:
     """Of white noise of the angle, by what smoothing takes from it."""
     smoothed = min(6 * signals.passband_hz / motion.rate_hz, 0.9)  # share of all frequencies that passes
     inner = slice(signals.kept.start, signals.kept.stop)
-    return float(np.var((motion.position - signals.position)[inner]) / (1 - smoothed))
+    return float(np.var((motion.acting_position - signals.position)[inner]) / (1 - smoothed))
 
 
 def _noise_product(signals: MotionSignals, freq_hz: float, variance: float) -> float:

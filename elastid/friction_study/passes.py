@@ -202,9 +202,10 @@ SMOOTHED_HZ = 60.0  # above, before a position is differentiated: speeds and rip
 
 def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     """There and back of one record of passes, as one pair; whichever of both it has."""
-    velocity, acceleration = motion_of(record)
-    # Gravity is that of the angle at which the torque acts; half a sample's travel turns it with the direction.
-    position = record.position + record.torque_delay_s * velocity
+    # Gravity and inertia are those where the torque acts: half a sample's travel turns both with the direction.
+    samples = np.arange(len(record.position))
+    lag = samples + record.torque_delay_s * record.rate_hz
+    position, velocity, acceleration = (np.interp(lag, samples, x) for x in (record.position, *motion_of(record)))
     return tuple(
         Pass(
             f"joint {record.joint}", record.name, record.rate_hz, position[part], velocity[part], acceleration[part],

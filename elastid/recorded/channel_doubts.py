@@ -104,6 +104,12 @@ class JointSignals:
         stated, dimension = self.unit_size(i), self._dimension(quantity, self.channels[i])
         return {stated / TABLE[unit][1]: f", unit: {unit}" for unit in units_of(dimension)}
 
+    def side_of_torque(self, motion: int) -> str:
+        """The end of a doubt about the side of a motion at the motor, whose torque is on the same side as a rule."""
+        if self.torque is None or self.channels[self.torque].side == "motor" or motion != self.driving:
+            return ""
+        return f"; as a rule the torque {self.channels[self.torque].name_in_file} has side: motor then, too"
+
     @cached_property
     def driving(self) -> int | None:
         """The motion at the motor, which its torque acts on; else that of the joint."""
@@ -254,7 +260,8 @@ def _of_pair(joint: JointSignals, a: int, b: int, stated: MotionRelation, best: 
         text = f"{second} is {gain:.4g} times what {first} makes it"
         if near:
             number, _, keys = near.partition(" ")
-            yield Doubt(int(number), keys.partition(":")[0], f"{text}: {keys} would make both agree")
+            too = joint.side_of_torque(int(number)) if keys == "side: motor" else ""
+            yield Doubt(int(number), keys.partition(":")[0], f"{text}: {keys} would make both agree{too}")
         elif stated.order > 0:
             yield Doubt(None, f"{gain ** (1 / stated.order):.6g}", text)
     elif stated.gain < 0:
@@ -352,6 +359,9 @@ def _inertia(joint: JointSignals, u: int, y: int, stated: TorqueRelation) -> Ite
     least_part = LIMITS.min_part if plain.explained > LIMITS.min_well_explained else LIMITS.min_explained
     if plain.inertial > least_part and 0 < plain.inertia < least / LIMITS.max_inertia_ratio:
         text = f"{torque} shows an inertia of {plain.inertia:.3g} at {channel.name_in_file}, the motor alone has "
+        if joint.side_of_torque(y) and channel.side == "motor" and joint.is_inertia(plain.inertia * abs(joint.ratio)):
+            yield Doubt(u, "side", f"{text}{least:.3g} (link side); side: motor would make both agree")
+            return
         # The unit that is stated in particular is doubted first.
         for i, sense in sorted(((y, 1), (u, -1)), key=lambda each: each[0] == y or joint.unit_size(u) == 1):
             factors = [(factor**sense, key) for factor, key in joint.factors(i)]

@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
-from elastid.base.units import TABLE, of_translation
+from elastid.base.units import TABLE, of_translation, usual_spelling
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec
 from elastid.recorded.evidence import (
     NO_RELATION,
@@ -27,6 +27,7 @@ from elastid.recorded.evidence import (
 )
 from elastid.recorded.files.formats import values_of
 from elastid.recorded.files.log import ArrayLog, Log
+from elastid.recorded.files.text import TextLog
 from elastid.recorded.repair.time_stamps import even_grid
 
 _WIDTH = WIDTHS[1]
@@ -131,10 +132,11 @@ _UNITS = (
     (r"g", "acceleration", "g"), (r"[\[(]n[\])]", "force", "N"),
 )  # fmt: skip
 _WORDS = {
-    "temperature": r"temp.*", "torque": r"torques?|tau|trq|moment|efforts?|drehmoment",
-    "force": r"forces?|kraft|f|hammer|shaker", "current": r"currents?|curr|strom|iq|i", "voltage": r"volt.*|vir|vdc",
-    "acceleration": r"acc.*|qdd|ddq|beschl.*", "velocity": r"vel.*|speeds?|omega|qd|dq|w|v|geschw.*",
-    "position": r"pos.*|angles?|theta|phi|winkel|enc.*|q|qm|qg|x|lage",
+    "temperature": r"temp.*", "torque": r"torques?|tau|trq|\w*moment|efforts?",
+    "force": r"forces?|\w*kraft|f|hammer|shaker", "current": r"currents?|curr|\w*strom|iq|i",
+    "voltage": r"volt.*|vir|vdc",
+    "acceleration": r"acc.*|qdd|ddq|\w*beschl.*", "velocity": r"vel.*|speeds?|omega|qd|dq|w|v|\w*geschw.*|\w*drehzahl",
+    "position": r"pos.*|angles?|theta|phi|\w*winkel|enc.*|q|qm|qg|x|\w*lage",
 }  # fmt: skip
 _MEASURED = r"act|actual|meas|measured|ist|adx?|fb|mot|motor|qm"
 _NOT_MEASURED = r"ref.*|cmd|command|des|desired|soll|set|target|ff|err.*|rel|model|init|kin|dyn|traj|qg|simple"
@@ -208,7 +210,7 @@ def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess
     spelt = [(q, u) for spelling, q, u in _UNITS if re.search(rf"(?<![a-z]){spelling}(?![a-z])", lower)]
     if unit in TABLE:
         stated = [q for q, u in QUANTITY_UNIT.items() if TABLE[unit][0] in (u, of_translation(u))]
-        spelt = [(q, unit) for q in stated] or spelt
+        spelt = [(q, usual_spelling(unit)) for q in stated] or spelt
     if spelt and spelt[0][1] == "g":
         return ChannelGuess(name, column, "acceleration", "m/s^2", rank, 0.9, "in multiples of gravity", scale=9.80665)
     if spelt:
@@ -223,10 +225,11 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
     """Each signal (n,) of the usual length that changes, matrices by their columns, with the guess by its name."""
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
     usual = Counter(max(shape) for shape in shapes.values() if max(shape) > _MIN_SAMPLES).most_common(1)
+    stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
     result = []
     for name, shape in shapes.items():
         count = min(shape) if len(shape) > 1 else 1
-        units = log.arrays[name].units if isinstance(log, ArrayLog) else ""
+        units = log.arrays[name].units if isinstance(log, ArrayLog) else stated.get(name, "")
         for column in range(1, count + 1) if usual and max(shape) == usual[0][0] else ():
             number = column if count > 1 else None
             try:

@@ -87,7 +87,10 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
     if path.is_dir():
         raise DataError(f"{path}: is a folder; name one of the files in it")
     if not path.is_file():
-        raise DataError(f"{path}: no such file")
+        gone = next((folder for folder in reversed(path.parents) if not folder.exists()), path)
+        raise DataError(
+            f"{path}: no such file" if gone == path else f"{path}: no such file, since there is no folder {gone}"
+        )
     # Before HDF5 looks at it: some damages end the process there.
     if not is_intact(path):
         raise DataError(f"{path}: its content has changed since it was written; delete it and run again")

@@ -50,9 +50,10 @@ class WorkspaceMap:
     """Quantities of Q postures with an equilibrium, the motors held, in the axes of the base.
 
     angles (Q, n_u): of the driven joints `joints`.  asked (Q,): number of each among the postures asked for; those
-    without an equilibrium are `refused`.  position (Q, 3): of the frame.  principal (Q, 3), axes (Q, 3, 3): static
-    compliances, the softest first, and their directions, columns.  springs, share (Q, n_s): part of each spring in the
-    compliance of the softest direction.  lines_hz (F,): of the responses.  curve_hz (L,): of `magnitude`.
+    without an equilibrium are `refused`.  sliding: of each joint, True where it slides.  position (Q, 3): of the frame.
+    principal (Q, 3), axes (Q, 3, 3): static compliances, the softest first, and their directions, columns.  springs,
+    share (Q, n_s): part of each spring in the compliance of the softest direction.  lines_hz (F,): of the responses.
+    curve_hz (L,): of `magnitude`.
     """
 
     name: str
@@ -76,6 +77,7 @@ class WorkspaceMap:
     load: tuple[float, float, float] = (0.0, 0.0, 0.0)
     cutting_coefficient: float = 0.0
     is_path: bool = False
+    sliding: tuple[bool, ...] = ()
 
     def __getitem__(self, name: str) -> Quantity:
         """A quantity by its name."""
@@ -156,6 +158,7 @@ def map_family(
         family.model.springs, np.concatenate([a.shares for a in own]), np.concatenate([a.peak_hz for a in own]),
         np.concatenate([a.chatter_hz for a in own]), lines, curve, np.concatenate([a.magnitude for a in own]),
         np.concatenate([a.magnitude_std for a in own]), quantities, cut.load, cut.cutting_coefficient, is_path,
+        tuple(joint.slides for joint in family.robot.driven),
     )  # fmt: skip
 
 

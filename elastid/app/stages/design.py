@@ -37,6 +37,8 @@ from elastid.store.measured import read_responses, write_movement, write_plan, w
 from elastid.store.results import read_fit
 from elastid.study.checks.experiment import responses_file
 
+_ROUNDING = 1e-9  # relative standard deviations below which are those of rounding
+
 
 def design(
     *,
@@ -82,9 +84,16 @@ def design(
             f"{len(plan.lines)} lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, {plan.robot_time_s:g} s of "
             "the robot's time"
         )
+        console.say(
+            f"design: references/ has one period of torque for each experiment, to be added to that of the controller "
+            f"{plan.periods + plan.transient_periods} times without a pause, and whole movements"
+        )
         if forecast.choice:
             console.say(f"design: {forecast.choice}")
-        console.table(forecast_table(forecast))
+        if np.nanmax(np.where(np.isfinite(forecast.relative), forecast.relative, 0.0)) < _ROUNDING:
+            console.say("design: no noise is stated (experiment.simulated.noise), so that no interval is predicted")
+        else:
+            console.table(forecast_table(forecast))
         console.notes(forecast.notes)
         if gears is not None and len(excitation.levels) == 1:
             console.say(f"design: {_second_amplitude(plan)}")

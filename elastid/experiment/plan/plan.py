@@ -189,8 +189,9 @@ class Plan:
         """Rate, period and lines, and the RMS torque of each input in each configuration."""
         f = self.freq_hz
         rms = np.sqrt(np.sum(np.abs(self.R) ** 2, axis=3) / 2).max(axis=(1, 2))
+        slides = [place in self.sliding for place in self.inputs]
         rows = [
-            (c.name, degrees(c.angles.tolist()), str(M), ", ".join(f"{torque:.3g}" for torque in torques))
+            (c.name, degrees(c.angles.tolist(), slides), str(M), ", ".join(f"{torque:.3g}" for torque in torques))
             for c, M, torques in zip(self.configurations, self.realisations, rms.tolist(), strict=True)
         ]
         units = " or ".join(dict.fromkeys(drive_unit(place in self.sliding) for place in self.inputs))

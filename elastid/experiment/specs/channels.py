@@ -11,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.names import PlaceName
 from elastid.base.section import Key, section
-from elastid.base.units import TABLE, Frequency, TorqueConstant, factor, of_translation, units_of
+from elastid.base.units import TABLE, Frequency, TorqueConstant, factor, of_translation, units_of, usual_spelling
 from elastid.record import MOTION_UNIT, Hold, drive_unit
 from elastid.robot import Joint, Robot
 
@@ -142,7 +142,7 @@ class ChannelSpec:
 
     @property
     def _temperature(self) -> tuple[float, float]:
-        unit = self.unit or "degC"
+        unit = usual_spelling(self.unit or "degC")
         if unit not in TEMPERATURES:
             raise ValueError(f"unit '{unit}' measures no temperature; units that fit here: {', '.join(TEMPERATURES)}")
         return TEMPERATURES[unit]

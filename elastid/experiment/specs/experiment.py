@@ -66,7 +66,9 @@ class ExperimentSpec:
 
     def __post_init__(self) -> None:
         if sum(kind is not None for kind in (self.simulated, self.recorded, self.responses)) != 1:
-            raise ValueError("give exactly one of simulated, recorded and responses")
+            raise ValueError(
+                "give exactly one of simulated, recorded and responses; an experiment yet to be run is simulated"
+            )
         for name, number, least in (
             ("realisations", self.realisations, "1"),
             ("experiments", 1 if self.experiments is None else self.experiments, "1"),

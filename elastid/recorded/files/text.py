@@ -15,6 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
+from elastid.base.units import TABLE
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import missing_channel
@@ -36,7 +37,10 @@ WRITTEN_OTHERWISE = "; it seems to be written with "
 
 @dataclass(frozen=True)
 class TextLog:
-    """The lines of a text log, decimals as points, its headings or none; first: line (from 0) where the data start."""
+    """The lines of a text log, decimals as points, its headings or none; first: line (from 0) where the data start.
+
+    units: of the columns, where a line below the headings states them; of those it does not state, empty texts.
+    """
 
     path: Path
     format: TextFormatSpec
@@ -44,6 +48,7 @@ class TextLog:
     headings: tuple[str, ...]
     first: int
     n_columns: int
+    units: tuple[str, ...] = ()
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Every column with its length, by heading or else by number."""
@@ -158,7 +163,8 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
         )
     n_columns = len(_fields(numbers[first], text))
     headings = _headings(lines[:first], text, n_columns) if text.interleaved == 1 else ()
-    yield TextLog(path, text, numbers, headings, first, n_columns * text.interleaved)
+    units = _units(lines[:first], text, headings)
+    yield TextLog(path, text, numbers, headings, first, n_columns * text.interleaved, units)
 
 
 def guess_format(path: Path) -> TextFormatSpec:
@@ -212,6 +218,16 @@ def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tupl
     for fields in plain + [_fields(line, text) for line in comments]:
         if len(fields) == n_columns:
             return tuple(fields)
+    return ()
+
+
+def _units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -> tuple[str, ...]:
+    """The header line, other than the headings, in which columns have units, in brackets or not; none where none is."""
+    for line in head:
+        fields = _fields(line, text)
+        units = tuple(field.strip("[]()") for field in fields)
+        if len(units) == len(headings) and fields != list(headings) and any(unit in TABLE for unit in units):
+            return tuple(unit if unit in TABLE else "" for unit in units)
     return ()
 
 

@@ -57,7 +57,8 @@ class MapContent:
         m, rows = self.workspace, []
         for i in m.softest[:LISTED].tolist():
             rows.append({
-                "number": str(i), "posture": str(int(m.asked[i]) + 1), "angles": degrees(m.angles[i].tolist()),
+                "number": str(i), "posture": str(int(m.asked[i]) + 1),
+                "angles": degrees(m.angles[i].tolist(), m.sliding),
                 "direction": ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
                 "compliance": _value(m["softest_compliance"].value[i], "m/N"),
                 "std": f"{100 * float(m['softest_compliance'].relative_std[i]):.2g} %",
@@ -112,9 +113,12 @@ def map_data(workspace: WorkspaceMap) -> str:
         low, high = own.interval
         columns = [_packed(factor * part[kept]) for part in (own.value, low, high)]
         quantities.append({"name": own.name, "text": own.text, "unit": unit, "columns": columns})
+    units = [(1.0, " m") if slides else (180 / np.pi, "°") for slides in m.sliding]
+    angles = m.angles[kept] * [factor for factor, _ in units]
     content: dict[str, Any] = {
+        "units": [unit for _, unit in units],
         "frame": m.frame, "joints": list(m.joints), "springs": list(m.springs), "is_path": m.is_path,
-        "count": len(kept), "angles": _packed(m.angles[kept]), "asked": (m.asked[kept] + 1).tolist(),
+        "count": len(kept), "angles": _packed(angles), "asked": (m.asked[kept] + 1).tolist(),
         "places": [_packed(part) for part in (x, y, np.hypot(x, y), z)], "share": _packed(m.share[kept]),
         "quantities": quantities, "softest": [place[int(i)] for i in m.softest[:LISTED]],
         "lines": _packed(m.curve_hz), "curve": _packed(1e6 * m.magnitude[kept]),
