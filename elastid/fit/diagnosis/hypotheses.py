@@ -250,7 +250,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "motor friction",
         phrase=_motor_friction,
         advice="free them (fit.parameters: {fm_*: {}})",
-        plausibility=20.0,  # every motor has some
     ),
     Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2)),
     Hypothesis(
