@@ -130,7 +130,7 @@ def late_torque(desk: Desk) -> None:
     assert fitted(desk, FREE, "fit.parameters.delay={}")[0] == 0
 
 
-@case("fit/diagnosis/hypotheses.py", "fit.parameters: {fm_*: {}}", slow=True)
+@case("fit/diagnosis/hypothesis.py", "fit.parameters: {fm_*: {}}", slow=True)
 def friction_of_motors(desk: Desk) -> None:
     """Of a robot whose file has none, as data sheets have."""
     without = re.sub(r", viscous: [\d.]+", "", ROBOT)

@@ -159,11 +159,6 @@ def _friction(index: ModificationIndex) -> str:
     return f"friction of motor {_axis(index)} that depends on the posture ({_by_posture(index)})"
 
 
-def _motor_friction(index: ModificationIndex) -> str:
-    motors = ", ".join(name.partition("_")[2] for name in index.members)
-    return f"viscous friction of motors {motors}, of which the robot's file has none,"
-
-
 def _transmission(index: ModificationIndex) -> str:
     return f"a transmission error of gear {_axis(index)} (effective ratio {_by_posture(index)})"
 
@@ -246,11 +241,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("inertia", ("I",), Size(0.15, math.log(5), True)),
     Hypothesis("stiffness", ("k", "km", "ki", "kc", "k2", "k2s", "k3"), Size(0.3, math.log(30), True)),
     Hypothesis("damping", ("d", "dm", "f", "fm"), Size(0.5, math.log(100), True)),
-    Hypothesis(
-        "motor friction",
-        phrase=_motor_friction,
-        advice="free them (fit.parameters: {fm_*: {}})",
-    ),
     Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2)),
     Hypothesis(
         "payload",
