@@ -163,7 +163,8 @@ class ParameterSpec:
     """One parameter is identified (the default), fixed, or tied to another."""
 
     # fmt: off
-    start: Annotated[Quantity | None, Key("Start of the search (default: the robot's number).", "give one where the "
+    start: Annotated[Quantity | None, Key("Start of the search (default: the robot's number; of motor "
+        "friction that its file lacks, that which stops the rotor within 1 s).", "give one where the "
         "robot's file has a guess and a hand calculation or another robot is nearer; it moves the default bounds "
         "along.")] = None
     bounds: Annotated[tuple[Quantity, Quantity] | None, Key("Bounds [lower, upper] (default: for a positive one start "

@@ -209,9 +209,10 @@ def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess
     rank = sum(bool(re.fullmatch(_MEASURED, w)) - bool(re.fullmatch(_NOT_MEASURED, w)) for w in words)
     spelt = [(q, u) for spelling, q, u in _UNITS if re.search(rf"(?<![a-z]){spelling}(?![a-z])", lower)]
     if unit in TABLE:
-        stated = [q for q, u in QUANTITY_UNIT.items() if TABLE[unit][0] in (u, of_translation(u))]
+        fitting = [(q, u) for q, u in QUANTITY_UNIT.items() if TABLE[unit][0] in (u, of_translation(u))]
+        stated = [q for q, u in sorted(fitting, key=lambda each: each[1] != TABLE[unit][0])]  # N: a force first
         spelt = [(q, usual_spelling(unit)) for q in stated] or spelt
-    if spelt and spelt[0][1] == "g":
+    if unit == "g" or (spelt and spelt[0][1] == "g"):
         return ChannelGuess(name, column, "acceleration", "m/s^2", rank, 0.9, "in multiples of gravity", scale=9.80665)
     if spelt:
         return ChannelGuess(name, column, *spelt[0], rank, 0.95, f"the unit {spelt[0][1]} is stated")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from elastid.base.display import digits, number, value_cells
+from elastid.base.display import digits, number, percent, value_cells
 from elastid.base.note import NoteGroup, grouped
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
@@ -20,6 +20,7 @@ GOOD = {
     "misfit": "Not to be believed as they stand.",
     "failed": "There are none.",
 }
+MAX_HALF_WIDTH = 0.1  # relative, of an interval of a number that is good
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
 ANSWERED = ("F_c", "F_s", "f")
 # Parts of a law without numbers, in words.
@@ -71,7 +72,7 @@ class FrictionContent:
     def questions(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
         """The three questions of every page, each with its sentences."""
         return (
-            ("Are the numbers good?", (GOOD[self.result.status], *self._numbers)),
+            ("Are the numbers good?", (self._good, *self._numbers)),
             ("Where does it fail, and why?", self._failures),
             ("What next?", self._next),
         )
@@ -80,7 +81,17 @@ class FrictionContent:
     def short_questions(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
         """The same without the numbers of each joint, which a table has, and with the first advice alone."""
         good, fails, following = self.questions
-        return (good[0], (GOOD[self.result.status], *self._truths)), fails, (following[0], following[1][:1])
+        return (good[0], (self._good, *self._truths)), fails, (following[0], following[1][:1])
+
+    @property
+    def _good(self) -> str:
+        """By the status, and by the least known of the numbers that a joint's sentence has."""
+        answered = [each for each in self.result.numbers if each.symbol in ANSWERED and each.value]
+        widths = {each.name: (each.high - each.low) / 2 / abs(each.value) for each in answered}
+        widest = max(widths, key=widths.__getitem__, default="")
+        if self.result.status != "identified" or not widest or widths[widest] <= MAX_HALF_WIDTH:
+            return GOOD[self.result.status]
+        return f"Not all of them: {widest} is known to ±{percent(widths[widest])} alone."
 
     @property
     def answers(self) -> tuple[str, ...]:

@@ -242,6 +242,8 @@ def next_steps(result: FitResult, rows: Sequence[ParameterRow], plan: Plan | Non
     """
     poor = widest(rows)
     candidates = [_action_of_status(result), _of_residuals(result)]
+    if result.status == "model_error" and any(index.place == 1 and not index.members for index in result.indices):
+        candidates.reverse()  # a reading of the channels says more than to check them
     if poor is not None and half_width(poor) > ADVICE.half_width and not is_wrong(result):
         candidates += [_of_prior(result, poor), None if result.exceeds_noise else _of_experiments(result, plan, poor)]
     actions = [action for action in candidates if action is not None]

@@ -397,7 +397,9 @@ def test_a_full_disk_is_one_sentence(
     assert "runs/tiny/frf.h5: No space left on device" in refused(tiny, 1, capsys)
 
 
-@pytest.mark.parametrize(("number", "advice"), [(28, "make room"), (13, "--run"), (30, "--run"), (5, "")])
+@pytest.mark.parametrize(
+    ("number", "advice"), [(28, "make room"), (13, "--run"), (30, "--run"), (2, "give the command again"), (5, "")]
+)
 def test_an_error_of_the_system_has_advice(number: int, advice: str, capsys: pytest.CaptureFixture[str]) -> None:
     """A full disk, a folder of others, one that is mounted to be read; a broken disk has none."""
     assert cli.explained(OSError(number, "said so", "runs/x")) == 1

@@ -20,7 +20,8 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> elastid.FinishedRun:
 
 
 def test_a_run_gives_its_values(done: elastid.FinishedRun) -> None:
-    assert done.result["k_1"].low < 64.0 < done.result["k_1"].high  # the truth of the template's logs
+    low, high = done.result["k_1"].interval
+    assert low < 64.0 < high  # the truth of the template's logs
     response = done.responses["bench"]
     assert response["joint 1", "motor 1"].G.shape == (response.n_lines, 1, 1)
     assert np.all(response.coherence <= 1.0)
@@ -29,6 +30,8 @@ def test_a_run_gives_its_values(done: elastid.FinishedRun) -> None:
     assert done.report.is_file()
     assert "fit.h5" in repr(done)
     assert all(path.is_file() for path in done.export("csv"))
+    with pytest.raises(StudyError, match="matlb is no target of an export; did you mean 'matlab'"):
+        done.export("matlb")
     assert {row.name for row in done.compare().rows} == {"recorded", "undamped"}
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elastid.base.units import TABLE, factor, to_si, units_of
+from elastid.base.units import TABLE, factor, to_si, units_of, usual_spelling
 
 
 @given(st.sampled_from(sorted(TABLE)), st.floats(-1e6, 1e6))
@@ -45,3 +45,18 @@ def test_what_is_not_a_quantity_is_refused_with_what_would_fit(value: object, di
     """A wrong dimension, an unknown unit, a text, NaN: each message says what is expected."""
     with pytest.raises(ValueError, match=says.replace("*", r"\*")):
         to_si(value, dimension)
+
+
+@pytest.mark.parametrize(
+    ("spelt", "usual"),
+    [
+        ("Nm", "N*m"), ("kNm/rad", "kN*m/rad"), ("Nms/rad", "N*m*s/rad"), ("kg m²", "kg*m^2"),
+        ("kgm2", "kg*m^2"), ("°", "deg"), ("°/s", "deg/s"), ("1/min", "rpm"), ("m/s²", "m/s^2"), ("rad/s2", "rad/s^2"),
+        ("N·m", "N*m"), ("°C", "degC"), ("Nm/°", "N*m/deg"),
+    ],
+)  # fmt: skip
+def test_units_are_read_as_logs_and_data_sheets_spell_them(spelt: str, usual: str) -> None:
+    """With the factor of the usual spelling, the one that messages list."""
+    assert TABLE.get(spelt) == TABLE.get(usual)
+    assert usual_spelling(spelt) == usual
+    assert spelt not in units_of(TABLE[usual][0])

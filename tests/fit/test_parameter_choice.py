@@ -477,3 +477,14 @@ def test_an_inertia_of_each_configuration_stays_one_that_a_body_can_have():
     result = identify(both, bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), FitSpec(parameters=free, starts=2))
     assert 0.044 < result.values["I_arm_zz@c1"] < 0.045
     assert 0.044 < result.values["I_arm_zz@c2"] < 0.045
+
+
+def test_motor_friction_that_no_file_has_begins_where_it_stops_the_rotor_within_a_second():
+    """1e-3 kg m^2 and 1 s: 1e-3 Nms/rad, within a factor of 100; a number of the file is taken as it is."""
+    unknown = choose(FitSpec(parameters={"fm_*": ParameterSpec()}), bench(viscous=0.0))
+    assert (unknown["fm_1"].value, unknown["fm_2"].value) == (1e-3, 1e-3)
+    assert unknown["fm_1"].lower < 1e-5 * 1.01
+    known = choose(FitSpec(parameters={"fm_*": ParameterSpec()}), bench(viscous=5e-3))
+    assert known["fm_1"].value == 5e-3
+    set_by_hand = choose(FitSpec(parameters={"fm_*": ParameterSpec(start=2e-2)}), bench(viscous=0.0))
+    assert set_by_hand["fm_1"].value == 2e-2

@@ -76,3 +76,15 @@ def test_the_variance_of_a_level_counts_the_correlation_of_the_noise() -> None:
         x[k] = phi * x[k - 1] + e[k]
     variance = regression(x, 0.0).solve()[1][0, 0]
     assert variance == pytest.approx((1 + phi) / (1 - phi) / n, rel=0.15)
+
+
+def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts() -> None:
+    """Within a ramp of 2 rad/s^3 half a sample of 10 ms changes an acceleration by 0.01 rad/s^2."""
+    rate = 100.0
+    t = np.arange(200) / rate
+    one = FrictionRecord(
+        "a", "elbow", "passes", rate, t**3 / 3, np.zeros(200), velocity=t**2, there=(50, 150), torque_delay_s=5e-3
+    )
+    (held,), (read,) = passes_of(one), passes_of(replace(one, torque_delay_s=0.0))
+    np.testing.assert_allclose((held.acceleration - read.acceleration)[20:-20], 0.01, rtol=0.02)
+    np.testing.assert_allclose((held.velocity - read.velocity)[20:-20], 5e-3 * read.acceleration[20:-20], rtol=0.02)

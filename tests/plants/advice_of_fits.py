@@ -24,6 +24,7 @@ from elastid.model.formulation import EXACT, formulate
 from elastid.report.content import parameter_rows
 from elastid.report.overview import next_steps
 from elastid.response import BENT
+from elastid.robot import Robot
 from elastid.store.measured import read_responses, write_responses
 from elastid.study import load
 from elastid.study.reference import words_in
@@ -127,6 +128,34 @@ def late_torque(desk: Desk) -> None:
     text = rendered("fit.parameters: {delay: {}}", fitted(desk, FREE)[1])
     assert text == "fit.parameters: {delay: {}}"
     assert fitted(desk, FREE, "fit.parameters.delay={}")[0] == 0
+
+
+@case("fit/diagnosis/hypothesis.py", "fit.parameters: {fm_*: {}}", slow=True)
+def friction_of_motors(desk: Desk) -> None:
+    """Of a robot whose file has none, as data sheets have."""
+    without = re.sub(r", viscous: [\d.]+", "", ROBOT)
+    study = Path(desk.write(study=STUDY, robot=without))
+    truth = replace_viscous(load(study).study.robot, 0.2)
+    measured(study, truth)
+    text = rendered("fit.parameters: {fm_*: {}}", fitted(desk, FREE)[1])
+    assert text == "fit.parameters: {fm_*: {}}"
+    assert fitted(desk, FREE, "fit.parameters.fm_*={}")[0] == 0
+
+
+def replace_viscous(robot: Robot, viscous: float) -> Robot:
+    """The robot with viscous friction of its motors, Nms/rad on their side."""
+    motors = {joint.name: joint.motor for joint in robot.driven if joint.motor is not None}
+    bodies = [
+        replace(
+            body,
+            joints=tuple(
+                replace(joint, motor=replace(motors[joint.name], viscous=viscous)) if joint.name in motors else joint
+                for joint in body.joints
+            ),
+        )
+        for body in robot.bodies
+    ]
+    return replace(robot, bodies=tuple(bodies))
 
 
 @case("fit/diagnosis/hypotheses.py", "hold: zero-order", slow=True)

@@ -85,3 +85,14 @@ def test_a_joint_at_rest_bears_the_motion_of_another_one() -> None:
     assert doubts(channels, np.hstack([at_rest, values]), robot) == []
     exchanged = np.hstack([values, values[::-1]])[:, [3, 1, 2, 0, 4, 5]]
     assert doubts(channels, exchanged, robot) == [(0, "at"), (3, "at")]
+
+
+def test_a_torque_beside_the_angle_of_the_motor_is_on_its_side_too() -> None:
+    """Of a drive's raw signals that are both taken for the link's, one doubt names both; then the torque alone."""
+    raw = signals() * np.array([1 / RATIO, RATIO, 1])
+    (first,) = channel_doubts((U, Q, LINK), raw, RATE, ROBOT)
+    assert (first.channel, first.key) == (1, "side")
+    assert "the torque tau has side: motor then, too" in first.text
+    of_motor = replace(Q, side="motor")
+    assert doubts((U, of_motor, LINK), raw) == [(0, "side")]
+    assert doubts((replace(U, side="motor"), of_motor, LINK), raw) == []

@@ -33,6 +33,20 @@ def test_a_unit_that_the_file_states_counts_more_than_the_name() -> None:
     assert guess_by_name("channel_1", None, "deg/s").quantity == "velocity"
 
 
+@pytest.mark.parametrize(
+    ("name", "unit", "expected"),
+    [
+        ("Kanal 3", "Nm", ("torque", "N*m", 1.0)), ("Kanal 3", "°/s", ("velocity", "deg/s", 1.0)),
+        ("Kanal 3", "N", ("force", "N", 1.0)), ("Acc1", "g", ("acceleration", "m/s^2", 9.80665)),
+        ("Motormoment", "", ("torque", "", 1.0)), ("Abtriebswinkel", "", ("position", "", 1.0)),
+        ("Drehzahl", "1/min", ("velocity", "rpm", 1.0)), ("Motorstrom", "", ("current", "", 1.0)),
+    ],
+)  # fmt: skip
+def test_a_line_of_units_and_german_headings_are_read(name: str, unit: str, expected: tuple[str, str, float]) -> None:
+    guess = guess_by_name(name, None, unit)
+    assert (guess.quantity, guess.unit, guess.scale) == expected
+
+
 def test_measured_signals_are_preferred_to_references() -> None:
     assert guess_by_name("iq_adx", None).rank > guess_by_name("iq_refx", None).rank
 

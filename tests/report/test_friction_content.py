@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
+from plants.friction_study import friction_content
 from plants.taken_friction import LEVELS, STDS, taken_friction
 
 from elastid.base.statistics import QUANTILE_95
+from elastid.friction_study.result import FrictionResult
 from elastid.nonlinear.result import friction_rows
 
 
@@ -19,3 +22,15 @@ def test_sliding_friction_is_the_sum_of_its_levels_with_their_covariance() -> No
     assert taken.interval == pytest.approx((4.5 - QUANTILE_95 * std, 4.5 + QUANTILE_95 * std))
     assert (taken.unit, taken.kept_share) == ("N*m", 0.0321)
     assert (kept.place, kept.unit, kept.level, kept.interval) == ("motor 2", "N", None, None)
+
+
+def test_numbers_are_good_where_the_least_known_of_them_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coulomb friction to 5 % is; to 28 %, as where logs of several temperatures are taken for one, it is named."""
+    content = friction_content()
+    number = next(each for each in content.result.numbers if each.symbol == "F_c")
+    said = []
+    for width in (0.05, 0.28):
+        ends = {"low": number.value * (1 - width), "high": number.value * (1 + width)}
+        monkeypatch.setattr(FrictionResult, "numbers", (replace(number, **ends),))
+        said.append(replace(content, result=replace(content.result, status="identified")).questions[0][1][0])
+    assert said == ["Yes.", f"Not all of them: {number.name} is known to ±28 % alone."]

@@ -197,3 +197,12 @@ def test_lines_of_the_model_hold_the_measured_ones_and_resolve_a_resonance():
     for f in (29.68, 32.96):
         assert np.sum(np.abs(lines - f) < 0.01 * f) >= 4
     assert len(model_lines(measured, [29.68], [0.01], 40)) == 40
+
+
+def test_a_reading_that_explains_a_wrong_model_is_named_before_any_check():
+    """Of channels that were exchanged, where nothing else is known of the model."""
+    result = replace(fit_result(), status="model_error", cost=4000.0, cost_expected=100.0, cost_dof=200.0)
+    none, effects = np.zeros(0), [0.0] * len(result.x)
+    reading = ModificationIndex("y exchanged", "order", (), none, (), (), none, 0.1, 9.0, 0.97, effects, (), 1)
+    assert "y exchanged" in next_steps(replace(result, indices=(reading,)), rows_of(result))[0].what
+    assert "channels" in next_steps(replace(result, indices=()), rows_of(result))[0].what

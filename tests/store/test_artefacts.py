@@ -1,5 +1,6 @@
 """Files are whole or absent, the same bytes for the same value, and refused where they are not ours."""
 
+import re
 import time
 
 import h5py
@@ -30,7 +31,10 @@ def test_the_stamp_comes_back(tmp_path):
 def test_a_foreign_truncated_or_missing_file_is_refused_by_name(tmp_path):
     """One sentence that names the file, no HDF5 noise."""
     path = tmp_path / "fit.h5"
-    with pytest.raises(DataError, match=r"fit\.h5: no such file"):
+    gone = tmp_path / "gone"
+    with pytest.raises(DataError, match=f"no such file, since there is no folder {re.escape(str(gone))}$"):
+        read_fit(gone / "run" / "fit.h5")
+    with pytest.raises(DataError, match=r"fit\.h5: no such file$"):
         read_fit(path)
     write_fit(path, some_fit(), STAMP)
     with pytest.raises(DataError, match=r"fit\.h5: holds fit, expected frf"):

@@ -46,9 +46,6 @@ def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence
             add_common(f"I_{body.name}_*", [place[name] for name in moments if name in place])
     for name, family, members in _of_one_cause(robot, place):
         add_together(name, family, [place[member] for member in members if member in place])
-    # The file of a robot rarely has them, and its motors never lack them.
-    unknown = [i for name, i in place.items() if name.startswith("fm_") and numbers[i].value == 0]
-    add_together("fm_*", "motor friction", unknown)
     loops, gains = ([i for name, i in place.items() if name.startswith(word)] for word in ("loop_", "gain_u_"))
     if loops and gains:  # one constant of all motors
         directions = np.zeros((len(loops) + len(gains), len(loops) + 1))

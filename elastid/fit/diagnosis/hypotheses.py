@@ -86,12 +86,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("inertia", ("I",), Size(0.15, math.log(5), True)),
     Hypothesis("stiffness", ("k", "km", "ki", "kc", "k2", "k2s", "k3"), Size(0.3, math.log(30), True)),
     Hypothesis("damping", ("d", "dm", "f", "fm"), Size(0.5, math.log(100), True)),
-    Hypothesis(
-        "motor friction",
-        phrase=phrases.motor_friction,
-        advice="free them (fit.parameters: {fm_*: {}})",
-        plausibility=20.0,  # every motor has some
-    ),
     Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2)),
     Hypothesis(
         "payload",

@@ -61,6 +61,7 @@ class Limits:
 
 LIMITS = Limits()
 SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
+FREE_MOTORS = "free the viscous friction of all motors, which its file lacks (fit.parameters: {fm_*: {}})"
 CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prior: {{std: {usual:g}}}}}}})"
 # Of a number of 0 that has none, being positive where it is free.
 CHECK_OR_START = "check it, or free it from another start (fit.parameters: {{{name}: {{start: {start:.2g}}}}})"
@@ -231,11 +232,14 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
     if is_alone or (sequence and sequence[0].share < LIMITS.reason_share):
         best = f" more than {_percent(sequence[0].share)}" if sequence else " a part"
         which = f" ({phrase(sequence[0], evidence)} does)" if sequence else ""
-        texts = [
-            f"no cause that was tried explains{best} of what the residuals have beyond the noise{which}: an elastic "
-            "joint may be missing in the robot's file; add those that are possible and let elastid compare --search "
-            "find which the data show"
-        ]
+        advice = (
+            FREE_MOTORS
+            if sequence and _is_motor_friction(sequence[0])
+            else "an elastic joint may be missing in the robot's file; add those that are possible and let elastid "
+            "compare --search find which the data show"
+        )
+        beyond = f"what the residuals have beyond the noise{which}"
+        texts = [f"no cause that was tried explains{best} of {beyond}: {advice}"]
     return tuple(Note("modification-index", text) for text in texts)
 
 
@@ -285,6 +289,8 @@ def _advice(index: ModificationIndex, evidence: Evidence) -> str:
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
     is_none = bool(index.members) and not index.log[0] and index.values[0] == 0 < index.changed[0]
+    if _is_motor_friction(index):
+        return FREE_MOTORS
     if advice == CHECK_OR_PRIOR and is_none and hypothesis and hypothesis.size and hypothesis.size.log:
         return CHECK_OR_START.format(name=index.name, start=index.changed[0])
     if not isinstance(advice, str):
@@ -295,6 +301,11 @@ def _advice(index: ModificationIndex, evidence: Evidence) -> str:
     is_factor = index.name.startswith("I_") and index.name not in evidence.assembly.linearisation.model.parameters
     name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name
     return advice.format(name=name, where=index.name.partition("_")[2], usual=usual)
+
+
+def _is_motor_friction(index: ModificationIndex) -> bool:
+    """True for viscous friction of a motor that the robot's file lacks, as no motor does."""
+    return index.name.startswith("fm_") and bool(index.members) and not np.any(index.values)
 
 
 def hypothesis_of_index(index: ModificationIndex, hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:

@@ -146,11 +146,6 @@ def friction(index: ModificationIndex) -> str:
     return f"friction of motor {axis(index)} that depends on the posture ({by_posture(index)})"
 
 
-def motor_friction(index: ModificationIndex) -> str:
-    motors = ", ".join(name.partition("_")[2] for name in index.members)
-    return f"viscous friction of motors {motors}, of which the robot's file has none,"
-
-
 def transmission(index: ModificationIndex) -> str:
     """Effective ratio of a gear by configuration."""
     return f"a transmission error of gear {axis(index)} (effective ratio {by_posture(index)})"

@@ -140,7 +140,7 @@
     const springs = share.subarray(chosen * data.springs.length, (chosen + 1) * data.springs.length);
     const most = springs.indexOf(Math.max(...springs));
     const limit = most < 0 ? "" : `; ${data.springs[most]} gives ${Math.round(100 * springs[most])} %`;
-    name.textContent = `${data.asked[chosen]}: ${data.joints.map((joint, i) => `${joint} ${short(own[i])}${data.units[i]}`).join(", ")}${limit}`;
+    name.textContent = `${data.asked[chosen]}: ${data.joints.map((joint, i) => `${joint} = ${short(own[i])}${data.units[i]}`).join(", ")}${limit}`;
   };
 
   let places = [];
