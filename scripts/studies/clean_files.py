@@ -1,9 +1,21 @@
 """Do logs in the forms that laboratories write raise an alarm where nothing is wrong, and are their faults named?
 
-    python scripts/studies/clean_files.py [--quick] [--sets 8] [--only WORD]
+    python scripts/studies/clean_files.py [--quick] [--sets 4] [--only WORD]
 
-Clean measurements of a two-axis arm (`clean_logs.py`: equations of its own) in the forms below, each read, repaired,
-estimated, fitted by the true robot's file and validated as in `false_alarms.py`: its alarms are counted.
+Clean measurements of a two-axis arm (`clean_logs.py`: equations of its own, 200 Hz, periods of 2 s, two postures, two
+realisations, with and without the reference) in the forms below: stamps of two decimals, logs that begin and end within
+a period or with rest, all experiments in one file, torques at another rate, the ripple of a PWM, a prime period, single
+precision, counters that start again, an accelerometer with an offset or one that warms up, a first axis that slides,
+rounded columns, axes under gravity with little excitation. Each is read, repaired, estimated, fitted by the true
+robot's file and validated as in `false_alarms.py`; its alarms are counted, but those that are true of it (TRUE). Then
+measurements with a fault in one of these forms, of which it is asserted that words name it. No alarm may have a rate of
+more than 1 %, or appear more than once. The last line is one JSON object.
+
+FOUND
+
+An accelerometer that is sampled with the held torques at 200 Hz without a filter is no such form: it has images of the
+torques, which a log cannot state. Nor has one two realisations: four experiments give no covariance of three outputs,
+their variances alone weigh, and the cost is beyond that of noise in 6 of 11 measurements.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -379,6 +391,9 @@ FAULTS: Mapping[str, tuple[Callable[[int], Files], str]] = {
 }  # fmt: skip
 
 
+QUICK = ("stamps of two decimals", "rest before", "counter of 16 bits", "samples lost, with stamps", "encoder stuck")
+
+
 def judged(name: str, form: Callable[[int], Files], number: int) -> Alarms:
     """All alarms of a form."""
     with tempfile.TemporaryDirectory() as folder:
@@ -388,12 +403,12 @@ def judged(name: str, form: Callable[[int], Files], number: int) -> Alarms:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--sets", type=int, default=8)
+    parser.add_argument("--sets", type=int, default=4)
     parser.add_argument("--only", default="")
     given = parser.parse_args()
     alarms: dict[str, dict[str, int]] = {}
     count = 1 if given.quick else given.sets
-    for name in [name for name in FORMS if given.only in name]:
+    for name in [name for name in FORMS if given.only in name and (name in QUICK or not given.quick)]:
         found = [judged(name, FORMS[name], number) for number in range(count)]
         alarms[name] = dict(Counter(code for each in found for code in each.codes))
         print(f"{name:<36}{alarms[name]}", flush=True)
@@ -401,7 +416,7 @@ def main() -> None:
             print(f"    {code}: {text[:300]}", flush=True)
     unnamed = []
     for name, (fault, words) in FAULTS.items():
-        if given.only in name:
+        if given.only in name and (name in QUICK or not given.quick):
             said = judged(name, fault, 1).codes
             unnamed += [] if any(words in text for text in said.values()) else [name]
             print(f"{name:<36}{', '.join(said)}", flush=True)

@@ -105,7 +105,7 @@ def _rows_between_gaps(time_s: FloatArray, rounding: float) -> IntArray:
     if step <= 0:
         return rows
     begin = np.bincount(part, time_s - step * rows) / count
-    return rows + np.round((begin - begin[0]) / step).astype(np.int64)[part]
+    return np.asarray(rows + np.round((begin - begin[0]) / step).astype(np.int64)[part])
 
 
 def _resolution(time_s: FloatArray) -> FloatArray:
