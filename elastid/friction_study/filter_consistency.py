@@ -34,9 +34,10 @@ from elastid.friction_study.extended_kalman_filter import Track
 class FilterThresholds:
     """Thresholds of the judgement of a filter.
 
-    False alarms of 20 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
-    coloured-innovations 0, inconsistent-filter 0.
-    False alarms of 17 clean logs: moves-beyond-band 0, repeats-at-stops 0 (scripts/studies/filter_honesty.py).
+    False alarms of 8 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
+    coloured-innovations 0, inconsistent-filter 1, moves-beyond-band 3, repeats-at-stops 2.
+    All three have torque that drifts and an inertia that was identified 6 to 8 % off; none is in 17 clean logs of
+    scripts/studies/filter_honesty.py, whose inertia is exact.
     """
 
     nis_band: tuple[float, float] = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift
