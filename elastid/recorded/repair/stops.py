@@ -21,7 +21,7 @@ STOPPED = "stops"
 class StopLimits:
     """Limits that distinguish a stop from motion.
 
-    False alarms of 200 clean logs: stops 0, rest-left-out 0.
+    False alarms of 300 clean logs: stops 0, rest-left-out 0.
     """
 
     # Windows of a repetition for long stops and for short ones, samples of one at least; so many in a row stand still.

@@ -17,7 +17,7 @@ from elastid.recorded.repair.converter import step
 
 @dataclass(frozen=True)
 class StuckLimits:
-    """Limits of a channel that is stuck.  False alarms of 200 clean logs: stuck-samples 0."""
+    """Limits of a channel that is stuck.  False alarms of 300 clean logs: stuck-samples 0."""
 
     min_run: int = 20  # samples with one value
     # Range of the other repetitions there: over the scatter of the channel, and in its steps.
