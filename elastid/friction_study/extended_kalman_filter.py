@@ -273,8 +273,7 @@ class Track:
     """A filter over n samples: states (n, n_x), their std (n, n_x), covariance of the followed numbers (n, p, p).
 
     innovation, variance (n,): error of the predicted angle, and the variance that the filter expected. This and the
-    covariance are without the errors of held numbers that have no share in the gain; std has all.  by_held (n, m) and
-    followed_by_held (n, p, m): the errors of nu = e / sqrt(S) and of the followed numbers by one std of each of these.
+    covariance are without the errors of held numbers that have no share in the gain; std has all.
     drift (p,): of the followed numbers, in a root second.  moves (n,): by MOVING of a count or more, so that rounding
     is noise.  starts: first samples of the motions.
     """
@@ -286,8 +285,6 @@ class Track:
     followed_covariance: FloatArray
     innovation: FloatArray
     variance: FloatArray
-    by_held: FloatArray
-    followed_by_held: FloatArray
     last: Estimate
     drift: FloatArray
     moves: BoolArray
@@ -348,13 +345,11 @@ class KalmanFilter:
         followed = slice(n_x - len(self.joint.followed), n_x)
         ignored = [n_x + i for i, name in enumerate(self.joint.held) if name not in WEIGHED]
         cross = P[:, followed, ignored] if ignored else np.zeros((n, len(self.joint.followed), 0))
-        # Before its update the angle's cross covariance was S / R = 1 / (1 - K h) times as large.
-        by_held = -P[:, 0, ignored] * np.sqrt(S)[:, None] / given[0] if ignored else np.zeros((n, 0))
         covariance = P[:, followed, followed] - cross @ cross.transpose(0, 2, 1)
         std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
         drift = np.array([noise.drift.get(name, 0.0) for name in self.joint.followed])
         moves = np.abs(x[:, self.joint.states.index("v_m")]) > MOVING * COUNT_OVER_STD * noise.angle * self.rate_hz
-        return Track(self.joint, self.rate_hz, x, std, covariance, e, S, by_held, cross, estimate, drift, moves)
+        return Track(self.joint, self.rate_hz, x, std, covariance, e, S, estimate, drift, moves)
 
     def _piece(
         self, samples: JointSamples, piece: slice, noise: FloatArray, start: Estimate

@@ -14,9 +14,7 @@ within 0.2 s of a stop, which the joint reaches or leaves forwards or backwards,
 .. math:: \overline{\frac{(p_{t + L} - p_t)^2}{\sigma_t^2 + \sigma_{t + L}^2}} , \qquad
           z = \overline{\frac{\pm 1}{\sqrt n} \sum_{k = 1}^n \nu_k}
 
-so that what repeats at each stop (stiction, inertia, gravity) shows. Held numbers that have no share in the gain
-(inertia, stiffness, gravity) show in innovations as far as they are wrong, and the band has them: with b_j(k) what one
-standard deviation of number j makes of nu, nu^2 may be larger by (2.6)^2 sum_j b_j^2, and z likewise.
+so that what repeats at each stop (stiction, inertia, gravity) shows.
 """
 
 from __future__ import annotations
@@ -36,9 +34,10 @@ from elastid.friction_study.extended_kalman_filter import Track
 class FilterThresholds:
     """Thresholds of the judgement of a filter.
 
-    False alarms of 20 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
-    coloured-innovations 0, inconsistent-filter 0.
-    False alarms of 17 clean logs: moves-beyond-band 0, repeats-at-stops 0 (scripts/studies/filter_honesty.py).
+    False alarms of 8 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
+    coloured-innovations 0, inconsistent-filter 1, moves-beyond-band 3, repeats-at-stops 2.
+    All three have torque that drifts and an inertia that was identified 6 to 8 % off; none is in 17 clean logs of
+    scripts/studies/filter_honesty.py, whose inertia is exact.
     """
 
     nis_band: tuple[float, float] = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift
@@ -56,7 +55,6 @@ class FilterThresholds:
     max_square_before_stops: float = 9.0  # mean of z^2; 1 by chance
     max_after_stops: float = 4.0  # the same; 3 where stiction is off by as much as the band has
     repeating_stds: float = 5.0  # of that mean, by its scatter: below, it does not repeat
-    held_stds: float = 2.6  # of held numbers, which the band holds; beyond, by chance once in a hundred joints
     least_events: int = 4
     diverged_stds: float = 5.0  # of the prior, by which a filter has diverged
 
@@ -69,7 +67,7 @@ class Movement:
     """A followed number within lag_s: its change, root mean square.
 
     ratio: mean square over the variances of its band at both ends.  excess: over those without the errors of held
-    numbers, the drift of the lag, and how far held numbers move it that are wrong by as much as the band holds.
+    numbers, and the drift of the lag.
     """
 
     name: str
@@ -86,35 +84,29 @@ class Movement:
 
 @dataclass(frozen=True)
 class StopPattern:
-    """Innovations within 0.2 s of stops of one kind: z, mean over `events` and its std by their scatter; mean z^2.
-
-    mean_by_held, square_by_held: what held numbers make of both that are wrong by as much as the band holds.
-    """
+    """Innovations within 0.2 s of stops of one kind: z, mean over `events` and its std by their scatter; mean z^2."""
 
     kind: str
     events: int
     mean: float
     std: float
     square: float
-    mean_by_held: float
-    square_by_held: float
 
     @property
     def repeats(self) -> bool:
         """True if the events have the same sign beyond chance, or are far beyond the noise where stiction is none."""
         before = self.kind.startswith("before")
-        if before and self.square > FILTER.max_square_before_stops + self.square_by_held:
+        if before and self.square > FILTER.max_square_before_stops:
             return True
-        limit = np.hypot(FILTER.max_before_stops if before else FILTER.max_after_stops, self.mean_by_held)
-        return abs(self.mean) > max(float(limit), FILTER.repeating_stds * self.std)
+        limit = FILTER.max_before_stops if before else FILTER.max_after_stops
+        return abs(self.mean) > max(limit, FILTER.repeating_stds * self.std)
 
 
 @frozen_value
 class Consistency:
     """Of the samples after a filter has settled at which the joint moves (Track.moves).
 
-    nis, nis_at_stops: means; NaN at stops where there are none; nis_by_held, nis_at_stops_by_held: by how much held
-    numbers raise them that are wrong by as much as the band holds.  band: 95 % of the mean of white innovations.
+    nis, nis_at_stops: means; NaN at stops where there are none.  band: 95 % of the mean of white innovations.
     autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
     movements: of each followed number the largest; at_stops: of each kind of event that repeats.
     """
@@ -124,8 +116,6 @@ class Consistency:
     band: tuple[float, float]
     autocorrelation: FloatArray
     n_eff: float
-    nis_by_held: float = 0.0
-    nis_at_stops_by_held: float = 0.0
     movements: tuple[Movement, ...] = ()
     at_stops: tuple[StopPattern, ...] = ()
 
@@ -135,9 +125,8 @@ class Consistency:
 
         Nothing sees an error of held numbers that the band does not have and the followed ones take up for good.
         """
-        means = np.array([self.nis - self.nis_by_held, self.nis_at_stops - self.nis_at_stops_by_held])
-        is_small = bool(np.nanmax(means) <= FILTER.nis_band[1])
-        tested = is_small and self.autocorrelation[1] < FILTER.max_correlation
+        means = [mean for mean in (self.nis, self.nis_at_stops) if not np.isnan(mean)]
+        tested = max(means) <= FILTER.nis_band[1] and self.autocorrelation[1] < FILTER.max_correlation
         return tested and not self.restless and not any(pattern.repeats for pattern in self.at_stops)
 
     @property
@@ -162,7 +151,6 @@ def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
         track.moves[first:] if track.moves[first:].mean() > FILTER.least_moving else np.ones_like(track.moves[first:])
     )
     nis, at_stops = track.nis[first:], _around_stops(track)[first:] & moves
-    by_held = FILTER.held_stds**2 * np.sum(track.by_held[first:] ** 2, axis=1)
     nu = np.where(moves, track.innovation[first:] / np.sqrt(track.variance[first:]), 0.0)
     power = float(nu @ nu)
     rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
@@ -173,8 +161,6 @@ def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
         band=(float(chi2.ppf(0.025, n_eff) / n_eff), float(chi2.ppf(0.975, n_eff) / n_eff)),
         autocorrelation=rho,
         n_eff=float(min(n_eff, moves.sum())),
-        nis_by_held=float(by_held[moves].mean()),
-        nis_at_stops_by_held=float(by_held[at_stops].mean()) if at_stops.any() else 0.0,
         movements=tuple(_movements(track, first)),
         at_stops=tuple(_patterns_at_stops(track, first)),
     )
@@ -188,7 +174,6 @@ def _movements(track: Track, first: int) -> Iterator[Movement]:
     longest_s = max(b - a for a, b in pairwise(bounds)) / track.rate_hz
     # A number is a mean over its memory: its variance over the rate of its drift.
     own = np.diagonal(track.followed_covariance[first:], axis1=1, axis2=2)
-    by_held = track.followed_by_held[first:]
     memories_s = (np.mean(own, axis=0) / np.maximum(track.drift, 1e-30) ** 2).tolist()
     for i, name in enumerate(track.joint.followed):
         found = []
@@ -199,8 +184,6 @@ def _movements(track: Track, first: int) -> Iterator[Movement]:
             square = (x[pairs + lag, i] - x[pairs, i]) ** 2
             ratio = float(np.mean(square / (variance[pairs, i] + variance[pairs + lag, i])))
             noise = own[pairs, i] + own[pairs + lag, i] + track.drift[i] ** 2 * lag_s
-            moved = by_held[pairs + lag, i] - by_held[pairs, i]
-            noise += FILTER.held_stds**2 * np.sum(moved**2, axis=1)
             excess = float(np.mean(square / noise))
             found.append(Movement(name, float(lag_s), float(np.sqrt(square.mean())), ratio, excess))
         yield max(found, key=lambda movement: movement.size)
@@ -210,9 +193,8 @@ def _patterns_at_stops(track: Track, first: int) -> Iterator[StopPattern]:
     """Of stops that are reached and left, forwards and backwards; none of fewer events than `least_events`."""
     velocity, stands = track.values("v_m"), _standing(track)
     nu = np.sign(velocity) * track.innovation / np.sqrt(track.variance)
-    nu = np.column_stack([nu, np.sign(velocity)[:, None] * FILTER.held_stds * track.by_held])
     reach = round(FILTER.around_a_stop_s * track.rate_hz)
-    sums: dict[str, list[FloatArray]] = {}
+    sums: dict[str, list[float]] = {}
     for edge in (np.flatnonzero(np.diff(stands.astype(int))) + 1).tolist():
         is_left = bool(stands[edge - 1])
         window = np.arange(edge, min(edge + reach, len(nu))) if is_left else np.arange(max(0, edge - reach), edge)
@@ -221,13 +203,11 @@ def _patterns_at_stops(track: Track, first: int) -> Iterator[StopPattern]:
             continue
         way = "forwards" if velocity[window].sum() > 0 else "backwards"
         kind = f"after stops, {way}" if is_left else f"before stops, {way}"
-        sums.setdefault(kind, []).append(nu[window].sum(axis=0) / np.sqrt(len(window)))
+        sums.setdefault(kind, []).append(float(nu[window].sum()) / np.sqrt(len(window)))
     for kind, values in sorted(sums.items()):
         if (n := len(values)) >= FILTER.least_events:
-            z, by_held = np.array(values)[:, 0], np.array(values)[:, 1:]
-            std, square = float(np.std(z, ddof=1) / np.sqrt(n)), float(np.mean(z**2))
-            held = float(np.linalg.norm(by_held.mean(axis=0))), float(np.mean(np.sum(by_held**2, axis=1)))
-            yield StopPattern(kind, n, float(np.mean(z)), std, square, *held)
+            std = float(np.std(values, ddof=1) / np.sqrt(n))
+            yield StopPattern(kind, n, float(np.mean(values)), std, float(np.mean(np.square(values))))
 
 
 def _standing(track: Track) -> BoolArray:

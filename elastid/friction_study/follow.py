@@ -74,8 +74,8 @@ def estimate_noise(
     """The most likely noise over samples that move (Track.moves); of angle and bristle's slip at least as guessed.
 
     The bristle's slip is found as well: what other frictions than LuGre's need would stand for noise of the torque, and
-    put F_c off by 4 to 18 % where a joint slips by about z_s in a sample. A fast motion would have none, with which
-    bands of a slow one are too narrow.
+    put F_c off by 4 to 18 % where a joint slips by about z_s in a sample. A fast motion would have it at nothing, and
+    innovations of a slow one would then be four times as large as expected.
     """
     names = ["angle", "torque", "slip", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
     judged = _moving(samples, COUNT_OVER_STD * guess.angle)
@@ -254,16 +254,7 @@ def _joined(tracks: Sequence[Track]) -> Track:
     last = tracks[-1]
     parts = {
         name: np.concatenate([getattr(track, name) for track in tracks])
-        for name in (
-            "x",
-            "std",
-            "followed_covariance",
-            "innovation",
-            "variance",
-            "by_held",
-            "followed_by_held",
-            "moves",
-        )
+        for name in ("x", "std", "followed_covariance", "innovation", "variance", "moves")
     }
     starts = np.cumsum([0, *(len(track.innovation) for track in tracks[:-1])]).tolist()
     return Track(last.joint, last.rate_hz, last=last.last, drift=last.drift, starts=tuple(starts), **parts)
@@ -324,8 +315,7 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
         yield Note("coloured-innovations", text, place, severity="warning")
     means = {"over all": judged.nis, "around stops": judged.nis_at_stops}
     low, high = FILTER.nis_band
-    wrong = {"over all": judged.nis_by_held, "around stops": judged.nis_at_stops_by_held}
-    for words, mean in [each for each in means.items() if each[1] < low or each[1] > high + wrong[each[0]]][:1]:
+    for words, mean in [each for each in means.items() if each[1] < low or each[1] > high][:1]:
         than, bands = ("larger", "narrow") if mean > 1 else ("smaller", "wide")
         text = (
             f"mean NIS {words} is {mean:.2f}, outside {low} to {high}: innovations are {than} than expected and the "

@@ -1,9 +1,22 @@
 """Do logs in the forms that laboratories write raise an alarm where nothing is wrong, and are their faults named?
 
-    python scripts/studies/clean_files.py [--quick] [--sets 8] [--only WORD]
+    python scripts/studies/clean_files.py [--quick] [--sets 4] [--only WORD]
 
-Clean measurements of a two-axis arm (`clean_logs.py`: equations of its own) in the forms below, each read, repaired,
-estimated, fitted by the true robot's file and validated as in `false_alarms.py`: its alarms are counted.
+Clean measurements of a two-axis arm (`clean_logs.py`: equations of its own, 200 Hz, periods of 2 s, two postures, two
+realisations, with and without the reference) in the forms below: stamps of two decimals, logs that begin and end within
+a period or with rest, all experiments in one file, torques at another rate, the ripple of a PWM, a prime period, single
+precision, counters that start again, an accelerometer with an offset or one that warms up, a first axis that slides,
+rounded columns, axes under gravity with little excitation. Each is read, repaired, estimated, fitted by the true
+robot's file and validated as in `false_alarms.py`; its alarms are counted, but those that are true of it (TRUE). Then
+measurements with a fault in one of these forms, of which it is asserted that words name it. No alarm may have a rate of
+more than 1 %, or appear more than once. The last line is one JSON object.
+
+Four sets of each form up to the counter of a turn, and one to three of each of the others, raise nothing; all faults
+are named (one draw).
+
+An accelerometer that is sampled with the held torques at 200 Hz without a filter is no such form: it has images of the
+torques, which a log cannot state. Nor has one two realisations: four experiments give no covariance of three outputs,
+their variances alone weigh, and the cost is beyond that of noise in 6 of 11 measurements.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -71,6 +84,8 @@ class Files:
 
 
 TOOL_M = 0.5
+# m/s^2, of a sample: 0.1 mg in a root hertz.
+ACCELEROMETER_STD = 0.02
 
 
 def measured(number: int, chain: type[Chain] = Chain, rest_s: float = 0.0, beyond: int = 0, **kind: Any) -> Files:
@@ -91,7 +106,7 @@ def measured(number: int, chain: type[Chain] = Chain, rest_s: float = 0.0, beyon
     logs, files = [], []
     for name, angles in drawn.configurations.items():
         there = replace(arm, posture=angles[-1])
-        r = np.concatenate([there.multisines(rng) for _ in range(2)])
+        r = np.concatenate([there.multisines(rng) for _ in range(drawn.realisations)])
         r = np.tile(r, (1, (0 if rest else 3) + drawn.periods + (2 if beyond else 0), 1))
         r = np.concatenate([np.zeros((len(r), rest, 2)), r], axis=1)
         r = r[:, : first + rest + drawn.periods * N + beyond]
@@ -99,7 +114,7 @@ def measured(number: int, chain: type[Chain] = Chain, rest_s: float = 0.0, beyon
         u, q, a = there.run(r, 0.002 * size * rng.standard_normal(r.shape), rng)
         u = u + drawn.noise * size * rng.standard_normal(u.shape)
         for i in range(len(r)):
-            of_tool = there.tool(a[i]) + 1e-3 * rng.standard_normal(len(a[i]))
+            of_tool = there.tool(a[i]) + ACCELEROMETER_STD * rng.standard_normal(len(a[i]))
             names = {"r": r[i], "u": u[i], "q": q[i] * RATIO}
             signals = {f"{role}{j + 1}": x[first:, j] for role, x in names.items() for j in range(2)}
             logs.append({**signals, "a": of_tool[first:]})
@@ -242,10 +257,10 @@ def with_accelerometer(offset: float, drift: float) -> Callable[[int], Files]:
     def form(number: int) -> Files:
         def warmed(log: dict[str, FloatArray]) -> dict[str, FloatArray]:
             t = np.arange(len(log["a"])) / 1000.0
-            return log | {"a": log["a"] + offset + drift * (1 - np.exp(-t / 10))}
+            return log | {"a": log["a"] + offset + drift * (1 - np.exp(-t / 30))}
 
         # Its filter leaves no images of the torques that are held at this rate.
-        files = measured(number, Arm, rate_hz=1000.0, period=2000).changed(warmed)
+        files = measured(number, Arm, rate_hz=1000.0, period=2000, realisations=4).changed(warmed)
         channel = ChannelSpec("y", "accelerometer tool y", "a", quantity="acceleration")
         return replace(files, recorded=replace(files.recorded, channels=(*files.recorded.channels, channel)))
 
@@ -300,34 +315,118 @@ FORMS: Mapping[str, Callable[[int], Files]] = {
     "counter of 16 bits": counter(16, 1 << 17),
     "accelerometer": with_accelerometer(0.0, 0.0),
     "accelerometer with an offset": with_accelerometer(0.8, 0.0),
-    "accelerometer that warms up": with_accelerometer(0.8, 0.3),
+    "accelerometer that warms up": with_accelerometer(0.8, 0.03),
     "rail": rail,
     "rounded": rounded,
     "gravity": loaded,
 }
 
 
-def judged(form: str, number: int) -> Alarms:
+# What is true of a form, and said.
+TRUE: Mapping[str, Mapping[str, str]] = {
+    "within a period": {"incomplete-period": "the end of the log is left out"},
+    "torque at 1000 Hz": {"channels-brought-to-another-rate": "they are"},
+    "rest before": {"rest-left-out": "it is", "transient-left-out": "the robot begins to move from rest"},
+    "counter of a turn": {"unwrapped-angle": "it does start again"},
+    "counter of 16 bits": {"unwrapped-angle": "it does start again"},
+    "rounded": {"quantised-channels": "steps of 0.3 Nm are noise"},
+}
+
+
+def rows(files: Files, kept: Callable[[int], Any]) -> Files:
+    """With some of the n samples of each log."""
+    return files.changed(lambda log: {name: x[kept(len(x))] for name, x in log.items()})
+
+
+def of_one(files: Files, name: str, by: Callable[[FloatArray], FloatArray]) -> Files:
+    """With a signal through a function of its samples."""
+    return files.changed(lambda log: log | {name: by(log[name])})
+
+
+def stuck(x: FloatArray) -> FloatArray:
+    """A signal that stays where it was for half a second, in its second period."""
+    start = 2 * len(x) // 3
+    return np.concatenate([x[:start], np.full(100, x[start]), x[start + 100 :]])
+
+
+def exchanged(log: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """The angles of the motors in each other's columns."""
+    return log | {"q1": log["q2"], "q2": log["q1"]}
+
+
+def without(lost: int) -> Callable[[int], Any]:
+    """The samples of a log without some in its middle."""
+    return lambda n: np.delete(np.arange(n), n // 2 + np.arange(lost))
+
+
+# Form with a fault, and words that name it.
+FAULTS: Mapping[str, tuple[Callable[[int], Files], str]] = {
+    "torque clipped": (lambda n: of_one(FORMS["rounded"](n), "u1", lambda x: np.clip(x, -350, 350)), "limit"),
+    "accelerometer clipped": (
+        lambda n: of_one(FORMS["accelerometer with an offset"](n), "a", lambda x: np.minimum(x, np.quantile(x, 0.97))),
+        "limit",
+    ),
+    "samples lost": (lambda n: rows(FORMS["prime period"](n), without(7)), "does not repeat"),
+    "samples lost, with stamps": (
+        lambda n: rows(FORMS["stamps of two decimals"](n), without(7)), "7 samples are missing"
+    ),
+    "stamps run backwards": (
+        lambda n: of_one(FORMS["stamps of two decimals"](n), "t", lambda t: np.where(t > 3, t - 2, t)),
+        "runs backwards",
+    ),
+    "angles late": (
+        lambda n: FORMS["within a period"](n).changed(
+            lambda log: log | {f"q{j}": np.roll(log[f"q{j}"], 3) for j in (1, 2)}
+        ),
+        "late",
+    ),
+    "angles exchanged": (lambda n: FORMS["float32"](n).changed(exchanged), "exchanged"),
+    "encoder stuck": (lambda n: of_one(FORMS["counter of 16 bits"](n), "q2", stuck), "is stuck"),
+    "wrong period": (lambda n: FORMS["prime period"](n).changed(lambda log: log, period=2.0), "repeats every 397"),
+    "one file as a whole": (
+        lambda n: (lambda f: replace(f, recorded=replace(f.recorded, files=(FileSpec("all.h5", "c1"),))))(
+            FORMS["one file"](n)
+        ),
+        "repeat",
+    ),
+}  # fmt: skip
+
+
+QUICK = ("stamps of two decimals", "rest before", "counter of 16 bits", "samples lost, with stamps", "encoder stuck")
+
+
+def judged(name: str, form: Callable[[int], Files], number: int) -> Alarms:
     """All alarms of a form."""
     with tempfile.TemporaryDirectory() as folder:
-        return _alarms(f"{form} {number}", lambda: FORMS[form](number).records(Path(folder)), {}, number)
+        return _alarms(name, lambda: form(number).records(Path(folder)), TRUE.get(name, {}), number)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--sets", type=int, default=8)
+    parser.add_argument("--sets", type=int, default=4)
     parser.add_argument("--only", default="")
     given = parser.parse_args()
-    rows = {}
-    for form in [form for form in FORMS if given.only in form]:
-        found = [judged(form, number) for number in range(1 if given.quick else given.sets)]
-        rows[form] = dict(Counter(code for each in found for code in each.codes))
-        print(f"{form:<36}{rows[form]}", flush=True)
-        for each in found:
-            for code, text in each.codes.items():
-                print(f"    {each.name}: {code}: {text[:400]}", flush=True)
-    print(json.dumps(rows))
+    alarms: dict[str, dict[str, int]] = {}
+    count = 1 if given.quick else given.sets
+    for name in [name for name in FORMS if given.only in name and (name in QUICK or not given.quick)]:
+        found = [judged(name, FORMS[name], number) for number in range(count)]
+        alarms[name] = dict(Counter(code for each in found for code in each.codes))
+        print(f"{name:<36}{alarms[name]}", flush=True)
+        for code, text in {code: text for each in found for code, text in each.codes.items()}.items():
+            print(f"    {code}: {text[:300]}", flush=True)
+    unnamed = []
+    for name, (fault, words) in FAULTS.items():
+        if given.only in name and (name in QUICK or not given.quick):
+            said = judged(name, fault, 1).codes
+            unnamed += [] if any(words in text for text in said.values()) else [name]
+            print(f"{name:<36}{', '.join(said)}", flush=True)
+    total = sum((Counter(each) for each in alarms.values()), Counter[str]())
+    print(json.dumps({"sets": count, "alarms": alarms, "unnamed": unnamed}))
+    assert not unnamed, unnamed
+    # A test of the cost says of itself that it is wrong once in a hundred measurements.
+    wrong = {code: n for code, n in total.items() if n > max(1, 0.01 * count * len(alarms))}
+    assert not wrong, wrong
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import FloatArray
 from elastid.friction_study.extended_kalman_filter import Estimate, Track
 from elastid.friction_study.filter_consistency import consistency
 from elastid.friction_study.follow import _noise
@@ -15,11 +15,8 @@ from tests.plants.warm_joint import FOLLOWED
 RATE_HZ, N, STD, DRIFT = 200.0, 8000, 0.02, 0.01
 
 
-def track(coulomb: FloatArray, innovation: FloatArray, by_held: float = 0.0) -> Track:
-    """A filter with white S = 1, whose joint moves a second each way, with rests of a second between.
-
-    by_held: of an innovation in the last 0.2 s before a stop backwards, by one standard deviation of a held number.
-    """
+def track(coulomb: FloatArray, innovation: FloatArray) -> Track:
+    """A filter with white S = 1, whose joint moves a second each way, with rests of a second between."""
     x = np.zeros((N, len(FOLLOWED.states)))
     cycle = np.repeat([1.0, 0.0, -1.0, 0.0], round(RATE_HZ))
     x[:, FOLLOWED.states.index("v_m")] = np.resize(cycle, N)
@@ -27,19 +24,9 @@ def track(coulomb: FloatArray, innovation: FloatArray, by_held: float = 0.0) -> 
     covariance = np.tile(STD**2 * np.eye(3), (N, 1, 1))
     last = Estimate(x[-1], np.eye(x.shape[1]))
     ones = np.ones(N)
-    cross = np.zeros((N, 1))
-    cross[before_stops(backwards=True)] = by_held
     return Track(
-        FOLLOWED, RATE_HZ, x, np.full_like(x, STD), covariance, innovation, ones, cross, np.zeros((N, 3, 1)), last,
-        np.full(3, DRIFT), ones > 0,
+        FOLLOWED, RATE_HZ, x, np.full_like(x, STD), covariance, innovation, ones, last, np.full(3, DRIFT), ones > 0
     )  # fmt: skip
-
-
-def before_stops(backwards: bool) -> IntArray:
-    """Samples of the 0.2 s in which the joint stops."""
-    second = round(RATE_HZ)
-    ends = np.arange(3 * second if backwards else second, N, 4 * second)
-    return np.concatenate([np.arange(end - second // 5, end) for end in ends])
 
 
 def white(seed: int = 0) -> FloatArray:
@@ -83,15 +70,3 @@ def test_a_motion_without_stops_has_no_pattern_at_them() -> None:
     x = moving.x.copy()
     x[:, FOLLOWED.states.index("v_m")] = 1.0
     assert consistency(replace(moving, x=x), 1.0).at_stops == ()
-
-
-def test_what_a_held_number_may_do_at_stops_is_no_fault_of_the_filter() -> None:
-    """Innovations of one std before stops are beyond the noise, and within the band of an inertia that makes half."""
-    innovation = white(2)
-    innovation[before_stops(backwards=True)] += 1.0
-    assert not consistency(track(np.zeros(N), innovation), 1.0).is_honest
-    judged = consistency(track(np.zeros(N), innovation, by_held=0.5), 1.0)
-    assert judged.is_honest
-    assert not list(_noise("joint 1", judged))
-    innovation[before_stops(backwards=True)] += 1.0
-    assert not consistency(track(np.zeros(N), innovation, by_held=0.5), 1.0).is_honest

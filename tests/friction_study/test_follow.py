@@ -72,8 +72,8 @@ def test_innovations_are_judged_in_units_of_their_expected_std() -> None:
     x = np.ones((n, len(FOLLOWED.states)))
     last = Estimate(x[-1], np.eye(x.shape[1]))
     track = Track(
-        FOLLOWED, RATE_HZ, x, x, np.ones((n, 3, 3)), np.sqrt(S) * (-1.0) ** np.arange(n), S,
-        np.zeros((n, 0)), np.zeros((n, 3, 0)), last, np.ones(3), np.ones(n, bool),
+        FOLLOWED, RATE_HZ, x, x, np.ones((n, 3, 3)), np.sqrt(S) * (-1.0) ** np.arange(n), S, last,
+        np.ones(3), np.ones(n, bool),
     )  # fmt: skip
     judged = consistency(track, 0.0)
     assert judged.nis == pytest.approx(1.0)

@@ -112,6 +112,21 @@ def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(tmp_path: Path, 
     assert "jumps of a whole turn were taken out of phi" in said(wrapped.notes)[0]
 
 
+def test_a_counter_of_a_few_bits_is_counted_on(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+    """Counts of 0.01 deg, in 13 bits or in all; a counter that loses 6000 counts once is none that starts again."""
+    counts = np.round(100 * log["phi"])
+    assert np.ptp(counts) > 2**13 > 4 * np.abs(np.diff(counts)).max()
+    channels = tuple(replace(c, scale=0.01) if c.channel == "phi" else c for c in CHANNELS)
+    kept = {}
+    lost = np.where(np.arange(len(counts)) == 500, 6000, 0)
+    for name, phi in {"whole": counts, "bits": counts % 2**13, "lost": counts + np.cumsum(lost)}.items():
+        save_csv(tmp_path / f"{name}.csv", log | {"phi": phi})
+        kept[name] = measured(tmp_path, study_of(f"{name}.csv", channels))
+    np.testing.assert_allclose(np.ptp(kept["bits"].y[:, 0] - kept["whole"].y[:, 0]), 0, atol=1e-12)
+    assert any("starts of its counter were taken out of phi" in text for text in said(kept["bits"].notes))
+    assert not any("starts of its counter" in text for text in said(kept["lost"].notes))
+
+
 def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(
     tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:

@@ -44,7 +44,7 @@ class Limits:
 
     (scripts/studies/modification_indices.py, 300 fits.)  false_alarm_rate: Bonferroni over all candidates, not a false
     discovery rate: a single false cause in a report is one too many, and their drops are strongly correlated.
-    False alarms of 300 clean logs: modification-index 1.
+    False alarms of 300 clean logs: modification-index 2.
     """
 
     # Beyond this model error or, where the noise is unknown, below this share responses may have been misread.

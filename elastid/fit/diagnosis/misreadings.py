@@ -37,7 +37,7 @@ from elastid.fit.solve.solvers import NEAR, ROUGH, solve
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the judgement of readings.  False alarms of 300 clean logs: modification-index 1."""
+    """Thresholds of the judgement of readings.  False alarms of 300 clean logs: modification-index 2."""
 
     exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
     followed: int = 3  # readings

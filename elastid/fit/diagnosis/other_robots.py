@@ -37,7 +37,7 @@ Variant: TypeAlias = tuple[ModificationIndex, Assembly]
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the search among other robots.  False alarms of 300 clean logs: modification-index 1."""
+    """Thresholds of the search among other robots.  False alarms of 300 clean logs: modification-index 2."""
 
     explained_share: float = 0.9  # of the excess; where something else explains more, no other robot is tried
     whole: float = 0.99  # of it; where something else explains more, nor is another reading of the study

@@ -19,7 +19,10 @@ STOPPED = "stops"
 
 @dataclass(frozen=True)
 class StopLimits:
-    """Limits that distinguish a stop from motion.  False alarms of 300 clean logs: stops 0."""
+    """Limits that distinguish a stop from motion.
+
+    False alarms of 300 clean logs: stops 0, rest-left-out 0.
+    """
 
     # Windows of a repetition for long stops and for short ones, samples of one at least; so many in a row stand still.
     windows: int = 20

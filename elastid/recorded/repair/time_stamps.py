@@ -81,12 +81,31 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
     if median > 0:
         candidates.append(np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / median), 1).astype(np.int64))]))
     rounding = STAMPS.max_rounding * _resolution(time_s)
+    candidates.append(_rows_between_gaps(time_s, float(np.median(rounding))))
     for rows in candidates:
         step, start = np.polyfit(rows.astype(np.float64), time_s, 1)
         allowed = np.maximum(STAMPS.max_deviation * step, rounding)
         if step > 0 and np.all(np.abs(time_s - start - step * rows) <= allowed):
             return rows, 1 / float(step)
     return None
+
+
+def _rows_between_gaps(time_s: FloatArray, rounding: float) -> IntArray:
+    """Rows of stamps (n,) that are rounded to more than a sample, all of which are there but in long steps."""
+    steps, n = np.diff(time_s), len(time_s)
+    mean = float(np.mean(steps[steps <= np.quantile(steps, 0.98)]))
+    part = np.concatenate([[0], np.cumsum(steps > STAMPS.min_gap * mean + 2 * rounding)])
+    rows = np.arange(n)
+    if part[-1] == 0 or part[-1] > n // 10:
+        return rows
+    # One step for all parts, by regression within them.
+    count = np.bincount(part)
+    t, i = time_s - (np.bincount(part, time_s) / count)[part], rows - (np.bincount(part, rows) / count)[part]
+    step = float(t @ i / max(i @ i, 1.0))
+    if step <= 0:
+        return rows
+    begin = np.bincount(part, time_s - step * rows) / count
+    return np.asarray(rows + np.round((begin - begin[0]) / step).astype(np.int64)[part])
 
 
 def _resolution(time_s: FloatArray) -> FloatArray:

@@ -133,3 +133,27 @@ def test_a_log_that_begins_before_the_excitation_keeps_all_its_periods(periods: 
     record = measured(tmp_path, study_of("log.csv"))
     assert (record.n_periods, record.left_out) == (periods, ())
     assert not any("stop" in text for text in said(record.notes))
+
+
+@pytest.mark.parametrize("rest", [2 * N, 5 * N + 90])
+def test_rest_before_the_excitation_is_left_out(rest: int, tmp_path: Path) -> None:
+    """In whole periods, of which the log has as many as it holds of motion, or more; part of one is a transient."""
+    log = _log(4)
+    noise = 1e-3 * np.random.default_rng(4).normal(size=(rest, 4))
+    before = dict(zip(log, noise.T, strict=True))
+    save_csv(tmp_path / "log.csv", {name: np.r_[before[name], x] for name, x in log.items()})
+    record = measured(tmp_path, study_of("log.csv"))
+    assert record.n_periods == (4 * N + rest % N) // N
+    (note,) = (text for text in said(record.notes) if "rest before it" in text)
+    assert f"the {rest // N} periods of rest before it are left out" in note
+    kept = log["i1"][: 4 * N - rest % N]
+    np.testing.assert_allclose(record.u[rest % N :, 1], kept * 0.5e-3 * -50.0, rtol=1e-12)
+
+
+def test_an_excitation_is_found_behind_rest(tmp_path: Path) -> None:
+    """Half of the log is rest, in which nothing repeats."""
+    log = _log(4)
+    save_csv(tmp_path / "log.csv", {name: np.r_[np.zeros(4 * N + 7), x] for name, x in log.items()})
+    record = measured(tmp_path, study_of("log.csv", period_samples=None, period="find"))
+    assert record.period_samples == N
+    assert record.n_periods == 4

@@ -36,6 +36,15 @@ def test_gaps_in_even_times_become_missing_samples() -> None:
     assert on_grid(t, x, 1000.0, LOG).findings == ()
 
 
+def test_a_gap_in_stamps_that_are_rounded_to_two_samples_is_found() -> None:
+    """At 200 Hz with two decimals: seven samples are missing, and the others are as they were logged."""
+    t, x = np.round(np.arange(1200) / 200, 2), np.arange(1200.0)[:, None]
+    left = np.r_[0:600, 607:1200]
+    repaired = on_grid(t[left], x[left], 200.0, LOG)
+    assert counts(repaired.findings) == {GAPS: 7}
+    np.testing.assert_array_equal(repaired.signals[left], x[left])
+
+
 UNEVEN: dict[str, tuple[FloatArray, float, float]] = {
     "10 or 12 ms": (np.cumsum(RNG.choice([0.010, 0.012], 3000)), 100.0, 35.0),
     "jitter of a fifth": (np.arange(5000) / 1000 + RNG.uniform(-2e-4, 2e-4, 5000), 1000.0, 400.0),
