@@ -10,9 +10,9 @@ which is linear in its six numbers. (Levy, IRE Trans. Autom. Control 4, 1959; we
 Sanathanan and Koerner, IEEE Trans. Autom. Control 8, 1963.) Where a + c / s^2 describes these lines as well, it is an
 inertia on a spring whose other end rests.
 
-From 1.5 times the highest line on all images of its samples are known but for these numbers,
+From 1.5 times the highest line, and these poles, on all images of its samples are known but for these numbers,
 
-.. math:: y = \sum_{i=0}^{4} a_i \Big[\frac{\tau}{s^{2+i}}\Big]_{folded}, \qquad \tau = H u - \sum_i f_i \phi_i,
+.. math:: y = \sum_{l=0}^{4} a_l \Big[\frac{\tau}{s^{2+l}}\Big]_{folded}, \qquad \tau = H u - \sum_i f_i \phi_i,
           \quad a_0 = 1 / J, \quad a_1 = -d / J^2, \quad a_2 = -k / J^2 + d^2 / J^3
 
 of which the last two count where a resonance is near. A regression over these lines gives a_0 to some tenths of a
