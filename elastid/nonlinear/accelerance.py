@@ -42,6 +42,8 @@ from elastid.record import Motion as Quantity
 # The upper excited lines, from this part of the highest on, show how a motor moves above them, if that leaves at most
 # this part of its response.
 _UPPER, _UNEXPLAINED = 0.6, 0.1
+# Poles of a robot have half a percent of damping, at least; those of noise may have none.
+_LEAST_DAMPED = 0.01
 # Further numbers, for a resonance near the band, must leave at most this part of the power that is left without.
 _FURTHER_GAIN = 0.7
 # Of the power of the lines that show the acceleration per torque, at most, what does not repeat: a is then off by a
@@ -88,10 +90,9 @@ def _continued(s: ComplexArray, A: ComplexArray) -> FloatArray:
         poles, of_poles = _least(columns, A * x**2, weight)
         alpha, beta = poles[4:]
         weight = 1 / np.maximum(np.abs(x**2 + alpha * x + beta), 1e-6)
-    is_stable = alpha > 0 and beta > 0
-    found, left = (
-        (poles, of_poles) if is_stable and poles[0] > 0 and of_poles**2 < _FURTHER_GAIN * left**2 else (plain, left)
-    )
+    is_damped = beta > 0 and alpha > _LEAST_DAMPED * np.sqrt(beta)
+    are_poles = is_damped and poles[0] > 0 and of_poles**2 < _FURTHER_GAIN * left**2
+    found, left = (poles, of_poles) if are_poles else (plain, left)
     if found[0] <= 0 or left > _UNEXPLAINED * size:
         return np.zeros(6)
     return np.asarray(found * top ** np.array([0, 1, 2, 4, 1, 2]))
