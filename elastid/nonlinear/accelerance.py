@@ -173,4 +173,4 @@ def _equations(
         held = Moments.held(record.u[:n, record.inputs.index(place)])
         columns.append([(held.integral(p) - braking.integral(p))[lines] * size ** (p - 2) for p in range(2, 7)])
     Y = np.stack([own_spectrum(record, place)[0] for place in places])
-    return np.array(columns) / rate_hz**2, Y[:, lines], Y[:, other]
+    return np.array(columns, np.complex128) / rate_hz**2, Y[:, lines], Y[:, other]
