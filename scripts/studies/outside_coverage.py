@@ -21,8 +21,8 @@ of that comes of lines inside the band that are not excited; exact levels and in
 `--coulomb 0.3 --realisations 2 --sets 20`: 93.8 +- 2.4 %, bias at most 0.5, scatter 0.8 to 1.24, V 0.94, all converged.
 `--coulomb 0 --realisations 2 --sets 28`: 92.9 +- 2.8 %, k_2 82 %.
 Of the present code with `--sets 8`, exact file, all 32 converged: `--coulomb 0.3 --realisations 2`: 87.5 +- 4.7 %, 84 %
-before; `--coulomb 0.3 --realisations 3`, `--coulomb 0 --realisations 2` and `--coulomb 0 --realisations 3`: 93.8 % each,
-+- 4 to 6 %; bias at most 0.6, but k_1 -0.99 at 0.3 and M = 3; scatter 0.8 to 1.45, V 0.98 to 1.02. With tolerances 94
+before; `--coulomb 0.3 --realisations 3`, `--coulomb 0 --realisations 2` and `--coulomb 0 --realisations 3`: 93.8 %,
++- 4 to 6 %; bias at most 0.63, but k_1 -0.99 at 0.3 and M = 3; scatter 0.8 to 1.45, V 0.98 to 1.02. With tolerances 94
 to 100 %.
 """
 
