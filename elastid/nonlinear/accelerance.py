@@ -10,9 +10,9 @@ which is linear in its six numbers. (Levy, IRE Trans. Autom. Control 4, 1959; we
 Sanathanan and Koerner, IEEE Trans. Autom. Control 8, 1963.) Where a + c / s^2 describes these lines as well, it is an
 inertia on a spring whose other end rests.
 
-From 1.5 times the highest line on all images of its samples are known but for these numbers,
+From 1.5 times the highest line, and these poles, on all images of its samples are known but for these numbers,
 
-.. math:: y = \sum_{i=0}^{4} a_i \Big[\frac{\tau}{s^{2+i}}\Big]_{folded}, \qquad \tau = H u - \sum_i f_i \phi_i,
+.. math:: y = \sum_{l=0}^{4} a_l \Big[\frac{\tau}{s^{2+l}}\Big]_{folded}, \qquad \tau = H u - \sum_i f_i \phi_i,
           \quad a_0 = 1 / J, \quad a_1 = -d / J^2, \quad a_2 = -k / J^2 + d^2 / J^3
 
 of which the last two count where a resonance is near. A regression over these lines gives a_0 to some tenths of a
@@ -42,6 +42,8 @@ from elastid.record import Motion as Quantity
 # The upper excited lines, from this part of the highest on, show how a motor moves above them, if that leaves at most
 # this part of its response.
 _UPPER, _UNEXPLAINED = 0.6, 0.1
+# Poles of a robot have half a percent of damping, at least; those of noise may have none.
+_LEAST_DAMPED = 0.01
 # Further numbers, for a resonance near the band, must leave at most this part of the power that is left without.
 _FURTHER_GAIN = 0.7
 # Of the power of the lines that show the acceleration per torque, at most, what does not repeat: a is then off by a
@@ -88,10 +90,9 @@ def _continued(s: ComplexArray, A: ComplexArray) -> FloatArray:
         poles, of_poles = _least(columns, A * x**2, weight)
         alpha, beta = poles[4:]
         weight = 1 / np.maximum(np.abs(x**2 + alpha * x + beta), 1e-6)
-    is_stable = alpha > 0 and beta > 0
-    found, left = (
-        (poles, of_poles) if is_stable and poles[0] > 0 and of_poles**2 < _FURTHER_GAIN * left**2 else (plain, left)
-    )
+    is_damped = beta > 0 and alpha > _LEAST_DAMPED * np.sqrt(beta)
+    are_poles = is_damped and poles[0] > 0 and of_poles**2 < _FURTHER_GAIN * left**2
+    found, left = (poles, of_poles) if are_poles else (plain, left)
     if found[0] <= 0 or left > _UNEXPLAINED * size:
         return np.zeros(6)
     return np.asarray(found * top ** np.array([0, 1, 2, 4, 1, 2]))
@@ -172,4 +173,4 @@ def _equations(
         held = Moments.held(record.u[:n, record.inputs.index(place)])
         columns.append([(held.integral(p) - braking.integral(p))[lines] * size ** (p - 2) for p in range(2, 7)])
     Y = np.stack([own_spectrum(record, place)[0] for place in places])
-    return np.array(columns) / rate_hz**2, Y[:, lines], Y[:, other]
+    return np.array(columns, np.complex128) / rate_hz**2, Y[:, lines], Y[:, other]

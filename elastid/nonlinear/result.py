@@ -25,12 +25,11 @@ class FrictionTakenOut:
     configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
     median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
     of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
-    accelerance (n_m,): acceleration per torque of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
-    series (n_m, 4): c_i, in 1 / s^i, of its acceleration a (1 + c_1 / s + c_2 / s^2 + ..) there, which a damper and a
-    spring behind it make; from_hz (n_m,): the frequency from which it moves so, 0 where
-    that is known above half the rate alone.  highest_hz (C,): the highest
-    excited line; above (C, n_m, 6): a, b, c, e, alpha, beta of the acceleration per torque from there to from_hz, or
-    on where that is 0, (a s^2 + b s + c + e / s^2) / (s^2 + alpha s + beta); all 0 where unknown.
+    accelerance (n_m,): acceleration per torque a of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
+    series (n_m, 4): c_i, in 1 / s^i, of its acceleration per torque a (1 + c_1 / s + c_2 / s^2 + ..), which a damper
+    and a spring behind it make, from from_hz (n_m,) on; 0 where that is known above half the rate alone.
+    highest_hz (C,): the highest excited line; above (C, n_m, 6): a, b, c, e, alpha, beta of the acceleration per torque
+    (a s^2 + b s + c + e / s^2) / (s^2 + alpha s + beta) from there to from_hz, or on where that is 0; 0 where unknown.
     notes: what was taken out of which motor, or why nothing was.
     """
 
@@ -44,11 +43,11 @@ class FrictionTakenOut:
     after: FloatArray = labelled("the same with friction taken out", "N*m", "configurations places")
     kept_share: FloatArray = labelled("share of its power left in other realisations", "", "places")
     accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
-    series: FloatArray = labelled("of that acceleration, over s, s^2, s^3 and s^4", "", "places 4")
+    series: FloatArray = labelled("of that acceleration, over s, s^2, s^3 and s^4", "", "places terms")
     from_hz: FloatArray = labelled("from where on the motor moves so, 0: half the rate", "Hz", "places")
     highest_hz: FloatArray = labelled("highest excited line", "Hz", "configurations")
     above: FloatArray = labelled(
-        "a, b, c, e, alpha, beta of acceleration per torque above it", "", "configurations places 6"
+        "a, b, c, e, alpha, beta of acceleration per torque above it", "", "configurations places numbers"
     )
     notes: tuple[Note, ...] = field(default=())
 
@@ -56,8 +55,8 @@ class FrictionTakenOut:
         """Check the shapes."""
         n_m, n_f, C = len(self.places), len(self.shapes), len(self.configurations)
         expected: dict[str, tuple[int, ...]] = {"levels": (n_f,), "covariance": (n_f, n_f)}
-        expected |= {"before": (C, n_m), "after": (C, n_m), "highest_hz": (C,), "above": (C, n_m, 6)}
-        expected |= {"series": (n_m, 4)}
+        expected |= {"before": (C, n_m), "after": (C, n_m), "highest_hz": (C,)}
+        expected |= {"above": (C, n_m, 6), "series": (n_m, 4)}
         of_motors = ("kept_share", "accelerance", "from_hz")
         for name, shape in (expected | dict.fromkeys(of_motors, (n_m,))).items():
             if getattr(self, name).shape != shape:

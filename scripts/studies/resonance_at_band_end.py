@@ -1,7 +1,7 @@
 """Do intervals hold the truth where a resonance lies at the end of the excited band, and dry friction excites it?
 
-    python scripts/studies/resonance_at_band_end.py [--quick] [--sets 4] [--ratio 0.95 1.03 1.2 1.5]
-                                                    [--coulomb 0.02 0.1 0.3] [--axes 1 2] [--jobs 1]
+    python scripts/studies/resonance_at_band_end.py [--quick] [--sets 2] [--ratio 0.95 1.03 1.2 1.5] [--coulomb 0.1 0.3]
+                                                    [--axes 1] [--jobs 1]
 
 The harmonics of friction move a motor above the excited lines, where no response is measured; a resonance just above
 them makes that motion large. The rig is the linear robot with dry friction at its motors in closed loop (`fast_rig`),
@@ -10,6 +10,11 @@ counts a turn of the motor; three realisations of two periods in two postures. F
 viscous friction are fitted without a floor. For each case: errors over stated deviations, and the share of the 95 %
 intervals of k and d that hold the truth. 93 to 97 % of all must hold, three standard deviations of chance allowed.
 The last line is one JSON object.
+
+As called above without options: 85.9 +- 2.7 %. At 0.1 of the rms torque k is 0.3 to 1.6 of its stated deviations off
+in the mean of two sets, which with motion by the samples alone was 4.5 and 5.4 at ratios of 1.03 and 0.95 and 2^13
+counts. At 0.3 k is 2.5 deviations off (0.13 %) at 0.95 and 2^13 counts, and d 4.7 (0.1 %) in one of two sets at 1.5
+and 2^22: there the intervals are too narrow.
 """
 
 from __future__ import annotations
@@ -127,10 +132,10 @@ def figures(case: Case, found: Sequence[FloatArray]) -> dict[str, object]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one data set of two cases, to see that it runs")
-    parser.add_argument("--sets", type=int, default=4)
+    parser.add_argument("--sets", type=int, default=2)
     parser.add_argument("--ratio", type=float, nargs="*", default=[0.95, 1.03, 1.2, 1.5])
-    parser.add_argument("--coulomb", type=float, nargs="*", default=[0.02, 0.1, 0.3])
-    parser.add_argument("--axes", type=int, nargs="*", default=[1, 2], choices=[1, 2])
+    parser.add_argument("--coulomb", type=float, nargs="*", default=[0.1, 0.3])
+    parser.add_argument("--axes", type=int, nargs="*", default=[1], choices=[1, 2])
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     if given.quick:
