@@ -162,9 +162,9 @@ def main() -> None:
     """Print what was found, then one JSON line; assert the figures that texts quote."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--fleets", type=int, default=200)
-    parser.add_argument("--quick", action="store_true", help="4 fleets of each kind with few robots, 4 real members")
+    parser.add_argument("--quick", action="store_true", help="10 fleets of each kind with few robots, 4 real members")
     options = parser.parse_args()
-    fleets = 4 if options.quick else options.fleets
+    fleets = 10 if options.quick else options.fleets
     found = {}
     for robots, days, faults in SIZES[1:] if options.quick else SIZES:
         size = f"{robots} robots, {len(days)} dates"

@@ -255,7 +255,7 @@ def test_a_design_tells_where_its_amplitude_stiffens_a_spring(tmp_path: Path) ->
     ("rough", "seeds"),
     [
         pytest.param(False, (1,), id="smooth"),
-        pytest.param(True, (1, 2), id="friction"),
+        pytest.param(True, (1, 2, 3), id="friction"),
     ],
 )
 @pytest.mark.slow

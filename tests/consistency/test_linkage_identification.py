@@ -169,7 +169,7 @@ experiment:
   simulated: {{}}
 model: {{formulation: {formulation}}}
 fit: {{starts: 1, parameters: {{"k_*": {{}}, "d_*": {{}}}}}}
-compare: {{folds: 3}}
+compare: {{folds: 5}}
 """
 
 
@@ -181,7 +181,7 @@ def compared(folder: Path, formulation: str) -> dict[str, Any]:
     going = Run(load(folder / "study.yml"), folder / "run", 1, Console(-1))
     robot, random, responses = going.study.robot, np.random.default_rng(3), []
     model = formulate(robot)
-    linearisation, lines = Linearisation.of(model), np.linspace(3, 70, 25)
+    linearisation, lines = Linearisation.of(model), np.linspace(3, 70, 40)
     for name, angles in going.study.experiment.configurations.items():
         at = Configuration(name, np.array(angles))
         linear = linearisation.at(at, model.theta, model.inputs, "acceleration")
