@@ -59,7 +59,8 @@ class ElasticFit:
 
     def at_workers(self, execution: Execution) -> ElasticFit:
         """The same with its configurations at workers, if there are any and the configurations are many."""
-        is_large = len(self.parts) > 1 and sum(len(part.measured) for part in self.parts) >= MIN_LINES
+        is_large = sum(len(part.measured) for part in self.parts) >= MIN_LINES
+        is_large &= len(self.chunks) >= 2 * execution.jobs  # else starts are shared more evenly
         if not (is_large and execution.is_shared):
             return self
         return replace(self, placed=PlacedChunks(self.parameters, self.parts, execution))

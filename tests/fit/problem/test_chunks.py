@@ -19,7 +19,7 @@ from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.store.measured import read_responses, write_responses
 
-Q = 18  # two chunks
+Q = 18  # five chunks
 
 
 @pytest.fixture
