@@ -18,7 +18,7 @@ from weakref import finalize
 
 from elastid.base.errors import ElastidError
 from elastid.base.execution import MOST_DEATHS, SCHEDULER, WORKERS_S, Execution, client_of
-from elastid.base.workers import Outcome, Worker, answers, dismiss, new_worker
+from elastid.base.workers import Outcome, Worker, answers, end, new_worker
 
 Function = Callable[[Any], Any]
 
@@ -100,7 +100,7 @@ class _Processes:
 
     def place(self, number: int, items: Sequence[Any]) -> None:
         if number in self._workers:
-            dismiss([self._workers.pop(number)])
+            end(self._workers.pop(number))
         worker = self._workers[number] = new_worker()
         share: bytes | None = pickle.dumps(_Share())
         for item in items:
@@ -117,7 +117,8 @@ class _Processes:
         return answers({i: (self._workers[i], pickle.dumps((None, message))) for i, message in asked.items()})
 
     def close(self) -> None:
-        dismiss(list(self._workers.values()))
+        for worker in self._workers.values():
+            end(worker)
 
 
 class _Cluster:

@@ -64,7 +64,7 @@ def lasting_workers() -> Iterator[None]:
         yield
     finally:
         _AT_REST.reset(token)
-        dismiss(at_rest)
+        _dismiss(at_rest)
 
 
 def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Generator[tuple[int, Outcome], None, None]:
@@ -94,7 +94,7 @@ def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Gener
     def replace(pipe: Connection) -> Iterator[tuple[int, Outcome]]:
         """The outcome of the item at which a worker died; another takes the next one."""
         index, worker = busy.pop(pipe)
-        _end(worker)
+        end(worker)
         yield index, Outcome(died=True)
         yield from give(_call(at_rest, called), work)
 
@@ -115,13 +115,13 @@ def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Gener
     finally:
         for worker in called:
             if worker not in at_rest:
-                _end(worker)
+                end(worker)
         if lasting is None:
-            dismiss(at_rest)
+            _dismiss(at_rest)
 
 
 def new_worker() -> Worker:
-    """A worker of one's own, to `dismiss`."""
+    """A worker of one's own, to `end`."""
     return _call([], [])
 
 
@@ -177,7 +177,7 @@ def _call(at_rest: list[Worker], called: list[Worker]) -> Worker:
         called.append(worker)
         if worker.process.is_alive():
             return worker
-        _end(worker)
+        end(worker)
     errors: list[BaseException] = []
 
     def start() -> None:
@@ -209,7 +209,7 @@ def _start(called: list[Worker]) -> None:
     theirs.close()
 
 
-def _end(worker: Worker) -> None:
+def end(worker: Worker) -> None:
     """At once."""
     if worker.process.pid is not None:
         worker.process.terminate()
@@ -217,7 +217,7 @@ def _end(worker: Worker) -> None:
     worker.pipe.close()
 
 
-def dismiss(workers: Sequence[Worker]) -> None:
+def _dismiss(workers: Sequence[Worker]) -> None:
     """Independently; wait for all."""
     for worker in workers:
         worker.pipe.close()

@@ -43,7 +43,7 @@ from elastid.fit.problem.elastic import ElasticFit, by_criterion
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, with_floor
+from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh_all, with_floor
 from elastid.fit.release import measurements_that_help, release
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
@@ -141,7 +141,8 @@ def _search(
     checks.check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     # A search by noise alone would follow lines at resonances into false valleys.
     searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
-    assembly = Assembly.of(responses, robot, searched, parameters, model, loads)
+    weights = weigh_all(responses, searched, execution)
+    assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights)
     fit = _at_start(assembly, parameters.x, execution)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"

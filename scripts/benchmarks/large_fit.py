@@ -8,8 +8,8 @@ search, covariance of the estimate and diagnosis as in a study. File and fit are
 peak is all memory that the fit ever had (ru_maxrss), pages of the file included.
 
 --jobs N (1): the same fit by N worker processes, too, which must end in the same numbers. CPU seconds of the process
-that asks, which no worker takes from it, and of the workers; what one worker and 64 would take of the fit by one
-process, if each had a processor of its own; and the bytes that went to workers. Linux only.
+that asks, which no worker takes from it, and of all workers; the bytes that it sent; and how many times as fast as one
+process N and 64 workers would be, if each had a processor of its own and a network took no time. Linux only.
 
 The last line is one JSON object.
 """
@@ -118,7 +118,7 @@ def of_workers(one: dict[str, Any], many: dict[str, Any], jobs: int) -> dict[str
         "workers_cpu_s": theirs,
         "serial_share": own / (own + theirs),
         "sent_mb": many["sent_mb"],
-        "workers_peak_gb": many["peak_gb"],
+        "asking_peak_gb": many["peak_gb"],
         f"wall_{jobs}_over_1": one["wall_s"] / many["wall_s"],
         **{f"model_{n}_over_1": one["cpu_s"] / (own + theirs / n) for n in sorted({jobs, 64})},
     }

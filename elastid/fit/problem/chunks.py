@@ -21,7 +21,7 @@ from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 
 # Configurations of a chunk.
-CHUNK = 16
+CHUNK = 4
 
 
 @dataclass(frozen=True, eq=False)

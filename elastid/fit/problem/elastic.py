@@ -25,7 +25,7 @@ from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_met
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, as_real, error_gain
 from elastid.fit.problem.part import Part
 from elastid.fit.problem.static_loads import StaticLoads
-from elastid.fit.problem.weights import Weights, Whitening
+from elastid.fit.problem.weights import MIN_LINES, Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion
@@ -33,9 +33,6 @@ from elastid.linear.ports import acted_on, moved_by
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
-
-# Lines of all configurations from which on these are worth workers of their own.
-MIN_LINES = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +59,8 @@ class ElasticFit:
 
     def at_workers(self, execution: Execution) -> ElasticFit:
         """The same with its configurations at workers, if there are any and the configurations are many."""
-        is_large = len(self.parts) > 1 and sum(len(part.measured) for part in self.parts) >= MIN_LINES
+        is_large = sum(len(part.measured) for part in self.parts) >= MIN_LINES
+        is_large &= len(self.chunks) >= 2 * execution.jobs  # else starts are shared more evenly
         if not (is_large and execution.is_shared):
             return self
         return replace(self, placed=PlacedChunks(self.parameters, self.parts, execution))

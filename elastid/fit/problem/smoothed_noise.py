@@ -175,7 +175,7 @@ def smooth_noise(response: FrequencyResponse, width: int = 0) -> SmoothedNoise |
 
     width: lines; 0 chooses it from the degrees of freedom.  None where no uncertainty is known.
     """
-    known = _larger(response)
+    known = larger(response)
     if known is None:
         return None
     F, n_y, n_u = response.G.shape
@@ -213,7 +213,7 @@ def _model(response: FrequencyResponse, known: Covariance, S: ComplexArray) -> C
     return model
 
 
-def _larger(response: FrequencyResponse) -> Covariance | None:
+def larger(response: FrequencyResponse) -> Covariance | None:
     """The total covariance, which holds the noise, or the noise where the total is smaller by more than chance.
 
     Their ratio, the geometric mean over lines and elements, is held against the F distribution of one line: errors of

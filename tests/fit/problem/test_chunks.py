@@ -10,14 +10,16 @@ from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 import elastid.base.arrays as base_arrays
 import elastid.base.placed as placed
 import elastid.fit.problem.elastic as elastic
+import elastid.fit.problem.weights as weights
+from elastid.base.errors import DataError
 from elastid.base.execution import Execution
 from elastid.fit.problem.elastic import elastic_fit
-from elastid.fit.problem.weights import weigh
+from elastid.fit.problem.weights import weigh, weigh_all
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.store.measured import read_responses, write_responses
 
-Q = 18  # two chunks
+Q = 18  # five chunks
 
 
 @pytest.fixture
@@ -42,8 +44,8 @@ def responses(tmp_path, monkeypatch):
 def fit_at(responses, stiffer: float = 1.0):
     model = plant((0, 1, 2))
     models = [replace(model, K=stiffer * model.K, configuration=G.configuration) for G in responses]
-    weights = [weigh(response, NO_FLOOR) for response in responses]
-    return elastic_fit(responses, models, weights, parameters(), "complex")
+    weighed = [weigh(response, NO_FLOOR) for response in responses]
+    return elastic_fit(responses, models, weighed, parameters(), "complex")
 
 
 def same(first, second, x) -> bool:
@@ -90,6 +92,22 @@ def test_bytes_to_workers_do_not_grow_with_their_number_nor_with_covariances(res
     fit_at(responses, 1.1).with_residuals_of(alone)
     G = responses[0].G
     assert sum(sent) < placements[0] - Q * G.nbytes // 2
+
+
+def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(responses, monkeypatch):
+    """The smoothed covariance as well; of a response that cannot be weighed the first in order is named."""
+    monkeypatch.setattr(weights, "MIN_LINES", 0)
+    here, there = (weigh_all(responses, NO_FLOOR, Execution(jobs)) for jobs in (1, 2))
+    for one, other, response in zip(here, there, responses, strict=True):
+        assert other.noise.is_of(response, 0)
+        assert (other.noise.smooth is other.noise.measured) == (one.noise.smooth is one.noise.measured)
+        for name in ("sigma", "scale", "factor"):
+            assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+        assert one.noise.smooth.matrix.tobytes() == other.noise.smooth.matrix.tobytes()
+        assert isinstance(other.noise.smooth.matrix, base_arrays.FileArray)
+    bare = [replace(response, noise=None) for response in responses]
+    with pytest.raises(DataError, match="configuration c0: no variance is known"):
+        weigh_all(bare, NO_FLOOR, Execution(2))
 
 
 def test_one_process_or_few_lines_keep_configurations_here(responses, monkeypatch):
