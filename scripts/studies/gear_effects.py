@@ -4,11 +4,11 @@
 
 Outside plant (tests/plants/two_mass_gear.py, with equations and steps of its own): motor and link behind a gear, four
 experiments of two periods of 2 s at 500 Hz, 200 Nm RMS, resonance at 28 Hz, 64 steps a sample, since a step over a
-reversal of friction is a wrong one (with 6 k is 0.002 % off, with 24 and friction by load 0.7 std). Effects alone and together: friction at the motor,
-behind the gear and by load, springs that are 30 % stiffer at the peak of the torque, progressive, stiffer in two
-ranges of torque, or with a gap of 0.1 mrad to either side, empty or with 0.3 of the stiffness, a hysteresis, a
-transmission error and a ripple. A linear model is fitted, then the effects are chosen and found together with the
-parameters (elastid/nonlinear/gear).
+reversal of friction is a wrong one (with 6 k is 0.002 % off, with 24 and friction by load 0.7 std). Effects alone and
+together: friction at the motor, behind the gear and by load, springs that are 30 % stiffer at the peak of the torque,
+progressive, stiffer in two ranges of torque, or with a gap of 0.1 mrad to either side, empty or with 0.3 of the
+stiffness, a hysteresis, a transmission error and a ripple. A linear model is fitted, then the effects are chosen and
+found together with the parameters (elastid/nonlinear/gear).
 
 Of each case: errors of k and d of the linear fit and with the effects, effects, the largest error of a level, and the
 share of 95 % intervals of k, d and levels that hold the truth. Asserted in every draw: the effects are those of the
@@ -18,8 +18,8 @@ std, k within 0.1 %, d within 2 %; on a clean plant nothing is found. Coverage i
 Found with `--draws 2`, friction behind the gear, on both sides and by load: 22 of 22 intervals hold, k at most 0.0005 %
 off and d 0.04 %. Before friction between samples followed the bend of its velocity they were too narrow by a bias of
 half a standard deviation: 243 of 264 in 24 draws. As many draws are still to be made on this code; before it, in 2
-draws, a gap had 5 of 6, 0.0018, 0.053, all at once 10 of 12, 0.0009, 0.051; hysteresis in 6 draws 16 of 18, 0.0012, 0.078;
-ranges of torque in 4 draws 14 of 16, 0.0125, 0.027. Other cases were not run again.
+draws, a gap had 5 of 6, 0.0018, 0.053, all at once 10 of 12, 0.0009, 0.051; hysteresis in 6 draws 16 of 18, 0.0012,
+0.078; ranges of torque in 4 draws 14 of 16, 0.0125, 0.027. Other cases were not run again.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
