@@ -20,6 +20,7 @@ EXPLAINED = 0.25
 # Code of the note on a gear that is no straight spring, of which nothing was found.
 BENT_STILL = "gear-still-bent"
 NOT_EXPLAINED = "the effects found in its gears do not explain that"
+NOT_OPENED = "its gears were not laid open, as the line `gears` says"
 # Makers' units over SI.
 ARCMIN, ARCSEC = 180 * 60 / math.pi, 180 * 3600 / math.pi
 _MAKERS: dict[str, tuple[str, float]] = {
@@ -150,10 +151,11 @@ def with_gears(result: FitResult, gears: GearResult | None) -> FitResult:
     """The fit with the numbers found beside the effects, a misfit that these explain being none any more.
 
     Its V is then that of the linear fit, whose part beyond the noise falls with the square of the motion left. Load
-    tests that contradict it stay a misfit. The same fit where nothing was looked for.
+    tests that contradict it stay a misfit. The same fit where nothing was looked for, of a misfit with a word on it.
     """
     if gears is None or gears.refused:
-        return result
+        is_told = gears is None or result.status != "misfit"
+        return result if is_told else replace(result, message=f"{result.message}; {NOT_OPENED}")
     n, none = len(gears.x), np.zeros((0, 2))
     final = replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
     is_contradicted = result.static is not None and result.static.disagrees

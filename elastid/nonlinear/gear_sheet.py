@@ -33,7 +33,15 @@ from elastid.nonlinear.gear.geometry import without_arm
 from elastid.nonlinear.gear.levels import Levels, joints_of
 from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.nonlinear.gear_bounds import Bound, family_of, level_bounds
-from elastid.nonlinear.gear_limits import LOST, coarse_encoders, drives_of, largest_torques, left, refusal
+from elastid.nonlinear.gear_limits import (
+    LOST,
+    coarse_encoders,
+    drives_of,
+    largest_torques,
+    left,
+    refusal,
+    unsettled_notes,
+)
 from elastid.nonlinear.gear_notes import (
     HYSTERESIS,
     alike_notes,
@@ -98,6 +106,7 @@ def open_gears(
         if joint in elastic
     )
     notes = (
+        *unsettled_notes(measured_lines),
         *coarse_encoders(data, drives, joints),
         *preloaded,
         *rigid_gears(found, [joint for joint in joints if joint not in elastic]),

@@ -20,7 +20,7 @@ from elastid.base.display import number, percent
 from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.result import FitResult
-from elastid.nonlinear.gear_result import NOT_EXPLAINED
+from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
 from elastid.response import BENT
 from elastid.validation.residual_tests import FALSE_ALARM
@@ -235,6 +235,9 @@ class Action:
     text: str = ""
 
 
+OPEN_GEARS = Action("Lay the gears open, once.", "Stiffness at zero torque and the law beyond it.", "--set 'gears={}'")
+
+
 def next_steps(result: FitResult, rows: Sequence[ParameterRow], plan: Plan | None = None) -> tuple[Action, ...]:
     """The most useful first: what the status asks for, what explains the residuals, what narrows the widest number.
 
@@ -264,10 +267,9 @@ COMMANDS = tuple(
 
 
 def _action_of_status(result: FitResult) -> Action | None:
-    if result.status == "misfit" and BENT in result.message and NOT_EXPLAINED not in result.message:
-        return Action(
-            "Lay the gears open, once.", "Stiffness at zero torque and the law beyond it.", "--set 'gears={}'"
-        )
+    if result.status == "misfit" and BENT in result.message:
+        is_tried = any(words in result.message for words in (NOT_EXPLAINED, NOT_OPENED))
+        return None if is_tried else OPEN_GEARS
     if result.status in ("converged", "misfit"):
         return None
     meaning, _, advice = result.meaning.partition(": ")

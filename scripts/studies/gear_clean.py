@@ -13,8 +13,8 @@ Counted: sets in which another effect was found, in which a gear was called bent
 first words. The last line is one JSON object. Asserted: a wrong effect, and a gear called bent, in at most 1 % of the
 sets, where 100 or more were drawn, else in none.
 
-Found, `--sets 40 --seed 1`: no wrong effect and no gear called bent; 23 sets were refused as disturbed or not settled,
-one for a coarse encoder, so that 16 were searched. A run of 100 sets is still to be made.
+Found in 14 sets of `--seed 1` and 9 of `--seed 0`, whose periods differ by up to 6.6 % of the motion: no wrong effect
+and no gear called bent; 3 were refused, all for coarse encoders. A run of 100 sets is still to be made.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

@@ -26,6 +26,7 @@ from elastid.nonlinear.gear_limits import (
     gear_torque,
     left,
     refusal,
+    unsettled_notes,
 )
 from elastid.nonlinear.gear_notes import preloads
 from elastid.parameters import Parameter, ParameterSet
@@ -120,9 +121,12 @@ def test_records_that_are_not_settled_are_refused() -> None:
     note = Note(TRANSIENT_LEFT_OUT, "it may last longer than half of the record: measure more periods")
     assert "not settled" in replace(good, responses=[replace(good.responses[0], notes=(note,))]).words
     motion = np.mean(np.abs(good.data[0].Y) ** 2, axis=2)
-    assert (
-        "differ by up to 2 % of the motion" in replace(good, data=[replace(good.data[0], scatter=4e-4 * motion)]).words
-    )
+    apart = {share: replace(good, data=[replace(good.data[0], scatter=share**2 * motion)]) for share in (0.02, 0.2)}
+    assert "differ by up to 20 % of the motion" in apart[0.2].words
+    assert apart[0.02].words == ""
+    (note,) = unsettled_notes(apart[0.02].data)
+    assert "differ by 2 % of the motion" in note.text
+    assert unsettled_notes(good.data) == []
     noisy = replace(good.data[0], scatter=good.data[0].scatter + motion.mean(), noise=np.array([motion.mean()]))
     assert difference(noisy) < 1e-3  # of an encoder, at all lines alike
 

@@ -18,7 +18,15 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import Levels
 from elastid.nonlinear.gear_bounds import Bound
-from elastid.nonlinear.gear_result import ARCMIN, BENT_STILL, NOT_EXPLAINED, GearResult, GearSheet, with_gears
+from elastid.nonlinear.gear_result import (
+    ARCMIN,
+    BENT_STILL,
+    NOT_EXPLAINED,
+    NOT_OPENED,
+    GearResult,
+    GearSheet,
+    with_gears,
+)
 from elastid.nonlinear.gear_sheet import JointLevels, open_gears, sheet_of
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, ParameterSet
@@ -131,6 +139,8 @@ def test_a_misfit_is_explained_by_effects_that_leave_little_of_it() -> None:
         still = with_gears(misfit, found)
         assert (still.status, still.cost) == ("misfit", 101.0)
         assert NOT_EXPLAINED in still.message
+    refused = GearResult(PARAMETERS.x, np.eye(3), refused="the records are of one realisation")
+    assert with_gears(misfit, refused).message.endswith(NOT_OPENED)
 
 
 def test_effects_of_gears_explain_no_contradiction_by_load_tests() -> None:

@@ -27,7 +27,7 @@ from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import with_gears
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
-from elastid.report.overview import next_steps, numbers_answer, residual_sentence, verdict_sentence
+from elastid.report.overview import OPEN_GEARS, next_steps, numbers_answer, residual_sentence, verdict_sentence
 from elastid.robot import Robot
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
@@ -170,4 +170,6 @@ def _answers(run: Run, result: FitResult, rows: Sequence[ParameterRow]) -> Itera
     yield f"Are the numbers good? {numbers_answer(result, rows)} {sentence[:1].upper()}{sentence[1:]}."
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
+    if step is OPEN_GEARS and "gears" in run.stages:
+        step = replace(step, what="Lay the gears open.", text=f"elastid gears {run.loaded.path}")
     yield " ".join(filter(None, ("What next?", step.what, step.gain, step.text and f"`{step.text}`")))

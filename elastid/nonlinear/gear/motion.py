@@ -310,6 +310,7 @@ class Linear:
     softness: FloatArray
 
     def __call__(self, force: FloatArray) -> FloatArray:
+        """Unknowns (n_x, n) by forces (n_x, n)."""
         F, spectrum = len(self.A), rfft(force)[:, 1:-1].T * (2 / force.shape[1])
         X = np.empty_like(spectrum)
         X[:F] = (self.A @ spectrum[:F, :, None])[:, :, 0]

@@ -68,10 +68,11 @@ def _reversals(
     length = np.diff(begins, append=len(near))
     first, last = (near[begins] - 1) % n, (near[begins + length - 1] + 1) % n  # the cells before and after
     apart = ~(is_near[first - 1] | is_near[(last + 1) % n])  # from the reversals before and after
+    turned = means[last] - means[first]  # 1 or less where it stands still on one side
     is_short = apart & (length <= _CELLS) & (np.add.reduceat(crosses[near].astype(int), begins) == 1)
+    is_short &= np.abs(turned) > 1
     c = (step[first] - step[first - 1] + step[(last + 1) % n] - step[last]) / 2
-    turned = np.where(is_short, means[last] - means[first], 1.0)
-    b = (step[first] - step[last] + c * (length + 1)) / turned
+    b = (step[first] - step[last] + c * (length + 1)) / np.where(is_short, turned, 1.0)
     middle = (step[first] + step[last] + b * (means[last] + means[first])) / 2
     own = np.repeat(np.arange(len(begins)), length)
     a = middle[own] + c[own] * (np.arange(len(near)) - begins[own] - (length[own] - 1) / 2)

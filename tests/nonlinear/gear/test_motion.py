@@ -8,9 +8,9 @@ import pytest
 
 from elastid.base.arrays import FloatArray
 from elastid.nonlinear.gear.drive_lines import DriveLines
-from elastid.nonlinear.gear.turning import turning
 from elastid.nonlinear.gear.motion import Linear, newton, smoothed_covariance
 from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
+from elastid.nonlinear.gear.turning import turning
 from tests.plants.two_mass_gear import POSTURE
 
 

@@ -38,3 +38,14 @@ def test_friction_that_bends_its_own_velocity_is_that_of_the_equation(turn: floa
     lines = np.fft.rfft(np.tanh(v / turn))[1:20] / len(v)
     found = np.fft.rfft(turning(v[::64], turn)[0])[1:20] / 400
     assert np.linalg.norm(found - lines) < error * np.linalg.norm(lines)
+
+
+def test_a_motion_that_stands_still_has_numbers() -> None:
+    """Nothing moves, or it turns and then stands: no division by a step that is none."""
+    still = np.zeros(100)
+    stands = np.concatenate([np.full(30, -1.0), [-0.5, 0.5], np.zeros(68)])
+    for v in (still, stands):
+        phi, slope = turning(v, 0.1)
+        assert np.all(np.isfinite(phi))
+        assert np.all(np.isfinite(slope))
+    assert np.all(turning(still, 0.1)[0] == 0)
