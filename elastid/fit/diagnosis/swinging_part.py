@@ -26,7 +26,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import Evidence
-from elastid.fit.diagnosis.prediction import evaluate, thinned
+from elastid.fit.diagnosis.prediction import AS_READ, evaluate, settle, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit, kernel_of
 from elastid.fit.problem.inertia_barrier import moved_inertias
@@ -53,7 +53,7 @@ class Limits:
     scan_loss: float = 0.2  # the same while f_0 is sought, between whose steps the resonance may be
     pattern_std: float = 0.5  # of h, relative to the roots of mass and inertia of what the last joint carries
     spring_std: float = 2.0  # of ln omega_0^2
-    followed: int = 3  # resonances that the solver follows
+    followed: int = 6  # resonances that the solver follows
     iterations: int = 25  # for each
 
 
@@ -87,6 +87,7 @@ def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
         try:
             swinging = _with_part(evidence, fit, x, motions, f_0, h)
             start = swinging.parameters.x
+            _, start = settle(AS_READ, swinging, start, np.ones(len(start), dtype=bool))
             end = solve(swinging.problem, start, ROUGH, LIMITS.iterations)
         except (ElastidError, np.linalg.LinAlgError):  # no robot stands there
             continue
@@ -107,7 +108,7 @@ def _scale(robot: Robot, body: Body) -> FloatArray:
     inertia = np.trace(body.inertia_matrix) / 3 + sum(
         each.mass * lever**2 for each, lever in zip(carried[1:], levers, strict=True)
     )
-    return np.sqrt(np.array([mass] * 3 + [max(float(inertia), 1e-3 * mass)] * 3))
+    return np.asarray(np.sqrt(np.array([mass] * 3 + [max(float(inertia), 1e-3 * mass)] * 3)))
 
 
 def _motions(evidence: Evidence, fit: ElasticFit, body: Body) -> list[FloatArray]:
@@ -157,7 +158,7 @@ def _starts(
 
 def _across(evaluated: Evaluated, J: FloatArray, theta: FloatArray) -> ComplexArray:
     """c (C Z^-1 J_i^T) (J_j Z^-1 B), both ways (21, F, n_y, n_u), of all pairs i <= j; theta (n_theta,): SI."""
-    model, s = evaluated.part.kernel.model, 2j * np.pi * evaluated.part.kernel.freq_hz
+    model, s = evaluated.part.kernel.model, np.asarray(2j * np.pi * evaluated.part.kernel.freq_hz, np.complex128)
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     Z = K + s[:, None, None] * D + s[:, None, None] ** 2 * M
     reached = np.linalg.solve(Z, np.broadcast_to(J.T, (len(s), *J.T.shape)))  # Z^-1 J^T (F, n, 6)
