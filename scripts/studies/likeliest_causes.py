@@ -3,11 +3,11 @@
     python scripts/studies/likeliest_causes.py [--quick] [--only WORD] [--clean 50] [--seed 0] [--jobs 2]
 
 Causes of injected_causes.py, further_causes.py and workshop_causes.py are injected one by one into exact responses of
-robots of two, three and six axes and of a linkage, on some 40 lines with 0.5 % of noise; of the last every other robot is
-off its file as CAD and data sheets are.  The fit takes the robot's file with its common tolerances, or as exact where the
-table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain it was
-stated, its share of the excess of V, its drop of V, the status, and the largest error of a stiffness over the half of its
-interval.
+robots of two, three and six axes and of a linkage, on some 40 lines with 0.5 % of noise; of the last every other robot
+is off its file as CAD and data sheets are.  The fit takes the robot's file with its common tolerances, or as exact
+where the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain
+it was stated, its share of the excess of V, its drop of V, the status, and the largest error of a stiffness over the
+half of its interval.
 
 - right: the first cause is the injected one.
 - apart: the injected one is named in the same sentence as what the data cannot distinguish from the first.

@@ -45,7 +45,7 @@ PAIRS = tuple(combinations_with_replacement(range(6), 2))
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the search for a part that swings.  False alarms of 300 clean logs: modification-index 1."""
+    """Thresholds of the search for a part that swings, which begins only where V exceeds the noise."""
 
     frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances, from within the band to beyond it
     beyond: float = 4.0  # of the band's upper edge
@@ -55,6 +55,7 @@ class Limits:
     spring_std: float = 2.0  # of ln omega_0^2
     followed: int = 6  # resonances that the solver follows
     iterations: int = 25  # for each
+    enough: float = 0.1  # of V without the part, below which no further resonance is followed
 
 
 LIMITS = Limits()
@@ -81,8 +82,11 @@ def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
     robot, evaluated = evidence.assembly.linearisation.model.robot, evaluate(fit, x)
     body = next(body for body in reversed(robot.bodies) if body.joints)
     scale = _scale(robot, body)
-    motions = [scale[:, None] * J for J in _motions(evidence, fit, body)]
-    best = None
+    try:
+        motions = [scale[:, None] * J for J in _motions(evidence, fit, body)]
+    except ElastidError:  # no robot stands there
+        return None
+    best, before = None, fit.evaluate(x).cost
     for f_0, h in _starts(evaluated, motions, fit, x):
         try:
             swinging = _with_part(evidence, fit, x, motions, f_0, h)
@@ -93,6 +97,8 @@ def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
             continue
         if best is None or end.cost < best.cost:
             best = _part(body, scale, swinging, end.x, end.cost, evidence)
+        if best.cost < LIMITS.enough * before:
+            break
     return best
 
 
