@@ -47,8 +47,7 @@ PAIRS = tuple(combinations_with_replacement(range(6), 2))
 class Limits:
     """Thresholds of the search for a part that swings, which begins only where V exceeds the noise."""
 
-    frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances, from within the band to beyond it
-    beyond: float = 4.0  # of the band's upper edge
+    frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances
     loss_ratio: float = 0.05  # 2 zeta of the start: omega_0 d / k
     scan_loss: float = 0.2  # the same while f_0 is sought, between whose steps the resonance may be
     pattern_std: float = 0.5  # of h, relative to the roots of mass and inertia of what the last joint carries
@@ -77,7 +76,7 @@ class SwingingPart:
 
 
 def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
-    """The part of the last body with which V is lowest; None where none could be followed."""
+    """The part of the last body with which V is lowest, of a resonance within the band; None where there is none."""
     fit, x = thinned(evidence.optimum.fit), evidence.optimum.end.x
     robot, evaluated = evidence.assembly.linearisation.model.robot, evaluate(fit, x)
     body = next(body for body in reversed(robot.bodies) if body.joints)
@@ -86,7 +85,7 @@ def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
         motions = [scale[:, None] * J for J in _motions(evidence, fit, body)]
     except ElastidError:  # no robot stands there
         return None
-    best, before = None, fit.evaluate(x).cost
+    best, before, edge_hz = None, fit.evaluate(x).cost, max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
     for f_0, h in _starts(evaluated, motions, fit, x):
         try:
             swinging = _with_part(evidence, fit, x, motions, f_0, h)
@@ -95,9 +94,11 @@ def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
             end = solve(swinging.problem, start, ROUGH, LIMITS.iterations)
         except (ElastidError, np.linalg.LinAlgError):  # no robot stands there
             continue
-        if best is None or end.cost < best.cost:
-            best = _part(body, scale, swinging, end.x, end.cost, evidence)
-        if best.cost < LIMITS.enough * before:
+        part = _part(body, scale, swinging, end.x, end.cost, evidence)
+        # One beyond the band is a spring like any other, and explains what many of them do.
+        if part.freq_hz < edge_hz and (best is None or part.cost < best.cost):
+            best = part
+        if best is not None and best.cost < LIMITS.enough * before:
             break
     return best
 
@@ -135,7 +136,7 @@ def _starts(
 ) -> list[tuple[float, FloatArray]]:
     """f_0 and h (6,) in parts of the body, where V after a step is lowest, best first."""
     freq_hz = np.concatenate([e.part.kernel.freq_hz for e in evaluated])
-    low, high = float(freq_hz[freq_hz > 0].min()), LIMITS.beyond * float(freq_hz.max())
+    low, high = float(freq_hz[freq_hz > 0].min()), float(freq_hz.max())
     count = 1 + math.ceil(math.log(high / low) / math.log(LIMITS.frequency_step))
     across = [_across(e, J, fit.theta(e.part, x)) for e, J in zip(evaluated, motions, strict=True)]
     n_x, trials = len(fit.prior_slopes), []
