@@ -102,7 +102,9 @@ def judged(number: int, seed: int) -> Row:
     first = next((index for index in result.indices if index.place == 1), None)
     if first is None or not any(note.code == "modification-index" for note in result.notes):
         text, family = _other(result), injection.right[0].partition("_")[0] if injection.right else ""
-        is_stated = any(note.code == "held-as-exact" and f"{family}_" in note.text for note in result.notes)
+        is_stated = bool(family) and any(
+            note.code == "held-as-exact" and f"{family}_" in note.text for note in result.notes
+        )
         verdict = (
             "none" if result.status != "converged" else "within" if off <= SILENT else "stated" if is_stated else "none"
         )
