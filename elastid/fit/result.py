@@ -426,8 +426,13 @@ class FitResult:
 
         Then it counts times the square of residuals over their noise.
         """
-        is_explained = any(index.place == 1 and index.share > LONE_CAUSE for index in self.indices)
-        return self.covariance * self.model_error**2 if self.exceeds_noise and not is_explained else self.covariance
+        is_unexplained = self.exceeds_noise and not self.has_lone_cause
+        return self.covariance * self.model_error**2 if is_unexplained else self.covariance
+
+    @property
+    def has_lone_cause(self) -> bool:
+        """True if one cause explains the residuals beyond the noise."""
+        return any(index.place == 1 and index.share > LONE_CAUSE for index in self.indices)
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
-from elastid.base.note import NoteGroup, grouped
+from elastid.base.note import Note, NoteGroup, grouped
 from elastid.design.forecast import Forecast, LimitUse
 from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
@@ -80,9 +80,13 @@ class ReportContent:
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
         """Those of the fit, its missing modes, then of the measured responses; the same from many places once."""
-        missing = (note for own in self.measured_modes for note in own.notes)
         notes = (note for measured, _ in self.frf for note in measured.notes)
-        return grouped((*self.result.notes, *missing, *notes))
+        return grouped((*self.result.notes, *self.missing_modes, *notes))
+
+    @property
+    def missing_modes(self) -> tuple[Note, ...]:
+        """On modes that the model lacks; none where one cause explains the residuals, which moves modes, too."""
+        return () if self.result.has_lone_cause else tuple(note for own in self.measured_modes for note in own.notes)
 
 
 @dataclass(frozen=True)

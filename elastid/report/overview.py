@@ -195,7 +195,9 @@ def excess_sentence(result: FitResult) -> str:
         return ""
     has_change = len(first.values) == 1 and first.values[0]
     change = f" {100 * (first.changed[0] / first.values[0] - 1):+.1f} %" if has_change else ""
-    return f"{percent(min(first.share, 1.0), 3)} of the excess would go with {first.name}{change}."
+    is_known = not first.members or first.name in result.parameters.names  # others are names of the diagnosis alone
+    name = first.name if is_known or change else "the likeliest cause"
+    return f"{percent(min(first.share, 1.0), 3)} of the excess would go with {name}{change}."
 
 
 def summary_line(content: ReportContent) -> str:
@@ -285,7 +287,7 @@ def _of_residuals(result: FitResult) -> Action | None:
         # A prior of a share is of one positive number; the common factor of an inertia's entries is none of a study.
         tied = {p.tie.to for p in result.parameters if p.tie is not None}
         if not {*first.members} <= {*result.parameters.names} - tied or len(first.members) > 1 or not first.log[0]:
-            return Action(f"Check {first.name}: the first warning says how.", excess)
+            return Action("Do what the first warning says.", excess)
         text = f"--set 'fit.parameters.{first.name}={{prior: {{std: {ADVICE.prior_std}}}}}'"
         return Action(f"Free {first.name}, with a prior of {percent(ADVICE.prior_std)}.", excess, text)
     if not result.exceeds_noise:

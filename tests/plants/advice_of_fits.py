@@ -122,7 +122,7 @@ def spoilt(desk: Desk, factor: Callable[[FloatArray], ComplexArray]) -> None:
     write_responses(run.path("estimate"), spoilt, run.stamps["estimate"])
 
 
-@case("fit/diagnosis/hypotheses.py", "fit.parameters: {delay: {}}", slow=True)
+@case("fit/diagnosis/phrases.py", "fit.parameters: {delay: {}}", slow=True)
 def late_torque(desk: Desk) -> None:
     spoilt(desk, lambda f: np.exp(-2j * np.pi * f * 2e-3))
     text = rendered("fit.parameters: {delay: {}}", fitted(desk, FREE)[1])
@@ -158,7 +158,7 @@ def replace_viscous(robot: Robot, viscous: float) -> Robot:
     return replace(robot, bodies=tuple(bodies))
 
 
-@case("fit/diagnosis/hypotheses.py", "hold: zero-order", slow=True)
+@case("fit/diagnosis/phrases.py", "hold: zero-order", slow=True)
 def held_torque(desk: Desk) -> None:
     """Responses to a torque that was held for 8 ms: so recorded logs say it, and so responses from elsewhere."""
     spoilt(desk, lambda f: np.sinc(f * 8e-3) * np.exp(-1j * np.pi * f * 8e-3))

@@ -59,7 +59,7 @@ def report(
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     validation, friction = read_validation(validate_file), read_friction(estimate_file)
     fitted, gears = FittedRobot.of(result, robot, responses, model, read_motion(fit_file)), read_gears(gears_file)
-    final, measured = with_gears(result, gears), measured_modes(fitted)
+    final = with_gears(result, gears)
     content = ReportContent(
         *(name, validation.verdict, final, tuple(zip(responses, fitted.responses, strict=True)), validation),
         *(modes_of(fitted), text, work.stamp.shown),
@@ -76,9 +76,9 @@ def report(
         twin=read_twin(validate_file, "validation"),
         contents=contents(robot, experiment.simulated is not None, friction, result.parameters.free),
         gears=gears,
-        measured_modes=measured,
+        measured_modes=measured_modes(fitted),
     )
-    lines = [f"report: {own.configuration}: {note.text}" for own in measured for note in own.notes]
+    lines = [f"report: {note}" for note in content.missing_modes]
     return page_artefacts(write_report, content, report, work, lines=lines)
 
 

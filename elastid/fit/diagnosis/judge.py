@@ -15,11 +15,7 @@ from elastid.base.note import Note
 from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
-from elastid.fit.diagnosis.hypothesis import (
-    Evidence,
-    Hypothesis,
-    explanations,
-)
+from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis, explanations
 from elastid.fit.diagnosis.ranking import modification_indices
 from elastid.fit.diagnosis.rigid_parts import find_elastic_base, find_rigid_parts
 from elastid.fit.diagnosis.scoring import score
@@ -29,6 +25,8 @@ from elastid.fit.diagnosis.tool_side import tool_notes
 from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.result import FitResult
+
+CONSEQUENCES = ("at-bound", "weakly-determined")  # codes of notes
 
 
 def judge(
@@ -68,6 +66,9 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
     apart, causes = evidence.apart, explanations(evidence)
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)
+    if evidence.is_unexplained and result.has_lone_cause:
+        # A cause that explains all explains bounds and residuals, too; their own advice would be another.
+        estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
     undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
     static = (*static_notes(result), *tool_notes(result))
     of_families = (note for family_notes in by_family.values() for note in family_notes)
