@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import re
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -52,5 +53,5 @@ def test_a_change_names_a_key_that_exists() -> None:
 )
 def test_an_advice_works_when_it_is_pasted(follow: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The message is there, and gone once its advice is followed: the case asserts it, step by step."""
-    assert any(isinstance(node, ast.Assert) for node in ast.walk(ast.parse(inspect.getsource(follow))))
+    assert any(isinstance(node, ast.Assert) for node in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(follow)))))
     follow(Desk(tmp_path, capsys))
