@@ -35,6 +35,7 @@ from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
 _AT_LINKS = 10.0
 _WINDOW = 15  # lines over which the power of residuals is averaged
 _STEPS, _HALVINGS = 8, 5  # Newton's method
+_OF_FORCE = 10.0  # times the error of the motion, that of the force by it
 _FOLLOWED = 0.1  # error of the motion as it follows a scale, over itself
 _FAR = 0.1  # error of a start over the motion, from which on that without forces is tried, too
 
@@ -151,19 +152,20 @@ def estimate_motion(
         motions = {joint: problem.motion(q, problem.joints.index(joint), m, x, force) for joint in own}
         for joint, motion in motions.items():
             after.loads[m, problem.joints.index(joint)] = np.abs(motion.torque)
+        slope = problem.slope(m, x)
         for i, effect in enumerate(effects):
             j = problem.joints.index(effect.joint)
             acting = [(place, j, phi) for place, phi in forces(effect, motions[effect.joint])]
             if effect.is_edge:
-                further = problem.followed(effect, acting[0][2], x, m)
+                further = problem.followed(effect, acting[0][2], x, slope)
                 acting += [(*signal, phi) for signal, phi in zip(problem.signals, further, strict=True)]
-            for place, at, phi in acting:
-                Phi = lines.all_amplitudes(phi)[:, None] * drive.directions(place, at)
-                after.Phi[:, :, m, i] += Phi[:F]
-                moved = (CH_above @ Phi[F:, :, None])[:, :, 0]
-                after.folded[:, lines.sampled, m, i] += lines.folded(moved)
-                if not effect.is_implicit:
-                    after.above[:, :, m] += levels[i] * Phi[F:]
+            rows = np.array([drive.directions(place, at) for place, at, _ in acting])
+            Phi = lines.all_amplitudes(np.array([phi for *_, phi in acting])).T @ rows
+            after.Phi[:, :, m, i] = Phi[:F]
+            moved = (CH_above @ Phi[F:, :, None])[:, :, 0]
+            after.folded[:, lines.sampled, m, i] = lines.folded(moved)
+            if not effect.is_implicit:
+                after.above[:, :, m] += levels[i] * Phi[F:]
     return replace(after, unknowns=tuple(unknowns))
 
 
@@ -226,9 +228,16 @@ class _Problem:
         beyond = np.arange(len(A) + 1, self.lines.samples * CELLS // 2)[:, None]
         return Linear(self.lines, A, (len(A) / beyond) ** np.where(of_gear, 2, 1), softness)
 
-    def followed(self, effect: GearEffect, phi: FloatArray, x: FloatArray, m: int) -> FloatArray:
-        """Forces (n_x, n) by the unknowns, as these follow a small further one phi (n,) at the effect's place."""
-        force, slope = np.zeros_like(x), self._law(m, x)[1]
+    def slope(self, m: int, x: FloatArray) -> FloatArray:
+        """Slope (n_x, n) of the forces by the unknowns x (n_x, n)."""
+        return self._law(m, x)[1] if x.size else x
+
+    def followed(self, effect: GearEffect, phi: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:
+        """Forces (n_x, n) by the unknowns, as these follow a small further one phi (n,) at the effect's place.
+
+        slope (n_x, n): of the forces at x.
+        """
+        force = np.zeros_like(x)
         force[self.signals.index((effect.place, self.joints.index(effect.joint)))] = phi
         return slope * _moved(self.linear, slope, np.std(x, axis=1)[:, None] + 1e-300, -self.linear(force), _FOLLOWED)
 
@@ -343,7 +352,7 @@ def newton(
     if left > _FAR and (at_0 := error(x_0))[2] < left:
         x, (e, slope, left, of_force) = x_0, at_0
     for _ in range(_STEPS):
-        if max(left, of_force) < near:
+        if max(left, of_force / _OF_FORCE) < near:
             break
         step = _moved(linear, slope, size, -e * size, 3e-2)
         for halving in range(_HALVINGS + 1):
