@@ -24,7 +24,7 @@ from elastid.study import load
 ELASTIC = (
     "experiment.realisations=2",
     "estimator.friction=coulomb",
-    "fit.bootstrap=10",
+    "fit.bootstrap=40",
     "fit.profile=[k_1]",
     "validation.folds=2",
     "compare.variants=[{name: other weights, set: [fit.start_factor=2]}]",

@@ -17,7 +17,16 @@ RUNNABLE = sorted(
     for folder in FOLDERS
     for path in folder.glob("*.py")
     if path.stem
-    not in ("study_plants", "clean_logs", "fast_rig", "timing", "fit_peers", "injected_causes", "further_causes")
+    not in (
+        "study_plants",
+        "clean_logs",
+        "fast_rig",
+        "timing",
+        "fit_peers",
+        "injected_causes",
+        "further_causes",
+        "workshop_causes",
+    )
 )
 
 

@@ -99,13 +99,13 @@ def test_constant_speed_cannot_tell_friction_from_an_error_of_gravity(kalman: Ka
 
 @pytest.mark.slow
 def test_noise_is_found_from_innovations() -> None:
-    """Torque noise within 10 % from a guess of a third; a bristle that is LuGre's has no noise of its own."""
+    """Torque noise within 10 % from a guess of a third; a bristle that is LuGre's slips no more than guessed."""
     kalman = KalmanFilter(FOLLOWED, RATE_HZ)
     run = simulate(rich(5), seed=5)
     start = first_estimate(FOLLOWED, run.samples.angle[0])
     found = estimate_noise(kalman, run.samples, NOISE.scaled(torque=1 / 3), start, settled_s=2.0)
     assert found.torque == pytest.approx(TORQUE_STD, rel=0.1)
-    assert found.slip < 0.03
+    assert found.slip == pytest.approx(NOISE.slip)
 
 
 def test_samples_with_gaps_are_refused() -> None:
