@@ -121,12 +121,12 @@ def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Gener
 
 
 def new_worker() -> Worker:
-    """A worker of one's own, to `end`."""
+    """A worker that nobody else asks; whoever called it has to `end` it."""
     return _call([], [])
 
 
 def answers(given: Mapping[int, tuple[Worker, bytes]]) -> dict[int, Outcome]:
-    """What workers of one's own answer to a message each, (function, item) or (None, item), pickled."""
+    """Outcomes of a message to each `new_worker`: pickled (function, item), or (None, item) for the same function."""
     known = dict[int, Outcome]()
     for i, (worker, message) in given.items():
         try:

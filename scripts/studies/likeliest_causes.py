@@ -19,7 +19,10 @@ half of its interval.
 
 Then clean data sets of the same robots: none may name a cause.  It is asserted that at least 90 % of the causes are
 none of wrong and unnamed, no wrong one certain, and no stiffness off by more than SILENT half intervals where a fit
-converged and names nothing, but for TAKEN_UP.  The last line is one JSON object.
+converged and names nothing.  The last line is one JSON object.
+
+A whole run fails: with `--seed 3` a tool that swings at 90 Hz, of two axes off their file, is silent, 3.5 half
+intervals off; its resonance is at nearly twice the end of the band, and the tolerances take it up.
 
 A payload of 3 kg on two axes is taken up whole by the tolerances of a file that is not exact.
 """
@@ -54,8 +57,6 @@ from elastid.robot import Tolerances
 
 CERTAIN = LIMITS.certain_share
 MIN_NAMED, STARTS, SILENT = 0.9, 2, 2.0
-# A resonance at nearly twice the end of the band, of a robot off its file: the tolerances take it up.
-TAKEN_UP = (("tool swings at 90 Hz", "two-axis"),)
 QUICK = ("torque constant 2 20 % off", "drive 2 late by 1 ms")
 
 
@@ -166,8 +167,7 @@ def main() -> None:
         print(f"{row.cause:<40}{row.robot:<10}{judgement}  {' or '.join((row.first, *row.alike))}", flush=True)
     counts = Counter(row.verdict for row in rows)
     wrong = [row.cause for row in rows if row.verdict == "wrong" and row.is_certain]
-    unnamed = [row for row in rows if row.verdict == "none" and row.status == "converged"]
-    silent = [row.cause for row in unnamed if (row.cause, row.robot) not in TAKEN_UP]
+    silent = [row.cause for row in rows if row.verdict == "none" and row.status == "converged"]
     clean = 1 if asked.quick else 0 if asked.only else asked.clean
     alarms = sum(ordered(partial(names_a_cause, seed=asked.seed), range(clean), asked.jobs))
     total = counts["right"] + counts["apart"] + counts["doubt"] + counts["within"] + counts["stated"]

@@ -82,7 +82,7 @@ def _reversals(
 
 
 def _sag(u: FloatArray, after: FloatArray) -> FloatArray:
-    """What a mean of tanh falls by for each c of a bend (n,): - int sech^2(u) t (t - 1) / 2 dt along a line."""
+    """Fall (n,) of a mean of tanh for each c of a bend: - int sech^2(u) t (t - 1) / 2 dt along a line."""
     step = after - u
     sag = (1 - np.tanh((u + after) / 2) ** 2) / 12
     steep = np.abs(step) > _STEEP
