@@ -16,8 +16,8 @@ from elastid.app.stages.fit import current_fit, warn_of_distrust
 from elastid.base.display import columns, number
 from elastid.base.errors import StudyError
 from elastid.experiment.simulated.plant import true_robot
-from elastid.experiment.specs.loop_gains import MAX_DELAY_SAMPLES
 from elastid.experiment.specs.recorded import CascadeSpec
+from elastid.experiment.specs.simulated import MAX_DELAY_SAMPLES
 from elastid.fit.posture import Asked as Ports
 from elastid.fit.result import FitResult
 from elastid.record import Configuration

@@ -19,8 +19,7 @@ from elastid.recorded.repair.clock import at_times, resampled
 from elastid.recorded.repair.converter import find_clipping, find_steps
 from elastid.recorded.repair.missing import bridged_gaps, filled, realigned
 from elastid.recorded.repair.spikes import despiked
-from elastid.recorded.repair.stops import without_stops
-from elastid.recorded.repair.stuck import without_stuck
+from elastid.recorded.repair.stops import without_stops, without_stuck
 
 
 def repair(

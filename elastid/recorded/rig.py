@@ -19,11 +19,10 @@ from elastid.recorded.drive_notes import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, naming, rows_of
 from elastid.recorded.link_side import check_holds, disturbances, hold_samples, link_side_factor, to_joints
 from elastid.recorded.periodicity import check_repeat, grid_samples, unstated_period_notes
-from elastid.recorded.pieces import LargeLog, end_notes, joined, may_be_large, pieces
+from elastid.recorded.pieces import LargeLog, end_notes, joined, joined_periods, may_be_large, pieces
 from elastid.recorded.repair import Log, Repaired, counts
 from elastid.recorded.repair.stops import STOPPED
 from elastid.recorded.repair_order import repair, repair_without_period
-from elastid.recorded.several_files import joined_periods
 
 
 @dataclass(frozen=True)

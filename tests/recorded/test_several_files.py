@@ -19,8 +19,8 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
+from elastid.recorded.pieces import joined_periods
 from elastid.recorded.rig import RecordedRig
-from elastid.recorded.several_files import joined_periods
 from elastid.response import FrequencyResponse
 
 N, RATE = 240, 100.0

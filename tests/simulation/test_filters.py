@@ -7,8 +7,7 @@ import pytest
 from plants.two_links import FREE, arm, quiet, rough
 from scipy import signal
 
-from elastid.experiment.specs.loop_gains import GainsSpec, NotchSpec
-from elastid.experiment.specs.simulated import ControllerSpec
+from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import serial
 from elastid.record import Configuration

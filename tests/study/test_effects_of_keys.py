@@ -24,7 +24,7 @@ from elastid.recorded.responses.reading import read_table
 from elastid.robot import Anchor, Body, Chain, Joint, Loop, Pin, Placement, Rod
 from elastid.store.results import read_fit
 from elastid.study import load
-from elastid.study.checks.unused import PLAN_KEYS
+from elastid.study.checks import PLAN_KEYS
 
 
 def test_the_other_axis_of_a_pin_is_in_the_axes_of_the_second_body() -> None:

@@ -12,7 +12,7 @@ from elastid.app import cli
 from elastid.app.cli import run_command
 from elastid.base.errors import StudyError
 from elastid.study import load, make_schema
-from elastid.study.checks.unused import PLAN_KEYS
+from elastid.study.checks import PLAN_KEYS
 from elastid.study.reference import explain, explain_word, keys_of, list_keys, names_in, overview, text_of
 from elastid.study.sections import Study
 

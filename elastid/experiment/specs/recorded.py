@@ -9,7 +9,7 @@ from elastid.base.names import at_level
 from elastid.base.section import Key, section
 from elastid.base.units import Damping, Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.channels import ChannelSpec, check_rate
-from elastid.experiment.specs.loop_gains import PositionGain
+from elastid.experiment.specs.simulated import PositionGain
 from elastid.record import Hold
 
 

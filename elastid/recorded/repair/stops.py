@@ -1,4 +1,7 @@
-"""A stop within a record, such as an emergency stop: no torque and no motion where other repetitions have both.
+"""Stops within a record, and channels that are stuck, where other repetitions move.
+
+An emergency stop has no torque and no motion. An encoder or a converter that hangs repeats its last value exactly; a
+joint that stands has noise, or stands in every repetition, and where all channels are at one value the robot stops.
 
 A stop shorter than a tenth of a repetition counts where the torques lack what other repetitions have there.
 """
@@ -12,7 +15,8 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, Repaired, in_runs
+from elastid.recorded.repair import Finding, Log, Repaired, in_runs, runs
+from elastid.recorded.repair.converter import step
 
 STOPPED = "stops"
 
@@ -164,3 +168,36 @@ def _scatter(windows: FloatArray) -> FloatArray:
     away = windows - windows.mean(axis=-1, keepdims=True)
     away = away - (away @ t / (t @ t))[..., None] * t
     return np.where(np.isfinite(away).all(axis=-1), np.sqrt(np.mean(away**2, axis=-1)), np.inf)
+
+
+@dataclass(frozen=True)
+class StuckLimits:
+    """Limits of a channel that is stuck.  False alarms of 300 clean logs: stuck-samples 0."""
+
+    min_run: int = 20  # samples with one value
+    # Range of the other repetitions there: over the scatter of the channel, and in its steps.
+    min_range: float = 0.25
+    min_steps: float = 4.0
+
+
+STUCK = StuckLimits()
+
+
+def without_stuck(signals: FloatArray, L: int, log: Log) -> Repaired:
+    """Signals (n, c), some samples NaN, with NaN for samples that are stuck, where repetitions of L samples move."""
+    result, findings = signals.copy(), []
+    hold = np.diff(signals, axis=0) == 0
+    for c, x in enumerate(signals.T):
+        least = max(STUCK.min_range * float(np.nanstd(x)), STUCK.min_steps * step(x[np.isfinite(x)]))
+        stuck = np.zeros(len(x), dtype=np.bool_)
+        for start, end in runs(hold[:, c] & ~hold.all(axis=1), STUCK.min_run - 1):
+            others = [x[a : a + end + 1 - start] for a in range(start % L, len(x) - end + start, L) if a != start]
+            if len(others) and min(float(np.ptp(other)) for other in others) > least:
+                # The first value may be a measured one.
+                stuck[start + 1 : end + 1] = True
+        if not stuck.any():
+            continue
+        result[stuck, c] = np.nan
+        text = f"{log.names[c]} is stuck for {stuck.sum()} samples from {log.time_of(np.flatnonzero(stuck)[0])} on"
+        findings.append(Finding("stuck samples", int(stuck.sum()), f"{text}, while other periods move: not used"))
+    return Repaired(result, tuple(findings))

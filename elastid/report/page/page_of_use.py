@@ -20,7 +20,7 @@ from elastid.report.figures.use import SHOWN, loops_figure, move_figure, workspa
 from elastid.report.overview import Questions
 from elastid.report.page.explorer import asset
 from elastid.report.page.page import render, rendered
-from elastid.use.command.limits import KINDS
+from elastid.use.command.moves import KINDS
 from elastid.use.command.tune import TunedMove
 from elastid.use.loops.result import Loops
 from elastid.use.loops.sensitivity import LIMIT_DB

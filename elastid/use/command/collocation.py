@@ -22,8 +22,7 @@ from scipy.interpolate import BSpline, make_lsq_spline
 
 from elastid.base.arrays import FloatArray
 from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.limits import MotionLimits
-from elastid.use.command.moves import Move
+from elastid.use.command.moves import MotionLimits, Move
 
 DEGREE = 5
 _HELD = 3  # coefficients at each end, which hold position at zero velocity and acceleration

@@ -17,8 +17,7 @@ from elastid.simulation.controller import feed_forward
 from elastid.simulation.dynamics import contacts
 from elastid.use.command.collocation import SETTINGS, Planned, plan
 from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.limits import MotionLimits, References, nearest_limit
-from elastid.use.command.moves import Move
+from elastid.use.command.moves import MotionLimits, Move, References, nearest_limit
 
 STEP = 1.25  # between durations that bracket the shortest one
 CLOSE = 1.01  # ratio of durations between which the shortest one is known

@@ -25,7 +25,7 @@ from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop, simulate
 from elastid.simulation.controller import Gains
 from elastid.simulation.dynamics import contacts, least_steps, poles
-from elastid.use.command.limits import References
+from elastid.use.command.moves import References
 
 SETTLING_S = 0.6  # after the move, in which its residual vibration is judged
 DAMPING_RATIO = 0.7  # of the loops of the drives

@@ -15,8 +15,7 @@ from elastid.robot import Robot
 from elastid.simulation.controller import Gains, tune
 from elastid.use.command.collocation import Planned
 from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.limits import KINDS, MotionLimits, References
-from elastid.use.command.moves import Move
+from elastid.use.command.moves import KINDS, MotionLimits, Move, References
 from elastid.use.command.plans import (
     best_plan,
     first_duration,

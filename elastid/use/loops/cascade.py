@@ -14,8 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
-from elastid.experiment.specs.loop_gains import GainsSpec, NotchSpec
-from elastid.experiment.specs.simulated import ControllerSpec
+from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
 from elastid.simulation.controller import Gains
 from elastid.simulation.filters import Filters, low_pass, notch, section_response
 

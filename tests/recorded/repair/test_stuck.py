@@ -6,7 +6,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import Log, counts
-from elastid.recorded.repair.stuck import without_stuck
+from elastid.recorded.repair.stops import without_stuck
 
 N, P = 400, 4
 LOG = Log("log.csv", ("torque", "angle"), 200.0)

@@ -14,7 +14,7 @@ from elastid.base.errors import StudyError
 from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
 from elastid.friction_study.spec import LoadSpec
 from elastid.study import Study, load
-from elastid.study.checks.unused import UNUSED, check_unused
+from elastid.study.checks import UNUSED, check_unused
 
 # Overrides of templates that make a study of each kind.
 TEMPLATES = {

@@ -15,8 +15,7 @@ from plants.commanded_arm import arm, move, rigid_gears
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.use.command.collocation import SETTINGS, plan
 from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.limits import MotionLimits
-from elastid.use.command.moves import point_to_point
+from elastid.use.command.moves import MotionLimits, point_to_point
 from elastid.use.command.plans import best_plan, planned_error, sampled, torque_of
 
 FREE = Limits()

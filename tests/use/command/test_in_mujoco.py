@@ -13,7 +13,7 @@ from elastid.robot import Robot
 from elastid.simulation.controller import Gains, tune
 from elastid.use.command.collocation import plan
 from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.limits import MotionLimits, References
+from elastid.use.command.moves import MotionLimits, References
 from elastid.use.command.plans import rigid_references, sampled
 
 mujoco = pytest.importorskip("mujoco")

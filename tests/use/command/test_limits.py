@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plants.commanded_arm import arm
 
-from elastid.use.command.limits import KINDS, MotionLimits, References, nearest_limit
+from elastid.use.command.moves import KINDS, MotionLimits, References, nearest_limit
 
 
 @pytest.mark.parametrize(("side", "limit"), [(-1.0, -2.0), (1.0, 3.0)])

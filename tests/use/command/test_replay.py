@@ -13,8 +13,7 @@ from elastid.robot import Frame
 from elastid.simulation.controller import tune
 from elastid.study import load_robot
 from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.limits import MotionLimits
-from elastid.use.command.moves import point_to_point
+from elastid.use.command.moves import MotionLimits, point_to_point
 from elastid.use.command.plans import best_plan, sampled
 from elastid.use.command.replay import DAMPING_RATIO, TwinLoop
 

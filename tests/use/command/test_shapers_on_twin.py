@@ -16,7 +16,7 @@ from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
 from elastid.robot.simplified import without_dry_friction
 from elastid.simulation.controller import tune
-from elastid.use.command.limits import References
+from elastid.use.command.moves import References
 from elastid.use.command.replay import DAMPING_RATIO, TwinLoop
 from elastid.use.command.shapers import TOLERATED, ranked_shapers, region_modes
 from elastid.use.draws import estimated_robot

@@ -15,8 +15,7 @@ from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.loop_gains import GainsSpec
-from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, SimulatedSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration
 from elastid.simulation.controller import Gains, filters_of
