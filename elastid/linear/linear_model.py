@@ -11,8 +11,8 @@ linearises again at its result until nothing moves.
 
 Elements of the measurement chain are factors of the response, G(s) = H(s T) G_0(s), with dG / dT = s H' / H(s T) G(s).
 
-Forces and torques at frames act by B = J^T, J the velocity of a frame's origin or its angular velocity; with motors held
-q = N y, B_m^T N = 0, with motors controlled K + B_m k_p B_m^T and D + B_m k_d B_m^T.
+Forces and torques at frames act by B = J^T, J the velocity of a frame's origin or its angular velocity; with motors
+held q = N y, B_m^T N = 0, with motors controlled K + B_m k_p B_m^T and D + B_m k_d B_m^T.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""A record of several parts.  A log that is too large for memory: measured in pieces of whole periods (without one, of any length), in step.
+"""A record of several parts: of a log that is too large for memory, or of several logs of one experiment.
+
+A large log is measured in pieces of whole periods (without one, of any length), in step.
 
 The first piece, and any that does not pass the screen, is read, repaired and checked as a log of its own.  Of the
 others nothing is kept: the record reads them again from the log.  Where the pieces are not in step (lost samples, a
