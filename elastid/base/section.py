@@ -12,6 +12,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
 
 from elastid.base.names import NameRule, check_different
+from elastid.base.units import InUnit
 
 T = TypeVar("T")
 
@@ -24,10 +25,21 @@ class Key:
     """Text of a key of a study, in the annotation of its field: `Annotated[Time, Key("Period of ...", "longer ...")]`.
 
     text: the meaning; its first sentence needs no context.  advice: when to change the key, and the effect of it.
+    above, least: bounds of its number, or of each of several; None for any.
     """
 
     text: str
     advice: str
+    above: float | None = None
+    least: float | None = None
+
+    def refusal(self, number: float) -> str:
+        """Why a number is out of the bounds; empty where it is not."""
+        if self.above is not None and not number > self.above:
+            return f"it must be above {self.above:g}" if self.above else "it must be positive"
+        if self.least is not None and not number >= self.least:
+            return f"it must be at least {self.least:g}" if self.least else "it must not be negative"
+        return ""
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
@@ -49,6 +61,7 @@ def section(cls: type[T]) -> type[T]:
             if isinstance(value, str) and value not in words:
                 raise ValueError(f"{kind.__name__}: {name} is '{value}'; give {expected}")
         _check_names(self)
+        _check_bounds(self)
         if check is not None:
             check(self)
 
@@ -73,6 +86,30 @@ def _check_names(owner: Any) -> None:
                 check_different("name", given)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
+
+
+def _check_bounds(owner: Any) -> None:
+    """ValueError for a number that is out of the bounds of its key."""
+    kind: Any = type(owner)
+    for name, (key, unit) in _bounded(kind).items():
+        given = getattr(owner, name)
+        for number in given if isinstance(given, tuple) else (given,):
+            if isinstance(number, int | float) and (refused := key.refusal(number)):
+                raise ValueError(f"{name} is {number:g}{unit}; {refused}")
+
+
+@cache
+def _bounded(cls: Any) -> dict[str, tuple[Key, str]]:
+    """The keys with bounds, and the unit behind a number where the name does not say it."""
+    bounded = {}
+    for name, hint in get_type_hints(cls, include_extras=True).items():
+        marks = list(getattr(hint, "__metadata__", ()))
+        inner = get_args(hint)[0] if marks else None
+        marks += [m for each in _alternatives(inner) for m in getattr(each, "__metadata__", ())]
+        units = next((mark.units for mark in marks if isinstance(mark, InUnit)), ("1",))
+        for key in (mark for mark in marks if isinstance(mark, Key) and (mark.above, mark.least) != (None, None)):
+            bounded[name] = key, "" if len(units) > 1 or units[0] in ("1", "Hz") else f" {units[0]}"
+    return bounded
 
 
 @cache

@@ -42,17 +42,18 @@ class CandidateSpec:
 
     # fmt: off
     random: Annotated[int | None, Key("Number of candidates that are drawn, uniformly within the joints' limits.",
-        "1000 for six axes, at the cost of time in proportion; beyond that the criterion gains little.")] = None
+        "1000 for six axes, at the cost of time in proportion; beyond that the criterion gains little.",
+        least=1)] = None
     grid: Annotated[int | tuple[int, ...] | None, Key("Grid points per driven joint, one number for all or one for "
         "each, from limit to limit.", "3 to 5 for two or three axes; six axes need 3^6 = 729 postures, and drawn ones "
-        "cover them better.")] = None
+        "cover them better.", least=1)] = None
     given: Annotated[dict[FileName, tuple[JointPosition, ...]], Key("Candidates by name, name to angles. A joint that "
         "turns without limits does so within +-180 deg, one that slides must have them; a simulated carrier keeps its "
         "swing within the limits.", "postures that are known to be free and reachable, as taught points; nothing else "
         "is then chosen from.")] = field(default_factory=dict)
     margin: Annotated[JointPosition, Key("Further distance that drawn and grid candidates keep from the limits, room "
         "for the multisine; in m where a joint slides.", "the amplitude of multisine and carrier at the lowest line "
-        "and some more; 0.05 rad is 3 deg.")] = 0.05
+        "and some more; 0.05 rad is 3 deg.", least=0)] = 0.05
     singular: Annotated[float, Key("Limit of singular postures: refused where the tool's Jacobian (of the frame "
         "`tool`, else of the last body's centre of mass) has an inverse condition number below this; 0 for none.",
         "larger keeps away from postures near which small errors of angles make large errors at the tool; 0 where only "
@@ -66,19 +67,16 @@ class CandidateSpec:
         "that must stay clear, as joints, centres of mass, frames and the straight lines between them do.", "corners "
         "of tools and elbows that stick out of the line between joints.")] = field(default_factory=dict)
     clearance: Annotated[Length, Key("Distance that the robot keeps from floor and boxes.", "half the width of the "
-        "arm, and the swing of the excitation; points and lines have no width of their own.")] = 0.0
+        "arm, and the swing of the excitation; points and lines have no width of their own.", least=0)] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:
         if (self.random is not None) + (self.grid is not None) + bool(self.given) > 1:
             raise ValueError("give only one of random, grid and given")
-        if self.random is not None and self.random < 1:
-            raise ValueError(f"random is {self.random}; draw at least 1 configuration")
-        counts = self.grid if isinstance(self.grid, tuple) else (self.grid or 1,)
-        if min(counts, default=0) < 1:
+        if self.grid == ():
             raise ValueError("grid: each joint needs at least 1 point")
-        if not 0 <= self.singular < 1 or min(self.clearance, self.margin) < 0:
-            raise ValueError("singular must be in [0, 1), clearance and margin not negative")
+        if not 0 <= self.singular < 1:
+            raise ValueError("singular must be in [0, 1)")
 
 
 @section
@@ -108,18 +106,16 @@ class LevelSpec:
     # fmt: off
     distortion: Annotated[float, Key("Nonlinear distortion (friction above all) that comes on top, as the standard "
         "deviation of G relative to |G| in one realisation.", "0.03 to 0.1 from the report of an earlier measurement; "
-        "without it many realisations seem as good as many periods.")] = 0.0
+        "without it many realisations seem as good as many periods.", least=0)] = 0.0
     absolute: Annotated[float | None, Key("Standard deviation of G in one realisation, in its unit, in place of the "
         "rig's.", "for a sensor whose noise is flat in the response's own unit, when no noise of the rig is "
-        "stated.")] = None
+        "stated.", above=0)] = None
     frf: Annotated[str, Key("Earlier measurement, its frf.h5 or run folder, with the same excitation, periods and "
         "realisations, whose variances are expected again in place of the rig's noise.", "the most truthful, where the "
         "robot has been measured once with the same excitation.")] = ""
     # fmt: on
 
     def __post_init__(self) -> None:
-        if self.distortion < 0 or (self.absolute is not None and not self.absolute > 0):
-            raise ValueError("distortion must not be negative, absolute positive")
         if self.absolute is not None and self.frf:
             raise ValueError("give absolute or frf, not both")
 

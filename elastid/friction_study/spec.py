@@ -84,10 +84,10 @@ class PassesSpec:
         "and cables; a slow pass of less than one motor turn cannot average ripple.")] = None
     repeat: Annotated[int, Key("Number of runs of the whole set.", "more where levels scatter from run to run: "
         "intervals are widened to that scatter, which after a single run cannot be distinguished from a wrong law. Two "
-        "show it at the least cost.")] = 2
+        "show it at the least cost.", least=1)] = 2
     reference_every: Annotated[Time, Key("Time after which one speed is repeated; its drift is the warm-up.", "shorter "
         "where a joint warms up quickly, longer once the robot is warm; each costs one more pair of passes. 5 minutes "
-        "are a small part of the 10 to 60 that a gear takes to warm.")] = 300.0
+        "are a small part of the 10 to 60 that a gear takes to warm.", above=0)] = 300.0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -97,10 +97,6 @@ class PassesSpec:
             _check_rising("window", self.window, "[lower, upper]", least=-math.inf)
         if self.count < 5:
             raise ValueError(f"count is {self.count}; the numbers of a Stribeck curve need at least 5 passes")
-        if self.repeat < 1:
-            raise ValueError(f"repeat is {self.repeat}; it must be at least 1")
-        if not self.reference_every > 0:
-            raise ValueError(f"reference_every is {self.reference_every:g} s; it must be positive")
 
 
 @section
@@ -114,12 +110,8 @@ class LoadSpec:
         "experiment).", "postures in which gravity on the joint is small, medium and large give three loads without "
         "any weight.")] = None
     payload: Annotated[Mass, Key("Point mass at the robot's last frame, in addition to the robot's own payload.",
-        "for joints whose gravity the posture hardly changes; the robot must carry it for real.")] = 0.0
+        "for joints whose gravity the posture hardly changes; the robot must carry it for real.", least=0)] = 0.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.payload < 0:
-            raise ValueError(f"payload is {self.payload:g} kg; it must not be negative")
 
 
 @section
@@ -170,7 +162,7 @@ class WarmUpSpec:
 
     # fmt: off
     speed: Annotated[JointVelocity, Key("Speed of the motion.", "the fastest that the axis may keep up: heat grows "
-        "with friction times speed.")]
+        "with friction times speed.", above=0)]
     time: Annotated[Time, Key("Duration of the warm-up.", "two to three time constants of the gear, which are 10 to 60 "
         "minutes; shorter leaves the final temperature to extrapolation.")] = 7200.0
     test_every: Annotated[Time, Key("Time between groups of test passes.", "shorter shows the quick beginning; every "
@@ -178,8 +170,6 @@ class WarmUpSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if not self.speed > 0:
-            raise ValueError(f"speed is {self.speed:g}; it must be positive")
         if not 0 < self.test_every < self.time:
             raise ValueError(
                 f"test_every is {self.test_every:g} s and time {self.time:g} s; tests must come within the warm-up"
@@ -195,7 +185,7 @@ class FrictionSpec:
         "name a few where an hour is what is available: each joint takes its own passes, one after the other.")] = ()
     rate_hz: Annotated[Frequency, Key("Sampling rate of the controller and the logs of a design.", "that of the "
         "controller; logs that exist state theirs in experiment.recorded. 1 kHz is enough for passes, which are "
-        "evaluated below 60 Hz.")] = 1000.0
+        "evaluated below 60 Hz.", above=0)] = 1000.0
     passes: Annotated[PassesSpec | Literal["detect"] | None, Key("Passes at constant speeds; of logs `detect`, by "
         "default: plateaus are found in any motion.", "give {} to design them, `detect` for logs of any motion with "
         "stretches of constant speed; designed ones know their speeds.")] = None
@@ -220,8 +210,6 @@ class FrictionSpec:
         if not all(load.name for load in self.loads):
             raise ValueError("loads: a load has an empty name; give it one, which logs name too")
         check_different("loads:", [load.name for load in self.loads])
-        if not self.rate_hz > 0:
-            raise ValueError(f"rate_hz is {self.rate_hz:g}; it must be positive")
 
     @property
     def designed_passes(self) -> PassesSpec:
@@ -244,16 +232,16 @@ class FilterSpec:
         "poor.")] = ("Fc", "f", "offset")
     drift: Annotated[Ratio, Key("Relative change of a number that is expected within 20 minutes, as a random walk.",
         "larger follows faster and scatters more; the report's check of the innovations says which of both it is. 20 % "
-        "is a robot that warms up.")] = 0.2
+        "is a robot that warms up.", above=0)] = 0.2
     correlation_time: Annotated[Time, Key("Correlation time of the torque noise that is not white, 0 for none; ripple "
         "and cables need it.", "the time of a motor turn or of a ripple at working speed, where innovations are "
-        "correlated; 0 would trust such logs too much: intervals come out too narrow.")] = 0.0
+        "correlated; 0 would trust such logs too much: intervals come out too narrow.", least=0)] = 0.0
     torque_std: Annotated[JointTorque | None, Key("Standard deviation of the torque noise of a sample (default: from "
         "the innovations of up to a minute of the longest motion).", "where that minute is not typical, as with the "
-        "robot at rest; larger makes the filter slower and its intervals wider.")] = None
+        "robot at rest; larger makes the filter slower and its intervals wider.", above=0)] = None
     settle: Annotated[Time, Key("Time that a filter takes before it is judged.", "longer where the start is far from "
         "the truth, so that the swing-in does not count against the filter. 10 s hold several motions with "
-        "reversals.")] = 10.0
+        "reversals.", least=0)] = 10.0
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -262,13 +250,6 @@ class FilterSpec:
         _refuse_repeated("states", self.states)
         if "f" in self.states and {"f+", "f-"} & set(self.states):
             raise ValueError("states: f is viscous friction of both directions; give f, or f+ and f-, not both")
-        if not self.drift > 0 or min(self.correlation_time, self.settle) < 0:
-            raise ValueError(
-                f"drift is {self.drift:g}, correlation_time {self.correlation_time:g} s and settle {self.settle:g} s; "
-                "the first must be positive, the others not negative"
-            )
-        if self.torque_std is not None and not self.torque_std > 0:
-            raise ValueError(f"torque_std is {self.torque_std:g}; it must be positive (default: from the innovations)")
 
     @property
     def drift_rates(self) -> dict[str, float]:

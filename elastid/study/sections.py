@@ -50,7 +50,8 @@ class Study:
         "run folder of the first, runs/NAME; without it results of both would land in one.")]
     seed: Annotated[int, Key("Seed of everything that is drawn at random; the same seed gives the same results, bit "
         "for bit, for any number of processes.", "another number repeats the whole study with other phases, noise and "
-        "starts; numbers that then move by more than their intervals are not to be trusted. 0 is as good as any.")] = 0
+        "starts; numbers that then move by more than their intervals are not to be trusted. 0 is as good as any.",
+        least=0)] = 0
     robot: Annotated[Robot | None, Key("Path of the robot's file, relative to the study, or the robot itself. Left out "
         "where only responses are wanted, recorded or from elsewhere; places are then names.", "give it as soon as a "
         "model is to be fitted; left out, the stages end with the responses and their report.")] = None
@@ -93,10 +94,6 @@ class Study:
         "friction.", "{} makes the stage follow run with the defaults; its keys are for other numbers than F_c, f and "
         "an offset, and for an axis that drifts faster.")] = None
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise ValueError(f"seed is {self.seed}; it must not be negative")
 
     __repr__, _repr_html_ = as_text, as_html
 

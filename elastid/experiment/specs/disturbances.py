@@ -19,9 +19,9 @@ class ColoredNoiseSpec:
     signal: Annotated[Literal["torque", "angle", "disturbance"], Key("Signal that the noise is added to.",
         "`disturbance` for torque that moves the robot, the two others for what only the log has.")]
     std: Annotated[float, Key("Standard deviation of the whole noise, SI.", "the rms value of the noise over the whole "
-        "band up to half the rate, so that another corner moves power and adds none.")]
+        "band up to half the rate, so that another corner moves power and adds none.", above=0)]
     corner_hz: Annotated[Frequency | None, Key("Corner frequency of the spectrum: flat up to it, falling beyond.",
-        "where the measured spectrum begins to fall; for drift well below the lowest line.")] = None
+        "where the measured spectrum begins to fall; for drift well below the lowest line.", above=0)] = None
     slope: Annotated[float, Key("Slope of the spectrum beyond the corner in dB a decade.", "-20 is noise behind one "
         "low-pass, as of a torque loop; -40 falls as behind two, positive rises, as noise that was "
         "differentiated.")] = -20.0
@@ -31,12 +31,8 @@ class ColoredNoiseSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if not self.std > 0:
-            raise ValueError(f"std is {self.std:g}; it must be positive")
         if (self.corner_hz is None) == (not self.table):
             raise ValueError("give either corner_hz (with slope) or table")
-        if self.corner_hz is not None and not self.corner_hz > 0:
-            raise ValueError(f"corner_hz is {self.corner_hz:g}; it must be positive")
         frequencies = [row[0] for row in self.table]
         if any(not f > 0 for f in frequencies) or frequencies != sorted(set(frequencies)):
             raise ValueError("the frequencies of table must be positive and rise")
@@ -59,14 +55,10 @@ class EncoderRippleSpec:
     amplitude: Annotated[Angle, Key("Amplitude of the error on the motor side.", "1e-4 to 1e-3 rad for resolvers; over "
         "the ratio it is the error on the link side.")]
     periods: Annotated[int, Key("Periods of the error in a motor turn.", "1 for an eccentric disc, 2 for a resolver "
-        "whose channels differ; a list of entries gives several.")] = 1
+        "whose channels differ; a list of entries gives several.", least=1)] = 1
     phase: Annotated[Angle, Key("Phase of the error at motor angle zero.", "matters only between several entries, "
         "whose sum it shapes.")] = 0.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.periods < 1:
-            raise ValueError(f"periods is {self.periods}; a motor turn has at least 1")
 
 
 @section
@@ -78,14 +70,10 @@ class TorqueRippleSpec:
         "torque.")]
     periods: Annotated[int, Key("Periods of the torque in a motor turn.", "6 for each pole pair where commutation "
         "makes the ripple; the least common multiple of poles and slots for cogging, or the count from a slow "
-        "pass.")] = 6
+        "pass.", least=1)] = 6
     phase: Annotated[Angle, Key("Phase of the torque at motor angle zero.", "another one moves where in a turn the "
         "torque pulls, which matters for swings shorter than a period of the ripple.")] = 0.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if self.periods < 1:
-            raise ValueError(f"periods is {self.periods}; a motor turn has at least 1")
 
 
 @section
@@ -97,23 +85,15 @@ class WarmingSpec:
 
     # fmt: off
     time_constant: Annotated[Time, Key("Time constant of the drift.", "30 to 60 minutes for gears of industrial "
-        "robots.")]
+        "robots.", above=0)]
     amplitude: Annotated[float, Key("Amplitude of the drift, a part of the level.", "0.2 to 0.5 for a robot that "
-        "starts cold; 0 with `temperature`, whose law then says how friction falls.")] = 0.0
+        "starts cold; 0 with `temperature`, whose law then says how friction falls.", above=-1)] = 0.0
     pause: Annotated[Time, Key("Pause between runs.", "the time in which somebody moves to the next configuration; the "
-        "robot goes on warming in it by the clock.")] = 0.0
+        "robot goes on warming in it by the clock.", least=0)] = 0.0
     temperature: Annotated[tuple[Temperature, Temperature] | None, Key("Temperatures [cold, warm] of the gears, "
         "approached with the same time constant, for friction laws that have a `temperature`.", "for laws with a "
         "`temperature`; without it their reference holds throughout.")] = None
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if not self.time_constant > 0:
-            raise ValueError(f"time_constant is {self.time_constant:g} s; it must be positive")
-        if not self.amplitude > -1:
-            raise ValueError(f"amplitude is {self.amplitude:g}; the level 1 + amplitude must be positive")
-        if self.pause < 0:
-            raise ValueError(f"pause is {self.pause:g} s; it must not be negative")
 
 
 @section
@@ -122,18 +102,19 @@ class NoiseSpec:
 
     # fmt: off
     torque_std: Annotated[Torque, Key("Standard deviation of white noise on the logged torque.", "from a log at rest; "
-        "drives that compute torque from current commonly have 0.1 to 1 % of their largest torque.")] = 0.0
+        "drives that compute torque from current commonly have 0.1 to 1 % of their largest torque.", least=0)] = 0.0
     angle_std: Annotated[Angle, Key("Standard deviation of white noise on the logged angles.", "link side: the motor's "
-        "noise over the ratio. Where resolution is what limits, use encoder_counts and leave this at 0.")] = 0.0
+        "noise over the ratio. Where resolution is what limits, use encoder_counts and leave this at 0.",
+        least=0)] = 0.0
     disturbance_std: Annotated[Torque, Key("Standard deviation of a white torque that acts on the motors and is not in "
         "the log.", "torque of cables, fans and neighbours; unlike torque_std it moves the robot, and closed loop "
-        "estimators differ in it.")] = 0.0
+        "estimators differ in it.", least=0)] = 0.0
     encoder_counts: Annotated[int, Key("Resolution of the motor encoders in counts per motor turn; 0 = unlimited.",
         "2^16 to 2^20 for common encoders; it matters for small amplitudes, at rest and in presliding, where motion is "
-        "a few counts.")] = 0
+        "a few counts.", least=0)] = 0
     acceleration_std: Annotated[Acceleration, Key("Standard deviation of white noise on the logged accelerations of "
         "points.", "0.01 to 0.1 m/s^2 for piezoelectric and MEMS sensors; it only touches outputs that are "
-        "accelerations of points.")] = 0.0
+        "accelerations of points.", least=0)] = 0.0
     colored: Annotated[tuple[ColoredNoiseSpec, ...], Key("Further noise of other spectra.", "where a measured spectrum "
         "is far from white, such as drift below 1 Hz or a cable's resonance; the estimate of variance follows it line "
         "by line.")] = ()
@@ -152,8 +133,3 @@ class NoiseSpec:
             if color.signal == signal:
                 total += color.std**2 * color.amplitude(freq_hz) ** 2 / np.mean(color.amplitude(every) ** 2)
         return total
-
-    def __post_init__(self) -> None:
-        levels = (self.torque_std, self.angle_std, self.disturbance_std, self.encoder_counts, self.acceleration_std)
-        if min(levels) < 0:
-            raise ValueError("noise levels must not be negative")

@@ -35,13 +35,13 @@ class ExperimentSpec:
     realisations: Annotated[int, Key("Number of independent draws of the random phases on a simulated rig; logs number "
         "theirs.", "more where friction distorts: variance and distortion fall as one over their number, the time "
         "grows with it; 4 to 10 are usual on a robot. Two is the least that shows the level of distortion, and the "
-        "default for that reason.")] = 2
+        "default for that reason.", least=1)] = 2
     periods: Annotated[int, Key("Number of periods that each experiment of a simulated rig measures.", "more where "
         "noise is what limits: its variance falls as one over their number, distortion stays. Two are the least that "
-        "show the noise level, hence the default.")] = 2
+        "show the noise level, hence the default.", least=2)] = 2
     transient_periods: Annotated[int, Key("Number of periods that a simulated rig runs before the measured ones and "
         "leaves out.", "more where resonances ring longer than a period: light damping, short periods. With 0 the "
-        "first period counts, and estimator.transient_periods must find whether it rings.")] = 1
+        "first period counts, and estimator.transient_periods must find whether it rings.", least=0)] = 1
     ramp: Annotated[Time, Key("Time in which torque and movement of a simulated rig grow at the start and fade at the "
         "end.", "longer where the start shakes the robot or trips a drive; it adds its length twice to each "
         "experiment. 0.5 s is several times the swing of a first mode of 5 to 10 Hz.")] = 0.5
@@ -50,7 +50,7 @@ class ExperimentSpec:
     experiments: Annotated[int | None, Key("Number of experiments in each realisation (default: as many as motors, "
         "each with all motors moving).", "fewer save robot time by that factor, for the local methods of `estimator` "
         "alone, which separate inputs by neighbouring lines; they need periods so long that many lines lie within each "
-        "resonance.")] = None
+        "resonance.", least=1)] = None
     simulated: Annotated[SimulatedSpec | None, Key("Simulated rig: a model of the robot in place of the real one.",
         "for planning, for learning, and to see whether the parameters can be found at all before the robot is "
         "booked.")] = None
@@ -69,14 +69,6 @@ class ExperimentSpec:
             raise ValueError(
                 "give exactly one of simulated, recorded and responses; an experiment yet to be run is simulated"
             )
-        for name, number, least in (
-            ("realisations", self.realisations, "1"),
-            ("experiments", 1 if self.experiments is None else self.experiments, "1"),
-            ("periods", self.periods, "2, for the noise level"),
-            ("transient_periods", self.transient_periods, "0"),
-        ):
-            if number < int(least[0]):
-                raise ValueError(f"{name} is {number}; it must be at least {least}")
         if self.realisations > MAX_REALISATIONS:
             raise ValueError(f"realisations is {self.realisations}; at most {MAX_REALISATIONS}, commonly 2 to 20")
         if self.ramp < 0 or self.hold < 0:

@@ -29,7 +29,7 @@ class CascadeSpec:
         "shows in validation as a torque of wrong size at every reversal.")]
     integral_time: Annotated[Time | None, Key("Integral time T_i of the inner loop (default: no integral).",
         "most drives have one, of 5 to 50 ms; without it the replay keeps an error that the robot did not "
-        "have.")] = None
+        "have.", above=0)] = None
     velocity_feed_forward: Annotated[float, Key("Share s of the reference's velocity that is fed forward, 0 to 1. The "
         "reference is in the log as channels of role reference.", "1 for controllers that follow without lag; too "
         "small a number shows as a position error in proportion to speed.")] = 0.0
@@ -41,8 +41,6 @@ class CascadeSpec:
             numbers = value if isinstance(value, tuple) else (value,)
             if not numbers or not all(number > 0 for number in numbers):
                 raise ValueError(f"{name} is {value}; a loop that holds a joint has a positive one")
-        if self.integral_time is not None and not self.integral_time > 0:
-            raise ValueError(f"integral_time is {self.integral_time:g} s; it must be positive (leave it out for none)")
         if not 0 <= self.velocity_feed_forward <= 1:
             raise ValueError(f"velocity_feed_forward is {self.velocity_feed_forward:g}; it is a share, 0 to 1")
 
@@ -348,7 +346,7 @@ class ResponsesSpec:
         "point.")] = TextFormatSpec()
     relative_std: Annotated[float | None, Key("Standard deviation of G as a part of |G| where a file has none.",
         "0.01 to 0.05; the weights are then a guess, and intervals rest on the scatter of the residuals. Without it "
-        "and without a std in the file the status says noise_unknown.")] = None
+        "and without a std in the file the status says noise_unknown.", above=0)] = None
     hold: Annotated[Hold, Key("Course of the inputs between their samples; `zero-order` where the responses are from "
         "commands that were held. It is taken out of responses of other programs; a frf.h5 has that of its own study. "
         "Angles (quantity: position) are then taken as sampled at the same rate without a filter, and the model has "
@@ -365,8 +363,6 @@ class ResponsesSpec:
         roles = {channel.role for channel in self.channels}
         if self.channels and roles != {"u", "y"}:
             raise ValueError("channels must have roles u (inputs) and y (outputs), at least one of each and no other")
-        if self.relative_std is not None and not self.relative_std > 0:
-            raise ValueError(f"relative_std is {self.relative_std:g}; it must be positive, for example 0.02")
         if any(
             self.hold_of(channel) != "band-limited" and not (channel.rate_hz or self.rate_hz)
             for channel in self.channels

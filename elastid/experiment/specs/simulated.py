@@ -39,19 +39,16 @@ class NotchSpec:
     joint: Annotated[str, Key("Name of the driven joint whose feedback it filters.", "the axis whose sensitivity "
         "peaks at this frequency; another one only loses phase.")]
     freq_hz: Annotated[Frequency, Key("Frequency of the notch.", "in the middle of where the resonance is over all "
-        "postures.")]
+        "postures.", above=0)]
     width: Annotated[float, Key("Width w over the frequency.", "wider for a resonance that moves with posture or is "
-        "barely known; it costs phase below.")] = 1.0
+        "barely known; it costs phase below.", above=0)] = 1.0
     depth: Annotated[float, Key("Gain d that is left at the frequency, 0 to 1.", "0.1 to 0.3; deeper costs more phase "
         "and gains little.")] = 0.2
     # fmt: on
 
     def __post_init__(self) -> None:
-        if not self.freq_hz > 0 or not self.width > 0 or not 0 <= self.depth <= 1:
-            raise ValueError(
-                f"freq_hz {self.freq_hz:g} and width {self.width:g} must be positive, and depth {self.depth:g} from 0 "
-                "to 1"
-            )
+        if not 0 <= self.depth <= 1:
+            raise ValueError(f"depth is {self.depth:g}; it is a share, 0 to 1")
 
 
 @section
@@ -117,26 +114,17 @@ class HeatSpec:
 
     # fmt: off
     conductance: Annotated[Conductance, Key("Thermal conductance h from the joint to the room.", "smaller for hotter "
-        "joints: the final rise is the heat of friction over it, commonly 10 to 40 K.")]
+        "joints: the final rise is the heat of friction over it, commonly 10 to 40 K.", above=0)]
     time_constant: Annotated[Time, Key("Thermal time constant C / h of the joint.", "45 minutes are usual for gears of "
-        "medium robots; larger gears take up to two hours.")] = 2700.0
+        "medium robots; larger gears take up to two hours.", above=0)] = 2700.0
     ambient: Annotated[Temperature, Key("Temperature T_a of the room.", "that of the hall; losses count from it, and "
         "joints start there unless `start` is given.")] = 20.0
     start: Annotated[Temperature | None, Key("Temperature T of every joint at the start (default: ambient).",
         "above ambient for a robot that has worked before; the warm-up then shows less of the fall.")] = None
     thermometer_std: Annotated[TemperatureRise | None, Key("Standard deviation of the logged temperature, one error "
         "for each motion; null without a thermometer.", "0.5 to 2 K for sensors on the housing; null for robots that "
-        "log none: the law then has no temperature terms, and drift shows as scatter.")] = 0.0
+        "log none: the law then has no temperature terms, and drift shows as scatter.", least=0)] = 0.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if not self.conductance > 0 or not self.time_constant > 0:
-            raise ValueError(
-                f"conductance is {self.conductance:g} W/K and time_constant {self.time_constant:g} s; both must be "
-                "positive"
-            )
-        if self.thermometer_std is not None and self.thermometer_std < 0:
-            raise ValueError(f"thermometer_std is {self.thermometer_std:g} K; it must not be negative")
 
     @property
     def start_degc(self) -> float:
@@ -152,9 +140,9 @@ class ControllerSpec:
     bandwidth_hz: Annotated[Frequency, Key("Bandwidth of the position loop about the configuration.", "low, so that "
         "the plant and not the loop is excited: below a third of the first antiresonance. Higher holds posture against "
         "friction, and takes low lines out of the motion. 1.5 Hz is a third of 4.5 Hz, about where a large axis has "
-        "its first antiresonance.")] = 1.5
+        "its first antiresonance.", above=0)] = 1.5
     damping_ratio: Annotated[float, Key("Damping ratio of the position loop.", "0.7 to 1; less lets the robot swing at "
-        "bandwidth_hz, more makes the end of a reference slow. 0.8 overshoots by less than 2 %.")] = 0.8
+        "bandwidth_hz, more makes the end of a reference slow. 0.8 overshoots by less than 2 %.", above=0)] = 0.8
     kind: Annotated[Literal["pd", "cascade"], Key("Structure of the controller: `pd`, or the `cascade` of robot "
         "controllers, a proportional position loop around a velocity loop.", "`cascade` where the rig stands for an "
         "industrial controller, whose integral ends the error of friction; `pd` has two numbers and no memory, so that "
@@ -170,8 +158,6 @@ class ControllerSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        if not self.bandwidth_hz > 0 or not self.damping_ratio > 0:
-            raise ValueError("bandwidth_hz and damping_ratio must be positive")
         if self.kind == "pd" and self.integral_time is not None:
             raise ValueError("integral_time belongs to kind: cascade; a pd controller has none")
         if not 0 <= self.delay_samples <= MAX_DELAY_SAMPLES:
@@ -208,9 +194,9 @@ class CarrierSpec:
     amplitude: Annotated[JointPosition | tuple[JointPosition, ...] | None, Key("Amplitude of the movement on the link "
         "side, one for all joints or one for each; in m of those that slide.", "so large that 2 pi cycles / period "
         "times it keeps the peak speed above the multisine's own over most of the period; smaller where limits or a "
-        "change of posture of some degrees count.")] = None
+        "change of posture of some degrees count.", above=0)] = None
     cycles: Annotated[int, Key("Cycles of a sine or square in a period of the multisine.", "1 keeps the carrier's line "
-        "farthest below the band; more for higher speed with the same swing.")] = 1
+        "farthest below the band; more for higher speed with the same swing.", least=1)] = 1
     kind: Annotated[Literal["sine", "square", "offset"], Key("Shape of the movement. `sine`: q(t) = amplitude * sin(2 "
         "pi cycles t / period). `square`: the velocity is a square wave of `velocity` with so many cycles a period, "
         "filtered at 1 Hz, without the harmonics that fall on analysed lines. `offset`: constant `velocity` (its "
@@ -230,12 +216,8 @@ class CarrierSpec:
         ):
             needed = "amplitude" if self.kind == "sine" else "velocity"
             raise ValueError(f"a carrier of kind {self.kind} is given by its {needed} alone")
-        if self.amplitude is not None and not np.all(np.atleast_1d(self.amplitude) > 0):
-            raise ValueError("the carrier's amplitude must be positive for every joint and cycles at least 1")
         if self.velocity is not None and 0.0 in np.atleast_1d(self.velocity):
             raise ValueError("the carrier's velocity must not be 0 for any joint; friction would stick there")
-        if self.cycles < 1:
-            raise ValueError(f"the carrier has {self.cycles} cycles; give at least 1")
 
     def velocities(self, n_u: int) -> FloatArray:
         """The velocity of each of n_u joints; ValueError for a wrong number of them."""
@@ -270,7 +252,8 @@ class SimulatedSpec:
         "alone.")] = NoiseSpec()
     substeps: Annotated[int | None, Key("Number of integration steps per sample of the controller (default: 2, or as "
         "many as the end of the band and the stiffest mode ask for).", "a number to see that results do not change "
-        "with it, or for hard friction without a carrier; the simulation takes that many times as long.")] = None
+        "with it, or for hard friction without a carrier; the simulation takes that many times as long.",
+        least=1)] = None
     saturation: Annotated[bool, Key("Motor torques are clipped at the joints' limits.torque if true; otherwise "
         "exceeding them is reported.", "true shows what a robot whose drives clip does to the responses; a plan within "
         "limits needs it not.")] = False
@@ -292,8 +275,6 @@ class SimulatedSpec:
     def __post_init__(self) -> None:
         if len(set(self.outputs)) < len(self.outputs):
             raise ValueError(f"outputs names a place twice ({', '.join(self.outputs)}); its lines would count twice")
-        if self.substeps is not None and self.substeps < 1:
-            raise ValueError(f"substeps is {self.substeps}; it must be at least 1")
 
     def steps(self, rate_hz: float, highest_hz: float) -> int:
         """Integration steps in a sample, for a band that ends at highest_hz: 3.7e-4 (omega step)^6 is at most 4e-6.
