@@ -58,9 +58,6 @@ class Clock:
     is_in_s: bool = True
 
 
-_MIN_KELVIN = 200.0  # of a machine's temperature, in K
-
-
 def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
     """The files of a new study in a folder, by name, guessed from the first of the logs.
 
@@ -252,7 +249,8 @@ def _friction(guess: LogGuess, clock: Clock, temperatures: Sequence[tuple[Channe
         yield _channel("u", f"motor {i}", joint.torque, "force" if joint.slides else "torque")
         yield _channel("y", f"motor {i}", joint.motion)
     for i, (sensor, x) in enumerate(temperatures if len(temperatures) == len(guess.joints) else (), start=1):
-        yield _channel("t", f"joint {i}", replace(sensor, unit="K" if np.median(x) > _MIN_KELVIN else "degC"))
+        # No machine is at 200 degC.
+        yield _channel("t", f"joint {i}", replace(sensor, unit="K" if np.median(x) > 200.0 else "degC"))
 
 
 def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:

@@ -23,7 +23,6 @@ from elastid.robot import BASE, Body, Frame, Joint, Limits, Motor, Placement, Ro
 from elastid.robot.body import InertiaTensor, six_numbers
 
 _MOVING: Mapping[str, Literal["rotation", "translation"]] = {"hinge": "rotation", "slide": "translation"}
-_LIMIT_S = 120
 
 
 def read_mjcf(path: Path) -> tuple[Robot, tuple[str, ...]]:
@@ -43,7 +42,7 @@ def _compiled(path: Path) -> Mapping[str, Any]:
         try:
             done = subprocess.run(
                 [sys.executable, "-m", "elastid.app.mjcf_reader", str(path.resolve())],
-                cwd=folder, capture_output=True, timeout=_LIMIT_S, check=False,
+                cwd=folder, capture_output=True, timeout=120, check=False,
             )  # fmt: skip
             reply: dict[str, Any] = json.loads(done.stdout)
         except (subprocess.TimeoutExpired, ValueError):

@@ -204,9 +204,6 @@ def _with_level(robot: Robot, joint: str, level: float) -> Friction:
         return Friction(level)
 
 
-_ROUNDING = 0.02  # of the ends of a gap, found as sharp
-
-
 def with_effects(robot: Robot, gears: GearResult) -> Robot:
     """A fitted robot with the effects of its gears, no other dry friction, and no other laws of springs.
 
@@ -271,7 +268,8 @@ def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:
     if ends:
         (kind, b, f), k = ends[0], spring.stiffness
         inner, outer = (max(k - f, 0.0), k) if kind == "gap" else (k, k + f)
-        broken = replace(spring, stiffness=outer, backlash=b, inner_stiffness=inner, rounding=_ROUNDING)
+        # The ends of a gap are found as sharp.
+        broken = replace(spring, stiffness=outer, backlash=b, inner_stiffness=inner, rounding=0.02)
         return broken if len(ends) == 1 and outer > 0 else spring
     terms = {"cubic": gears.level("cubic", joint), "symmetric_quadratic": gears.level("progressive", joint)}
     try:

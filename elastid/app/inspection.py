@@ -68,9 +68,6 @@ def _column(log: TextLog, i: int) -> Iterator[FloatArray]:
     yield log.columns([i])[:, 0]
 
 
-_SLOW_HZ = 20.0  # below the rate of any log of a machine
-
-
 def _rise(start: NDArray[Any]) -> str:
     """The rate of a signal that rises by regular steps, as a time or a counter does; empty for any other."""
     t = np.squeeze(start) if start.size > 1 else start
@@ -84,7 +81,7 @@ def _rise(start: NDArray[Any]) -> str:
         return ""
     grid, described = even_grid(time_s), TimeSteps.of(time_s)
     if grid is not None and len(grid[0]) == grid[0][-1] + 1:
-        slow = f", {1e3 * grid[1]:.6g} Hz if in ms" if grid[1] < _SLOW_HZ else ""
+        slow = f", {1e3 * grid[1]:.6g} Hz if in ms" if grid[1] < 20.0 else ""  # below the rate of any log of a machine
         return f"rises evenly: {grid[1]:.6g} Hz if it is the time in s{slow}"
     return f"rises unevenly: {described}, if it is the time in s; a study resamples on it where `time` names it"
 

@@ -24,7 +24,6 @@ from elastid.use.map import WorkspaceMap, family_of_map, map_family
 from elastid.use.postures import grid_postures, random_postures, read_path
 
 RESULTS = ("map.h5", "map.csv", "map.html", "map.png")
-RANDOM = 1000
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Postures:
         seed = run.study.seed or 0
         if self.grid is not None:
             return grid_postures(family.robot, family.frame, self.grid, seed)
-        return random_postures(family.robot, self.random or RANDOM, seed)
+        return random_postures(family.robot, self.random or 1000, seed)
 
 
 def map_study(

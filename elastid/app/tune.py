@@ -31,7 +31,6 @@ from elastid.use.postures import random_postures, read_path
 RESULTS = ("tune.h5", "tune.csv", "tune.html", "tune.png")
 SHAPERS = ("shapers.h5", "shapers.csv", "shapers.png")
 POSTURES = 20  # of a region whose modes are shaped
-RATE_HZ = 500.0  # of a study whose controller's rate is not known
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,8 @@ def _given(run: Run, asked: Command) -> Given:
     if simulated is not None:
         judge, judge_name = framed(true_robot(study.as_robot(), simulated.truth)), "twin with the true numbers"
     draws = draw_robots(result, asked.draws, study.seed or 0).robots if asked.draws else ()
-    own_rate = study.excitation.rate_hz if study.excitation is not None else RATE_HZ
+    # Where the rate of the study's controller is not known 500 Hz are usual.
+    own_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
     return Given(
         identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, draws)), family.frame,
         asked.rate_hz or own_rate, asked.bandwidth_hz, asked.error_m,

@@ -101,9 +101,7 @@ def _share(width: str, text: str) -> float:
     return share
 
 
-SAFE = 0.9  # part of the goal that an experiment must be expected to use at most, to count as reaching it
 TRIED = 8  # configurations whose other lengths are compared, and that are tried where limits refuse the best
-MOST_REPEATS = 4096  # of one experiment, beyond which a goal counts as out of reach
 
 
 @dataclass(frozen=True)
@@ -270,14 +268,15 @@ def _option(
         return goal.used(known.parameters, known.x, np.asarray(np.linalg.inv(M + repeats * H)))
 
     before, after, repeats = used(0), used(1), 1
-    while repeats < MOST_REPEATS and used(repeats).max() > 1:
+    while repeats < 4096 and used(repeats).max() > 1:  # beyond, a goal is out of reach
         repeats *= 2
     most = used(repeats)
     floor = [*goal.widths][int(np.argmax(most))], float(most.max())
     more_s = repeats * time_s if floor[1] <= 1 else math.inf
     gain = float(1 / np.sum(after**2) - 1 / np.sum(before**2))
     expected = dict(zip(goal.widths, after.tolist(), strict=True))
-    return _Option(configuration, periods, expected, bool(after.max() <= SAFE), gain, time_s, more_s, floor)
+    # A goal counts as reached where at most 0.9 of it is expected to be used.
+    return _Option(configuration, periods, expected, bool(after.max() <= 0.9), gain, time_s, more_s, floor)
 
 
 def _within_envelope(

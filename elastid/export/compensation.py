@@ -22,8 +22,6 @@ from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
 from elastid.use.command.equations import SLIDING
 
-_FASTEST = 3.0  # rad/s (m/s) to which a table goes of a joint without a limit of velocity
-
 
 def compensation(robot: Robot) -> ca.Function:
     """v (n_u,) -> u_f (n_u,): what the motors need beside the torque of the robot without friction."""
@@ -75,7 +73,8 @@ void friction_torque(const double v[{m}], double u[{m}]) {{
 
 
 def _rows(robot: Robot, function: ca.Function) -> Iterable[tuple[str, float, float]]:
-    fastest = [joint.limits.velocity if np.isfinite(joint.limits.velocity) else _FASTEST for joint in robot.driven]
+    # The table of a joint without a limit of velocity goes to 3 rad/s (m/s).
+    fastest = [joint.limits.velocity if np.isfinite(joint.limits.velocity) else 3.0 for joint in robot.driven]
     # Denser about standstill, where friction turns around.
     share = np.sinh(np.linspace(-6, 6, 201)) / np.sinh(6)
     v: FloatArray = np.outer(fastest, share)

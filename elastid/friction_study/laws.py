@@ -160,8 +160,6 @@ MAX_COST = 4.0
 STRIBECK_NUMBERS = ("stiction", "stribeck_velocity", "exponent")
 # Speeds that show a difference between the directions that is no offset.
 MIN_UNEVEN_SPEEDS = 4
-# Difference between the directions, over friction, within which they are called alike: all of its interval.
-MAX_ALIKE = 0.05
 
 
 @dataclass(frozen=True)
@@ -309,7 +307,8 @@ def _directions_refusal(levels: Levels, speeds: int) -> str:
             f"{speeds} speeds; a difference between the directions is one of slopes over speed, which needs "
             f"{MIN_UNEVEN_SPEEDS}, since a constant one cannot be distinguished from an offset of the torque"
         )
-    if levels.max_difference < MAX_ALIKE:
+    # Directions are alike where all of the interval of their difference is within 5 % of friction.
+    if levels.max_difference < 0.05:
         return f"{ABSENT}: the directions are alike within {percent(levels.max_difference)}, offset included"
     bound = (
         f"; both together are within {percent(levels.max_difference)} of friction" if levels.max_difference > 0 else ""

@@ -18,9 +18,6 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.friction_study.passes import PLATEAUS, Plateau, find_plateaus
 
-# Share of the samples that slide clear of reversals, below which all are used.
-MIN_USED = 0.2
-
 
 @frozen_value
 class Motion:
@@ -139,7 +136,8 @@ class MotionSignals:
     def used(self) -> BoolArray:
         """Of the samples that are kept (k,), those that slide; all, where hardly any does."""
         slides = self.slides[self.kept]
-        return slides if slides.mean() > MIN_USED else np.ones_like(slides)
+        # All are used where fewer than a fifth slide clear of reversals.
+        return slides if slides.mean() > 0.2 else np.ones_like(slides)
 
     @property
     def seconds(self) -> dict[str, float]:

@@ -19,8 +19,6 @@ from elastid.friction_study.stribeck import DECAY_RANGE_K, START_DECAY_K
 
 # Numbers by which friction changes with temperature.
 HEAT = ("temperature.coulomb", "temperature.viscous")
-# Share of the time in the middle third of all temperatures, which three temperatures at least have.
-MIN_BETWEEN = 0.05
 # Polynomials of the angle by which dry friction may change.
 ANGLE = ("angle.1", "angle.2", "angle.3", "angle.4")
 # Stribeck velocities that are tried, as shares of the highest speed.
@@ -174,7 +172,8 @@ def _heat(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: Mo
         return terms
     # Two temperatures identify no decay; held at one that was not measured, it makes f at the mean temperature wrong.
     between = np.mean(np.abs(every - (low + high) / 2) < (high - low) / 6)
-    terms = replace(terms, heat=HEAT, is_decay_free=bool(between > MIN_BETWEEN))
+    # Three temperatures at least have 5 % of the time in the middle third of all.
+    terms = replace(terms, heat=HEAT, is_decay_free=bool(between > 0.05))
     return terms.at(regressed(motions, signals, terms))
 
 

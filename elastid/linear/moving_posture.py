@@ -46,7 +46,6 @@ _LINES_ERROR = 30.0
 # A mean farther from the configuration than so many times the mean square of the motion is no effect of that: a zero of
 # the encoder, or a posture that was given in round numbers.
 _LARGEST_SHIFT = 30.0
-_STEP = 1e-5  # rad or m, of central differences; equations are quadratic in the rates and linear in the others
 
 
 def effect_of_motion(
@@ -338,7 +337,8 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     rows[:n_q, :n_q], rows[n_q:n, n_q : n_q + n_c], rows[n:, n_q + n_c :] = np.eye(n_q), U.T, np.eye(n_y)
     z = np.concatenate([point.q, point.lambda_, np.zeros(2 * n_q)])
     jacobian = Jacobian(_jacobian_of(model, linear.outputs), z, numbers, rows, kept)
-    steps = np.where(np.arange(2 * n_q + n) < n_q, _STEP, 1.0)
+    # Central differences in rad or m; equations are quadratic in the rates and linear in the others.
+    steps = np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0)
     curvature = [(jacobian(step) - jacobian(-step)) / (2 * h) for h, step in zip(steps, np.diag(steps), strict=True)]
     B = np.vstack([model.B, np.zeros((r, model.n_u))])
     free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])

@@ -25,7 +25,6 @@ from elastid.experiment.specs.recorded import RecordedSpec
 UNWRAPPED = "unwrapped-angle"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
 MAX_COMPUTABLE = 1e60
-_LEAST_COUNTER = 2**8 - 2**4  # span of the counts of the shortest counter, which starts again near its ends
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -60,7 +59,8 @@ def _counted_on(values: FloatArray) -> tuple[FloatArray, int]:
     counts = values[known]
     span = float(np.ptp(counts)) if counts.size else 0.0
     steps = np.abs(np.diff(counts))
-    if span < _LEAST_COUNTER or steps.max(initial=0.0) < 0.8 * span or np.any(counts != np.round(counts)):
+    # The shortest counter, of 8 bits, starts again near its ends.
+    if span < (2**8 - 2**4) or steps.max(initial=0.0) < 0.8 * span or np.any(counts != np.round(counts)):
         return values, 0
     whole = 2.0 ** math.ceil(math.log2(span + 1))
     jumps = steps > whole / 2

@@ -20,7 +20,6 @@ GOOD = {
     "misfit": "Not to be believed as they stand.",
     "failed": "There are none.",
 }
-MAX_HALF_WIDTH = 0.1  # relative, of an interval of a number that is good
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
 ANSWERED = ("F_c", "F_s", "f")
 # Parts of a law without numbers, in words.
@@ -89,7 +88,8 @@ class FrictionContent:
         answered = [each for each in self.result.numbers if each.symbol in ANSWERED and each.value]
         widths = {each.name: (each.high - each.low) / 2 / abs(each.value) for each in answered}
         widest = max(widths, key=widths.__getitem__, default="")
-        if self.result.status != "identified" or not widest or widths[widest] <= MAX_HALF_WIDTH:
+        # A number is good within 10 %.
+        if self.result.status != "identified" or not widest or widths[widest] <= 0.1:
             return GOOD[self.result.status]
         return f"Not all of them: {widest} is known to ±{percent(widths[widest])} alone."
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 SWING = 0.15
 # Displacements of less, in sizes of the robot for a mode whose largest entry is 1 rad (or 1 m), are rounding.
 MIN_DISPLACEMENT = 1e-6
-# Motion out of the best view, over the largest in it, of a mode that needs a second view.
-MIN_OUT_OF_PLANE = 0.1
 # Weight of a view that sees the robot end-on, where one that shows all of it at rest has 1.
 END_ON_WEIGHT = 0.25
 
@@ -56,7 +54,8 @@ class ModeDrawing:
         planes.sort(key=visible, reverse=True)
         largest = np.abs(self.moved[:, :, mode]).max(axis=0)
         (missing,) = set(range(3)) - set(planes[0])
-        return tuple(planes[: 1 if largest[missing] <= MIN_OUT_OF_PLANE * largest.max() else 2])
+        # A mode needs a second view where a tenth of its largest motion is out of the best one.
+        return tuple(planes[: 1 if largest[missing] <= 0.1 * largest.max() else 2])
 
 
 def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[float]) -> ModeDrawing | None:

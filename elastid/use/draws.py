@@ -14,8 +14,6 @@ from elastid.fit.result import FitResult
 from elastid.linear.linear_model import DELAY
 from elastid.robot import Robot
 
-MAX_REFUSED = 20  # impossible draws for each robot, beyond which a fit is too uncertain to be drawn from
-
 
 @dataclass(frozen=True, eq=False)
 class DrawnRobots:
@@ -59,7 +57,8 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
             robots.append(exact.with_parameters(numbers))
         except ValueError:
             refused += 1
-            if refused > MAX_REFUSED * (len(robots) + 10):
+            # A fit with more than 20 impossible draws for each robot is too uncertain to be drawn from.
+            if refused > 20 * (len(robots) + 10):
                 raise FitError(
                     f"of {refused + len(robots)} draws {refused} have impossible inertias: the fit knows too "
                     "little of masses or inertias; give them a prior, or hold them"

@@ -37,8 +37,6 @@ from elastid.store.measured import read_responses, write_movement, write_plan, w
 from elastid.store.results import read_fit
 from elastid.study.checks.experiment import responses_file
 
-_ROUNDING = 1e-9  # relative standard deviations below which are those of rounding
-
 
 def design(
     *,
@@ -90,7 +88,8 @@ def design(
         )
         if forecast.choice:
             console.say(f"design: {forecast.choice}")
-        if np.nanmax(np.where(np.isfinite(forecast.relative), forecast.relative, 0.0)) < _ROUNDING:
+        # Relative standard deviations below 1e-9 are those of rounding.
+        if np.nanmax(np.where(np.isfinite(forecast.relative), forecast.relative, 0.0)) < 1e-9:
             console.say("design: no noise is stated (experiment.simulated.noise), so that no interval is predicted")
         else:
             console.table(forecast_table(forecast))

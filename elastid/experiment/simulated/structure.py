@@ -18,7 +18,6 @@ DAMPING = (0.010, 0.015, 0.020)
 # The masses that a shaker pushes, and the lines, as parts of the rate, that both shakers excite.
 SHAKEN = (0, 2)
 BAND = (0.01, 0.4)
-FORCE_RMS = 5.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> tuple
     """
     random = np.random.default_rng(seed)
     lines = np.arange(round(BAND[0] * period_samples), round(BAND[1] * period_samples))
-    amplitude = FORCE_RMS * np.sqrt(2 / len(lines)) * period_samples / 2
+    amplitude = 5.0 * np.sqrt(2 / len(lines)) * period_samples / 2
     U = amplitude * np.exp(2j * np.pi * random.random((len(lines), len(SHAKEN))))
     G = true_response(lines * rate_hz / period_samples)
     first, second = (

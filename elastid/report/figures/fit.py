@@ -19,8 +19,6 @@ from elastid.robot import Robot
 
 # Inches: the panel of singular values is so wide, and so far from the matrix.
 VALUES_WIDTH, GAP = 3.2, 1.5
-# The percent axis ends there at most, and has so many steps to a side before it has decades only.
-MAX_PERCENT, MAX_STEPS = 300.0, 4
 
 
 def multistart_costs(result: FitResult) -> Figure:
@@ -157,11 +155,12 @@ def _percent_axis(axes: Axes, values: FloatArray) -> None:
     half = half[np.isfinite(half) & (half > 0)]
     typical = float(np.percentile(half, 25)) if half.size else 1.0
     reach = np.abs(values[:, :3])
-    largest = float(np.clip(reach[np.isfinite(reach)].max(initial=typical), 1.5 * typical, MAX_PERCENT))
+    largest = float(np.clip(reach[np.isfinite(reach)].max(initial=typical), 1.5 * typical, 300.0))
     smallest = 10.0 ** round(math.log10(typical))
     decades = [smallest * 10.0**decade for decade in range(7)]
     steps = [step for step in sorted([*decades, *(3 * decade for decade in decades)]) if step <= 1.2 * largest]
-    steps = steps if len(steps) <= MAX_STEPS else [step for step in decades if step <= 1.2 * largest]
+    # With more than four steps to a side the axis has decades only.
+    steps = steps if len(steps) <= 4 else [step for step in decades if step <= 1.2 * largest]
     axes.set_xscale("symlog", linthresh=smallest)
     axes.set_xlim(-1.3 * largest, 1.3 * largest)
     style.set_plain_ticks(axes.xaxis, [*(-step for step in reversed(steps)), 0.0, *steps])
@@ -190,13 +189,10 @@ def modification_shares(result: FitResult) -> Figure:
     return style.finish(figure, "What would explain the residuals beyond the noise", (axes,))
 
 
-_COLUMNS = 3
-
-
 def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
     """Two panels a gear: torsion with its 95 % band; the same less that of the stiffness at zero torque."""
     count = len(gears.sheets)
-    columns = min(_COLUMNS, count)
+    columns = min(3, count)
     rows = 2 * math.ceil(count / columns)
     size, margins = (style.WIDE, 2.4 * rows + 0.6), (0.8, 0.25, 0.95, 0.6)
     figure, panels = style.panels(rows, columns, size, margins, (0.35, 0.5))

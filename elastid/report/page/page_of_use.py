@@ -26,7 +26,6 @@ from elastid.use.loops.result import Loops
 from elastid.use.loops.sensitivity import LIMIT_DB
 from elastid.use.map import WorkspaceMap
 
-MAX_CURVES = 2000  # of more postures, evenly thinned ones are on the page
 LISTED = 10
 
 
@@ -103,7 +102,8 @@ def _packed(values: FloatArray) -> str:
 def map_data(workspace: WorkspaceMap) -> str:
     """Postures, quantities and curves as JSON, numbers as base64 of float32."""
     m = workspace
-    kept = np.unique(np.linspace(0, len(m) - 1, min(len(m), MAX_CURVES)).round().astype(int))
+    # Of more postures, evenly thinned ones are on the page.
+    kept = np.unique(np.linspace(0, len(m) - 1, min(len(m), 2000)).round().astype(int))
     kept = np.union1d(kept, m.softest[:LISTED])
     place = {int(i): k for k, i in enumerate(kept)}
     x, y, z = m.position[kept].T

@@ -32,11 +32,8 @@ from elastid.study.source import KeyPath
 _RECORDED: KeyPath = ("experiment", "recorded")
 # Logs that are opened, over the list, and samples that are read of each, of a longer period four of them.
 _MAX_LOGS, _MAX_SAMPLES = 12, 1 << 17
-_MAX_SIGNALS = 100  # of a log, in which velocities next to positions are looked for
 _IS_TIME = re.compile(r"(t|time|zeit|timestamp|seconds)([^a-z].*)?", re.IGNORECASE)
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# A rate that differs by more is another one; time stamps lose samples and drift.
-_MAX_RATE_ERROR = 0.02
 
 
 def check_logs(study: Study, base: Path) -> Iterator[Problem]:
@@ -208,7 +205,7 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
 def _rate_of_motions(log: OpenLog, rate_hz: float) -> float:
     """The rate that velocities next to positions show, where no unit explains that it differs; else 0."""
     names = [name for name, shape in log.shapes().items() if len(shape) == 1]
-    if len(names) > _MAX_SIGNALS:
+    if len(names) > 100:  # then no velocities are looked for next to positions
         return 0.0
     found = rate_by_motions(signals_of(log, 1 << 14), least=2)
     sizes = [TABLE[unit][1] for dimension in ("rad/s", "m/s") for unit in units_of(dimension)]
@@ -219,7 +216,8 @@ def _rate_of_motions(log: OpenLog, rate_hz: float) -> float:
 
 
 def _is_other(hz: float, rate_hz: float) -> bool:
-    return abs(hz / rate_hz - 1) > _MAX_RATE_ERROR
+    # A rate that differs by more is another one; time stamps lose samples and drift.
+    return abs(hz / rate_hz - 1) > 0.02
 
 
 def is_time(name: str) -> bool:

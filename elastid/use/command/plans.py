@@ -20,9 +20,6 @@ from elastid.use.command.equations import CommandedRobot
 from elastid.use.command.moves import MotionLimits, Move, References, nearest_limit
 
 STEP = 1.25  # between durations that bracket the shortest one
-CLOSE = 1.01  # ratio of durations between which the shortest one is known
-TRIES = 12
-_HOPELESS = 50.0  # of the error that is allowed, from which on no further steps would bring it there
 
 
 def margin_of(commanded: CommandedRobot, move: Move) -> float:
@@ -114,7 +111,8 @@ def shortest(
             away = planned_error(commanded, own, planned).max()
             if planned.is_feasible and away <= error_m:
                 return True
-            if away > _HOPELESS * error_m:
+            # No further steps would bring an error 50 times too large down.
+            if away > 50.0 * error_m:
                 return False
         return False
 
@@ -122,14 +120,14 @@ def shortest(
     move = move.in_time(max(move.duration, 0.9 * first_duration(commanded, move, limits)))
     duration, works = move.duration, can(move.duration)
     step = 1 / STEP if works else STEP
-    for _ in range(TRIES):
+    for _ in range(12):
         if can(duration * step) != works:
             break
         duration *= step
     else:
         return None
     low, high = sorted((duration, duration * step))
-    while high > CLOSE * low:
+    while high > 1.01 * low:  # then the shortest one is known
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if can(middle) else (middle, high)
     return move.in_time(high)

@@ -29,7 +29,6 @@ from elastid.use.command.moves import References
 
 SETTLING_S = 0.6  # after the move, in which its residual vibration is judged
 DAMPING_RATIO = 0.7  # of the loops of the drives
-_STATIC_S = 0.1  # at the end of it, whose mean is the static error
 
 
 @frozen_value
@@ -124,7 +123,8 @@ class TwinLoop:
         q, torque = self.follow(references, robot)
         at = frame_poses(self.robot, q[:, : len(self.robot.joints)], self.frame).position - target
         error, after = np.linalg.norm(at, axis=1), references.time_s > end_s
-        static = at[-max(1, round(_STATIC_S * references.rate_hz)) :].mean(axis=0)
+        # The static error is the mean of the last 0.1 s.
+        static = at[-max(1, round(0.1 * references.rate_hz)) :].mean(axis=0)
         residual = np.linalg.norm(at[after] - static, axis=1).max(initial=0.0)
         within = error[~after]
         figures = float(within.max()), float(np.sqrt(np.mean(within**2))), float(np.linalg.norm(static))

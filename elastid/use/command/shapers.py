@@ -34,7 +34,6 @@ DESIGNED = 0.04  # of the robust shaper: what is left of several modes adds up a
 MIN_SHARE = 0.02  # of the strongest mode, below which a mode of a posture does not count
 MAX_ZETA = 0.7  # beyond, a mode does not vibrate
 _SIDES = 16  # of the polygon, whose corners lie 2 % outside of the circle that it is in
-_PER_HALF_PERIOD = 6  # instants of the linear programme in half a period of the fastest mode
 _LONGEST = 2.5  # periods of the slowest mode that a shaper may take
 _MOST = 200  # instants in a period of the slowest one
 
@@ -202,7 +201,8 @@ def robust_shaper(freq_hz: FloatArray, zeta: FloatArray) -> tuple[FloatArray, Fl
     """Impulses of the shortest shaper with V below 4 % in all modes (n,); FitError where none was found."""
     freq_hz, zeta = _distinct(freq_hz, zeta)
     slowest = 1 / freq_hz.min()
-    step = max(0.5 / freq_hz.max() / _PER_HALF_PERIOD, slowest / _MOST)
+    # The linear programme has six instants in half a period of the fastest mode.
+    step = max(0.5 / freq_hz.max() / 6, slowest / _MOST)
     low, high, best = 1, int(np.ceil(_LONGEST * slowest / step)), None
     while low < high:
         middle = (low + high) // 2

@@ -33,8 +33,6 @@ from elastid.use.loops.sensitivity import (
 )
 
 _NEAR, _MOVED = 1 / 3, 5e-3  # of a frequency within which, and of the motor's motion by which, a mode makes a peak
-_BINDING_DB = 0.5  # of the largest peak, within which another one limits the gains as well
-_SHOWN = 240  # lines of the curves that are kept
 Band: TypeAlias = tuple[FloatArray, FloatArray]
 
 
@@ -125,7 +123,7 @@ def assess(
     own = Sampled.of(plants, gains, filters, 600, 41)
     rows = np.arange(Q)
     peak_hz = own.freq_hz[rows, own.size.argmax(axis=1)]
-    freq_hz = np.geomspace(own.freq_hz[:, 0].max(), own.freq_hz[:, -1].min(), _SHOWN)
+    freq_hz = np.geomspace(own.freq_hz[:, 0].max(), own.freq_hz[:, -1].min(), 240)  # lines of the curves that are kept
     peak = np.where(own.stable, own.peaks_db, np.inf)
     causes = tuple("; ".join(_causes(own, plants, q, modes[q], axes)) for q in range(Q))
     loops = own.loops
@@ -197,7 +195,8 @@ def _causes(own: Sampled, plants: Plants, q: int, modes: tuple[PlantMode, ...], 
     """Axis and mode of each peak that limits, by rising frequency."""
     size = np.pad(own.size[q], 1, constant_values=0.0)
     peaks = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:]))
-    binding = peaks[own.size[q, peaks] >= own.size[q].max() * 10 ** (-_BINDING_DB / 20)]
+    # A peak within 0.5 dB of the largest one limits the gains as well.
+    binding = peaks[own.size[q, peaks] >= own.size[q].max() * 10 ** (-0.5 / 20)]
     for line in binding if own.stable[q] else [int(own.size[q].argmax())]:
         yield _cause(own, plants, q, int(line), modes, axes)
 

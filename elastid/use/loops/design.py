@@ -36,14 +36,11 @@ from elastid.use.loops.sensitivity import (
     tracking_error,
 )
 
-QUANTILE = 0.95  # of the draws that keep the limit
 MAX_NOTCHES = 2  # of an axis
 _BANDS = 10  # parts of the grid whose peaks are limited each by itself
 _ROUNDS, _STEPS, _REACH = 8, 12, 0.5  # of the search: each within e^0.5 of where it starts
-_WORTH = 0.02  # of ln f_B, for which a notch is kept
 _SLOWER, _SLOWEST = 0.98, 200  # factor and most steps of slowing down
 _SOFT = 12.0  # of the minimum over postures, rounded off
-_TURNS = 3  # designs with limits that are lowered by what the draws exceed
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +124,7 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
         tried = [searched(scene, own, limit_db, rounds=2) for own in _with_notch(scene, best)]
         start = max(filter(None, tried), key=scene.reached, default=best)
         gained = searched(scene, start, limit_db) or best
-        if scene.reached(gained) < scene.reached(best) + _WORTH:
+        if scene.reached(gained) < scene.reached(best) + 0.02:  # a notch is kept for 2 % of bandwidth
             return
         best = gained
         yield best
@@ -264,11 +261,12 @@ def robust(
 
     def excess(own: Cascade) -> float:
         """dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
-        of_draws = float(np.quantile(peaks(own), QUANTILE, method="higher")) if drawn else -np.inf
+        # 95 % of the draws keep the limit.
+        of_draws = float(np.quantile(peaks(own), 0.95, method="higher")) if drawn else -np.inf
         return max(float(fine.peaks_db(own).max()), of_draws) - LIMIT_DB
 
     tried: list[Cascade] = []
-    for turn in range(_TURNS):
+    for turn in range(3):  # designs with limits that are lowered by what the draws exceed
         better = [searched(scene, tried[-1], limit_db)] if turn else design(scene, first_mode_hz, delay, limit_db)
         for best in filter(None, better):
             say(f"{np.exp(scene.reached(best)):.3g} Hz, {len(best.notches)} notches")

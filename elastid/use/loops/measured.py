@@ -26,8 +26,6 @@ from elastid.response import FrequencyResponse
 from elastid.simulation.controller import Gains
 from elastid.use.loops.sensitivity import Margins, largest_gain, margins, scaled
 
-_MOST_DELAY = 5  # samples
-_INTEGRAL = 4.0  # standard deviations of an integral that is there; wrong in 6e-5 of loops without one
 _DRAWS = 200  # of the errors of S, for the bands of margins
 
 
@@ -148,7 +146,7 @@ def fitted_cascade(
 ) -> tuple[FloatArray, FloatArray, FloatArray, int, FloatArray]:
     """kp, kd, ki (n_u,), delay in samples and the explained part (n_u,) of measured controllers F (F, n_u)."""
     tried = []
-    for delay in range(_MOST_DELAY + 1):
+    for delay in range(6):  # samples
         rows = [_fitted_axis(own, freq_hz, rate_hz, delay) for own in F.T]
         tried.append((float(np.mean([row[3] for row in rows])), -delay, rows))
     _, late, rows = max(tried, key=lambda each: each[:2])
@@ -177,7 +175,8 @@ def _fitted_axis(F: ComplexArray, freq_hz: FloatArray, rate_hz: float, delay: in
     noise = left / max(len(b) - 3, 1)
     # A sum that the lines do not show is none, and so is one that no real cascade has.
     square = np.array([-(c0 * T + c1), c0 + c2 * T, -c2])
-    roots = np.roots(square) if plain - left > _INTEGRAL**2 * noise and c2 > 0 else np.zeros(0)
+    # An integral is there from 4 standard deviations on: wrong in 6e-5 of loops without one.
+    roots = np.roots(square) if plain - left > 4.0**2 * noise and c2 > 0 else np.zeros(0)
     real = sorted(root.real for root in roots if abs(root.imag) < 1e-9 * abs(root) and 0 < root.real < rate_hz)
     if not real:
         return float(p0), float(p1), 0.0, 1 - plain / float(b @ b)

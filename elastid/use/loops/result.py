@@ -28,7 +28,6 @@ from elastid.use.loops.measured import MeasuredLoops
 from elastid.use.loops.plants import PlantMode, Plants, PostureFamily
 
 TODAY, DESIGNED = "today's controller", "designed controller"
-_SPRUNG = 0.5  # share of springs in the strain energy of a mode; a pendulum under gravity has less
 
 
 @frozen_value
@@ -167,7 +166,8 @@ def _range(low: float, high: float) -> str:
 
 
 def _sprung(modes: tuple[PlantMode, ...], posture: str) -> tuple[PlantMode, ...]:
-    kept = tuple(mode for mode in modes if mode.share >= _SPRUNG)
+    # A pendulum under gravity has less than half of its strain energy in springs.
+    kept = tuple(mode for mode in modes if mode.share >= 0.5)
     if not kept:
         raise StudyError(
             f"posture {posture}: no spring of the robot swings behind its motors, so that none limits them"
@@ -186,7 +186,6 @@ def inertias(result: FitResult, configuration: Configuration, rate_hz: float) ->
 
 
 STEP = {"rad": np.radians(0.05), "m": 1e-4}  # of a reference
-_WITHIN = 0.05  # of a step, in which it has settled
 _PERIODS, _LONGEST_S = 4.0, 10.0  # of the slowest bandwidth, and at most, as long as a step is simulated
 
 
@@ -217,7 +216,7 @@ class Steps:
     @property
     def settled_s(self) -> FloatArray:
         """(Q, n_u), the last time where it does not settle."""
-        away = np.abs(self.response - self.end[:, :, None]) > _WITHIN
+        away = np.abs(self.response - self.end[:, :, None]) > 0.05  # of a step, in which it has settled
         last = len(self.time_s) - 1 - np.argmax(away[:, :, ::-1], axis=2)
         return np.asarray(np.where(away.any(axis=2), self.time_s[last], 0.0))
 
