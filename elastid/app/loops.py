@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from io import StringIO
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,13 +25,14 @@ from elastid.simulation.controller import Gains
 from elastid.store.files import keep_checksums, write_rows, write_text
 from elastid.store.measured import read_friction, read_records
 from elastid.store.results import write_loops
+from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
 from elastid.use.draws import estimated_robot
 from elastid.use.loops.assess import LoopState
 from elastid.use.loops.measured import MeasuredLoops, measured_loops, refusal
 from elastid.use.loops.result import Asked, Loops, Today, design_loops, inertias, with_delay
 from elastid.use.loops.sensitivity import LIMIT_DB
-from elastid.use.postures import random_postures, read_path
+from elastid.use.postures import region_postures
 
 NAME = "loops"
 RESULTS = ("loops.h5", "loops.yml", "loops.csv", "loops.html", "loops.png")
@@ -170,12 +169,8 @@ def _postures(run: Run, result: FitResult, choice: Choice) -> tuple[Configuratio
     if choice.path is None and choice.random is None:
         return tuple(linear.configuration for linear in result.linear)
     family = result.family(Ports())
-    if choice.path is not None:
-        angles = read_path(choice.path, family.robot, family.frame).angles
-        # Each posture costs as much time as the others.
-        angles = angles[np.unique(np.linspace(0, len(angles) - 1, 40).astype(int))]
-    else:
-        angles = random_postures(family.robot, choice.random or 1, run.study.seed or 0)
+    # Each posture costs as much time as the others.
+    angles = region_postures(family.robot, family.frame, choice.path, choice.random or 1, 40, run.study.seed or 0)
     kind = "random" if choice.path is None else "path"
     return tuple(Configuration(f"{kind} {i + 1}", each) for i, each in enumerate(angles))
 
@@ -191,22 +186,11 @@ def _write(run: Run, loops: Loops) -> None:
 
 def snippet(loops: Loops) -> str:
     """The designed controller as the section of a study."""
-    from ruamel.yaml import YAML
-
-    spec = loops.controller
-    inner: dict[str, Any] = {name: list(getattr(spec.gains, name)) for name in _GAINS}
-    if spec.gains is not None and spec.gains.notches:
-        inner["notches"] = [asdict(own) for own in spec.gains.notches]
-    content = {"controller": {"kind": spec.kind, "delay_samples": spec.delay_samples, "gains": inner}}
-    yaml, text = YAML(), StringIO()
-    yaml.default_flow_style = None
-    yaml.width = 120
-    yaml.dump(content, text)
     head = (
-        f"# Gains for {loops.name} by `elastid loops`, at {loops.rate_hz:g} Hz, link side, SI: the section\n"
-        "# experiment.simulated.controller of a study whose excitation.rate_hz is that rate.\n"
+        f"Gains for {loops.name} by `elastid loops`, at {loops.rate_hz:g} Hz, link side, SI: the section",
+        "experiment.simulated.controller of a study whose excitation.rate_hz is that rate.",
     )
-    return head + text.getvalue()
+    return yaml_text({"controller": loops.controller}, head)
 
 
 def gain_rows(loops: Loops) -> list[list[str | float]]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from elastid.app.identified_robot import with_found_friction
 from elastid.app.run import Run, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
@@ -26,7 +24,7 @@ from elastid.use.command.moves import read_move
 from elastid.use.command.shapers import RegionModes, Shaper, ranked_shapers, region_modes
 from elastid.use.command.tune import Given, TunedMove, tune_move
 from elastid.use.draws import draw_robots, estimated_robot
-from elastid.use.postures import random_postures, read_path
+from elastid.use.postures import region_postures
 
 RESULTS = ("tune.h5", "tune.csv", "tune.html", "tune.png")
 SHAPERS = ("shapers.h5", "shapers.csv", "shapers.png")
@@ -80,11 +78,8 @@ def shape_study(run: Run, region: Region) -> None:
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
         family = result.family(Asked(frame=region.frame))
-        if region.path is None:
-            angles = random_postures(family.robot, region.random or POSTURES, run.study.seed or 0)
-        else:
-            angles = read_path(region.path, family.robot, family.frame).angles
-            angles = angles[np.unique(np.linspace(0, len(angles) - 1, POSTURES).astype(int))]
+        count = region.random or POSTURES
+        angles = region_postures(family.robot, family.frame, region.path, count, POSTURES, run.study.seed or 0)
         modes = region_modes(result, angles, region.bandwidth_hz, region.payloads, region.frame)
         shapers = ranked_shapers(modes)
         write_shapers(run.folder / SHAPERS[0], modes, shapers, run.stamps["fit"])

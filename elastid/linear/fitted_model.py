@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.base.display import Display, as_html, as_text, degrees, number
+from elastid.base.display import Display, as_html, as_text, degrees
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.modes import Modes, modes
+from elastid.linear.modes import Modes, modes, modes_display
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import checked_frequencies, to_response
 from elastid.linear.statespace import StateSpace, state_space
@@ -126,15 +126,11 @@ class FittedModel:
     def display(self) -> Display:
         """The modes with their standard deviations."""
         uncertain, linear = self.uncertain_modes(), self.linear
-        columns = (uncertain.freq_hz, uncertain.freq_std, 100 * uncertain.zeta, 100 * uncertain.zeta_std)
-        digits = (5, 2, 4, 2)
-        rows = [tuple(map(number, row, digits)) for row in np.transpose(columns).tolist()]
-        return Display(
+        title = (
             f"FittedModel of {linear.configuration.name} ({degrees(linear.configuration.angles.tolist())}): "
-            f"{linear.quantity} of {', '.join(linear.outputs)} by {', '.join(linear.inputs)}",
-            ("natural frequency in Hz", "std", "damping ratio in %", "std"),
-            rows,
+            f"{linear.quantity} of {', '.join(linear.outputs)} by {', '.join(linear.inputs)}"
         )
+        return modes_display(title, uncertain.freq_hz, uncertain.freq_std, uncertain.zeta, uncertain.zeta_std)
 
     @property
     def theta(self) -> FloatArray:

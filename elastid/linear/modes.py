@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.base.display import Display, as_html, as_text
+from elastid.base.display import Display, as_html, as_text, number
 from elastid.base.errors import index_of
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LinearModel
@@ -60,6 +60,15 @@ class Modes:
             ("natural frequency in Hz", "damping ratio in %"),
             rows,
         )
+
+
+def modes_display(
+    title: str, freq_hz: FloatArray, freq_std: FloatArray, zeta: FloatArray, zeta_std: FloatArray
+) -> Display:
+    """Frequency and damping ratio (n_m,) of each mode with their standard deviations."""
+    columns = freq_hz, freq_std, 100 * zeta, 100 * zeta_std
+    rows = [tuple(map(number, row, (5, 2, 4, 2))) for row in np.transpose(columns).tolist()]
+    return Display(title, ("natural frequency in Hz", "std", "damping ratio in %", "std"), rows)
 
 
 def modes(model: LinearModel, theta: FloatArray) -> Modes:

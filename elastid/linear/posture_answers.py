@@ -9,6 +9,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, number
 from elastid.base.propagation import By
+from elastid.linear.modes import modes_display
 from elastid.response import FrequencyResponse
 from elastid.robot import FRAME_AXES
 
@@ -63,9 +64,8 @@ class PostureModes:
     @property
     def display(self) -> Display:
         """Frequency and damping ratio of each mode with their standard deviations."""
-        columns = self.freq_hz, self.freq_std, 100 * self.zeta, 100 * self.zeta_std
-        rows = [tuple(map(number, row, (5, 2, 4, 2))) for row in np.transpose(columns).tolist()]
-        return Display(f"{len(rows)} modes", ("natural frequency in Hz", "std", "damping ratio in %", "std"), rows)
+        columns = self.freq_hz, self.freq_std, self.zeta, self.zeta_std
+        return modes_display(f"{len(self.freq_hz)} modes", *columns)
 
 
 @frozen_value

@@ -233,6 +233,14 @@ def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
     return JointPath(angles[reached], tuple((np.flatnonzero(~reached) + 1).tolist()))
 
 
+def region_postures(robot: Robot, frame: str, path: Path | None, count: int, most: int, seed: int) -> FloatArray:
+    """Angles (Q, n_u) of at most so many postures along a path, or without one of `count` random ones."""
+    if path is None:
+        return random_postures(robot, count, seed)
+    angles = read_path(path, robot, frame).angles
+    return np.asarray(angles[np.unique(np.linspace(0, len(angles) - 1, most).astype(int))])
+
+
 def read_table(path: Path) -> Table:
     """The numbers of a CSV file; DataError with line and column of a cell that is none. Lines with # are comments."""
     try:
