@@ -14,6 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import one_line
 from elastid.base.files import write_whole
+from elastid.export import filled
 from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.posture import Asked, default_frame
@@ -24,68 +25,6 @@ from elastid.store.files import write_text
 
 # A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
 HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
-
-_SCRIPT = """% Loads {mat}: the fitted model of {name}, motor torque (N*m) to {quantity} ({unit}), link side.
-% Of e.model(i).configuration: response{{i}} is a function of the frequency in Hz, models{{i}} an ss where there is one
-% (Control System Toolbox, or the package control of Octave, which has no delay), measured{{i}} as below.
-% e.parameters has the 95 % intervals; std and interval are NaN for numbers that were held, the parts of std by noise
-% and by the tolerances of the robot's file where that is exact.
-e = load(fullfile(fileparts(mfilename('fullpath')), '{mat}'));
-is_octave = exist('OCTAVE_VERSION', 'builtin') > 0;
-if is_octave
-    try
-        pkg('load', 'control');
-    catch
-    end
-end
-at = @(m, f) (m.D + m.C * ((2i * pi * f * eye(size(m.A, 1)) - m.A) \\ m.B)) * exp(-2i * pi * f * m.InputDelay);
-response = cell(1, numel(e.model));
-models = cell(1, numel(e.model));
-for i = 1:numel(e.model)
-    m = e.model(i);
-    response{{i}} = @(f) at(m, f);
-    if exist('ss') > 0
-        models{{i}} = ss(m.A, m.B, m.C, m.D);
-        if ~is_octave
-            set(models{{i}}, 'InputDelay', repmat(m.InputDelay, 1, size(m.B, 2)), 'InputName', m.InputName, ...
-                'OutputName', m.OutputName, 'Name', m.configuration);
-        end
-    end
-end
-% tool: an ss array over the postures of e.tool.configurations, forces on frame e.tool.frame (N) to its motion (m and
-% rad) with the motors held; an array of its responses is squeeze(freqresp(tool, 2 * pi * f)).
-tool = e.tool;
-if exist('ss') > 0 && isfield(tool, 'A') && ~is_octave
-    tool = ss(tool.A, tool.B, tool.C, tool.D, 'InputName', tool.InputName, 'OutputName', tool.OutputName);
-    tool.SamplingGrid = struct('posture', 1:size(e.tool.A, 3));
-end
-{measured}"""
-
-_MEASURED = """% measured{i}: idfrd with covariance (System Identification Toolbox), else an frd without, or a struct.
-measured = cell(1, numel(e.measured));
-for i = 1:numel(e.measured)
-    f = e.measured(i);
-    if exist('idfrd') > 0
-        measured{i} = idfrd(f.ResponseData, f.Frequency(:), 0, 'FrequencyUnit', f.FrequencyUnit, ...
-            'InputName', f.InputName, 'OutputName', f.OutputName, 'CovarianceData', f.CovarianceData);
-    elseif exist('frd') > 0
-        measured{i} = frd(f.ResponseData, 2 * pi * f.Frequency(:));
-    else
-        measured{i} = f;
-    end
-end
-"""
-
-_RESPONSES_SCRIPT = """% Loads {mat}: the measured responses of {name}, {quantity}, {unit},
-% of e.measured(i).configuration, at the lines that were measured.
-e = load(fullfile(fileparts(mfilename('fullpath')), '{mat}'));
-if exist('OCTAVE_VERSION', 'builtin') > 0
-    try
-        pkg('load', 'control');
-    catch
-    end
-end
-{measured}"""
 
 
 def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -110,23 +49,23 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     measured, systems = list(map(_measured, model.measured)), list(map(_system, model.state_spaces))
     content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers, "tool": [_tool(model)]}
     data, script = folder / "model.mat", folder / "load_model.m"
-    return _written(data, content, script, _SCRIPT, model.name, model.measured[0])
+    return _written(data, content, script, model.name, model.measured[0])
 
 
 def write_responses_matlab(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
     """responses.mat (version 5) with the struct array `measured`, as in model.mat, and load_responses.m."""
     data, script = folder / "responses.mat", folder / "load_responses.m"
-    return _written(data, {"measured": list(map(_measured, responses))}, script, _RESPONSES_SCRIPT, name, responses[0])
+    return _written(data, {"measured": list(map(_measured, responses))}, script, name, responses[0])
 
 
 def _written(
-    data: Path, content: dict[str, list[dict[str, Any]]], script: Path, text: str, name: str, first: FrequencyResponse
+    data: Path, content: dict[str, list[dict[str, Any]]], script: Path, name: str, first: FrequencyResponse
 ) -> tuple[Path, Path]:
     written = io.BytesIO()
     savemat(written, {key: _structs(rows) for key, rows in content.items()}, do_compression=True)
     write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
     known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
-    write_text(script, text.format(**known, measured=_MEASURED))
+    write_text(script, filled(script.name, **known))
     return data, script
 
 

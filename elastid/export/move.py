@@ -14,57 +14,11 @@ from scipy.io import savemat
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import c_comment, one_line
 from elastid.base.files import write_whole
+from elastid.export import filled
 from elastid.export.matlab import HEADING
 from elastid.export.numbers import c_row
 from elastid.store.files import write_text
 from elastid.use.command.tune import TunedMove
-
-_C = """{comment}#include "move.h"
-
-static const double position[{n}][{m}] = {{
-{position}}};
-
-static const double velocity[{n}][{m}] = {{
-{velocity}}};
-
-static const double torque[{n}][{m}] = {{
-{torque}}};
-
-int move_at(double t, double q[{m}], double v[{m}], double u[{m}]) {{
-  const double step = {step!r};
-  double x = t / step;
-  int over = t >= {last!r} * step, k, held;
-  if (!(x > 0)) x = 0;
-  if (over) x = {last!r};
-  k = (int)x;
-  held = (int)(x + 1e-6); /* the time of a sample may round to just below it */
-  if (k > {cells} - 1) k = {cells} - 1;
-  x -= k;
-  for (int j = 0; j < {m}; j++) {{
-    const double a = position[k][j], b = position[k + 1][j], c = step * velocity[k][j], d = step * velocity[k + 1][j];
-    const double e = b - a;
-    q[j] = a + x * (c + x * (3 * e - 2 * c - d + x * (c + d - 2 * e)));
-    v[j] = (c + x * (2 * (3 * e - 2 * c - d) + 3 * x * (c + d - 2 * e))) / step;
-    u[j] = torque[held][j];
-  }}
-  return over;
-}}
-"""
-_H = """{comment}#ifndef MOVE_H
-#define MOVE_H
-#define MOVE_JOINTS {m}
-#define MOVE_DURATION {duration!r}
-int move_at(double t, double q[{m}], double v[{m}], double u[{m}]);
-#endif
-"""
-_SCRIPT = """% The move of {name}: timeseries of position, velocity and torque of each motor, link side, SI.
-move = load(fullfile(fileparts(mfilename('fullpath')), 'move.mat'));
-for part = {{'position', 'velocity', 'torque'}}
-    if exist('timeseries') > 0
-        move.(part{{1}}) = timeseries(move.(part{{1}}), move.time);
-    end
-end
-"""
 
 
 def interpolated(tuned: TunedMove, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -106,8 +60,8 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
         name: "".join(f"  {c_row(row)},\n" for row in getattr(tuned, name))
         for name in ("position", "velocity", "torque")
     }
-    source = _C.format(comment=comment, n=n, m=m, step=step, last=float(n - 1), cells=n - 1, **rows)
-    return {"move.c": source, "move.h": _H.format(comment=comment, m=m, duration=float(step * (n - 1)))}
+    source = filled("move.c", comment=comment, n=n, m=m, step=repr(step), last=float(n - 1), cells=n - 1, **rows)
+    return {"move.c": source, "move.h": filled("move.h", comment=comment, m=m, duration=float(step * (n - 1)))}
 
 
 def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
@@ -144,7 +98,7 @@ def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
     savemat(written, {**content, "joints": np.array(tuned.joints, dtype=object)}, do_compression=True)
     data, script = folder / "move.mat", folder / "load_move.m"
     write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
-    write_text(script, _SCRIPT.format(name=one_line(tuned.name)))
+    write_text(script, filled("load_move.m", name=one_line(tuned.name)))
     return data, script
 
 
