@@ -80,7 +80,7 @@ MAX_RATE, MIN_COUNTED, STATED = 0.01, 100, ("excess-of-cost",)
 JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "recorded.repair.spikes.SpikeLimits": {"spikes-replaced": "*", "spikes-left": "max_share"},
     "recorded.repair.stops.StopLimits": {"stops": "*", "rest-left-out": "start_windows max_still_share"},
-    "recorded.repair.stuck.StuckLimits": {"stuck-samples": "*"},
+    "recorded.repair.stops.StuckLimits": {"stuck-samples": "*"},
     "recorded.repair.DriftLimits": {"drifting-channels": "*"},
     "recorded.repair.missing.MissingLimits": {
         "lost-samples-put-back": "min_periods max_shift max_remaining_share",
