@@ -10,9 +10,6 @@ operating point is frozen, or followed to first order where springs are nonlinea
 linearises again at its result until nothing moves.
 
 Elements of the measurement chain are factors of the response, G(s) = H(s T) G_0(s), with dG / dT = s H' / H(s T) G(s).
-
-Forces and torques at frames act by B = J^T, J the velocity of a frame's origin or its angular velocity; with motors
-held q = N y, B_m^T N = 0, with motors controlled K + B_m k_p B_m^T and D + B_m k_d B_m^T.
 """
 
 from __future__ import annotations
@@ -26,7 +23,6 @@ from numpy.polynomial import polynomial
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value, labelled
 from elastid.base.errors import check_theta, index_of
-from elastid.model.loop_closure import null_space
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors
 from elastid.robot import Chain, gain_name
 
@@ -248,46 +244,3 @@ class LinearModel:
                 if gradient is not None:
                     matrix += change[name] * gradient
         return M, D, K
-
-
-def moved_by(place: str) -> str:
-    """The motion on which a force or torque works."""
-    kind, _, rest = place.partition(" ")
-    name, _, axis = rest.rpartition(" ")
-    return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, place)
-
-
-def with_held_motors(B: FloatArray) -> FloatArray:
-    """N (n, m): motions that leave the motors B^T q = 0 at rest; columns of the unit matrix where these are."""
-    still = ~np.any(B, axis=1)
-    if np.linalg.matrix_rank(B) == np.count_nonzero(~still):
-        return np.eye(len(B))[:, still]
-    return null_space(B.T)
-
-
-def acted_on(model: LinearModel, inputs: tuple[str, ...], motors: Motors, loop: JointLoop | None) -> LinearModel:
-    """The same by forces and torques at frames, whose motions are among its outputs; no chain of drives is in it."""
-    K, D = model.K, model.D
-    if motors == "controlled" and loop is not None:
-        K, D = (A + (model.B * gain) @ model.B.T for A, gain in ((K, loop.kp), (D, loop.kd)))
-    N = with_held_motors(model.B) if motors == "held" else np.eye(model.n)
-    rows = [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
-    slopes = {name: _on(slope, N, rows) for name, slope in model.slopes.items()}
-    M, D, K = (_square(N, A) for A in (model.M, D, K))
-    return replace(
-        model, M=M, D=D, K=K, B=(model.C[rows] @ N).T, C=model.C @ N, T=model.tilt @ N, Z=np.asarray(model.Z) @ N,
-        slopes=slopes, inputs=inputs, chain=(), motors=motors, loop=loop,
-    )  # fmt: skip
-
-
-def _square(N: FloatArray, A: FloatArray) -> FloatArray:
-    """N^T A N, symmetric to the last bit."""
-    product = N.T @ A @ N
-    return np.asarray((product + product.T) / 2)
-
-
-def _on(slope: Slope, N: FloatArray, rows: list[int]) -> Slope:
-    M, D, K = (None if A is None or not np.any(N.T @ A) else _square(N, A) for A in (slope.M, slope.D, slope.K))
-    C, T = (None if part is None else part @ N for part in (slope.C, slope.T))
-    B = None if C is None or not np.any(C[rows]) else C[rows].T
-    return Slope(M, D, K, C, T, B)
