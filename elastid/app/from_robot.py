@@ -18,6 +18,7 @@ from elastid.app.from_mjcf import read_mjcf
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import file_name, one_line
+from elastid.base.files import from_template
 from elastid.model.formulation import formulate
 from elastid.robot import Joint, Motor, Robot, Spring
 from elastid.robot.urdf import UrdfJoint, UrdfRobot, read_elements
@@ -132,14 +133,8 @@ def _robot(robot: Robot, urdf: str, inertia: FloatArray) -> str:
             f"    motor: {{inertia: {rotor}, ratio: {ratio:g}, viscous: {rotor}}} # guessed\n"
             f"    spring: {{stiffness: {k:g}, damping: {d:g}}} # guessed\n"
         )
-    return f"""\
-# The rigid part is that of the URDF. All numbers below are guesses: put those of the data sheets in their place.
-# Motors have as much inertia as the links behind them, and friction that stops them within a second;
-# gears of {_RATIO:g} : 1 swing at {_HELD_HZ:g} Hz, motor held.
-# Bearings and links bend, too: `elastic: [{{name: 1x, axis: x, spring: {{stiffness: 1e6, damping: 1e3}}}}]` at a joint.
-urdf: {json.dumps(urdf)}
-joints:
-{"".join(joints)}"""
+    numbers = {"ratio": f"{_RATIO:g}", "held_hz": f"{_HELD_HZ:g}", "urdf": json.dumps(urdf)}
+    return from_template("app/rehearsal/robot.yml.txt", **numbers, joints="".join(joints))
 
 
 def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
@@ -148,32 +143,9 @@ def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
     rms = np.minimum(2 * _ACCELERATION * inertia, _PART_OF_LIMIT * np.array(limits))  # of motor and link
     rows = (", ".join(f"{angle:g}" for angle in angles) for angles in postures.tolist())
     configurations = "".join(f"    posture {i}: [{row}]\n" for i, row in enumerate(rows, start=1))
-    return f"""\
-# yaml-language-server: $schema={SCHEMA_NAME}
-# A rehearsal of the identification of {one_line(robot.name)}, simulated, so that it runs at once.
-# What is guessed is marked, as motors and gears in robot.yml are. `elastid explain KEY` says what a key means.
-name: {json.dumps(file_name(robot.name))}
-seed: 1
-robot: robot.yml
-excitation:
-  rate_hz: 500 # guessed: that of your controller
-  period: 4 s
-  band_hz: [2, 60] # guessed: around the first resonances
-  grid: odd
-  # guessed: {_ACCELERATION:g} rad/s^2 rms, or {100 * _PART_OF_LIMIT:g} % of the limit of torque
-  torque_rms: [{", ".join(f"{value:.2g}" for value in rms)}]
-experiment:
-  # drawn inside the limits of the joints; look whether your cell has room for them
-  configurations:
-{configurations}  realisations: 2
-  periods: 2
-  transient_periods: 1
-  # On the robot: `recorded` in place of `simulated`, or `elastid new DIR --from LOG ...` once there are logs.
-  simulated:
-    noise: {{torque_std: {rms.min() / 10:.2g}, angle_std: 1e-6}} # guessed
-fit:
-  starts: 8
-  parameters: {{k_*: {{}}, d_*: {{}}, fm_*: {{}}}}
-validation:
-  left_out: [posture {len(postures)}]
-"""
+    return from_template(
+        "app/rehearsal/study.yml.txt", schema=SCHEMA_NAME, robot=one_line(robot.name),
+        name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", percent=f"{100 * _PART_OF_LIMIT:g}",
+        torque_rms=", ".join(f"{value:.2g}" for value in rms), configurations=configurations,
+        torque_std=f"{rms.min() / 10:.2g}", last=len(postures),
+    )  # fmt: skip

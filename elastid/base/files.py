@@ -161,3 +161,11 @@ def _address(group: Any) -> int:
     import h5py
 
     return int(h5py.h5o.get_info(group).addr)
+
+
+def from_template(template: str, /, **values: Any) -> str:
+    """The text of a file of the package, by its path in it, with its $names filled in."""
+    from importlib.resources import files  # at the start of a command these take longer than all else here
+    from string import Template
+
+    return Template((files("elastid") / template).read_text("utf-8")).substitute(values)

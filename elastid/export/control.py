@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.escape import docstring
-from elastid.base.files import replacing
-from elastid.export import filled
+from elastid.base.files import from_template, replacing
 from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
@@ -38,7 +37,9 @@ def _written(
         np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
     example = docstring(repr(first.configuration.name))
     known = {"npz": data.name, "name": docstring(name), "first": example}
-    write_text(loader, filled(f"{loader.name}.txt", **known, quantity=first.quantity, unit=first.unit))
+    write_text(
+        loader, from_template(f"export/templates/{loader.name}.txt", **known, quantity=first.quantity, unit=first.unit)
+    )
     return data, loader
 
 

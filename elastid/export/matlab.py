@@ -13,8 +13,7 @@ from scipy.io import savemat
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import one_line
-from elastid.base.files import write_whole
-from elastid.export import filled
+from elastid.base.files import from_template, write_whole
 from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.posture import Asked, default_frame
@@ -65,7 +64,7 @@ def _written(
     savemat(written, {key: _structs(rows) for key, rows in content.items()}, do_compression=True)
     write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
     known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
-    write_text(script, filled(script.name, **known))
+    write_text(script, from_template(f"export/templates/{script.name}", **known))
     return data, script
 
 

@@ -13,8 +13,7 @@ from scipy.io import savemat
 
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import c_comment, one_line
-from elastid.base.files import write_whole
-from elastid.export import filled
+from elastid.base.files import from_template, write_whole
 from elastid.export.matlab import HEADING
 from elastid.export.numbers import c_row
 from elastid.store.files import write_text
@@ -60,8 +59,13 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
         name: "".join(f"  {c_row(row)},\n" for row in getattr(tuned, name))
         for name in ("position", "velocity", "torque")
     }
-    source = filled("move.c", comment=comment, n=n, m=m, step=repr(step), last=float(n - 1), cells=n - 1, **rows)
-    return {"move.c": source, "move.h": filled("move.h", comment=comment, m=m, duration=float(step * (n - 1)))}
+    source = from_template(
+        "export/templates/move.c", comment=comment, n=n, m=m, step=repr(step), last=float(n - 1), cells=n - 1, **rows
+    )
+    return {
+        "move.c": source,
+        "move.h": from_template("export/templates/move.h", comment=comment, m=m, duration=float(step * (n - 1))),
+    }
 
 
 def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
@@ -98,7 +102,7 @@ def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
     savemat(written, {**content, "joints": np.array(tuned.joints, dtype=object)}, do_compression=True)
     data, script = folder / "move.mat", folder / "load_move.m"
     write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
-    write_text(script, filled("load_move.m", name=one_line(tuned.name)))
+    write_text(script, from_template("export/templates/load_move.m", name=one_line(tuned.name)))
     return data, script
 
 
