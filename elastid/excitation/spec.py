@@ -27,10 +27,10 @@ class MultisineSpec:
     # fmt: off
     rate_hz: Annotated[Frequency, Key("Sampling rate of the controller and the log.", "that of the robot controller; "
         "band_hz must stay below half of it, better below a fifth, where the torque that the drive holds still follows "
-        "the multisine.")]
+        "the multisine.", above=0)]
     period: Annotated[Time, Key("Period of the multisine; the lines are 1/period apart.", "longer for finer lines: a "
         "resonance of f0 and damping ratio zeta is 2 zeta f0 wide and needs four lines or more in it. 10 s are usual; "
-        "time grows with it.")]
+        "time grows with it.", above=0)]
     band_hz: Annotated[tuple[Frequency, Frequency], Key("Lowest and highest excited frequency.", "from a fifth of the "
         "first antiresonance to twice the highest mode that the model has; wider bands spread the same torque over "
         "more lines.")]
@@ -90,9 +90,6 @@ class MultisineSpec:
 
     def __post_init__(self) -> None:
         samples = self.period * self.rate_hz
-        for name, number in (("rate_hz", self.rate_hz), ("period", self.period)):
-            if not number > 0:
-                raise ValueError(f"{name} is {number:g}; it must be positive")
         if samples > 1e8:  # a day at 1 kHz
             raise ValueError(
                 f"period: {self.period:g} s at {self.rate_hz:g} Hz are {samples:.3g} samples, more than a record can "
