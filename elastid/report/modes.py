@@ -109,8 +109,6 @@ def measured_drawing(own: Modes, geometry: GeometrySpec) -> ModeDrawing | None:
 
 # Written: shares of a mode's energy, coordinates by their motion over the largest, and how many of each.
 MIN_SHARE, MIN_MOTION, MAX_WRITTEN = 0.05, 0.5, 4
-# Cosine of the angle between a link and the axis of its spring.
-MIN_TORSION_COSINE, MAX_BENDING_COSINE = 0.9, 0.5
 
 
 @frozen_value
@@ -203,4 +201,5 @@ def _kind(body: Body, joint: Joint) -> str:
     if joint.slides or length == 0 or any(other.motor is not None for other in body.joints):
         return "joint"
     cosine = abs(float(along @ unit_axis(joint.axis))) / length
-    return "torsion" if cosine > MIN_TORSION_COSINE else "bending" if cosine < MAX_BENDING_COSINE else "joint"
+    # The angle between the link and the axis decides.
+    return "torsion" if cosine > 0.9 else "bending" if cosine < 0.5 else "joint"

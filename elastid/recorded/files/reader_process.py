@@ -29,8 +29,6 @@ from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
-# Memory for the data of a reader: this part of the machine's, and not less than this.
-MEMORY_SHARE, MIN_MEMORY_BYTES = 0.5, 2 << 30
 # Errors that keep their kind on the way from the reader; their texts name the file.
 _KINDS: Mapping[str, type[Exception]] = {kind.__name__: kind for kind in (StudyError, DataError, ElastidError)}
 
@@ -169,7 +167,7 @@ def limit_memory() -> int:
 
     try:
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        limit = max(int(MEMORY_SHARE * memory), MIN_MEMORY_BYTES)
+        limit = max(int(0.5 * memory), 2 << 30)  # half of the machine's memory, and not less than 2 GiB
         soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
         limit = min([limit, *(bound for bound in (soft, hard) if bound != resource.RLIM_INFINITY)])
         resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))

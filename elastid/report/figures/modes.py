@@ -57,12 +57,8 @@ def mode_shapes(row: ModeRow, title: str, rate_is_known: bool) -> Figure:
     return style.finish(figure, f"Mode shapes, {title}", panels.flat)
 
 
-# Panels side by side.
-MAX_COLUMNS, MIN_COLUMNS = 6, 4
 # Inches: the width of a panel, and the room on its left, above it, below it, and above all.
 PANEL_WIDTH, LEFT, ABOVE, BELOW, TITLE = 1.4, 0.45, 0.6, 0.42, 0.35
-# Height of a panel over its width, whatever the robot.
-MIN_ASPECT, MAX_ASPECT = 0.5, 1.3
 # Small print: letters to an inch, lines above a panel; numbers on an axis.
 LETTERS_PER_INCH, MAX_LINES, MAX_TICKS = 15, 3, 4
 WIDTHS: dict[StickKind, float] = {"arm": 2.4, "strut": 1.3, "mass": 0.8}
@@ -121,7 +117,7 @@ def _caption(row: ModeRow, mode: int, rate_is_known: bool, width: float) -> list
 def _lay_out(drawing: ModeDrawing) -> tuple[tuple[float, float], list[Panel]]:
     views = [drawing.views(mode) for mode in range(drawing.moved.shape[2])]
     columns = max(map(len, views))
-    modes_a_row = min(MAX_COLUMNS // columns, max(len(views), MIN_COLUMNS // columns))
+    modes_a_row = min(6 // columns, max(len(views), 4 // columns))  # four to six panels side by side
     middle, half = _middle(drawing, views)
     inches = PANEL_WIDTH / (2 * half[0])
     panel = PANEL_WIDTH, 2 * half[1] * inches
@@ -143,8 +139,8 @@ def _middle(drawing: ModeDrawing, views: Sequence[tuple[tuple[int, int], ...]]) 
     low, high = (drawing.points - reach).min(axis=0), (drawing.points + reach).max(axis=0)
     planes = [plane for pair in views for plane in pair]
     wide, tall = (max(float((high - low)[plane[i]]) for plane in planes) / (2 / 1.08) for i in (0, 1))
-    wide = max(wide, tall / MAX_ASPECT)
-    return (low + high) / 2, np.array([wide, max(tall, MIN_ASPECT * wide)])
+    wide = max(wide, tall / 1.3)  # a panel's height over its width, whatever the robot
+    return (low + high) / 2, np.array([wide, max(tall, 0.5 * wide)])
 
 
 def _draw_sticks(axes: Axes, drawing: ModeDrawing, panels: Sequence[Panel]) -> None:

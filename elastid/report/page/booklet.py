@@ -27,8 +27,6 @@ from elastid.validation.twin_run import TwinFindings
 # A4 in inches; letters in a line and lines on a page, in a fixed-width font of style.NORMAL points.
 PAPER = (8.27, 11.69)
 MAX_LETTERS, MAX_LINES = 96, 68
-# Letters of a line of the title page, of its title and of its text.
-TITLE_LETTERS, TEXT_LETTERS = 30, 74
 # Of provenance and page numbers.
 INK = "#555555"
 # Without names and dates of the writing program the same pages give the same bytes.
@@ -70,9 +68,9 @@ def pages_of(
 ) -> Iterator[Figure]:
     """Title, answers in sentences and provenance on a page; lines of text on those after it."""
     figure = Figure(figsize=PAPER)
-    large = "\n".join(textwrap.wrap(title, TITLE_LETTERS))
+    large = "\n".join(textwrap.wrap(title, 30))
     figure.text(0.1, 0.7, style.plain(large), va="bottom", fontsize=26, weight="bold")
-    answers = "\n\n".join("\n".join(textwrap.wrap(sentence, TEXT_LETTERS)) for sentence in sentences)
+    answers = "\n\n".join("\n".join(textwrap.wrap(sentence, 74)) for sentence in sentences)
     figure.text(0.1, 0.66, style.plain(answers), va="top", fontsize=11, linespacing=1.35)
     origin = "\n".join("\n".join(wrapped(f"{name}: {words}")) for name, words in provenance.items())
     figure.text(0.1, 0.08, style.plain(origin), va="bottom", fontsize=style.NORMAL, color=INK, linespacing=1.35)

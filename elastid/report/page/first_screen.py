@@ -79,8 +79,6 @@ def _projected(drawing: ModeDrawing) -> FloatArray:
     return np.asarray(MARGIN + view * (SIZE - 2 * MARGIN) / max(float(np.ptp(view, axis=0).max()), 1e-9))
 
 
-# The axis of the table reaches at least and at most so far to either side, as a ratio to the estimate.
-MIN_REACH, MAX_REACH = 1.02, 100.0
 # Of a row; pixels of the drawing of its interval.
 MARKS = ("low", "high", "start", "truth")
 
@@ -136,7 +134,8 @@ def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | 
     known = [(value, row) for row in rows for value in (*row.interval, row.truth) if value is not None]
     spread = [abs(_log_ratio(value, row.estimate)) for value, row in known]
     finite = [value for value in spread if math.isfinite(value)]
-    reach = float(np.clip(max(finite, default=0.0), math.log(MIN_REACH), math.log(MAX_REACH)))
+    # The axis reaches from 2 % to a factor of 100 to either side.
+    reach = float(np.clip(max(finite, default=0.0), math.log(1.02), math.log(100.0)))
 
     def place(value: float | None, row: ParameterRow) -> float:
         if value is None:

@@ -186,7 +186,6 @@ def inertias(result: FitResult, configuration: Configuration, rate_hz: float) ->
 
 
 STEP = {"rad": np.radians(0.05), "m": 1e-4}  # of a reference
-_PERIODS, _LONGEST_S = 4.0, 10.0  # of the slowest bandwidth, and at most, as long as a step is simulated
 
 
 @frozen_value
@@ -226,7 +225,7 @@ def steps(
     slowest_hz: float,
 ) -> Steps:  # fmt: skip
     """Of a robot with its friction; slowest_hz: bandwidth of its slowest axis.  DataError where a motor is lost."""
-    n = int(np.ceil(min(_PERIODS / slowest_hz, _LONGEST_S) * rate_hz))
+    n = int(np.ceil(min(4.0 / slowest_hz, 10.0) * rate_hz))  # four periods, at most 10 s
     rows = [list(_of_posture(robot, posture, controller, rate_hz, n)) for posture in postures]
     axes = tuple(joint.name for joint in robot.driven)
     return Steps(judge, tuple(each.name for each in postures), axes, np.arange(n) / rate_hz, np.array(rows))

@@ -36,8 +36,6 @@ from elastid.use.loops.plants import Plants
 LIMIT_DB = 6.0  # of M_S
 THRESHOLD = 10 ** (-3 / 20)  # of |E_ii| at the bandwidth
 STABLE = 1 - 1e-9  # |z| of a pole, which rounding of an integrator at 1 stays outside of
-# Lines of a grid: along the whole band, and about each mode.
-_LINES, _PER_MODE = 220, 13
 
 
 def controller_response(
@@ -49,7 +47,7 @@ def controller_response(
     return gains.response(freq_hz, rate_hz) * H, of_position.response(freq_hz, rate_hz) * H
 
 
-def grid(plants: Plants, lines: int = _LINES, per_mode: int = _PER_MODE) -> FloatArray:
+def grid(plants: Plants, lines: int = 220, per_mode: int = 13) -> FloatArray:
     """freq_hz (N, F): logarithmic up to half the rate, and denser about each mode of a plant."""
     poles = np.linalg.eigvals(plants.A)
     with np.errstate(divide="ignore", invalid="ignore"):
