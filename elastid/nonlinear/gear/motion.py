@@ -158,7 +158,8 @@ def estimate_motion(
         for i, effect in enumerate(effects):
             j = problem.joints.index(effect.joint)
             acting = [(place, j, phi) for place, phi in forces(effect, motions[effect.joint])]
-            if effect.is_edge and follows:
+            # Level and end of a gap pull against each other: with one followed and the other held, both drift off.
+            if effect.is_edge and follows and effect.place != "gear":
                 further = problem.followed(effect, acting[0][2], x, slope)
                 acting += [(*signal, phi) for signal, phi in zip(problem.signals, further, strict=True)]
             rows = np.array([drive.directions(place, at) for place, at, _ in acting])
