@@ -209,8 +209,7 @@ class _Problem:
         x_0 = lines.fine((self._powers * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
         known = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
         start = np.array([known.get(signal, of_0) for signal, of_0 in zip(self.signals, x_0, strict=True)])
-        x = newton(partial(self._law, m), self.linear, x_0, start, self.near)
-        force, slope = self._law(m, x)
+        x, force, slope = newton(partial(self._law, m), self.linear, x_0, start, self.near)
         torque = lines.all_amplitudes(force).T
         return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force, slope
 
@@ -334,24 +333,24 @@ def newton(
     x_0: FloatArray,
     x: FloatArray,
     near: float = 1e-4,
-) -> FloatArray:
-    """x (n_x, n) of x + linear(law(x)) = x_0, from x or x_0; law gives a force and its slope, point by point.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """x (n_x, n) of x + linear(law(x)) = x_0, from x or x_0, force and slope there; law gives them point by point.
 
     near: error at which it ends, over the size of x.
     Steps are halved until the error falls; where none does, the last x, whose error the residuals then show.
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
 
-    def error(x: FloatArray) -> tuple[FloatArray, FloatArray, float, float]:
-        """Error, slope of the law, RMS of the error and of that of the force by it, which sticking makes the larger."""
+    def error(x: FloatArray) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
+        """Error, slope of the law, RMS of the error and of that of the force by it, larger where it sticks; the force."""
         force, slope = law(x)
         e = np.asarray((x - x_0 + linear(force)) / size)
         of_force = slope * e * size / (np.std(force, axis=1)[:, None] + 1e-300)
-        return e, slope, float(np.sqrt(np.mean(e**2))), float(np.sqrt(np.mean(of_force**2)))
+        return e, slope, float(np.sqrt(np.mean(e**2))), float(np.sqrt(np.mean(of_force**2))), force
 
-    e, slope, left, of_force = error(x)
+    e, slope, left, of_force, force = error(x)
     if left > _FAR and (at_0 := error(x_0))[2] < left:
-        x, (e, slope, left, of_force) = x_0, at_0
+        x, (e, slope, left, of_force, force) = x_0, at_0
     for _ in range(_STEPS):
         if max(left, of_force / _OF_FORCE) < near:
             break
@@ -359,11 +358,11 @@ def newton(
         for halving in range(_HALVINGS + 1):
             trial = error(x + step / 2**halving)
             if trial[2] < left:
-                x, (e, slope, left, of_force) = x + step / 2**halving, trial
+                x, (e, slope, left, of_force, force) = x + step / 2**halving, trial
                 break
         else:
             break
-    return x
+    return x, force, slope
 
 
 def _moved(
