@@ -174,7 +174,7 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
     tie = _TIE * sum(lines.Y.size for lines in data)
 
     def tried(before: Levels, effects: tuple[GearEffect, ...], limit: float) -> Levels:
-        trial = find_levels(*arguments, before, effects, _TRIAL, limit, _ROUGH)
+        trial = find_levels(*arguments, before, effects, _TRIAL, limit, _ROUGH, kept)
         return trial if trial.lack > limit else _pruned(arguments, trial)
 
     trials = [found]
@@ -189,7 +189,7 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
         (first,) = springs_of(ranged)
         second = replace(first, scale=_NEXT * first.scale)
         best = min(best, tried(ranged, (*ranged.effects, second), cost(best)), key=cost)
-    if best.move > _ROUGH:
+    if best is not found:  # scales of the other effects stayed
         best = find_levels(*arguments, best, best.effects, settled=_ROUGH)
     return _named(arguments, best, joint)
 

@@ -12,7 +12,7 @@ f_i d Phi_i / d s of every effect that turns or bends over s.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -93,16 +93,17 @@ def find_levels(
     rounds: int = _ROUNDS,
     limit: float = np.inf,
     settled: float = MOVE,
+    held: Collection[GearEffect] = (),
 ) -> Levels:
     """Parameters and levels of the effects from those of others, or of none (`start_levels`); 0 of those it has not.
 
     limit: of the lack; where it would stay above that if it fell by a few times as much as in the last round, no
-    further round is taken.  settled: move below which none is, either.
+    further round is taken.  settled: move below which none is, either.  held: effects whose scales stay.
     """
     joints, ratios = joints_of(linearisation)
     parameters, x, n_x, n_f = start.parameters, start.x, len(start.x), len(effects)
     levels = start.levels_of(effects)
-    scales = scales_of(effects)
+    scales = [own for own in scales_of(effects) if not any(effects[i] in held for i in own)]
     estimates = start.estimates_of(effects, sum(len(own) for own in scales))
     effects = _rescaled(effects, scales, np.zeros(len(scales)))
     move = start.move if start.effects == tuple(effects) else np.inf

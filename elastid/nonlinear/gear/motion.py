@@ -342,7 +342,7 @@ def newton(
     size = np.std(x_0, axis=1)[:, None] + 1e-300
 
     def error(x: FloatArray) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
-        """Error, slope of the law, RMS of the error and of that of the force by it, larger where it sticks; the force."""
+        """Error, slope of the law, RMS of the error and of that of the force by it, larger if it sticks; the force."""
         force, slope = law(x)
         e = np.asarray((x - x_0 + linear(force)) / size)
         of_force = slope * e * size / (np.std(force, axis=1)[:, None] + 1e-300)
