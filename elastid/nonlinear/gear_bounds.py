@@ -64,11 +64,11 @@ def level_bounds(
     every = candidate_groups(data, found, linearisation, bent=joints, orders=tuple(orders))
     groups = [group for group in every if family_of(group[0]) not in families]
     effects = [*found.effects, *(effect for group in groups for effect in group)]
-    levels = np.concatenate([found.levels, np.zeros(len(effects) - len(found.levels))])
+    levels, before = found.levels_of(effects), found.estimates_of(effects)
     drives = [drive_lines(c, linearisation, G, found.parameters, found.x) for c, G in zip(data, responses, strict=True)]
     estimates = [
-        estimate_motion(lines, drive, joints, ratios, effects, levels, None)
-        for lines, drive in zip(data, drives, strict=True)
+        estimate_motion(lines, drive, joints, ratios, effects, levels, each)
+        for lines, drive, each in zip(data, drives, before, strict=True)
     ]
     n_x = len(found.x)
     sums, (A, b) = (

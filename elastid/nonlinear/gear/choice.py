@@ -19,7 +19,6 @@ from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.gear.drive_lines import drive_lines, elastic_joints
 from elastid.nonlinear.gear.effects import GearEffect, Kind
 from elastid.nonlinear.gear.levels import (
-    MOVE,
     Levels,
     NormalEquations,
     find_levels,
@@ -28,13 +27,13 @@ from elastid.nonlinear.gear.levels import (
     priors,
     start_levels,
 )
-from elastid.nonlinear.gear.motion import Estimate, estimate_motion
+from elastid.nonlinear.gear.motion import estimate_motion
 from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 
 Group: TypeAlias = tuple[GearEffect, ...]
-_Arguments: TypeAlias = tuple[Sequence[PeriodLines], Sequence[FrequencyResponse], Linearisation, ParameterSet]
+_Arguments: TypeAlias = tuple[Sequence[PeriodLines], Sequence[FrequencyResponse], Linearisation]
 
 
 @dataclass(frozen=True)
@@ -62,6 +61,7 @@ _APART = 1.5  # between the scales of two ranges or two elements of hysteresis o
 _NEXT = 2.0  # times the end of a range, at which that of the next one starts
 _TIE = 1.0  # in the logarithm of the residuals' power
 _TRIAL = 9  # rounds of a law that is compared: one that is wrong may never end
+_ROUGH = 0.5  # move below which effects are compared; what is chosen is then found to the end
 _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
 
 
@@ -125,25 +125,30 @@ def choose_effects(
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
-    arguments = data, responses, linearisation, parameters
+    arguments = data, responses, linearisation
     lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
-    found = start_levels(*arguments, np.where(lost, parameters.x, x))
+    found = start_levels(*arguments, parameters, np.where(lost, parameters.x, x))
     groups = candidate_groups(data, found, linearisation, bent, orders)
     for _ in range(LIMITS.rounds):
         further = [group for group in groups if not _stands(group[0], found.effects)]
         added = _added(data, responses, linearisation, found, further)
         if not added:
-            found = found if found.rounds else find_levels(*arguments, found.x, ())
             break
-        effects, before = (*found.effects, *added), _kinds(found.effects)
-        found = find_levels(*arguments, found.x, effects, np.concatenate([found.levels, np.zeros(len(added))]))
-        found = _pruned(arguments, found)
+        before = _kinds(found.effects)
+        found = _pruned(arguments, find_levels(*arguments, found, (*found.effects, *added), settled=_ROUGH))
         for family in _SHAPES:
             for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
                 found = _best_shape(arguments, found, joint, family)
         if _kinds(found.effects) == before:  # none of those that were added stays
             break
-    return found
+    return _settled(arguments, found)
+
+
+def _settled(arguments: _Arguments, found: Levels) -> Levels:
+    """The same to the end, without what is then within some standard deviations of 0."""
+    found = find_levels(*arguments, found, found.effects)
+    pruned = _pruned(arguments, found)
+    return found if pruned is found else _settled(arguments, pruned)
 
 
 def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
@@ -152,7 +157,7 @@ def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
 
 def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[Kind, float]) -> Levels:
     """With another spring or loop of a gear, if it explains more, or as much by fewer numbers; along its own motion."""
-    data, _, linearisation, _ = arguments
+    data, _, linearisation = arguments
 
     def springs_of(levels: Levels) -> list[GearEffect]:
         return [effect for effect in levels.effects if effect.joint == joint and effect.kind in family]
@@ -160,7 +165,6 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
     springs = springs_of(found)
     if not springs:
         return found
-    others = np.array([effect not in springs for effect in found.effects], bool)
     kept = tuple(effect for effect in found.effects if effect not in springs)
     deflection = _sizes(data, found, linearisation, joints_of(linearisation)[0].index(joint))[1]
 
@@ -169,26 +173,24 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
 
     tie = _TIE * sum(lines.Y.size for lines in data)
 
-    def tried(before: Levels, effects: tuple[GearEffect, ...], levels: FloatArray, limit: float) -> Levels:
-        trial = find_levels(*arguments, before.x, effects, np.append(levels, 0.0), _TRIAL, limit)
+    def tried(before: Levels, effects: tuple[GearEffect, ...], limit: float) -> Levels:
+        trial = find_levels(*arguments, before, effects, _TRIAL, limit, _ROUGH, kept)
         return trial if trial.lack > limit else _pruned(arguments, trial)
 
     trials = [found]
     for kind, part in family.items():
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             limit = cost(found) + tie * (kind == "range")
-            trials.append(
-                tried(found, (*kept, GearEffect(kind, joint, part * deflection)), found.levels[others], limit)
-            )
+            trials.append(tried(found, (*kept, GearEffect(kind, joint, part * deflection)), limit))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.lack < ranged.lack < best.lack + tie:
         # One range explains a little less than a law of another kind, and two may explain much more.
         (first,) = springs_of(ranged)
         second = replace(first, scale=_NEXT * first.scale)
-        best = min(best, tried(ranged, (*ranged.effects, second), ranged.levels, cost(best)), key=cost)
-    if best.move > MOVE:
-        best = find_levels(*arguments, best.x, best.effects, best.levels)
+        best = min(best, tried(ranged, (*ranged.effects, second), cost(best)), key=cost)
+    if best is not found:  # scales of the other effects stayed
+        best = find_levels(*arguments, best, best.effects, settled=_ROUGH)
     return _named(arguments, best, joint)
 
 
@@ -210,7 +212,7 @@ def _named(arguments: _Arguments, found: Levels, joint: str) -> Levels:
     x = found.x.copy()
     x[place] = found.parameters.free[place].to_x(outer if kind == "gap" else inner)
     effects = (*found.effects[:i], replace(effect, kind=kind), *found.effects[i + 1 :])
-    return find_levels(*arguments, x, effects, found.levels)
+    return find_levels(*arguments, replace(found, x=x, effects=effects), effects, settled=_ROUGH)
 
 
 def _stands(effect: GearEffect, others: Sequence[GearEffect]) -> bool:
@@ -250,7 +252,7 @@ def _pruned(arguments: _Arguments, found: Levels) -> Levels:
     if keep.all():
         return found
     effects = tuple(effect for effect, kept in zip(found.effects, keep, strict=True) if kept)
-    return find_levels(*arguments, found.x, effects, found.levels[keep])
+    return find_levels(*arguments, found, effects, settled=_ROUGH)
 
 
 def _added(
@@ -296,17 +298,14 @@ def _sums_with(
 ) -> tuple[NormalEquations, tuple[FloatArray, FloatArray]]:
     """Normal equations, and priors, of parameters, levels and levels of candidates about 0."""
     effects = [*found.effects, *candidates]
-    levels = np.concatenate([found.levels, np.zeros(len(candidates))])
     joints, ratios = joints_of(linearisation)
     drives = [drive_lines(c, linearisation, G, found.parameters, found.x) for c, G in zip(data, responses, strict=True)]
-    estimates: list[Estimate | None] = [None] * len(data)
-    for _ in range(2):  # the second time with the forces of the effects that were found
-        estimates = [
-            estimate_motion(lines, drive, joints, ratios, effects, levels, before)
-            for lines, drive, before in zip(data, drives, estimates, strict=True)
-        ]
-    known = [estimate for estimate in estimates if estimate is not None]
-    sums = normal_equations(data, drives, known, len(found.x), levels)
+    levels, estimates = found.levels_of(effects), found.estimates_of(effects)
+    estimates = [
+        estimate_motion(lines, drive, joints, ratios, effects, levels, before)
+        for lines, drive, before in zip(data, drives, estimates, strict=True)
+    ]
+    sums = normal_equations(data, drives, estimates, len(found.x), levels)
     return sums, priors(found.parameters, found.x, len(found.x) + len(levels))
 
 

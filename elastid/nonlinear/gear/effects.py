@@ -9,7 +9,9 @@ both act across the gear; friction behind the gear brakes the link, -F_l sgn l'.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -81,7 +83,7 @@ class GearEffect:
         return "motor" if self.kind in ("friction", "load") else "link" if self.kind == "behind" else "gear"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GearMotion:
     """Motion of a joint over a period on a fine grid (n,), link side: rad, rad/s, Nm.
 
@@ -97,6 +99,17 @@ class GearMotion:
     ratio: float
     k: float
     d: float
+
+    @cached_property
+    def along(self) -> Callable[[Kind, float], FloatArray]:
+        """Phi (n,) of an implicit kind of a scale, worked out once: friction by load, and edges, turn as friction."""
+        signals = {"motor": self.velocity, "link": self.link_velocity, "gear": self.deflection}
+
+        def phi(kind: Kind, scale: float) -> FloatArray:
+            effect = GearEffect(kind, "", scale)
+            return implicit_law(effect, signals[effect.place])[0]
+
+        return cache(phi)
 
 
 def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -137,8 +150,7 @@ def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArr
         both = [forces(replace(effect, scale=(1 + h) * effect.scale, is_edge=False), motion) for h in (-_STEP, _STEP)]
         return [(place, (b - a) / (2 * _STEP * effect.scale)) for (place, a), (_, b) in zip(*both, strict=True)]
     if effect.is_implicit:
-        along = {"motor": motion.velocity, "link": motion.link_velocity, "gear": motion.deflection}
-        phi = implicit_law(effect, along[effect.place])[0]
+        phi = motion.along("friction" if effect.kind == "load" else effect.kind, effect.scale)
         return [(effect.place, np.abs(motion.torque) * phi if effect.kind == "load" else phi)]
     e, slope = periodic_error(effect, motion)
     if effect.kind.startswith("ripple"):

@@ -12,7 +12,7 @@ f_i d Phi_i / d s of every effect that turns or bends over s.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,8 +27,11 @@ from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
 
-_ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation
-_NEAR, _CLOSE = (1e-4, 1e-5), 2.0  # error of the motion, and from which move on it is the smaller
+_ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation, and
+_OF_SCALES = 5.0  # times it a scale, which levels hardly follow
+_FALLS = 3.0  # times its last fall, by which V still falls at most
+# Error of the motion and whether it follows scales, and from which move on it is the smaller and does.
+_NEAR, _CLOSE = ((1e-4, False), (1e-5, True)), 2.0
 _STEP = 0.3  # of a scale, at most
 _SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
 _SEEN = 2.0  # standard deviations of a level, from which on its scale moves
@@ -62,6 +65,17 @@ class Levels:
         """Standard deviation (n_f,) of the levels."""
         return np.sqrt(np.diag(self.covariance)[len(self.x) :])
 
+    def levels_of(self, effects: Sequence[GearEffect]) -> FloatArray:
+        """Levels of any effects, 0 of those that are not among these."""
+        own = dict(zip(self.effects, self.levels.tolist(), strict=True))
+        return np.array([own.get(effect, 0.0) for effect in effects])
+
+    def estimates_of(self, effects: Sequence[GearEffect], further: int = 0) -> list[Estimate]:
+        """The motions that were found, with forces of any effects, 0 of those not among these and of further ones."""
+        places = {effect: i for i, effect in enumerate(self.effects)}
+        own = [*(places.get(effect, -1) for effect in effects), *(-1,) * further]
+        return [each.of(own) for each in self.estimates]
+
 
 def joints_of(linearisation: Linearisation) -> tuple[tuple[str, ...], FloatArray]:
     """The driven joints, and turns of their motors for one of theirs (n_j,)."""
@@ -74,36 +88,38 @@ def find_levels(
     data: Sequence[PeriodLines],
     responses: Sequence[FrequencyResponse],
     linearisation: Linearisation,
-    parameters: ParameterSet,
-    x: FloatArray,
+    start: Levels,
     effects: Sequence[GearEffect],
-    levels: FloatArray | None = None,
     rounds: int = _ROUNDS,
     limit: float = np.inf,
+    settled: float = MOVE,
+    held: Collection[GearEffect] = (),
 ) -> Levels:
-    """Parameters and levels from x (n_x,), the optimum of a fit without the effects, and levels (n_f,), 0 if None.
+    """Parameters and levels of the effects from those of others, or of none (`start_levels`); 0 of those it has not.
 
-    limit: of the lack; where it would stay above that if it fell as in the last round, no further round is taken.
+    limit: of the lack; where it would stay above that if it fell by a few times as much as in the last round, no
+    further round is taken.  settled: move below which none is, either.  held: effects whose scales stay.
     """
     joints, ratios = joints_of(linearisation)
-    n_x, n_f = len(x), len(effects)
-    levels = np.zeros(n_f) if levels is None else levels
-    scales = scales_of(effects)
+    parameters, x, n_x, n_f = start.parameters, start.x, len(start.x), len(effects)
+    levels = start.levels_of(effects)
+    scales = [own for own in scales_of(effects) if not any(effects[i] in held for i in own)]
+    estimates = start.estimates_of(effects, sum(len(own) for own in scales))
     effects = _rescaled(effects, scales, np.zeros(len(scales)))
-    estimates: list[Estimate | None] = [None] * len(data)
-    move, lack, covariance, std = np.inf, np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
+    move = start.move if start.effects == tuple(effects) else np.inf
+    lack, covariance, std = np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
+    held, last = np.zeros(len(scales)), np.zeros(len(scales))
     for count in range(1, rounds + 1):
         drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
-        for _ in range(2 if count == 1 else 1):
+        for _ in range(1 if start.effects or count > 1 else 2):
             estimates = [
-                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, _NEAR[move < _CLOSE])
+                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, *_NEAR[move < _CLOSE])
                 for lines, drive, before in zip(data, drives, estimates, strict=True)
             ]
-        known = [estimate for estimate in estimates if estimate is not None]
-        sums = normal_equations(data, drives, known, n_x, with_edges)
+        sums = normal_equations(data, drives, estimates, n_x, with_edges)
         T = _by_scales(effects, levels, scales, n_x)
         A, b = T.T @ sums.A.sum(axis=0) @ T, T.T @ sums.b.sum(axis=0)
         of_priors, pull = priors(parameters, x, len(b))
@@ -111,18 +127,24 @@ def find_levels(
         covariance = inverse(A + of_priors)
         step = covariance @ (b + pull)
         std = np.sqrt(np.diag(covariance))
-        move = float(np.max(np.abs(step) / np.where(std > 0, std, np.inf)))
+        # Of a scale that jumps to and fro the part that it moves is halved.
+        held = np.where(last * step[n_x + n_f :] < 0, 2 * held + 1, held / 2)
+        last = step[n_x + n_f :]
+        of_priors[n_x + n_f :, n_x + n_f :] += np.diag(held / np.maximum(std[n_x + n_f :], 1e-150) ** 2)
+        step = inverse(A + of_priors) @ (b + pull)
+        parts = np.abs(step) / np.where(std > 0, std, np.inf)
+        move = float(np.max(np.append(parts[: n_x + n_f], parts[n_x + n_f :] / _OF_SCALES)))
         # The response is nearly linear in the number itself, of which the logarithm is to be found.
         x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_SMALLER, _LARGER)), step[:n_x])
         levels = levels + step[n_x : n_x + n_f]
         effects = _rescaled(effects, scales, step[n_x + n_f :])
         fall, lack = lack - sums.lack, sums.lack
-        if move < MOVE or lack - limit > max(fall, 0.0) * (rounds - count):
+        if move < settled or lack - limit > _FALLS * max(fall, 0.0):
             break
     scale_std = np.zeros(n_f)
     for own, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[own] = [relative * effects[i].scale for i in own]
-    covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of_first(n_f) for e in known)
+    covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of(range(n_f)) for e in estimates)
     end = tuple(effects), x, levels, covariance, count, move, lack
     return Levels(parameters, *end, estimated, tuple(drives), scale_std)
 

@@ -46,7 +46,7 @@ class Estimate:
 
     folded (F, n_u, M, n_f): what their motion beyond half the rate adds to the sampled angles.  above (L, n, M): the
     explicit ones' forces at the lines above.
-    unknowns: deflections and velocities x (n_x, n) of each experiment, from which the next estimate starts.
+    unknowns: deflections and velocities x (n_x, n) of each experiment, of `signals`, from which the next one starts.
     loads (M, n_j, n): size of the gears' torques, by which friction of the next estimate grows with load.
     """
 
@@ -55,6 +55,7 @@ class Estimate:
     above: ComplexArray
     unknowns: tuple[FloatArray, ...]
     loads: FloatArray
+    signals: tuple[tuple[Place, int], ...] = ()
 
     @classmethod
     def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> Estimate:
@@ -64,9 +65,11 @@ class Estimate:
         above, loads = np.zeros((len(lines.above), n, M), complex), np.zeros((M, len(drive.k), lines.samples * CELLS))
         return cls(Phi, folded, above, (np.zeros((0, 0)),) * M, loads)
 
-    def of_first(self, n_f: int) -> Estimate:
-        """The same of the first effects alone."""
-        return replace(self, Phi=self.Phi[..., :n_f], folded=self.folded[..., :n_f])
+    def of(self, own: Sequence[int]) -> Estimate:
+        """The same of effects by their places, without forces of those at -1."""
+        Phi, folded = (np.concatenate([X, 0 * X[..., :1]], axis=3)[..., list(own)] if X.shape[3] else
+                       np.zeros((*X.shape[:3], len(own)), complex) for X in (self.Phi, self.folded))  # fmt: skip
+        return replace(self, Phi=Phi, folded=folded)
 
 
 def residuals(lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels: FloatArray) -> ComplexArray:
@@ -125,14 +128,14 @@ def estimate_motion(
     ratios: FloatArray,
     effects: Sequence[GearEffect],
     levels: FloatArray,
-    before: Estimate | None,
+    before: Estimate,
     near: float = 1e-4,
+    follows: bool = True,
 ) -> Estimate:
     """The motion of all experiments under effects of given levels (n_f,), and the effects along it.
 
-    near: error of the implicit motion at which it ends, over its RMS.
+    near: error of the implicit motion at which it ends, over its RMS.  follows: whether it moves with a scale, too.
     """
-    before = Estimate.start(lines, drive, len(effects)) if before is None else before
     gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, levels), lines, drive))
     of_force = np.concatenate([drive.H - gain @ (drive.C @ drive.H), drive.H_above])
     implicit = np.array([effect.is_implicit for effect in effects], bool)
@@ -146,17 +149,17 @@ def estimate_motion(
     CH_above = drive.C[lines.sampled] @ drive.H_above
     F = len(lines.U)
     for m in range(lines.U.shape[2]):
-        q, x, force = problem.solve(base[:, :, m], m, before.unknowns[m] if before.unknowns[m].size else None)
+        q, x, force, slope = problem.solve(base[:, :, m], m, before)
         unknowns.append(x)
         own = {effect.joint for effect in effects}
         motions = {joint: problem.motion(q, problem.joints.index(joint), m, x, force) for joint in own}
         for joint, motion in motions.items():
             after.loads[m, problem.joints.index(joint)] = np.abs(motion.torque)
-        slope = problem.slope(m, x)
         for i, effect in enumerate(effects):
             j = problem.joints.index(effect.joint)
             acting = [(place, j, phi) for place, phi in forces(effect, motions[effect.joint])]
-            if effect.is_edge:
+            # Level and end of a gap pull against each other: with one followed and the other held, both drift off.
+            if effect.is_edge and follows and effect.place != "gear":
                 further = problem.followed(effect, acting[0][2], x, slope)
                 acting += [(*signal, phi) for signal, phi in zip(problem.signals, further, strict=True)]
             rows = np.array([drive.directions(place, at) for place, at, _ in acting])
@@ -166,7 +169,7 @@ def estimate_motion(
             after.folded[:, lines.sampled, m, i] = lines.folded(moved)
             if not effect.is_implicit:
                 after.above[:, :, m] += levels[i] * Phi[F:]
-    return replace(after, unknowns=tuple(unknowns))
+    return replace(after, unknowns=tuple(unknowns), signals=tuple(problem.signals))
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,19 +198,20 @@ class _Problem:
         return sorted(wanted)
 
     def solve(
-        self, base: ComplexArray, m: int, start: FloatArray | None
-    ) -> tuple[ComplexArray, FloatArray, FloatArray]:
-        """Motion (F, n) of an experiment from its estimate without implicit effects, the unknowns and forces (n_x, n)
-        by them.
+        self, base: ComplexArray, m: int, before: Estimate
+    ) -> tuple[ComplexArray, FloatArray, FloatArray, FloatArray]:
+        """Motion (F, n) of an experiment from its estimate without implicit effects, the unknowns, forces by them and
+        the slope of these (n_x, n).
         """
         lines, rows = self.lines, self._rows
         if not self.signals:
-            return base, np.zeros((0, 0)), np.zeros((0, 0))
+            return base, *(np.zeros((0, 0)),) * 3
         x_0 = lines.fine((self._powers * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
-        x = newton(partial(self._law, m), self.linear, x_0, x_0 if start is None else start, self.near)
-        force = self._law(m, x)[0]
+        known = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
+        start = np.array([known.get(signal, of_0) for signal, of_0 in zip(self.signals, x_0, strict=True)])
+        x, force, slope = newton(partial(self._law, m), self.linear, x_0, start, self.near)
         torque = lines.all_amplitudes(force).T
-        return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force
+        return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force, slope
 
     @cached_property
     def _rows(self) -> FloatArray:
@@ -227,10 +231,6 @@ class _Problem:
         softness = np.where(of_gear, 1 / self.drive.k[[j for _, j in self.signals]], 0.0)
         beyond = np.arange(len(A) + 1, self.lines.samples * CELLS // 2)[:, None]
         return Linear(self.lines, A, (len(A) / beyond) ** np.where(of_gear, 2, 1), softness)
-
-    def slope(self, m: int, x: FloatArray) -> FloatArray:
-        """Slope (n_x, n) of the forces by the unknowns x (n_x, n)."""
-        return self._law(m, x)[1] if x.size else x
 
     def followed(self, effect: GearEffect, phi: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:
         """Forces (n_x, n) by the unknowns, as these follow a small further one phi (n,) at the effect's place.
@@ -333,24 +333,24 @@ def newton(
     x_0: FloatArray,
     x: FloatArray,
     near: float = 1e-4,
-) -> FloatArray:
-    """x (n_x, n) of x + linear(law(x)) = x_0, from x or x_0; law gives a force and its slope, point by point.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """x (n_x, n) of x + linear(law(x)) = x_0, from x or x_0, force and slope there; law gives them point by point.
 
     near: error at which it ends, over the size of x.
     Steps are halved until the error falls; where none does, the last x, whose error the residuals then show.
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
 
-    def error(x: FloatArray) -> tuple[FloatArray, FloatArray, float, float]:
-        """Error, slope of the law, RMS of the error and of that of the force by it, which sticking makes the larger."""
+    def error(x: FloatArray) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
+        """Error, slope of the law, RMS of the error and of that of the force by it, larger if it sticks; the force."""
         force, slope = law(x)
         e = np.asarray((x - x_0 + linear(force)) / size)
         of_force = slope * e * size / (np.std(force, axis=1)[:, None] + 1e-300)
-        return e, slope, float(np.sqrt(np.mean(e**2))), float(np.sqrt(np.mean(of_force**2)))
+        return e, slope, float(np.sqrt(np.mean(e**2))), float(np.sqrt(np.mean(of_force**2))), force
 
-    e, slope, left, of_force = error(x)
+    e, slope, left, of_force, force = error(x)
     if left > _FAR and (at_0 := error(x_0))[2] < left:
-        x, (e, slope, left, of_force) = x_0, at_0
+        x, (e, slope, left, of_force, force) = x_0, at_0
     for _ in range(_STEPS):
         if max(left, of_force / _OF_FORCE) < near:
             break
@@ -358,11 +358,11 @@ def newton(
         for halving in range(_HALVINGS + 1):
             trial = error(x + step / 2**halving)
             if trial[2] < left:
-                x, (e, slope, left, of_force) = x + step / 2**halving, trial
+                x, (e, slope, left, of_force, force) = x + step / 2**halving, trial
                 break
         else:
             break
-    return x
+    return x, force, slope
 
 
 def _moved(

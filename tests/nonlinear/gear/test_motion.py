@@ -18,7 +18,7 @@ from tests.plants.two_mass_gear import POSTURE
 def test_a_hardening_spring_at_rest_is_cardanos(h: float) -> None:
     """x + h x^3 = x_0, point by point, where forces move the deflection by themselves alone."""
     x_0 = np.linspace(-1, 1, 101)[None]
-    x = newton(lambda x: (h * x**3, 3 * h * x**2), lambda force: force, x_0, np.zeros_like(x_0))
+    x = newton(lambda x: (h * x**3, 3 * h * x**2), lambda force: force, x_0, np.zeros_like(x_0))[0]
     root = np.sqrt(x_0**2 / (4 * h**2) + 1 / (27 * h**3))
     exact = np.cbrt(x_0 / (2 * h) + root) + np.cbrt(x_0 / (2 * h) - root)
     assert x == pytest.approx(exact, abs=1e-4)
@@ -31,7 +31,7 @@ def test_coulomb_friction_that_turns_gradually_sticks_and_slides() -> None:
     def law(w: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.tanh(w / 0.2), (1 - np.tanh(w / 0.2) ** 2) / 0.2
 
-    w = newton(law, lambda force: force, w_0, w_0.copy())
+    w = newton(law, lambda force: force, w_0, w_0.copy())[0]
     assert w + np.tanh(w / 0.2) == pytest.approx(w_0, abs=1e-3)
     fast = np.abs(w_0) > 1.8
     assert w[fast] == pytest.approx((w_0 - np.sign(w_0))[fast], abs=2e-3)
@@ -40,7 +40,7 @@ def test_coulomb_friction_that_turns_gradually_sticks_and_slides() -> None:
 def test_a_start_worse_than_none_is_left_for_the_motion_without_forces() -> None:
     """x + 50 x^3 = x_0 from 100 times the motion, which eight steps of Newton's method would not leave."""
     x_0 = np.linspace(-1, 1, 101)[None]
-    x = newton(lambda x: (50 * x**3, 150 * x**2), lambda force: force, x_0, 100 * x_0)
+    x = newton(lambda x: (50 * x**3, 150 * x**2), lambda force: force, x_0, 100 * x_0)[0]
     assert x + 50 * x**3 == pytest.approx(x_0, abs=1e-3)
 
 
