@@ -22,7 +22,8 @@ class Covariance:
     kronecker:  cov(vec G(k)) = left(k) (x) right(k),   left (F, n_u, n_u) Hermitian, right (F, n_y, n_y) Hermitian
     diagonal:   the others are None; variance (F, n_y, n_u) only.
     variance is E|dG|^2 of the complex number: each real component carries half of it.  dof are complex, too: the
-    variance scatters by 1 / sqrt(dof) of itself.
+    variance scatters by 1 / sqrt(dof) of itself.  level_lines: lines over which errors have one level by chance, so
+    that the sum of their squares over all lines has so many times the variance; 1 where each has its own.
     """
 
     variance: FloatArray = labelled("variance of G", "({unit})^2", "freq_hz outputs inputs")
@@ -30,6 +31,7 @@ class Covariance:
     left: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz inputs inputs", default=None)
     right: ComplexArray | None = labelled("cov vec G = left (x) right", "", "freq_hz outputs outputs", default=None)
     matrix: ComplexArray | None = labelled("covariance of vec G", "({unit})^2", "freq_hz element element", default=None)
+    level_lines: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse negative or non-finite variances."""
@@ -65,7 +67,7 @@ class Covariance:
         """The same on some of its lines; keep (F,) is True where a line stays."""
         parts = (self.left, self.right, self.matrix)
         left, right, matrix = (None if part is None else np.asarray(part)[keep] for part in parts)
-        return Covariance(self.variance[keep], self.dof, left, right, matrix)
+        return replace(self, variance=self.variance[keep], left=left, right=right, matrix=matrix)
 
     def release(self) -> None:
         """Give the memory of what is in a file back; it is read again where it is needed again."""
@@ -86,7 +88,8 @@ class Covariance:
             return None if part is None else np.asarray(part)[:, kept][:, :, kept]
 
         left, right = block(self.left, columns), block(self.right, rows)
-        return Covariance(self.variance[:, rows][:, :, columns], self.dof, left, right, block(self.matrix, of_vec))
+        variance, matrix = self.variance[:, rows][:, :, columns], block(self.matrix, of_vec)
+        return replace(self, variance=variance, left=left, right=right, matrix=matrix)
 
 
 def scaled(covariance: Covariance | None, power: FloatArray) -> Covariance | None:

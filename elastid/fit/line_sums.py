@@ -113,7 +113,8 @@ def sum_lines(
         is_exact = weights.noise.smooth is weights.noise.measured
         smooth = S if is_exact else T @ weights.noise.covariance @ hermitian(T)
         dof = weights.noise.measured.dof
-        spread = together * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
+        together_in_power = max(together, weights.noise.measured.level_lines)
+        spread = together_in_power * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
     rows = _rows(J)
     power_of_lines = ((rows @ half) ** 2).reshape(len(r), -1, half.shape[1]).sum(axis=1)

@@ -25,6 +25,9 @@ from elastid.frf.matrices import added_error_products, adjoint, in_parts, positi
 from elastid.frf.methods import Estimate
 from elastid.response import Covariance
 
+LEVEL_WIDTH = 9  # lines whose mean square is the level of an error in the middle
+MIN_LEVEL_POWER = 7.0  # |rho|^2 of white errors in its expectation, which one in a thousand exceeds
+
 
 def equation_error(data: MeanSpectra, G: ComplexArray) -> ComplexArray:
     """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
@@ -100,11 +103,36 @@ def distortion_covariance(noise: Covariance, total: Covariance, M: int) -> Covar
 
 
 def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:
-    """left (x) right, or only its diagonal where fewer degrees of freedom than outputs leave right singular."""
+    """left (x) right; fewer degrees of freedom than outputs leave right singular, until it is smoothed over lines."""
     variance = power(right)[:, :, None] * power(left)[:, None, :]
     for array in (left, right, variance):
         array.flags.writeable = False  # so that no copy is needed
-    return Covariance(variance, dof) if right.shape[1] > dof else Covariance(variance, dof, left, right)
+    return Covariance(variance, dof, left, right)
+
+
+def level_lines(V: ComplexArray, G: ComplexArray) -> float:
+    r"""Lines over which the errors V (K, F, n_y) of K experiments or periods have one level by chance.
+
+    .. math:: 1 + 2 \sum_l (1 - l / F) |\rho(l)|^2, \qquad \rho(l) = \text{autocorrelation of } G^+ V
+
+    the largest over inputs, up to the first lag without any.
+
+    A torque that wanders through a period leaks into all lines with one amplitude, which turns the phases of G by those
+    of the excitation: errors of G at neighbouring lines are uncorrelated, their squares are not.  G (F, n_y, n_u).
+    """
+    F = len(G)
+    torque = np.einsum("fuy,kfy->kfu", np.linalg.pinv(G), V)
+    level = np.mean(np.abs(torque) ** 2, axis=0)
+    half = np.minimum(np.arange(F), np.minimum(np.arange(F)[::-1], LEVEL_WIDTH // 2))
+    total = np.concatenate([np.zeros((1, level.shape[1])), np.cumsum(level, axis=0)])
+    level = (total[np.arange(F) + half + 1] - total[np.arange(F) - half]) / (2 * half + 1)[:, None]
+    torque = np.divide(torque, np.sqrt(level), out=np.zeros_like(torque), where=level > 0)
+    spectrum = np.sum(np.abs(np.fft.fft(torque, 2 * F, axis=1)) ** 2, axis=0)
+    R = np.abs(np.fft.ifft(spectrum, axis=0)[: F // 2]) ** 2
+    lag = np.arange(1, len(R))[:, None]
+    squared = R[1:] / np.maximum(R[0], 1e-300) * (F / (F - lag)) ** 2
+    counts = np.cumprod(squared > MIN_LEVEL_POWER / (len(V) * F), axis=0)
+    return float(np.max(1 + 2 * np.sum((1 - lag / F) * counts * squared, axis=0)))
 
 
 def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) -> Covariance:
@@ -116,15 +144,13 @@ def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) ->
 
 def form_notes(noise: Covariance | None, total: Covariance | None) -> list[Note]:
     """A note on each covariance that its degrees of freedom give another form than Kronecker's."""
-    notes = []
-    for name, covariance in (("noise", noise), ("total", total)):
-        if covariance is None or covariance.form == "kronecker":
-            continue
-        n_y, n_u = covariance.variance.shape[1:]
-        form = (
-            f"variances only: {covariance.dof:g} complex degrees of freedom cannot correlate {n_y} outputs"
-            if covariance.form == "diagonal"
-            else f"the full covariance of its {n_y * n_u} elements, from {covariance.dof:g} complex degrees of freedom"
+    return [
+        Note(
+            "covariance-form",
+            f"the {name} of G has the full covariance of its {covariance.variance[0].size} elements, from "
+            f"{covariance.dof:g} complex degrees of freedom",
+            severity="information",
         )
-        notes.append(Note("covariance-form", f"the {name} of G has {form}", severity="information"))
-    return notes
+        for name, covariance in (("noise", noise), ("total", total))
+        if covariance is not None and covariance.form == "full"
+    ]

@@ -20,6 +20,7 @@ from elastid.frf.covariance import (
     equation_error,
     form_notes,
     kronecker,
+    level_lines,
     noise_covariance,
     total_covariance,
     total_error,
@@ -49,6 +50,7 @@ from elastid.response import FrequencyResponse
 
 WELCH = ("h1", "h2", "hv")
 LOCAL = ("local_polynomial", "local_rational")
+LEVEL_LINES = 2048  # of which `level_lines` are found
 
 
 def estimate(
@@ -250,11 +252,15 @@ def _with_covariances(
     noise = noise_covariance(data, fitted, C_V)
     of_noise = C_V * np.mean(1 / data.periods)
     total, distortion, stochastic, bias = None, None, None, None
+    noise = replace(noise, level_lines=_level_lines(data.scatter, fitted.G))
     if error is not None:
-        total = total_covariance(data, fitted, *error)
+        few = slice(LEVEL_LINES)
+        of_experiments = [np.concatenate([Y[few], U[few]], axis=1) for Y, U in zip(data.Y, data.U, strict=True)]
+        of_level = _level_lines([np.concatenate(of_experiments, axis=2).transpose(2, 0, 1)], fitted.G)
+        total = replace(total_covariance(data, fitted, *error), level_lines=of_level)
     elif levels is not None:
         error = fast_total_error(levels, lines, of_noise, data.dof)
-        total = None if error is None else kronecker(fitted.left, *error)
+        total = None if error is None else replace(kronecker(fitted.left, *error), level_lines=noise.level_lines)
     if total is not None and error is not None:
         bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], of_noise, error[1])
         distortion = distortion_covariance(noise, total, len(data.blocks))
@@ -263,3 +269,10 @@ def _with_covariances(
     even, odd = (None, None) if levels is None else (levels.even, levels.odd)
     quality = replace(response.quality, stochastic=stochastic, even=even, odd=odd)
     return replace(response, noise=noise, total=total, distortion=distortion, quality=quality, bias=bias)
+
+
+def _level_lines(Z: Sequence[ComplexArray], G: ComplexArray) -> float:
+    """`level_lines` of Y - G U, Z (K, F, n_y + n_u) of some experiments or periods; 1 without any."""
+    n_y, few = G.shape[1], slice(LEVEL_LINES)
+    V = [z[:, few, :n_y] - np.einsum("fyu,kfu->kfy", G[few], z[:, few, n_y:]) for z in Z]
+    return level_lines(np.concatenate(V), G[few]) if V else 1.0

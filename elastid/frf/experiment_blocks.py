@@ -148,12 +148,14 @@ class MeanSpectra:
     """A block for each realisation, the scatter of all their periods, and notes on the periods left out.
 
     S_Z (F, n_y + n_u, n_y + n_u): sum over periods of (Z - mean)(Z - mean)^H, Z = [Y; U], of expectation dof C_Z.
+    scatter: the Z - mean (P, F, n_y + n_u) of each record of one realisation, where memory holds them.
     """
 
     blocks: tuple[Block, ...]
     S_Z: ComplexArray
     dof: int
     notes: tuple[Note, ...] = ()
+    scatter: tuple[ComplexArray, ...] = ()
 
     @cached_property
     def U(self) -> tuple[ComplexArray, ...]:
@@ -210,7 +212,8 @@ class MeanSpectra:
         """The same on some of its lines (F,)."""
         if lines.all():
             return self
-        return replace(self, blocks=tuple(block.on(lines) for block in self.blocks), S_Z=self.S_Z[lines])
+        blocks, scatter = tuple(block.on(lines) for block in self.blocks), tuple(Z[:, lines] for Z in self.scatter)
+        return replace(self, blocks=blocks, S_Z=self.S_Z[lines], scatter=scatter)
 
 
 def gather_spectra(
@@ -229,13 +232,15 @@ def gather_spectra(
     sums = (PackedSum if is_compiled() else FullSum)(amplitude_scale(realisations[0][0].record, lines, spec.quantity))
     blocks: list[Block] = []
     notes: list[Note] = []
+    scatter: list[ComplexArray] = []
     for group in realisations:
         power, dof, n_y = sums.power(), sums.dof, len(group[0].record.outputs)
         Z, periods = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128), np.zeros(len(group))
         for i, spectra in enumerate(group):
-            used, mean = _mean(spectra, lines, excited, spec, total, sums)
+            used, mean, every = _mean(spectra, lines, excited, spec, total, sums)
             notes += used.notes
             periods[i], Z[i] = len(used.periods), mean.T
+            scatter += [every.z * every.scale - mean] if every is not None and len(realisations) == 1 else []
         R = [reference_spectrum(spectra, lines) for spectra in group] if with_reference else []
         known = [spectrum for spectrum in R if spectrum is not None]
         block = Block(
@@ -247,7 +252,7 @@ def gather_spectra(
             dof=sums.dof - dof,
         )
         blocks.append(block)
-    return MeanSpectra(tuple(blocks), sums.collected(), sums.dof, tuple(notes))
+    return MeanSpectra(tuple(blocks), sums.collected(), sums.dof, tuple(notes), tuple(scatter))
 
 
 def _mean(
@@ -257,18 +262,21 @@ def _mean(
     spec: EstimatorSpec,
     total: TotalError | None,
     sums: FullSum | PackedSum,
-) -> tuple[PeriodSpectra, ComplexArray]:
-    """The periods of a record that can be trusted, and their mean Z (F, n), with their scatter added to the sums."""
+) -> tuple[PeriodSpectra, ComplexArray, PeriodSpectra | None]:
+    """The periods of a record that can be trusted, and their mean Z (F, n), with their scatter added to the sums.
+
+    Last they at all lines, where memory holds them.
+    """
     if not spectra.is_large:
         every = period_spectra(spectra, lines, spec.quantity, sums.scale)
         used = trusted(every.on(excited), spec, total)
-        return used, add_periods(sums, [every.only(used.periods)])
+        every = every.only(np.flatnonzero(np.isin(every.periods, used.periods)))
+        return used, add_periods(sums, [every]), every
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]
     step = -(-int(excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
     few = lines[excited][::step]
     used = trusted(period_spectra(spectra, few, spec.quantity), spec, total and total.at_every(step))
     groups = period_groups(spectra, lines, spec.quantity, sums.scale)
-    return used, add_periods(
-        sums, (group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
-    )
+    of_used = (group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
+    return used, add_periods(sums, of_used), None

@@ -36,8 +36,8 @@ class FilterThresholds:
 
     False alarms of 8 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
     coloured-innovations 0, inconsistent-filter 1, moves-beyond-band 3, repeats-at-stops 2.
-    All three have torque that drifts and an inertia that was identified 6 to 8 % off; none is in 17 clean logs of
-    scripts/studies/filter_honesty.py, whose inertia is exact.
+    All three have torque that drifts, but neither drift nor inertia is their cause: of number 72 the note stays with
+    the true inertia and without drift.  None is in 17 clean logs of scripts/studies/filter_honesty.py.
     """
 
     nis_band: tuple[float, float] = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift

@@ -99,11 +99,19 @@ class JointFriction:
 
     @property
     def shared(self) -> Mapping[str, tuple[float, float]]:
-        """Value and std of what is no friction, as identified: inertia, parts of gravity."""
-        if self.motion is not None:
-            chosen = self.motion.chosen
-            return {name: (chosen[name], chosen.std(name)) for name in chosen.names}
-        return {} if self.levels is None else self.levels.shared
+        """Value and std of what is no friction, as identified: inertia, parts of gravity.
+
+        A motion that sticks at its reversals shows an inertia that is too low; that at rest counts where its std is
+        smaller.
+        """
+        if self.motion is None:
+            return {} if self.levels is None else self.levels.shared
+        chosen = self.motion.chosen
+        known = {name: (chosen[name], chosen.std(name)) for name in chosen.names}
+        at_rest = None if self.at_rest is None else self.at_rest.inertia
+        if at_rest is not None and "inertia" in known and at_rest[1] < known["inertia"][1]:
+            known["inertia"] = at_rest
+        return known
 
     @property
     def misfit(self) -> str:

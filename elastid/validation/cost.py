@@ -26,7 +26,7 @@ from elastid.validation.results import Agreement, are_white, noise_p, power_rati
 class ExcessLimits:
     """Limits of the judgement where the excess of a cost lies, found by a test whose rate is FALSE_ALARM.
 
-    False alarms of 300 clean logs: excess-of-cost 7.
+    False alarms of 300 clean logs: excess-of-cost 2.
     """
 
     min_share: float = 0.25  # of the excess, from which a configuration or element is named; also twice its lines

@@ -19,7 +19,7 @@ from elastid.fit.problem.smoothed_noise import MIN_DOF, SmoothedNoise, smooth_no
 from elastid.response import Covariance, FrequencyResponse
 
 # Probability of a verdict against a true model.
-FALSE_ALARM = 0.01
+FALSE_ALARM = 0.005
 # The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
 NORMALITY_95 = 0.752
 LAGS = (1, 2, 3)
@@ -54,8 +54,8 @@ def power_over_noise(
     S = whiten @ measured.full() @ np.swapaxes(whiten, -1, -2).conj()
     own = noise.own_variance if noise.is_diagonal else noise.own_matrix
     expected = float(np.sum(np.einsum("faa->f", S).real / np.maximum(1 - own / measured.dof, 0.1)))
-    n = int(np.count_nonzero(z))
-    return (float(np.sum(np.abs(z) ** 2)) + of_shifts) / max(expected, 1e-300), 2 * n / (1 + noise.repeats)
+    dof = 2 * int(np.count_nonzero(z)) / (1 + noise.repeats) / measured.level_lines
+    return (float(np.sum(np.abs(z) ** 2)) + of_shifts) / max(expected, 1e-300), dof
 
 
 def without_shifts(z: ComplexArray, shifts: ComplexArray) -> tuple[ComplexArray, float]:

@@ -424,7 +424,7 @@ def main() -> None:
     total = sum((Counter(each) for each in alarms.values()), Counter[str]())
     print(json.dumps({"sets": count, "alarms": alarms, "unnamed": unnamed}))
     assert not unnamed, unnamed
-    # A test of the cost says of itself that it is wrong once in a hundred measurements.
+    # A test of the cost says of itself that it is wrong once in two hundred measurements.
     wrong = {code: n for code, n in total.items() if n > max(1, 0.01 * count * len(alarms))}
     assert not wrong, wrong
 

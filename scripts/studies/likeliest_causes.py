@@ -12,7 +12,8 @@ half of its interval.
 - right: the first cause is the injected one.
 - apart: the injected one is named in the same sentence as what the data cannot distinguish from the first.
 - within: nothing is named, and every stiffness is within SILENT half intervals: the tolerances took it up.
-- stated: nothing is named, and the note on what the fit held as exact has a number of the injected kind.
+- stated: nothing is named, and the note on what the fit held as exact has a number of the injected kind, or that on a
+  tool beyond the band the stiffness that is off most.
 - doubt: there is no hypothesis of the injected one, and the first is said not to be certain.
 - wrong: none of these.  It is certain where the sentence states no doubt: it explains CERTAIN of the excess, and
   nothing that the data cannot distinguish is named with it.
@@ -21,8 +22,9 @@ Then clean data sets of the same robots: none may name a cause.  It is asserted 
 none of wrong and unnamed, no wrong one certain, and no stiffness off by more than SILENT half intervals where a fit
 converged and names nothing.  The last line is one JSON object.
 
-A whole run fails: with `--seed 3` a tool that swings at 90 Hz, of two axes off their file, is silent, 3.5 half
-intervals off; its resonance is at nearly twice the end of the band, and the tolerances take it up.
+A tool that swings at 90 Hz on two axes off their file leaves k_2 0.64 to 0.76 % low (seeds 0 to 4), 3.4 to 5.3 half
+intervals: at nearly twice the end of the band tolerances take it up, V is 1.00 to 1.19 of the noise's, and the numbers
+of the file move by 3.3 to 5.7 in squares for 15 priors. No test can see it; the note says 0.44 to 0.60 % of k_2.
 
 A payload of 3 kg on two axes is taken up whole by the tolerances of a file that is not exact.
 """
@@ -106,6 +108,9 @@ def judged(number: int, seed: int) -> Row:
         is_stated = bool(family) and any(
             note.code == "held-as-exact" and f"{family}_" in note.text for note in result.notes
         )
+        if injection.name.startswith("tool swings"):
+            worst = max(errors := _errors(true, result), key=errors.__getitem__)
+            is_stated = any(note.code == "tool-as-rigid" and f" in {worst}" in note.text for note in result.notes)
         verdict = (
             "none" if result.status != "converged" else "within" if off <= SILENT else "stated" if is_stated else "none"
         )
@@ -128,14 +133,19 @@ def _other(result: FitResult) -> str:
     return next((f"{note.code}: {str(note)[:90]}" for note in result.notes if note.code in codes), "")
 
 
-def _off(of: Plant, result: FitResult) -> float:
-    """The largest error of a stiffness over the half of its interval on that side."""
-    truth, errors = of.robot.parameters(), [0.0]
+def _errors(of: Plant, result: FitResult) -> dict[str, float]:
+    """The error of each stiffness over the half of its interval on that side."""
+    truth, errors = of.robot.parameters(), {}
     for name in (p.name for p in result.parameters.asked if p.name.startswith("k_")):
         value, (low, high) = result.values[name], result.interval(name)
         end = low if truth[name][0] < value else high
-        errors.append(abs(value - truth[name][0]) / max(abs(value - end), 1e-12 * value))
-    return max(errors)
+        errors[name] = abs(value - truth[name][0]) / max(abs(value - end), 1e-12 * value)
+    return errors
+
+
+def _off(of: Plant, result: FitResult) -> float:
+    """The largest of them."""
+    return max(_errors(of, result).values(), default=0.0)
 
 
 def names_a_cause(number: int, seed: int) -> bool:

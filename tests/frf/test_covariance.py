@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from plants.notes import said
 from plants.random_plants import ALL_PERIODS, N, record_of
+from plants.two_mass import circular
 
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.frf.covariance import distortion_covariance, positive
+from elastid.frf.covariance import distortion_covariance, level_lines, positive
 from elastid.frf.estimate import estimate
 from elastid.response import Covariance
 
@@ -105,3 +106,19 @@ def test_distortion_is_total_less_noise_and_never_negative() -> None:
     A = rng.normal(size=(4, 5, 5))
     A = A + A.swapaxes(1, 2)
     assert np.linalg.eigvalsh(positive(A + 0j)).min() > -1e-12
+
+
+def test_errors_with_one_level_at_all_lines_count_as_few() -> None:
+    """Leakage of a torque that wanders: one amplitude at 60 lines; white errors have a level each.
+
+    The sum of squares of 2000 draws has 1 / 60 and all of the degrees of freedom, whatever the phases of G.
+    """
+    rng = np.random.default_rng(0)
+    G = circular(rng, (60, 1, 1))
+    amplitude = circular(rng, (2000, 1, 1))
+    leaked = amplitude * G[:, :, 0] / (1 - np.exp(-2j * np.pi * np.arange(5, 65) / 400))[:, None]
+    white = circular(rng, (2000, 60, 1)) * G[:, :, 0]
+    for V, lines in ((leaked, 60), (white, 1)):
+        power = np.sum(np.abs(V / G[:, :, 0] / np.std(V / G[:, :, 0], axis=0)) ** 2, axis=(1, 2))
+        assert 60 * np.var(power) / np.mean(power) ** 2 == pytest.approx(lines, rel=0.2)
+        assert level_lines(V[:3], G) == pytest.approx(lines, rel=0.3)

@@ -15,6 +15,7 @@ from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
 from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.fit.problem.smoothed_noise import smooth_noise
 from elastid.frf import spectra
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec, Method
@@ -259,16 +260,20 @@ def test_orthogonal_experiments_beat_single_inputs_by_the_number_of_inputs() -> 
     assert np.mean(one_by_one.noise.variance) / np.mean(together.noise.variance) == pytest.approx(n, rel=0.05)
 
 
-def test_few_degrees_of_freedom_leave_the_variances_without_correlations() -> None:
-    """Three outputs from two periods of one input: one degree of freedom, a diagonal covariance."""
+def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_weighs() -> None:
+    """Three outputs from two periods of one input: of rank one at each line, and regular over its neighbours."""
     rng, lines = np.random.default_rng(0), np.arange(5, 50)
     records = _experiments(_plant(45, 3, 1), lines, 2, rng, noise=(rng, np.zeros((1, 1)), np.eye(3)))
     one = estimate(records[:1], ALL_PERIODS, lines)
     assert one.noise is not None
-    assert (one.noise.form, one.noise.dof) == ("diagonal", 1)
+    assert (one.noise.form, one.noise.dof) == ("kronecker", 1)
+    assert np.linalg.matrix_rank(one.noise.full()[20]) == 1
+    smooth = smooth_noise(one)
+    assert smooth is not None
+    assert np.linalg.eigvalsh(smooth.covariance).min() > 0
     both = estimate(records, ALL_PERIODS, lines)
     assert both.total is not None
-    assert (both.total.form, both.total.dof) == ("diagonal", 1)
+    assert (both.total.form, both.total.dof) == ("kronecker", 1)
 
 
 def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts() -> None:

@@ -136,7 +136,8 @@ def test_a_rigid_joint_tells_its_inertia() -> None:
     records = [rigid(peak, r, np.array([1.0]), np.array([300.0]), 0.03) for peak in (0.05, 0.1) for r in range(2)]
     found = fit_at_rest("joint 1", rest_responses(records))
     assert found.break_away is None
-    assert found.inertia == pytest.approx(0.03, rel=6e-3)
+    assert found.inertia is not None
+    assert abs(found.inertia[0] - 0.03) < found.inertia[1] < 0.011 * 0.03
     assert found.sigma_0 == pytest.approx(300, rel=3e-3)
     assert found.sigma_1 == pytest.approx(0.5, rel=0.02)
 

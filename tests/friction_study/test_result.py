@@ -1,15 +1,17 @@
 """The truth of a simulated robot stands at the conditions of the levels that it is compared with."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
+from plants.friction_study import at_rest, motion
 
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels
-from elastid.friction_study.result import numbers_of_heat, numbers_of_law, true_numbers
+from elastid.friction_study.result import JointFriction, numbers_of_heat, numbers_of_law, true_numbers
 from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
 from elastid.robot import Body, Friction, Joint, LoadDependence, Motor, Robot, TemperatureDependence
@@ -54,3 +56,12 @@ def test_the_interval_of_a_time_constant_is_symmetric_in_its_logarithm() -> None
     assert (row.value, row.std) == (1200.0, pytest.approx(120.0))
     assert row.low * row.high == pytest.approx(row.value**2)
     assert math.log(row.high / row.value) == pytest.approx(1.96 * 0.1, rel=1e-3)
+
+
+def test_the_inertia_at_rest_counts_where_it_is_known_better_than_that_of_a_motion() -> None:
+    """One and a tenth, and ten times the std of the motion's."""
+    alone = JointFriction("1", False, motion=motion())
+    value, std = alone.shared["inertia"]
+    better, worse = ((1.05 * value, factor * std) for factor in (0.1, 10.0))
+    assert replace(alone, at_rest=replace(at_rest(), inertia=better)).shared["inertia"] == better
+    assert replace(alone, at_rest=replace(at_rest(), inertia=worse)).shared == alone.shared

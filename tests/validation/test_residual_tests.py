@@ -7,6 +7,10 @@ import pytest
 from plants.two_mass import circular
 from scipy.stats import norm
 
+from elastid.fit.problem.smoothed_noise import smooth_noise
+from elastid.frf.covariance import kronecker
+from elastid.record import Configuration
+from elastid.response import FrequencyResponse
 from elastid.validation.residual_tests import (
     FALSE_ALARM,
     LAGS,
@@ -16,8 +20,10 @@ from elastid.validation.residual_tests import (
     falls_short_by_chance,
     inside_expected,
     normality,
+    power_over_noise,
     together,
     white_by_chance,
+    whitening,
     without_shifts,
 )
 
@@ -154,3 +160,24 @@ def test_nothing_is_tested_where_nothing_is_known():
     """Too few lines, and no p at all."""
     assert math.isnan(white_by_chance(np.zeros((3, 2), complex)))
     assert math.isnan(together([math.nan]))
+
+
+@pytest.mark.parametrize(("n_y", "n_u", "dof"), [(2, 2, 1), (3, 2, 2), (3, 2, 4), (6, 6, 3)])
+def test_power_over_a_covariance_of_few_degrees_of_freedom_is_beyond_chance_as_often_as_the_test_says(n_y, n_u, dof):
+    """200 draws of errors and their scatter, of noise on each output that grows with the fourth power of frequency."""
+    rng, freq_hz = np.random.default_rng(0), np.linspace(1.0, 40.0, 40)
+    std = (freq_hz / 40)[:, None, None] ** 2
+    mixed = np.eye(n_y) + 0.5 * rng.standard_normal((n_y, n_y))
+    names = tuple(f"motor {i + 1}" for i in range(n_y))
+    p, ratios = [], []
+    for _ in range(200):
+        E, D = (std * (mixed @ circular(rng, (40, n_y, n))) for n in (n_u, dof))
+        total = kronecker(np.eye(n_u) * np.ones((40, 1, 1)) + 0j, D @ D.conj().swapaxes(1, 2) / dof, dof)
+        where = Configuration("c", np.zeros(n_u))
+        noise = smooth_noise(FrequencyResponse(freq_hz, 9 + E, names[:n_u], names, "acceleration", where, total=total))
+        whiten = whitening(noise)
+        z = (whiten @ E.swapaxes(1, 2).reshape(40, -1, 1))[:, :, 0]
+        ratios.append(power_over_noise(z, whiten, noise))
+        p.append(exceeds_by_chance(*ratios[-1]))
+    assert np.mean(ratios, axis=0)[0] == pytest.approx(1, abs=0.05)
+    assert np.mean(np.array(p) < 0.05) < 0.1

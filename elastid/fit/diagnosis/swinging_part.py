@@ -24,7 +24,10 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.display import percent
 from elastid.base.errors import ElastidError
+from elastid.base.note import Note
+from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.prediction import AS_READ, evaluate, settle, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
@@ -55,6 +58,9 @@ class Limits:
     followed: int = 6  # resonances that the solver follows
     iterations: int = 25  # for each
     enough: float = 0.1  # of V without the part, below which no further resonance is followed
+    hidden_share: float = 1 / 8  # of the last body's mass, of a tool as is usual
+    hidden_ratio: float = 2.0  # of its resonance to the end of the band
+    hidden_parts: int = 32  # configurations by which it is judged, at most
 
 
 LIMITS = Limits()
@@ -101,6 +107,52 @@ def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
         if best is not None and best.cost < LIMITS.enough * before:
             break
     return best
+
+
+def find_hidden_tool(evidence: Evidence) -> tuple[Note, ...]:
+    """A sentence on a tool that swings beyond the band, where it would move a stiffness out of its interval.
+
+    Parameters and tolerances follow it, so that residuals show nothing:  Delta x = A^-1 J^T Delta G.  It swings along
+    an axis of the last body, at the end of the link.
+    """
+    fit, x, result = thinned(evidence.optimum.fit), evidence.optimum.end.x, evidence.result
+    every = math.ceil(len(fit.parts) / LIMITS.hidden_parts)
+    robot, evaluated = evidence.assembly.linearisation.model.robot, evaluate(replace(fit, parts=fit.parts[::every]), x)
+    fit = replace(fit, parts=tuple(e.part for e in evaluated))  # without those that nothing is known of
+    body = next(body for body in reversed(robot.bodies) if body.joints)
+    try:
+        motions = _motions(evidence, fit, body)
+    except ElastidError:  # no robot stands there
+        return ()
+    end_hz, lever = max(float(e.part.kernel.freq_hz.max()) for e in evaluated), np.array(body.center_of_mass)
+    h = math.sqrt(LIMITS.hidden_share * body.mass) * np.array([[*e, *np.cross(lever, e)] for e in np.eye(3)])
+    A, b = np.diag(fit.prior_slopes**2), np.zeros((len(x), 3))
+    for e, J in zip(evaluated, motions, strict=True):
+        s = 2j * np.pi * e.part.kernel.freq_hz
+        phi = -(s**2) / ((2 * np.pi * LIMITS.hidden_ratio * end_hz) ** 2 + s**2)
+        across = _across(e, J, fit.theta(e.part, x))
+        columns = np.stack([sum(p[i] * p[j] * c for (i, j), c in zip(PAIRS, across, strict=True)) for p in h])
+        A, b = A + every * e.information, b - every * e.rows @ e.whitened(-(s**2 * phi)[:, None, None] * columns).T
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    moved = np.linalg.lstsq(A / np.outer(size, size), b / size[:, None], rcond=1e-13)[0] / size[:, None]
+    names = [p.name for p in result.parameters.asked]
+    stiff = [i for i, name in enumerate(names) if name.startswith("k_") and result.parameters.asked[i].log]
+    if not stiff:
+        return ()
+    limits = QUANTILE_95 * np.sqrt(np.diag(result.covariance)[stiff])
+    over = np.abs(moved[stiff]) / np.maximum(limits, 1e-300)[:, None]
+    place, axis = np.unravel_index(int(np.argmax(over)), over.shape)
+    if not over[place, axis] > 1:
+        return ()
+    largest = sorted(stiff, key=lambda i: -abs(float(moved[i, axis])))[:2]
+    changes = (f"{percent(abs(math.expm1(moved[i, axis])))} in {names[i]}" for i in largest)
+    text = (
+        f"no response shows a tool that swings beyond the band: an eighth of {body.name}, at "
+        f"{LIMITS.hidden_ratio * end_hz:.3g} Hz along {'xyz'[axis]}, makes errors of {' and '.join(changes)}, within "
+        f"the intervals from {LIMITS.hidden_ratio * end_hz * math.sqrt(over[place, axis]):.2g} Hz on; excite up to its "
+        "resonance, or give it a body with a spring in the robot's file"
+    )
+    return (Note("tool-as-rigid", text, severity="information"),)
 
 
 def _scale(robot: Robot, body: Body) -> FloatArray:

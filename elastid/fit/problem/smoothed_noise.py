@@ -259,7 +259,8 @@ def smooth_covariance(
     for_weights = np.where(loud, level, for_weights * quiet)
     X = X / level[:, None, None]
     X[~known] = np.eye(n)
-    rho = _shrinkage(X, width)
+    # Fewer degrees of freedom than elements leave the covariance of a lone line singular.
+    rho = 1.0 if width * dof < n else _shrinkage(X, width)
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
     bias = 1 - (1 - rho) * (n**2 - 1) / (n * width * dof)
     smooth = np.asarray((for_weights / bias)[:, None, None] * (L @ inner @ hermitian(L)))

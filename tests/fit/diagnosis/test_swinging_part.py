@@ -15,7 +15,7 @@ from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.robot import FRAME_AXES, Body, Frame, Joint, Placement, Robot, Spring
+from elastid.robot import FRAME_AXES, Body, Frame, Joint, Placement, Robot, Spring, Tolerances
 
 MASS, INERTIA, HINGE, LEVER, FREQ_HZ = 6.0, 0.05, np.array([0.5, 0.1, 0.05]), 0.2, 25.0
 # Torque about z of the hinge, whose centre of mass is off it along x: h = m (e_z x r) and I e_z + r x m (e_z x r).
@@ -63,3 +63,27 @@ def test_a_tool_that_swings_is_named_first() -> None:
     sentence = next(note.text for note in result.notes if note.code == "modification-index")
     assert first.steps[0] == pytest.approx(FREQ_HZ, rel=0.05)
     assert sentence.startswith(f"a part of fore that swings at {first.steps[0]:.3g} Hz")
+
+
+@pytest.mark.parametrize("freq_hz", [120.0, 170.0])
+def test_a_tool_beyond_the_band_has_a_word_with_its_size(freq_hz: float) -> None:
+    """An eighth of the fore arm that slides along z at the link's end; tolerances take it up, and a stiffness is off.
+
+    The note has the error at 120 Hz, twice the end of the band; it falls with the square of the resonance.
+    """
+    case, mass = true_case(), 75 / 8
+    slide = Joint("plate", "z", Spring(mass * (2 * np.pi * freq_hz) ** 2, 1.0), motion="translation")
+    of_tool = {"mass": mass, "inertia": (1e-3,) * 3}
+    end = Placement(tuple(2 * np.array(case.robot.bodies[-1].center_of_mass)))
+    truth, rigid = (
+        replace(case.robot, bodies=(*case.robot.bodies, Body("tool", "fore", end, joints, **of_tool)))
+        for joints in ((slide,), ())
+    )
+    data = drawn(replace(case, responses=exact(truth)), np.random.default_rng(0))
+    result = identify(data, replace(rigid, tolerances=Tolerances()), SPEC)
+    assert result.status == "converged"
+    (note,) = [note.text for note in result.notes if note.code == "tool-as-rigid"]
+    stated = float(note.split("makes errors of ")[1].split(" % in k_2")[0]) / 100
+    error = 1 - result.values["k_2"] / truth.parameters()["k_2"][0]
+    assert stated * (120 / freq_hz) ** 2 == pytest.approx(error, abs=0.3 * stated + 2 * result.std["k_2"] / 1.8e5)
+    assert error > result.std["k_2"] / 1.8e5
