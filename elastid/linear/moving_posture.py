@@ -247,15 +247,24 @@ class _Moved:
         partners = np.ascontiguousarray(parts.conj().transpose(1, 0, 3, 4, 2))
         return rows, unknowns, met, partners.reshape(K, 3, len(rows) * len(unknowns) * m)
 
+    @cached_property
+    def _held_up(self) -> FloatArray:
+        """The dynamic stiffness with the feedback, before 1 / s, 1, s and s^2 (4, n n)."""
+        e, parts = self.expansion, np.zeros((4, self.expansion.n, self.expansion.n))
+        if self.feedback is not None:
+            parts[:3] = e.B @ self.feedback @ e.B.T
+        for part, J in zip(parts[1:], np.split(e.J[: e.n], [e.n, e.n + e.n_q], axis=1), strict=True):
+            part[:, : J.shape[1]] += J
+        return parts.reshape(4, -1)
+
     def _inverse(self, omega: FloatArray, rows: IntArray) -> ComplexArray:
         """From torques on some of the unknowns to e_2 (2 K, n, n_r)."""
         e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
         if self.feedback is None:
             return e.held(omega)[:, :, rows]
-        s = 1j * np.where(rest, 1.0, omega)[:, None, None]
-        integral, proportional, derivative = self.feedback
-        F = integral / s + proportional + s * derivative
-        inverse = np.linalg.solve(e.L(s[:, 0, 0].imag) + e.B @ F @ e.B.T, np.eye(e.n)[:, rows])
+        s = 1j * np.where(rest, 1.0, omega)[:, None]
+        L = np.hstack([1 / s, np.ones_like(s), s, s**2]) @ self._held_up
+        inverse = np.linalg.solve(L.reshape(-1, e.n, e.n), np.eye(e.n)[:, rows])
         inverse[rest] = e.held(0.0)[:, rows]
         return np.asarray(inverse)
 
