@@ -59,11 +59,10 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
             w = np.sqrt(_weights(left, excited))[:, None]
             e, X = w * e, w * X
             for m in range(M):
-                # The real parts of products of complex numbers are those of pairs of real ones.
-                e_m, X_m = e[fold == m].view(float), np.ascontiguousarray(X[:, fold == m]).view(float)
-                A[m][np.ix_(own, own)] += X_m @ X_m.T
-                b[m, own] += X_m @ e_m
-                c[m, motor] += float(e_m @ e_m)
+                e_m, X_m = e[fold == m], X[:, fold == m]
+                A[m][np.ix_(own, own)] += (X_m.conj() @ X_m.T).real
+                b[m, own] += (X_m.conj() @ e_m).real
+                c[m, motor] += float(np.sum(np.abs(e_m) ** 2))
     return NormalEquations(A, b, c, level, float(shares.mean()))
 
 

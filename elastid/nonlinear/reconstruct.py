@@ -77,6 +77,8 @@ SHARP_CELLS = 16
 _POINTS, _BEFORE, _AFTER = 4, 4, 8
 # A velocity at the start of a sample and one that grows over it, at the ends of cells.
 _LINE = np.stack([np.ones(SHARP_CELLS + 1), np.linspace(0, 1, SHARP_CELLS + 1)])
+# By which values in the cells become their sums up to the end of each; NumPy is slow along short rows.
+_SUMS = np.triu(np.ones((SHARP_CELLS, SHARP_CELLS)))
 # Part of the first error of the velocity at which one step more is the last, which leaves 1e-3 of it; steps at most.
 _TOLERANCE, _STEPS = 0.03, 12
 
@@ -233,7 +235,7 @@ class _HeldMotor:
     def _by_friction(self, means: FloatArray) -> FloatArray:
         """Velocity (m, cells) at the ends of the cells of slow samples, by friction that is not steady."""
         size = self.a * self.record.rate_hz / SHARP_CELLS
-        return np.asarray(size * np.cumsum(self._steady[self.slow, None] - means, axis=1))
+        return np.asarray((self._steady[self.slow, None] - means) @ (size * _SUMS))
 
 
 def _points(X: ComplexArray, n: int) -> FloatArray:
