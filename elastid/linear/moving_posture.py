@@ -246,15 +246,24 @@ class _Moved:
         partners = np.ascontiguousarray(parts.conj().transpose(1, 0, 3, 4, 2))
         return rows, unknowns, met, partners.reshape(K, 3, len(rows) * len(unknowns) * m)
 
+    @cached_property
+    def _held_up(self) -> FloatArray:
+        """The dynamic stiffness with the feedback, before 1 / s, 1, s and s^2 (4, n n)."""
+        e, parts = self.expansion, np.zeros((4, self.expansion.n, self.expansion.n))
+        if self.feedback is not None:
+            parts[:3] = e.B @ self.feedback @ e.B.T
+        for part, J in zip(parts[1:], np.split(e.J[: e.n], [e.n, e.n + e.n_q], axis=1), strict=True):
+            part[:, : J.shape[1]] += J
+        return parts.reshape(4, -1)
+
     def _inverse(self, omega: FloatArray, rows: IntArray) -> ComplexArray:
         """From torques on some of the unknowns to e_2 (2 K, n, n_r)."""
         e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
         if self.feedback is None:
             return e.held(omega)[:, :, rows]
-        s = 1j * np.where(rest, 1.0, omega)[:, None, None]
-        integral, proportional, derivative = self.feedback
-        F = integral / s + proportional + s * derivative
-        inverse = np.linalg.solve(e.L(s[:, 0, 0].imag) + e.B @ F @ e.B.T, np.eye(e.n)[:, rows])
+        s = 1j * np.where(rest, 1.0, omega)[:, None]
+        L = np.hstack([1 / s, np.ones_like(s), s, s**2]) @ self._held_up
+        inverse = np.linalg.solve(L.reshape(-1, e.n, e.n), np.eye(e.n)[:, rows])
         inverse[rest] = e.held(0.0)[:, rows]
         return np.asarray(inverse)
 
@@ -312,12 +321,22 @@ class Jacobian:
     """J (n + n_y, n_z) about the operating point, at a distance (n_z,) from it; independent constraints only."""
 
     def __init__(self, function: ca.Function, z: FloatArray, theta: FloatArray, rows: FloatArray, kept: FloatArray):
-        self.function, self.point, self.theta, self.rows, self.kept = function, z, theta, rows, kept
+        self.point, self.rows, self.kept = z, rows, kept
+        # Matrices of CasADi would take a third of the time.  Its columns are rows here.
+        self._z, self._theta = np.array(z, np.float64), np.array(theta, np.float64)
+        J = np.empty(function.size_out(0)[::-1])
+        self._J = J.T
+        self._buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
+        self._buffer, self._evaluate = function.buffer()
+        for i, values in enumerate((self._z, self._theta)):
+            self._buffer.set_arg(i, values.data)
+        self._buffer.set_res(0, J.data)
 
     def __call__(self, distance: FloatArray) -> FloatArray:
         """J of the independent constraints there."""
-        J = self.function(self.point + self.kept @ distance, self.theta).full()
-        return np.asarray(self.rows @ J @ self.kept)
+        np.add(self.point, self.kept @ distance, out=self._z)
+        self._evaluate()
+        return np.asarray(self.rows @ self._J @ self.kept)
 
 
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:

@@ -77,6 +77,8 @@ SHARP_CELLS = 16
 _POINTS, _BEFORE, _AFTER = 4, 4, 8
 # A velocity at the start of a sample and one that grows over it, at the ends of cells.
 _LINE = np.stack([np.ones(SHARP_CELLS + 1), np.linspace(0, 1, SHARP_CELLS + 1)])
+# By which values in the cells become their sums up to the end of each; NumPy is slow along short rows.
+_SUMS = np.triu(np.ones((SHARP_CELLS, SHARP_CELLS)))
 # Part of the first error of the velocity at which one step more is the last, which leaves 1e-3 of it; steps at most.
 _TOLERANCE, _STEPS = 0.03, 12
 
@@ -132,7 +134,7 @@ class _HeldMotor:
         first = math.ceil(from_hz * n / rate_hz) if from_hz > 0 else n // 2 + 1
         further = friction.beyond_inertia(record.configuration.name, place, laplace(3 * n // 2 + 1, n, rate_hz))
         held = Moments.held(u)
-        return cls(record, taken, u, Y, start, gain, a, further, first, held, held.images(2), v, slow)
+        return cls(record, taken, u, Y, start, gain, a, further, first, held, held.second_images(), v, slow)
 
     def motion(self) -> Motion:
         """Its motion under its friction, which is that along the motion."""
@@ -154,6 +156,11 @@ class _HeldMotor:
     def _steady(self) -> FloatArray:
         """Friction (n,) in the samples in which the motor is fast."""
         return steady(self.by_samples[::_POINTS], self.taken)
+
+    @cached_property
+    def _noise_power(self) -> float:
+        """Power of the noise of a line of Y."""
+        return noise_power(self.Y)
 
     @cached_property
     def _at_first(self) -> FloatArray:
@@ -204,9 +211,9 @@ class _HeldMotor:
         inertia = a / s**2 * (self.held.of_cells - friction.spectrum(len(self.Y)))[1:]
         further = self.further[first : len(self.Y)] * inertia[first - 1 :]
         # Samples of the part above: all of the inertia's without the part below, and what is further, with its images.
-        above = a * (self.held_images - friction.images(2)) + self._further_images
+        above = a * (self.held_images - friction.second_images()) + self._further_images
         above[first:] += inertia[first - 1 :] + further
-        rest, noise = filtered(self.record, self.Y - above, 0, noise_power(self.Y))
+        rest, noise = filtered(self.record, self.Y - above, 0, self._noise_power)
         rest[1:first] -= inertia[: first - 1]
         rest[first:] += further
         rest = np.concatenate([rest, self._further_above])
@@ -228,7 +235,7 @@ class _HeldMotor:
     def _by_friction(self, means: FloatArray) -> FloatArray:
         """Velocity (m, cells) at the ends of the cells of slow samples, by friction that is not steady."""
         size = self.a * self.record.rate_hz / SHARP_CELLS
-        return np.asarray(size * np.cumsum(self._steady[self.slow, None] - means, axis=1))
+        return np.asarray((self._steady[self.slow, None] - means) @ (size * _SUMS))
 
 
 def _points(X: ComplexArray, n: int) -> FloatArray:
@@ -313,7 +320,7 @@ def net_samples(
     accelerance = friction.accelerance[friction.places.index(place)]
     if accelerance == 0 or not shows_images(record, place):
         return held, np.zeros(n)
-    above = torque.images(2) - Moments.held(held).images(2)
+    above = torque.second_images() - Moments.held(held).second_images()
     return held, irfft(accelerance / record.rate_hz**2 * above, n)
 
 

@@ -92,7 +92,8 @@ class FrictionTakenOut:
         m = self.places.index(place)
         a, b, c, e, alpha, beta = self._above(configuration, m)
         with np.errstate(divide="ignore", invalid="ignore"):
-            by_series = sum(c_i / s**i for i, c_i in enumerate(self.series[m], 1))
+            x, (c_1, c_2, c_3, c_4) = 1 / s, self.series[m]
+            by_series = x * (c_1 + x * (c_2 + x * (c_3 + x * c_4)))  # complex powers are slow
             if a == 0:
                 further = by_series
             else:

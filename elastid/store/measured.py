@@ -20,7 +20,7 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.record import Record
 from elastid.response import FrequencyResponse, Responses
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
-from elastid.store.files import text_file
+from elastid.store.files import once_per_version, text_file
 from elastid.store.reading import entry_names, read_dataclass, read_optional_part, read_part
 from elastid.store.values import write_artefact
 
@@ -138,21 +138,27 @@ def read_records(path: Path | str, configuration: str | None = None) -> Iterator
     DataError names the configurations that there are where it is none of them.
     """
     with opened(path, RECORDS) as file:
-        groups = [file["records"][name] for name in entry_names(file["records"])]
-        names = [str(group["configuration"].attrs["name"]) for group in groups]
-        if configuration not in (None, *names):
-            known = ", ".join(dict.fromkeys(names))
+        entries = _entries(path)
+        if configuration not in (None, *(name for _, name in entries)):
+            known = ", ".join(dict.fromkeys(name for _, name in entries))
             raise DataError(f"{path}: no records of configuration {configuration}; there are {known or 'none'}")
-        for group, name in zip(groups, names, strict=True):
+        for entry, name in entries:
             if configuration in (None, name):
-                yield read_dataclass(group, Record)
+                yield read_dataclass(file["records"][entry], Record)
 
 
 def read_configurations(path: Path | str) -> tuple[str, ...]:
     """The names of the configurations in records.h5, in the order measured."""
+    with opened(path, RECORDS):
+        return tuple(dict.fromkeys(name for _, name in _entries(path)))
+
+
+@once_per_version
+def _entries(path: Path) -> tuple[tuple[str, str], ...]:
+    """The records in an intact records.h5: the name of each group, and that of its configuration."""
     with opened(path, RECORDS) as file:
-        groups = (file["records"][name] for name in entry_names(file["records"]))
-        return tuple(dict.fromkeys(str(group["configuration"].attrs["name"]) for group in groups))
+        records = file["records"]
+        return tuple((name, str(records[name]["configuration"].attrs["name"])) for name in entry_names(records))
 
 
 def write_responses(

@@ -64,9 +64,13 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
         raise StudyError(f"experiment.simulated.truth: {error}") from None
 
 
-@lru_cache(maxsize=4)
 def model_of(robot: Robot, spec: ModelSpec = EXACT) -> ElasticModel:
     """The equations of a robot, built once in a process."""
+    return _model_of(robot, spec)  # a cache takes a default and the same value for two keys
+
+
+@lru_cache(maxsize=4)
+def _model_of(robot: Robot, spec: ModelSpec) -> ElasticModel:
     return formulate(robot, spec)
 
 
