@@ -83,19 +83,28 @@ def _continued(s: ComplexArray, A: ComplexArray) -> FloatArray:
     top = abs(s[-1])
     x, size = s / top, float(np.sqrt(np.mean(np.abs(A) ** 2)))
     (a, c), left = _least(np.stack([np.ones_like(x), x**-2]), A, np.ones(len(x)))
-    plain = np.array([a, 0.0, c, 0.0, 0.0, 0.0])
-    weight = np.ones(len(x))
-    for _ in range(4):
-        columns = np.stack([x**2, x, np.ones_like(x), x**-2, -A * x, -A])
-        poles, of_poles = _least(columns, A * x**2, weight)
-        alpha, beta = poles[4:]
-        weight = 1 / np.maximum(np.abs(x**2 + alpha * x + beta), 1e-6)
-    is_damped = beta > 0 and alpha > _LEAST_DAMPED * np.sqrt(beta)
-    are_poles = is_damped and poles[0] > 0 and of_poles**2 < _FURTHER_GAIN * left**2
-    found, left = (poles, of_poles) if are_poles else (plain, left)
+    found = np.array([a, 0.0, c, 0.0, 0.0, 0.0])
+    for has_spring in (False, True):
+        longer, of_longer = _with_poles(x, A, has_spring)
+        alpha, beta = longer[4:]
+        is_damped = beta > 0 and alpha > _LEAST_DAMPED * np.sqrt(beta)
+        if is_damped and longer[0] > 0 and of_longer**2 < _FURTHER_GAIN * left**2:
+            found, left = longer, of_longer
     if found[0] <= 0 or left > _UNEXPLAINED * size:
         return np.zeros(6)
     return np.asarray(found * top ** np.array([0, 1, 2, 4, 1, 2]))
+
+
+def _with_poles(x: ComplexArray, A: ComplexArray, has_spring: bool) -> tuple[FloatArray, float]:
+    """a, b, c, e, alpha, beta (6,) of an accelerance A (F,) at s = x, e being 0 without a spring; RMS of what is left."""
+    weight = np.ones(len(x))
+    numbers = np.array([0, 1, 2, 3, 4, 5] if has_spring else [0, 1, 2, 4, 5])
+    columns = np.stack([x**2, x, np.ones_like(x), x**-2, -A * x, -A])[numbers]
+    poles = np.zeros(6)
+    for _ in range(4):
+        poles[numbers], left = _least(columns, A * x**2, weight)
+        weight = 1 / np.maximum(np.abs(x**2 + poles[4] * x + poles[5]), 1e-6)
+    return poles, left
 
 
 def _least(columns: ComplexArray, y: ComplexArray, weight: FloatArray) -> tuple[FloatArray, float]:
@@ -123,9 +132,9 @@ def with_inertial_accelerance(
     for i, place in enumerate(held):
         # The loop's torque answers noise as it answers motion: where y is noise, the regression finds -1 / C.
         is_noise = np.mean(np.abs(others[i]) ** 2) > _NOISE_SHARE * np.mean(np.abs(Y[i]) ** 2)
-        if is_noise or place not in friction.taken_places():
-            continue
         m = friction.places.index(place)
+        if is_noise or place not in friction.taken_places() or friction.above[-1, m, 5] > 0:
+            continue
         short, longer = (_regression(X[i, :n], Y[i]) for n in (3, 5))
         solution, std, _ = longer if longer[2] < _FURTHER_GAIN * short[2] else short
         # One of a larger standard deviation is not better than the excited lines, if they show one.
@@ -148,9 +157,8 @@ def _regression(X: ComplexArray, y: ComplexArray) -> tuple[FloatArray, float, fl
 
 
 def _lowest_hz(friction: FrictionTakenOut, rate_hz: float) -> float:
-    """From where on the series holds, beyond the excited lines and the poles next to them."""
-    poles_hz = np.sqrt(friction.above[-1, :, 5].max()) / (2 * np.pi)
-    return float(min(1.5 * max(friction.highest_hz[-1], poles_hz), 1 / 4 * rate_hz))
+    """From where on the series holds, beyond the excited lines."""
+    return float(min(1.5 * friction.highest_hz[-1], 1 / 4 * rate_hz))
 
 
 def _equations(

@@ -43,6 +43,7 @@ from elastid.record import Motion as Quantity
 # Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
 # in all.
 _CHOICE_RECORDS = 24
+_PASSES = 10
 
 
 def find_friction(
@@ -67,8 +68,9 @@ def find_friction(
     inertial = upper_accelerance(survey.data, levels, survey.choice.motor_of, spec.quantity)
     result = _result(survey, survey.choice, levels, inertial, raw, equations)
     result = with_inertial_accelerance(result, survey.last, execution)
-    if len(survey.choice.taken):
-        choice = refined(survey.choice, levels, survey.first.inputs)
+    choice, shares_left = survey.choice, math.inf
+    for _ in range(_PASSES if len(choice.taken) else 0):
+        choice = refined(choice, levels, survey.first.inputs)
         gather = partial(gather_configuration, shapes=choice.shapes, spec=spec, planned=planned, friction=result)
         data = execution.ordered(gather, measured)
         levels, equations = find_levels(data, choice.motor_of, choice.taken)
@@ -77,8 +79,11 @@ def find_friction(
         levels, equations = find_levels(data, choice.motor_of, choice.taken)
         accelerance, above = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
         inertial = np.where(accelerance > 0, accelerance, result.accelerance), above
-        result = _result(survey, choice, levels, inertial, raw, equations)
-        result = with_inertial_accelerance(result, survey.last, execution)
+        found = _result(survey, choice, levels, inertial, raw, equations)
+        share=found.kept_share.mean()
+        if share > 0.97*shares_left: break
+        shares_left=share
+        result = with_inertial_accelerance(found, survey.last, execution)
         result = _with_dependence(result, data, choice.motor_of, spec.quantity)
     return replace(result, notes=(*result.notes, *survey.limits))
 
