@@ -418,4 +418,4 @@ def _robot(guess: LogGuess) -> Iterator[str]:
 
 def _quoted(text: str) -> str:
     """A text as YAML has it: plain, or in JSON's quotes, which are YAML's too."""
-    return text if re.fullmatch(r"[A-Za-z]\w*([. ]\w+)*", text) else json.dumps(text)
+    return text if re.fullmatch(r"[A-Za-z]\w*([. ]\w+)*", text) else json.dumps(text, ensure_ascii=False)
