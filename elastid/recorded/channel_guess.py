@@ -174,8 +174,9 @@ class ChannelGuess:
 
     @property
     def place(self) -> str:
-        """The name of a place in a study without a robot."""
-        return " ".join(filter(None, (re.sub(r"[^\w]+", " ", self.name).strip(), str(self.column or ""))))
+        """The name of a place in a study without a robot, without the unit behind it."""
+        name = re.sub(r"(?<=\w)\s*[\[(][^\])]*[\])]\s*$", "", self.name) if self.unit else self.name
+        return " ".join(filter(None, (re.sub(r"[^\w]+", " ", name).strip(), str(self.column or ""))))
 
 
 @dataclass(frozen=True)
