@@ -14,11 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line
+from elastid.base.units import TABLE
 from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.frf.hits import Pulses
 from elastid.recorded.channel_guess import (
     ChannelGuess,
     JointGuess,
@@ -40,6 +42,10 @@ from elastid.recorded.responses.universal import is_universal_file, uff_places
 from elastid.study.checks.logs import TIME_UNITS, is_time, time_of
 
 _MAX_SAMPLES = 1 << 18
+_ONE_STATE = "all logs are of one state of the structure"
+_MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
+_MIN_FORCE = 0.1  # of the largest of a hammer's lines, on which responses are compared
+_MAX_UNLIKE = 0.05  # of responses of one point: hits that differ by a tenth in each response have half a hundredth
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
@@ -64,6 +70,12 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
     Raises StudyError or DataError for a log that cannot be read, or in which nothing moves.
     """
     first = logs[0]
+    if lost := [path for path in logs if not path.exists()]:
+        raise DataError(f"{lost[0]}: there is no such file or folder; give the path of a log")
+    if robots := [path for path in logs if path.suffix.lower() in (".urdf", ".xml", ".mjcf")]:
+        raise DataError(
+            f"{robots[0]} is a robot's file and {len(logs) - 1} others are logs; write --from for either alone"
+        )
     if first.is_file() and is_universal_file(first):
         return {"study.yml": _joined([*_head("responses", first), *_universal(logs, folder)])}
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
@@ -100,8 +112,10 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
     drives = np.stack([x for g, x in signals if (g.name, g.column) in driving], axis=1)
     period = _period(drives)
     realisations = () if together else _realisations(logs, form, guess.joints, period[0])
-    files = [text, *_files(paths, guess.joints, realisations, together)]
-    content = [*_head("responses", first), *_responses(guess, clock, period), *files]
+    states, why = ([0] * len(logs), _ONE_STATE) if together else _states(logs, form, guess)
+    names = ["bench" if max(states) == 0 else f"state_{state + 1}" for state in states]
+    files = [text, *_files(paths, names, realisations, together)]
+    content = [*_head("responses", first), *_responses(guess, clock, period, names, why), *files]
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
     return {"study.yml": _joined(content)}
@@ -228,6 +242,42 @@ def _realisations(
     return tuple(result)
 
 
+def _states(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> tuple[list[int], str]:
+    """The state of the structure in each log, and why: by the angles of its joints, and by the responses to hits."""
+    drives = [ChannelSpec("u", "any", j.torque.name, j.torque.column) for j in guess.joints]
+    motions = [*(j.motion for j in guess.joints), *guess.further]
+    ys = [ChannelSpec("y", "any", m.name, m.column, quantity="position") for m in motions]
+    turn = np.array([TABLE[m.unit][1] if TABLE[m.unit][0] == "rad" else 0.0 for m in motions])
+    seen, states, why = list[tuple[FloatArray, ComplexArray | None]](), list[int](), _ONE_STATE
+    for path in logs:
+        with opened_log(path, form) as log:
+            x = np.nan_to_num(values_of(log, [*drives, *ys], 0, _MAX_SAMPLES))
+        u, y = x[:, 0], x[:, len(drives) :]
+        angle, G = y.mean(axis=0) * turn, None
+        if len(drives) == 1 and Pulses.of(u) is not None:
+            F = np.fft.rfft(u - np.median(u), _MAX_SAMPLES)
+            F[np.abs(F) < _MIN_FORCE * np.abs(F).max()] = np.inf
+            G = np.fft.rfft(y - np.median(y, axis=0), _MAX_SAMPLES, axis=0) / F[:, None]
+        reach = max(_MIN_TURN, 5 * float((y.std(axis=0) * turn).max(initial=0.0)))
+        state = len(seen)
+        for k, (other, H) in enumerate(seen):
+            is_there = np.abs(angle - other).max(initial=0.0) < reach
+            if is_there and (G is None or H is None or _unlike(G, H) < _MAX_UNLIKE):
+                state = k
+                break
+            why = "hits at other points, by their responses" if is_there else "the joints stand at other angles"
+        seen += [(angle, G)] if state == len(seen) else []
+        states.append(state)
+    return states, why if len(seen) > 1 else _ONE_STATE
+
+
+def _unlike(G: ComplexArray, H: ComplexArray) -> float:
+    """Power of the difference of two responses (F, n) over the sum of theirs, on the lines that both have."""
+    both = (G != 0).any(axis=1) & (H != 0).any(axis=1)
+    G, H = G[both], H[both]
+    return float(np.sum(np.abs(G - H) ** 2) / max(np.sum(np.abs(G) ** 2 + np.abs(H) ** 2), 1e-300))
+
+
 def _head(kind: str, first: Path) -> Iterator[str]:
     yield "# yaml-language-server: $schema=study.schema.json"
     yield f"# Written by `elastid new --from` from {one_line(first.name)}. Lines that it could not know are marked"
@@ -274,10 +324,10 @@ def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
         yield f"      - {{path: {_quoted(shown)}, configuration: {name}}}"
 
 
-def _responses(guess: LogGuess, clock: Clock, period: Sequence[str]) -> Iterator[str]:
+def _responses(guess: LogGuess, clock: Clock, period: Sequence[str], states: Sequence[str], why: str) -> Iterator[str]:
     yield "# Stiffness and damping of gears need a robot, too: `elastid new DIR --template recorded` shows how."
     yield "experiment:"
-    yield "  configurations: {bench: []} # guessed: all logs are of one state of the structure"
+    yield f"  configurations: {{{', '.join(f'{name}: []' for name in dict.fromkeys(states))}}} # guessed: {why}"
     yield "  recorded:"
     yield from _rate(clock)
     yield from period
@@ -331,20 +381,18 @@ def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> 
     return f"      - {{{', '.join(keys)}}} # guessed: {one_line(why)}"
 
 
-def _files(
-    paths: Sequence[str], joints: Sequence[JointGuess], realisations: Sequence[int], together: bool
-) -> Iterator[str]:
-    """together: of one measurement."""
+def _files(paths: Sequence[str], states: Sequence[str], realisations: Sequence[int], together: bool) -> Iterator[str]:
+    """together: of one measurement.  states: the configuration of each log, none of a study of friction."""
     if together:
-        of_structure, others = ", configuration: bench" if joints else "", ", ".join(map(_quoted, paths[1:]))
+        of_structure, others = ", configuration: bench" if states else "", ", ".join(map(_quoted, paths[1:]))
         yield "    files: # guessed: one measurement, torques and motions in files of their own"
         yield f"      - {{path: {_quoted(paths[0])}, also: [{others}]{of_structure}}}"
         return
-    of_structure = ", configuration: bench, realisation: {}" if joints else ""
     why = "each of an excitation of its own" if len(set(realisations)) > 1 else "all hold periods of one excitation"
-    yield "    files:" + (f" # guessed: {why}" if joints and len(paths) > 1 else "")
-    for path, number in zip(paths, realisations or range(len(paths)), strict=True):
-        yield f"      - {{path: {_quoted(path)}{of_structure.format(number)}}}"
+    yield "    files:" + (f" # guessed: {why}" if states and len(paths) > 1 else "")
+    for i, path in enumerate(paths):
+        of_structure = f", configuration: {states[i]}, realisation: {realisations[i]}" if states else ""
+        yield f"      - {{path: {_quoted(path)}{of_structure}}}"
 
 
 def _robot(guess: LogGuess) -> Iterator[str]:
@@ -368,4 +416,4 @@ def _robot(guess: LogGuess) -> Iterator[str]:
 
 def _quoted(text: str) -> str:
     """A text as YAML has it: plain, or in JSON's quotes, which are YAML's too."""
-    return text if re.fullmatch(r"[A-Za-z]\w*([. ]\w+)*", text) else json.dumps(text)
+    return text if re.fullmatch(r"[A-Za-z]\w*([. ]\w+)*", text) else json.dumps(text, ensure_ascii=False)

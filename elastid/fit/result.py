@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -394,12 +395,16 @@ class FitResult:
         known = self.parameters, self.x, self.covariance_of_prediction
         return Family.of(self.robot, spec, *known, asked, where, self.doubts)
 
-    def with_parameters(self, **values: float) -> FitResult:
+    def with_parameters(self, *unnamed: object, **values: float) -> FitResult:
         """The same robot with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
 
         They count as exact, all others keep their values and covariances.  UnknownNameError for a name that is none,
-        ValueError for a tied number, and for one that must be positive and is not.
+        TypeError for what is no number with a name, ValueError for a tied number and one that is out of range.
         """
+        wrong = [*unnamed, *(value for value in values.values() if not isinstance(value, numbers.Real))]
+        if wrong:
+            first = self.parameters.free_names[0]
+            raise TypeError(f"{wrong[0]!r} is no number with a name; give with_parameters({first}=1.0), in SI")
         x, free = self.x.copy(), self.parameters.free_names
         others = np.array([name not in values for name in free])
         for name, value in values.items():

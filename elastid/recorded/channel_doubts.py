@@ -39,6 +39,7 @@ class DoubtLimits:
     # |log| of a gain that is as stated, and of its distance from a known factor.
     max_gain: float = 0.3
     max_factor: float = 0.1
+    max_play: float = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
     # Share of the torque that a motion explains, that one which is not its own explains, and the gain by another.
     min_explained: float = 0.75
     max_stated: float = 0.5
@@ -262,6 +263,9 @@ def _of_pair(joint: JointSignals, a: int, b: int, stated: MotionRelation, best: 
             number, _, keys = near.partition(" ")
             too = joint.side_of_torque(int(number)) if keys == "side: motor" else ""
             yield Doubt(int(number), keys.partition(":")[0], f"{text}: {keys} would make both agree{too}")
+        elif stated.order == 0 and abs(np.log(gain)) > LIMITS.max_play:
+            what = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
+            yield Doubt(b, "scale", f"{text}: check {what}, and unit and scale of both")
         elif stated.order > 0:
             yield Doubt(None, f"{gain ** (1 / stated.order):.6g}", text)
     elif stated.gain < 0:

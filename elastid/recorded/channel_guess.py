@@ -174,8 +174,9 @@ class ChannelGuess:
 
     @property
     def place(self) -> str:
-        """The name of a place in a study without a robot."""
-        return " ".join(filter(None, (re.sub(r"[^\w]+", " ", self.name).strip(), str(self.column or ""))))
+        """The name of a place in a study without a robot, without the unit behind it."""
+        name = re.sub(r"(?<=\w)\s*[\[(][^\])]*[\])]\s*$", "", self.name) if self.unit else self.name
+        return " ".join(filter(None, (re.sub(r"[^\w]+", " ", name).strip(), str(self.column or ""))))
 
 
 @dataclass(frozen=True)
@@ -258,6 +259,8 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     values = {(g.name, g.column): x for g, x in signals}
     drives = _best_family([g for g, _ in signals if g.quantity in DRIVES], DRIVES)
     motions = _best_family([g for g, _ in signals if g.quantity in MOTIONS], MOTIONS)
+    if len(drives) == 1:
+        drives, motions = _by_labels([g for g, _ in signals]) or (drives, motions)
     if not drives or not motions:
         drives, motions = _by_content([(g, x) for g, x in signals if g.confidence == 0])
     if not drives:
@@ -321,6 +324,22 @@ def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[
         return (first.rank >= 0, -order.index(first.quantity), first.rank, first.confidence, len(family))
 
     return max(families.values(), key=merit, default=[])
+
+
+def _by_labels(guesses: Sequence[ChannelGuess]) -> tuple[list[ChannelGuess], list[ChannelGuess]] | None:
+    """Torques and motions of two joints or more that share words behind their quantity's: tau_elbow and q_elbow."""
+    families: dict[tuple[str, ...], dict[str, ChannelGuess]] = {}
+    for guess in guesses:
+        words = re.findall(r"[^\W_]+", re.sub(r"\[.*", "", guess.name))
+        at = [i for i, word in enumerate(words) if re.fullmatch(_WORDS.get(guess.quantity, ""), word.lower())]
+        if at and guess.rank >= 0:
+            key, label = (guess.quantity, *words[: at[0] + 1]), "_".join(words[at[0] + 1 :])
+            families.setdefault(key, {})[label] = guess
+    drives = [family for (quantity, *_), family in families.items() if quantity in ("torque", "force")]
+    motions = [family for (quantity, *_), family in families.items() if quantity in MOTIONS]
+    motions.sort(key=lambda family: MOTIONS.index(next(iter(family.values())).quantity))
+    pairs = ((u, y, [label for label in u if label in y]) for y in motions for u in drives)
+    return next((([u[k] for k in own], [y[k] for k in own]) for u, y, own in pairs if len(own) > 1), None)
 
 
 def _with_unit(

@@ -18,6 +18,7 @@ from elastid.base.note import Note
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.repair import Finding, Log
 from elastid.recorded.repair.clock import CLOCK, at_times
+from elastid.recorded.repair.missing import LIMITS as MISSING
 
 
 @dataclass(frozen=True)
@@ -313,13 +314,21 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
             f"{needed} needed{_half_wave_hint(excitation, N, half_wave, log) or _shorter(excitation, log)}"
         )
     result = repetition(excitation, repeat, sign)
-    if result.is_as_stated:
+    lost = _lost_samples(excitation, repeat, sign) if n < MISSING.min_periods * repeat else None
+    if result.is_as_stated and lost is None:
         return
     stated = "second half minus first" if half_wave else "one period to the next"
     problem = (
         f"{path}: the excitation does not repeat with the period of {_span(N, log)} that the study states "
         f"(correlation {result.correlation:.3f}, {stated})"
     )
+    if lost is not None:
+        change, place = lost
+        what = f"{abs(change)} samples are {'lost' if change < 0 else 'there twice'} near {log.time_of(place)}"
+        raise DataError(
+            f"{problem}: {what}, before and after which it does; of four periods or more they are mended, so measure "
+            "longer, or cut the shorter part off with samples"
+        )
     if result.best_samples:
         raise DataError(
             f"{problem}; it repeats every {_span(result.best_samples, log)} (correlation "
@@ -330,6 +339,34 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         f"{problem}, nor at any other lag (best correlation {result.best_correlation:.3f}){hint}; with a period "
         f"elastid needs a periodic excitation{'' if hint else f'; {NO_LINES}'}"
     )
+
+
+def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] | None:
+    """Change and place of a shift by whole samples between parts that repeat after N samples; None without one.
+
+    Each eighth of a period is looked for one period later: after N samples, or by one other lag across the shift.
+    """
+    L, reach = max(N // 8, 1), max(2, int(MISSING.max_shift * N))
+    x = excitation[:, [c for c in range(excitation.shape[1]) if _moves(excitation[:, c])]]
+    if not np.isfinite(x).all():
+        return None
+    lags, starts = list[int](), range(0, len(x) - N - L - reach, L)
+    for start in starts:
+        part = x[start : start + L] - x[start : start + L].mean(axis=0)
+        others = np.stack([x[start + N + k : start + N + k + L] for k in range(-reach, reach + 1)])
+        others = sign * (others - others.mean(axis=1, keepdims=True))
+        inner = np.einsum("nc,knc->k", part, others)
+        rho = inner / np.maximum(np.linalg.norm(part) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
+        is_nearer = 1 - rho.max() < MISSING.max_remaining_share * (1 - rho[reach])
+        lag = int(np.argmax(rho)) - reach if is_nearer else 0
+        lags.append(lag if rho.max() > LIMITS.min_correlation else reach + 1)
+    known = [lag for lag in lags if lag <= reach]
+    shifts, changes = set(known) - {0}, np.count_nonzero(np.diff(known))
+    if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(known) - 1 and len(lags) - len(known) <= 3):
+        return None
+    shift = shifts.pop()
+    across = lags.index(shift) * L
+    return shift, across + N if lags[0] == 0 else starts[len(lags) - 1 - lags[::-1].index(shift)] + L
 
 
 def _shorter(excitation: FloatArray, log: Log) -> str:

@@ -56,6 +56,12 @@ class Link:
             raise ValueError(
                 f"joint {self.joint.name}: its axis is z by convention, not {self.joint.axis}; leave it out"
             )
+        for key, angle in (("alpha", self.alpha), ("offset", self.offset)):
+            if abs(angle) > 2 * np.pi:
+                raise ValueError(
+                    f"joint {self.joint.name}: {key} is {angle:g} rad, more than a turn; write '{angle:g} deg' if that "
+                    "is meant"
+                )
 
     @property
     def body_name(self) -> str:

@@ -31,7 +31,7 @@ class DrawnRobots:
 
 
 def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
-    """`count` robots from the normal distribution of x (`FitResult.covariance_of_prediction`).
+    """`count` robots from the normal distribution of x (`FitResult.covariance_of_prediction`), within its bounds.
 
     configuration: whose parameters count, where configurations have their own.  FitError where nearly no draw is a
     physical robot.
@@ -46,6 +46,7 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
     for x, sizes in _draws(result.x, covariance, len(result.doubts), seed):
         for size, doubt in zip(sizes, result.doubts, strict=True):
             x = x + size * doubt.effects
+        x = np.clip(x, *result.parameters.x_bounds)
         theta = result.parameters.expand(x, configuration)
         numbers = dict(zip(result.parameters.names, theta.tolist(), strict=True))
         numbers.pop(DELAY, None)

@@ -104,10 +104,11 @@ class Finding:
     def words(self) -> str:
         """The finding in a sentence."""
         size = f"{self.change:+.2%}" if self.is_relative else f"{self.change:+.3g}"
+        size_of_z = f"{self.z:+.{0 if abs(self.z) > 100 else 1}f}"
         if self.kind == "drifts":
             how = f"{self.meaning}, {size}" if self.meaning else size
-            return f"{self.parameter} of {self.robot} drifts: {how} from the first date to the last ({self.z:+.1f} std)"
-        return f"{self.parameter} of {self.robot} is {size} off the mean of the others ({self.z:+.1f} std)"
+            return f"{self.parameter} of {self.robot} drifts: {how} from the first date to the last ({size_of_z} std)"
+        return f"{self.parameter} of {self.robot} is {size} off the mean of the others ({size_of_z} std)"
 
 
 @dataclass(frozen=True)

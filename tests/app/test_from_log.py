@@ -165,6 +165,56 @@ def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path, capsys: pyte
     assert "none a force or torque, without which there is no response" in capsys.readouterr().err
 
 
+def _states(folder: Path, logs: dict[str, np.ndarray], head: str) -> list[str]:
+    """The configurations of the logs in the study that is made of them."""
+    for name, x in logs.items():
+        np.savetxt(folder / name, x, "%.8g", ",", header=head, comments="")
+    new = folder / f"new {len(list(folder.iterdir()))}"
+    assert cli.run_command(["new", str(new), "--from", *(str(folder / name) for name in logs)]) == 0
+    study = load_with_logs(new / "study.yml", ()).study
+    return [file.configuration for file in study.experiment.recorded.files]
+
+
+def test_hits_at_two_points_are_two_configurations(tmp_path: Path) -> None:
+    """Two hits at one point, a little elsewhere, and two at another; realisations of one where they agree."""
+    rng, t, logs = np.random.default_rng(0), np.arange(8000) / 1000, {}
+    for i, weights in enumerate(([1, 0.8, 0.3], [1.05, 0.75, 0.3], [0.4, -0.9, 1.1], [0.38, -0.93, 1.12])):
+        u = 80 * np.exp(-((((t - 0.3 - 0.01 * i) * 1000) / 2) ** 2))
+        modes = [w * np.exp(-2 * t) * np.sin(2 * np.pi * f * t) for w, f in zip(weights, (13, 37, 71), strict=True)]
+        y = np.convolve(u, np.sum(modes, axis=0))[: len(t)]
+        logs[f"hit {i}.csv"] = np.stack([t, u, y], axis=1) + [0, 0.1, 0.2] * rng.normal(size=(len(t), 3))
+    head = "t,hammer [N],acc [m/s^2]"
+    assert _states(tmp_path, logs, head) == ["state_1", "state_1", "state_2", "state_2"]
+    first = dict(list(logs.items())[:2])
+    assert _states(tmp_path, first, head) == ["bench", "bench"]
+
+
+def test_joints_with_names_are_paired_and_postures_are_configurations(tmp_path: Path) -> None:
+    """Three motors that are called, not numbered; the same log at other angles."""
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=(4000, 3))
+    q = np.cumsum(np.cumsum(u - u.mean(axis=0), axis=0), axis=0)
+    x = np.hstack([np.arange(4000)[:, None] / 500, u, 0.01 * (q - q.mean(axis=0)) / q.std(axis=0)])
+    head = "time,tau_base,tau_lift,tau_elbow,q_base,q_lift,q_elbow"
+    logs = {"a.csv": x, "b.csv": x[:3000], "c.csv": x + np.array([0, 0, 0, 0, 0.5, 0, -0.3])}
+    assert _states(tmp_path, logs, head) == ["state_1", "state_1", "state_2"]
+    (study,) = tmp_path.glob("new*/study.yml")
+    assert study.read_text().count("role: u") == 3
+
+
+def test_a_path_that_is_none_and_a_robot_among_logs_are_said(
+    motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for paths, said in (
+        ((motion, "lost.csv"), "lost.csv: there is no such file"),
+        (("arm.xml", motion), "a robot's file"),
+    ):
+        (tmp_path / "arm.xml").write_text("<mujoco/>")
+        wanted = [str(tmp_path / path) for path in paths]
+        assert cli.run_command(["new", str(tmp_path / "new"), "--from", *wanted]) == 1
+        assert said in capsys.readouterr().err
+
+
 def test_logs_without_the_option_and_a_full_folder_are_refused(
     motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

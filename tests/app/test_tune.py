@@ -67,6 +67,7 @@ def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm: Path
     validation = pytest.importorskip("fmpy.validation")
     run = study.parent / "run"
     assert command("tune", study, "--path", study.parent / "move.csv", "--time", "0.9", "--draws", "0") == 0
+    assert "draws" not in (study.parent / "run" / "tune.html").read_text("utf-8")
     unit, tuned = str(run / "tune" / f"robot_with_move_fmi{version}.fmu"), read_tune(run / "tune.h5")
     assert validation.validate_fmu(unit) == []
     t = tuned.time_s - tuned.time_s[0]

@@ -251,7 +251,7 @@ def options_of_maps_draws_and_fits(desk: Desk) -> None:
 
 @case("use/command/moves.py", "--time for the duration of the move", "--fastest")
 @case("use/command/tune.py", "--error", "--bandwidth", "--time ‹›")
-@case("use/command/replay.py", "--bandwidth", "--rate")
+@case("use/command/replay.py", "--bandwidth", "--rate", "--draws 0")
 @case("app/loops.py", "--rate")
 def options_of_moves(desk: Desk) -> None:
     """A way without times is refused until a time is given, 0 for the shortest; the others are options of tune."""
@@ -259,9 +259,9 @@ def options_of_moves(desk: Desk) -> None:
     path.write_text("1,2\n0,0\n0.4,0.2\n", encoding="utf-8")
     assert "--time for the duration of the move, or --fastest" in refusal(lambda: read_move(path, arm(), "tool"))
     given = parsed("tune", "study.yml", "--path", str(path), "--time", "1.2", "--error", "2", "--bandwidth", "3",
-        "--rate", "1000")  # fmt: skip
+        "--rate", "1000", "--draws", "0")  # fmt: skip
     assert parsed("loops", "study.yml", "--rate", "1000")["rate_hz"] == 1000
-    assert (given["error_mm"], given["bandwidth_hz"], given["rate_hz"]) == (2.0, 3.0, 1000.0)
+    assert (given["error_mm"], given["bandwidth_hz"], given["rate_hz"], given["draws"]) == (2.0, 3.0, 1000.0, 0)
     assert read_move(path, arm(), "tool", given["duration"]).duration == 1.2
     assert parsed("tune", "study.yml", "--path", str(path), "--fastest")["fastest"]
     assert read_move(path, arm(), "tool", 0.0).duration == 0.0

@@ -54,6 +54,13 @@ def test_a_scale_that_no_unit_explains_is_no_doubt() -> None:
     assert doubts((U, Q, LINK), signals() * np.array([1, 1, 1.6])) == []
 
 
+def test_a_ratio_of_another_gear_is_named() -> None:
+    """8 in place of 80: the motor turns ten times as far as the joint."""
+    (doubt,) = channel_doubts((U, Q, LINK), signals() * np.array([0.1, 10, 1]), RATE, ROBOT)
+    assert (doubt.channel, doubt.key) == (2, "scale")
+    assert "check motor.ratio of joint 1 in the robot's file (50)" in doubt.text
+
+
 def test_a_joint_does_not_leave_its_limits() -> None:
     joint = replace(ROBOT.bodies[0].joints[0], limits=Limits(angle=(-2.0, 2.0)))
     robot = replace(ROBOT, bodies=(replace(ROBOT.bodies[0], joints=(joint,)),))

@@ -47,6 +47,11 @@ def test_a_line_of_units_and_german_headings_are_read(name: str, unit: str, expe
     assert (guess.quantity, guess.unit, guess.scale) == expected
 
 
+def test_the_unit_behind_a_name_is_no_part_of_a_place() -> None:
+    assert guess_by_name("acc_a [m/s^2]", None).place == "acc_a"
+    assert guess_by_name("x (left)", None).place == "x left"
+
+
 def test_measured_signals_are_preferred_to_references() -> None:
     assert guess_by_name("iq_adx", None).rank > guess_by_name("iq_refx", None).rank
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +34,24 @@ def test_a_wrong_period_is_found_and_the_right_one_said(
     with pytest.raises(DataError, match=rf"does not repeat with the period of {stated} .* every {found} samples"):
         measured(tmp_path, study_of("log.csv", period_samples=stated))
     assert measured(tmp_path, study_of("log.csv", period_samples=400)).n_periods == 2
+
+
+@pytest.mark.parametrize(("lost", "place"), [(2, 500), (3, 450), (-3, 310)])
+def test_samples_that_are_lost_in_three_periods_are_said(
+    lost: int, place: int, tmp_path: Path, log: dict[str, np.ndarray]
+) -> None:
+    """Without time stamps, early and late; not said of a log that lost none and has another period than is stated."""
+    rows = np.delete(np.arange(600), np.arange(place, place + lost)) if lost > 0 else np.r_[:place, place + lost : 600]
+    save_csv(tmp_path / "log.csv", {name: x[rows] for name, x in log.items()})
+    with pytest.raises(DataError) as refusal:
+        measured(tmp_path, study_of("log.csv", period_samples=200))
+    found = re.search(r"(\d samples are \w+)[^(]* near sample (\d+)", str(refusal.value))
+    assert found is not None, refusal.value
+    assert found[1] == f"{abs(lost)} samples are {'lost' if lost > 0 else 'there'}"
+    assert abs(int(found[2]) - place) < 50
+    save_csv(tmp_path / "log.csv", {name: x[:600] for name, x in log.items()})
+    with pytest.raises(DataError, match="every 200 samples"):
+        measured(tmp_path, study_of("log.csv", period_samples=202))
 
 
 def test_an_excitation_without_a_period_is_refused(tmp_path: Path, log: dict[str, np.ndarray]) -> None:

@@ -209,6 +209,7 @@ def test_the_numbers_of_the_table_are_those_of_the_parameters(tmp_path):
         (lambda d: d.update(convention="craig"), r"convention: expected one of standard, modified"),
         (lambda d: d.update(payload={"mass": 1, "at": "hand"}), r"it is at hand, which is no frame and no body"),
         (lambda d: d.update(frames=[{"name": "tool", "body": "6"}]), r"frame tool is given twice"),
+        (lambda d: d["links"][0].update(alpha=-90), "alpha is -90 rad, more than a turn; write '-90 deg'"),
         (lambda d: d["links"][0]["joint"].update(spring={"stiffness": "1e6 N/m"}), "but joint 1 is a rotation"),
     ],
 )

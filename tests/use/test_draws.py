@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
+import pytest
 from plants.predicted_arm import STD, result
 
 from elastid.export.draws import write_draws
@@ -40,3 +41,16 @@ def test_the_same_seed_gives_the_same_robots_and_what_nothing_reaches_is_held() 
     assert draws.held == (own.parameters.free_names[0],)
     assert np.ptp(draws.values[:, draws.names.index(draws.held[0])]) == 0
     np.testing.assert_array_equal(draws.values, draw_robots(replace(own, covariance=C), 5, seed=1).values)
+
+
+def test_no_draw_is_beyond_the_bounds_that_the_fit_searched() -> None:
+    """A damping of which nearly nothing is known, at its lower bound: as small, or larger up to the upper one."""
+    own = result()
+    C, i = own.covariance.copy(), own.parameters.free_names.index("d_1")
+    C[i], C[:, i] = 0.0, 0.0
+    C[i, i] = 20.0**2
+    p = own.parameters["d_1"]
+    draws = draw_robots(replace(own, covariance=C), 200, seed=1)
+    values = draws.values[:, draws.names.index("d_1")]
+    assert values.min() == pytest.approx(p.lower)
+    assert values.max() == pytest.approx(p.upper)

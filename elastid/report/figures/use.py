@@ -151,5 +151,9 @@ def move_figure(tuned: TunedMove) -> Figure:
         torque.axhline(end, color=style.TRUTH, lw=0.8, ls="--")
     for panel in axes:
         panel.axvspan(0.0, tuned.duration, color=style.SHADE, zorder=0, lw=0)
-    style.label(torque, x="time in s", y="torque over its limit")
+    style.label(
+        torque,
+        x="time in s",
+        y="torque over its limit" if np.isfinite(limits).all() else "torque over limit or largest",
+    )
     return style.finish(figure, f"{tuned.name}: a move of {tuned.duration:.4g} s", axes, axes, 0.0)

@@ -220,14 +220,20 @@ def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: 
         if not own:
             continue
         x = [robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in own]
-        looks = {"ms": 2.5, "elinewidth": 0.9, "color": style.FITTED if is_marked else style.TOTAL}
+        looks = {
+            "ms": 2.5 if len(robots) > 12 else 5,
+            "elinewidth": 0.9,
+            "color": style.FITTED if is_marked else style.TOTAL,
+        }
         text = "differs or drifts" if is_marked else "robot, dates from left to right"
         y, std = np.array([(value.value, value.std) for value in own]).T
         style.plot_intervals(axes, np.array(x), y, std, **looks, label=text)
     names_fit = len(robots) <= 40
     if names_fit:
-        style.set_names(axes.xaxis, robots, rotation=90)
-    style.label(axes, "" if names_fit else "robot", f"{style.plain(name)} in {style.pretty_unit(unit)}")
+        style.set_names(axes.xaxis, robots, rotation=90 if len(robots) > 12 else 0)
+    axes.ticklabel_format(axis="y", useOffset=False)
+    of_unit = f" in {style.pretty_unit(unit)}" if unit else ""
+    style.label(axes, "" if names_fit else "robot", f"{style.plain(name)}{of_unit}")
     return style.finish(figure, f"{name} over the fleet", [axes], [axes])
 
 

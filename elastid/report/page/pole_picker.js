@@ -22,7 +22,7 @@
     svg(frame, "title", {}, `Poles by frequency (${row.unit}) and order; a click takes a pole or gives it back`);
     const curve = row.level.map((share, i) => `${i ? "L" : "M"}${px(row.at[i]).toFixed(1)} ${py(share).toFixed(1)}`);
     svg(frame, "path", { d: curve.join(""), fill: "none", stroke: data.colors.weak });
-    const text = svg(frame, "g", { "font-size": 12, fill: "#555", "text-anchor": "middle" });
+    const text = svg(frame, "g", { "font-size": 12, fill: "var(--weak)", "text-anchor": "middle" });
     for (let i = 0; i <= 8; i++) {
       const f = low + (i * (high - low)) / 8;
       svg(text, "text", { x: px(f), y: HEIGHT - 22 }, String(Number(f.toPrecision(3))));

@@ -108,7 +108,13 @@ class TwinLoop:
         try:
             moved = simulate(self.loop, self.gains, commands, rest, theta=theta)
         except DataError as error:
-            raise DataError(f"{error}; lower --bandwidth, or raise --rate") from error
+            advice = "lower --bandwidth, or raise --rate"
+            if robot is not None:
+                advice = (
+                    "this is a robot drawn from the fit, whose intervals hold robots that no loop moves: fix or leave "
+                    "out what is at a bound or hardly known, or give --draws 0"
+                )
+            raise DataError(f"{error}; {advice}") from error
         return moved.q, moved.u
 
     def error(self, q: FloatArray, target: FloatArray) -> FloatArray:

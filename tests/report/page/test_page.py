@@ -319,7 +319,10 @@ def test_the_page_has_a_table_of_modification_indices():
 def test_values_are_in_the_column_of_their_robot_and_findings_apart() -> None:
     """Two dates of each robot lie left and right of its name."""
     values = [FleetValue(robot, day, "k_1", i + day, 0.1) for i, robot in enumerate("AB") for day in (0.0, 1.0)]
-    points = bars_of(fleet_parameter("k_1", "N*m/rad", values, {"B"}).axes[0])
+    axes = fleet_parameter("k_1", "N*m/rad", values, {"B"}).axes[0]
+    assert [label.get_rotation() for label in axes.get_xticklabels()] == [0, 0]  # names of few robots are read across
+    assert fleet_parameter("a_1", "", values, ()).axes[0].get_ylabel() == "a_1"
+    points = bars_of(axes)
     np.testing.assert_allclose(points["robot, dates from left to right"], ((-0.15, 0.15), (0.0, 1.0)))
     np.testing.assert_allclose(points["differs or drifts"], ((0.85, 1.15), (1.0, 2.0)))
 

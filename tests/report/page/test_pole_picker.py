@@ -35,6 +35,7 @@ def test_the_page_has_the_poles_of_all_orders_and_takes_the_modes(content: Respo
     assert min(row["freq"]) >= FREQ_HZ[0]
     assert max(row["freq"]) <= FREQ_HZ[-1]
     assert not row["has_section"]
+    assert 'fill: "#' not in text  # labels have colours of the scheme, light and dark
 
 
 @pytest.mark.slow

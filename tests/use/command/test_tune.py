@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plants.commanded_arm import END, START, given, move
@@ -31,6 +33,15 @@ def test_the_shortest_time_is_that_in_which_the_error_is_just_kept() -> None:
     tuned = tune_move(given(torque=420.0, draws=0), move(0.0), "arm")
     assert tuned.planned.max() <= 1e-3
     assert tune_move(given(torque=420.0, draws=0), move(0.95 * tuned.duration), "arm").planned.max() > 1e-3
+
+
+def test_a_draw_that_no_loop_moves_is_named_as_one() -> None:
+    """A damping a hundred thousand times the estimate, of a fit that knows nothing of it."""
+    asked = given(draws=1)
+    (robot,) = asked.draws
+    stiff = robot.with_parameters({"d_1": 1e5 * robot.parameters()["d_1"][0]})
+    with pytest.raises(DataError, match=r"is lost .*; this is a robot drawn from the fit, .* or give --draws 0"):
+        tune_move(replace(asked, draws=(stiff,)), move(1.0), "arm")
 
 
 def test_an_end_that_gravity_does_not_let_be_held_is_named() -> None:
