@@ -96,7 +96,7 @@ def _continued(s: ComplexArray, A: ComplexArray) -> FloatArray:
 
 
 def _with_poles(x: ComplexArray, A: ComplexArray, has_spring: bool) -> tuple[FloatArray, float]:
-    """a, b, c, e, alpha, beta (6,) of an accelerance A (F,) at s = x, e being 0 without a spring; RMS of what is left."""
+    """a, b, c, e, alpha, beta (6,) of an accelerance A (F,) at s = x, and the RMS left; e is 0 without a spring."""
     weight = np.ones(len(x))
     numbers = np.array([0, 1, 2, 3, 4, 5] if has_spring else [0, 1, 2, 4, 5])
     columns = np.stack([x**2, x, np.ones_like(x), x**-2, -A * x, -A])[numbers]
