@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -66,14 +66,14 @@ def find_friction(
     survey = _survey(measured, spec, planned, execution)
     if isinstance(survey, FrictionTakenOut):
         return survey
-    raw = normal_equations(survey.data, np.zeros(len(survey.choice.shapes)), survey.choice.motor_of)
     levels, equations = find_levels(survey.data, survey.choice.motor_of, survey.choice.taken)
     inertial = upper_accelerance(survey.data, levels, survey.choice.motor_of, spec.quantity)
-    result = _result(survey, survey.choice, levels, inertial, raw, equations)
+    result = _result(survey, survey.choice, levels, inertial, equations)
     result = with_inertial_accelerance(result, survey.last, execution)
     found = _Found(result, survey.choice, levels, survey.data)
     for number in range(_PASSES if len(survey.choice.taken) else 0):
-        further = _along_its_motion(found, survey, measured, spec, planned, raw, execution)
+        gather = partial(gather_configuration, spec=spec, planned=planned, noise=number > 0)
+        further = _along_its_motion(found, survey, spec, gather, measured, execution)
         if number and not further.explains_more_than(found):
             break
         is_settled, found = further.agrees_with(found), further
@@ -106,23 +106,24 @@ class _Found:
 def _along_its_motion(
     found: _Found,
     survey: _Survey,
-    measured: Sequence[Iterable[Record]],
     spec: EstimatorSpec,
-    planned: IntArray | None,
-    raw: NormalEquations,
+    gather: Callable[..., ConfigurationSpectra],
+    measured: Sequence[Iterable[Record]],
     execution: Execution,
 ) -> _Found:
-    """Friction along the motion under friction as it was found before; without the notes on its dependence."""
+    """Friction along the motion under friction as it was found before; without the notes on its dependence.
+
+    gather: `gather_configuration`, of each configuration.
+    """
     choice = refined(found.choice, found.levels, survey.first.inputs)
-    gather = partial(gather_configuration, shapes=choice.shapes, spec=spec, planned=planned, friction=found.result)
-    data = execution.ordered(gather, measured)
+    data = execution.ordered(partial(gather, shapes=choice.shapes, friction=found.result), measured)
     levels, _ = find_levels(data, choice.motor_of, choice.taken)
     choice, kept = narrowed(choice, levels)
     data = [spectra.with_shapes(kept, np.zeros(len(kept))) for spectra in data]
     levels, equations = find_levels(data, choice.motor_of, choice.taken)
     accelerance, above = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
     inertial = np.where(accelerance > 0, accelerance, found.result.accelerance), above
-    result = _result(survey, choice, levels, inertial, raw, equations)
+    result = _result(survey, choice, levels, inertial, equations)
     return _Found(with_inertial_accelerance(result, survey.last, execution), choice, levels, data)
 
 
@@ -139,6 +140,11 @@ class _Survey:
     data: Sequence[ConfigurationSpectra]
     choice: Choice
     limits: tuple[Note, ...]
+
+    @cached_property
+    def before(self) -> FloatArray:
+        """Amplitude (C, n_m) of the torque that no response explains, with friction in it."""
+        return normal_equations(self.data, np.zeros(len(self.choice.shapes)), self.choice.motor_of).level
 
 
 @dataclass(frozen=True)
@@ -224,7 +230,6 @@ def _result(
     choice: Choice,
     levels: FloatArray,
     inertial: tuple[FloatArray, FloatArray],
-    raw: NormalEquations,
     equations: NormalEquations,
 ) -> FrictionTakenOut:
     first = survey.first
@@ -237,7 +242,7 @@ def _result(
         levels=levels,
         covariance=covariance(equations, choice.taken) + choice.covariance + by_unknown_shapes(choice, levels),
         configurations=survey.names,
-        before=raw.level,
+        before=survey.before,
         after=equations.level,
         kept_share=np.where(np.isin(np.arange(len(first.inputs)), choice.motor_of), left, choice.kept_share),
         accelerance=accelerance,

@@ -80,32 +80,33 @@ class Shape:
 
 
 def amplitudes(
-    record: Record, motion: Motion, shapes: Sequence[Shape], periods: IntArray, lines: IntArray
+    record: Record, motion: Motion, shapes: Sequence[Shape], weights: FloatArray, lines: IntArray
 ) -> ComplexArray:
-    """Amplitudes (n_f, F) of the shapes of a motor at lines (F,), in the mean over some repetitions of a record."""
-    dft, N = np.zeros((len(shapes), len(lines)), complex), record.period_samples
+    """Amplitudes (n, n_f, F) of the shapes of a motor at lines (F,), of sums of its repetitions by weights (n, P)."""
+    dft, N = np.zeros((len(weights), len(shapes), len(lines)), complex), record.period_samples
     states = _states(record, motion, [shape for shape in shapes if not shape.is_memoryless])
-    for shape, of_shape in zip(shapes, dft, strict=True):
+    for i, shape in enumerate(shapes):
         if shape.is_memoryless:
             mu = friction_moments(record, motion, [(shape, 1.0)]).mu
-            mean = Moments(_mean_period(record, mu, periods), motion.cells)
+            sums = [Moments(_weighted_period(record, mu, w), motion.cells) for w in weights]
         else:
             s = next(states) / (2 * shape.threshold)
-            ends = [_mean_period(record, x[None], periods).reshape(N, motion.cells) for x in (s[:-1], s[1:])]
-            mean = Moments.of_means(ends[0] + ends[1])
-        of_shape[:] = mean.spectrum(int(lines.max()) + 1)[lines]
+            # A mean over a cell is by both of its ends.
+            ends = np.stack([s[:-1], s[1:]])
+            means = [_weighted_period(record, ends, w).sum(axis=0).reshape(N, motion.cells) for w in weights]
+            sums = [Moments.of_means(of_cells) for of_cells in means]
+        dft[:, i] = [moments.spectrum(int(lines.max()) + 1)[lines] for moments in sums]
         if shape.is_rate:
-            of_shape *= 2j * np.pi * record.rate_hz / N * shape.threshold * lines
+            dft[:, i] *= 2j * np.pi * record.rate_hz / N * shape.threshold * lines
     return np.asarray(dft * (2 / N))
 
 
-def _mean_period(record: Record, x: FloatArray, periods: IntArray) -> FloatArray:
-    """The mean period (k, m) of signals (k, n) over some repetitions of a record."""
+def _weighted_period(record: Record, x: FloatArray, weights: FloatArray) -> FloatArray:
+    """The period (k, m) that is the sum of the repetitions of signals (k, n), each by its weight."""
     repetitions = x.reshape(len(x), whole_samples(record) // record.repeat_samples, -1)
-    if not record.half_wave:
-        return np.asarray(sum(repetitions[:, p] for p in periods) / len(periods))
-    half = sum((-1.0) ** p * repetitions[:, p] for p in periods) / len(periods)
-    return np.concatenate([half, -half], axis=1)
+    signs = np.where(record.half_wave & (np.arange(len(weights)) % 2 == 1), -1.0, 1.0)
+    period = np.tensordot(signs * weights, repetitions, axes=(0, 1))
+    return np.concatenate([period, -period], axis=1) if record.half_wave else period
 
 
 def friction_moments(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> Moments:

@@ -28,12 +28,14 @@ class Net:
     """Remainder of a configuration after the net torques: residuals e (F, n_m, K) in Nm and shapes X (F, n_f, K).
 
     e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
-    experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  counts (F,): lines that
-    constrain f.
+    experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  e_noise, X_noise: a draw
+    of their noise.  counts (F,): lines that constrain f.
     """
 
     e: ComplexArray
     X: ComplexArray
+    e_noise: ComplexArray
+    X_noise: ComplexArray
     counts: BoolArray
 
 
@@ -41,6 +43,8 @@ class Net:
 class ConfigurationSpectra:
     """Amplitudes of K experiments at F lines: U (F, n_m, K), Y (F, n_m, K) of the same motors, Phi (F, n_f, K).
 
+    U_noise, Y_noise, Phi_noise: a draw of the noise of these means, by the difference between the periods of even and
+    odd number; 0 of a single period.
     excited (F,): where G = Y / U is found; at the other lines G is interpolated.  realisation (K,): of each experiment.
     freq_hz (F,).  mean_torque (n_m,): of U over all samples, which holds the robot up.  n_excited: excited lines of the
     records, some of which are left out where they are many.
@@ -52,6 +56,9 @@ class ConfigurationSpectra:
     U: ComplexArray
     Y: ComplexArray
     Phi: ComplexArray
+    U_noise: ComplexArray
+    Y_noise: ComplexArray
+    Phi_noise: ComplexArray
     realisation: IntArray
     mean_torque: FloatArray
     n_excited: int
@@ -76,9 +83,12 @@ class ConfigurationSpectra:
     def with_shapes(self, chosen: IntArray, rates: FloatArray) -> ConfigurationSpectra:
         """The same with some of its shapes (n,), and then the rates of some of these: rates (n,) is their threshold D,
         0 without."""
-        Phi = self.Phi[:, chosen]
-        of_rates = 2j * np.pi * self.freq_hz[:, None, None] * rates[:, None] * Phi
-        return replace(self, Phi=np.concatenate([Phi, of_rates[:, rates > 0]], axis=1))
+        omega = 2j * np.pi * self.freq_hz[:, None, None]
+        Phi, Phi_noise = (
+            np.concatenate([shapes, (omega * rates[:, None] * shapes)[:, rates > 0]], axis=1)
+            for shapes in (self.Phi[:, chosen], self.Phi_noise[:, chosen])
+        )
+        return replace(self, Phi=Phi, Phi_noise=Phi_noise)
 
     def nonlinear_share(self) -> FloatArray:
         """The share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
@@ -99,14 +109,16 @@ class ConfigurationSpectra:
         net = self.U - friction
         pseudo = np.linalg.pinv(net[on], rcond=_MIN_SINGULAR)
         G = self.Y[on] @ pseudo
-        e = self.U - np.linalg.solve(interpolated(self.lines, self.lines[on], G), self.Y)
-        X = self.Phi.copy()
+        everywhere = interpolated(self.lines, self.lines[on], G)
+        e = self.U - np.linalg.solve(everywhere, self.Y)
+        e_noise = self.U_noise - np.linalg.solve(everywhere, self.Y_noise)
+        X, X_noise = self.Phi.copy(), self.Phi_noise.copy()
         # The span of the net torques is that of Y, too, as far as G maps one onto the other.
-        e[on] -= (e[on] @ pseudo) @ net[on]
-        X[on] -= (X[on] @ pseudo) @ net[on]
+        for signal in (e, X, e_noise, X_noise):
+            signal[on] -= (signal[on] @ pseudo) @ net[on]
         counts = on & (self.U.shape[2] > self.U.shape[1])
         counts[~on] = _smooth(self.lines[~on], self.lines[on], G)
-        return Net(e, X, counts)
+        return Net(e, X, e_noise, X_noise, counts)
 
 
 def gather_configuration(
@@ -115,10 +127,12 @@ def gather_configuration(
     spec: EstimatorSpec,
     planned: IntArray | None,
     friction: FrictionTakenOut | None = None,
+    noise: bool = False,
 ) -> ConfigurationSpectra:
     """Mean spectra over the periods that can be trusted, of the records of one configuration, one record at a time.
 
-    friction: under which motors turn back between their samples; None as long as none was found.
+    friction: under which motors turn back between their samples; None as long as none was found.  noise: with that of
+    the means, where it lowers the levels; else 0.
     Raises DataError and StudyError as `analysed_lines` does.
     """
     records = tuple(log for record in measured for log in single_logs(record))
@@ -129,30 +143,51 @@ def gather_configuration(
     lines = np.union1d(_some(excited), _some(np.setdiff1d(everywhere, excited)))
     is_excited = np.isin(lines, excited)
     columns = [first.outputs.index(place) for place in first.inputs]
-    U, Y, Phi = [], [], []
+    U, Y, Phi = list[ComplexArray](), list[ComplexArray](), list[ComplexArray]()
     places = tuple(dict.fromkeys(shape.place for shape in shapes))
     for logged in spectra:
         used_spectra, motions = _with_motions(logged, places, friction)
         periods = period_spectra(used_spectra, lines, spec.quantity)
         trusted_periods = trusted(periods.on(is_excited), spec).periods if len(periods.periods) > 1 else periods.periods
         used = periods.only(trusted_periods)
-        Y.append(used.Y.mean(axis=0)[:, columns])
-        U.append(used.U.mean(axis=0))
         # A last half period without its other half is no part of the motion.
-        complete = trusted_periods[
-            trusted_periods < used_spectra.record.n_periods * first.period_samples // first.repeat_samples
-        ]
-        Phi.append(np.zeros((len(lines), len(shapes)), complex))
+        repeats = used_spectra.record.n_periods * first.period_samples // first.repeat_samples
+        weights = _mean_and_noise(used.periods, repeats if noise else 0)
+        Y.append(np.tensordot(weights, used.Y[..., columns], axes=1))
+        U.append(np.tensordot(weights, used.U, axes=1))
+        Phi.append(np.zeros((2, len(lines), len(shapes)), complex))
+        of_repeats = np.zeros((2, repeats))
+        complete = used.periods < repeats
+        of_repeats[:, used.periods[complete]] = weights[:, complete]
+        of_repeats[0] /= of_repeats[0].sum()
         for place, motion in motions.items():
             own = [i for i, shape in enumerate(shapes) if shape.place == place]
-            Phi[-1][:, own] = amplitudes(used_spectra.record, motion, [shapes[i] for i in own], complete, lines).T
+            sums = of_repeats if noise else of_repeats[:1]
+            of_place = amplitudes(used_spectra.record, motion, [shapes[i] for i in own], sums, lines)
+            Phi[-1][: len(sums), :, own] = of_place.swapaxes(1, 2)
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     realisation = np.array([record.realisation for record in records])
     mean_torque = np.mean([record.u.mean(axis=0) for record in records], axis=0)
-    torques, angles, of_shapes = (np.stack(part, axis=2) for part in (U, Y, Phi))
+    (torques, U_noise), (angles, Y_noise), (of_shapes, Phi_noise) = (np.stack(part, axis=3) for part in (U, Y, Phi))
     return ConfigurationSpectra(
-        lines, freq_hz, is_excited, torques, angles, of_shapes, realisation, mean_torque, len(excited)
-    )
+        lines, freq_hz, is_excited, torques, angles, of_shapes, U_noise, Y_noise, Phi_noise, realisation, mean_torque,
+        len(excited),
+    )  # fmt: skip
+
+
+def _mean_and_noise(periods: IntArray, repeats: int) -> FloatArray:
+    """Weights (2, P) of periods, by number, whose sums are their mean, and a signal with the noise of the mean.
+
+    The second is the difference between the means of even and odd ones, times the root of their share; of those below
+    `repeats` alone, and 0 where there is one.
+    """
+    even, complete = np.arange(len(periods)) % 2 == 0, periods < repeats
+    n_a, n_b = int(np.sum(even & complete)), int(np.sum(~even & complete))
+    noise = np.zeros(len(periods))
+    if n_a and n_b:
+        size = np.sqrt(n_a * n_b) / (n_a + n_b)
+        noise = np.where(complete, size * np.where(even, 1 / n_a, -1 / n_b), 0.0)
+    return np.stack([np.full(len(periods), 1 / len(periods)), noise])
 
 
 def _with_motions(

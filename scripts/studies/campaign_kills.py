@@ -116,7 +116,9 @@ class Kind:
             shutil.copytree(self.undisturbed, run)
             for name in self.stages[what].leaves:
                 path = run / name
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
+                shutil.rmtree(path) if path.is_dir() else path.unlink(
+                    missing_ok=True
+                )  # a stage that the study does not have
 
     def length_s(self, what: str, run: Path) -> float:
         """How long a run takes that has this to do."""

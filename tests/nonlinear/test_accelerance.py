@@ -27,7 +27,9 @@ def excited_to_60_hz(k_hz: float, *resonances_hz: float) -> ConfigurationSpectra
     G = -accelerance(lines, k_hz, resonances_hz) / (2 * np.pi * lines) ** 2
     U = np.exp(2j * np.pi * np.random.default_rng(1).random((len(lines), 1, 2)))
     Y, Phi, of_all = G[:, None, None] * U, np.zeros((len(lines), 0, 2)) + 0j, np.ones(len(lines), dtype=bool)
-    return ConfigurationSpectra(lines, lines.astype(float), of_all, U, Y, Phi, np.array([0, 1]), np.zeros(1), 56)
+    quiet = 0 * U, 0 * Y, 0 * Phi
+    at_rest = np.array([0, 1]), np.zeros(1), 56
+    return ConfigurationSpectra(lines, lines.astype(float), of_all, U, Y, Phi, *quiet, *at_rest)
 
 
 @pytest.mark.parametrize("resonances_hz", [(), (45.0,), (63.0,)])
