@@ -45,7 +45,7 @@ def same_code(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work, "code_hash", lambda: 64 * "0")
 
 
-@pytest.mark.parametrize("kind", [".py", ".c", ".h", ".j2", ".js", ".css", ".yml", ".typed", ""])
+@pytest.mark.parametrize("kind", [".py", ".pyi", ".c", ".h", ".m", ".j2", ".js", ".css", ".yml", ".txt", ".typed", ""])
 def test_a_byte_of_any_packaged_file_changes_the_hash_of_the_code(tmp_path: Path, kind: str) -> None:
     """Kernels, pages, templates and data as much as Python; what Python itself leaves there counts nothing."""
     root = Path(shutil.copytree(PACKAGE, tmp_path / "elastid", ignore=shutil.ignore_patterns("__pycache__")))

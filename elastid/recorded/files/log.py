@@ -24,6 +24,9 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 
+# Values that are in memory at a time.
+_BLOCK_VALUES = 1 << 20
+
 
 class Log(Protocol):
     """An open log file."""
@@ -60,7 +63,7 @@ class StoredArray:
         if self.rows is None or len(self.shape) == 0:
             yield self.read()
             return
-        n = max(1, (1 << 20) * self.shape[0] // max(1, math.prod(self.shape)))  # values in memory at a time
+        n = max(1, _BLOCK_VALUES * self.shape[0] // max(1, math.prod(self.shape)))
         for start in range(0, self.shape[0], n):
             yield self.rows(slice(start, start + n))
 
