@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.modal.basis import unstacked
 from elastid.modal.model import ModalFit
 
@@ -30,8 +30,7 @@ class SelectionLimits:
     half_widths: float = 3.0  # likewise
     max_poles: int = 60
     new_share: float = 1e-4  # of a candidate's columns that must be new to the model
-    batch_half_widths: float = 6.0  # between candidates that are taken, or left out, together
-    batch: int = 4  # poles that noise has in any record, left out together at least
+    batch_half_widths: float = 6.0  # between candidates that are taken together
 
 
 LIMITS = SelectionLimits()
@@ -132,37 +131,29 @@ def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) ->
         good = chance < LIMITS.records_with_false_modes
         if not good.any():
             break
-        candidates = candidates[good]
-        taken = _apart(candidates, np.argsort(-drop[good].sum(axis=1)))
-        fit = ModalFit(fit.data, np.concatenate([fit.poles, candidates[taken]])).refined(6, 1e-1)
-        candidates = np.delete(candidates, taken)
+        candidates, drop = candidates[good], drop[good].sum(axis=1)
+        taken: list[complex] = []
+        for i in np.argsort(-drop):
+            pole = candidates[i]
+            gap = LIMITS.batch_half_widths
+            # Weak ones next to strong ones may be errors of these, and wait until they are refined.
+            if all(abs(pole.imag - other.imag) > gap * max(-pole.real, -other.real) for other in taken):
+                taken.append(pole)
+            if len(taken) >= max(1, len(drop) // 4):
+                break
+        candidates = np.array([pole for pole in candidates if pole not in taken], complex)
+        fit = ModalFit(fit.data, np.concatenate([fit.poles, np.array(taken)])).refined(6, 1e-1)
     return fit.refined()
-
-
-def _apart(poles: ComplexArray, order: IntArray, least: int = 1) -> list[int]:
-    """The first of some poles in an order that are far from each other: a quarter of all, or so many at least."""
-    taken: list[int] = []
-    for i in order.tolist():
-        # Weak ones next to strong ones may be errors of these, and wait until they are refined.
-        gap = LIMITS.batch_half_widths * np.maximum(-poles[i].real, -poles[taken].real)
-        if np.all(np.abs(poles[i].imag - poles[taken].imag) > gap):
-            taken.append(i)
-        if len(taken) >= max(least, len(order) // 4):
-            break
-    return taken
 
 
 def eliminated(fit: ModalFit, correlated_lines: float) -> ModalFit:
     """The model without the poles that noise has by chance, the likeliest first."""
     while len(fit.poles):
         chance = p_values(fit, correlated_lines)
-        failing = np.flatnonzero(chance >= LIMITS.records_with_false_modes)
-        if not len(failing):
+        worst = int(np.argmax(chance))
+        if chance[worst] < LIMITS.records_with_false_modes:
             break
-        order = failing[np.argsort(-chance[failing])]
-        hopeless = order[chance[order] >= 1]
-        worst = _apart(fit.poles, hopeless, LIMITS.batch) if len(hopeless) else order[:1]
-        fit = ModalFit(fit.data, np.delete(fit.poles, worst)).refined(8, 1e-2)
+        fit = fit.without(worst).refined(8, 1e-2)
     return fit.refined(30, 1e-4)
 
 
