@@ -233,7 +233,15 @@ def carry_out(run: Run, name: str) -> None:
     """Hand a stage its values, write its files, and report; its error, if it failed, once all are written."""
     stage = run.stages[name]
     artefacts = resolve_name(stage.function)(**run.handed(name))
-    for result in run.overwritten(name).values():
+    own = run.path(name)
+    replaced = list(run.overwritten(name).values())
+    if artefacts.error is not None and own.name not in artefacts.files:
+        # What an interrupted stage leaves does not stand beside an older result, which would be kept with it.
+        if run.is_current(name):
+            artefacts.report(run.console)
+            raise artefacts.error
+        replaced.append(own)
+    for result in replaced:
         result.unlink(missing_ok=True)
     for later in stage.outdates:
         if not run.is_current(later):  # of another result; no program is to read it next to this one's

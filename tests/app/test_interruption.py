@@ -210,3 +210,16 @@ def test_finished_work_is_not_done_again() -> None:
     assert in_order(execution.resumed(square, items, names)) == [i**2 for i in items]
     assert worked == items
     assert counted == [(n, 8) for n in range(3, 9)]
+
+
+@pytest.mark.slow
+def test_an_interrupted_fit_stands_beside_no_result_of_another(whole: Path, unfitted: Path, tmp_path: Path) -> None:
+    """One without its summary goes, and a result that is current stays as it was, with its summary."""
+    shutil.copy(whole / "run" / "fit.h5", unfitted)
+    command = elastid("fit", str(whole / "study.yml"), "--jobs", "1")
+    stopped([*command, "--run", str(unfitted)], unfitted / "fit.partial", "start-*.json", signal.SIGINT)
+    assert not (unfitted / "fit.h5").exists()
+    current = Path(shutil.copytree(whole / "run", tmp_path / "current"))
+    stopped([*command, "--run", str(current)], current / "fit.partial", "start-*.json", signal.SIGINT)
+    for name in ("fit.h5", "summary.json"):
+        assert (current / name).read_bytes() == (whole / "run" / name).read_bytes()
