@@ -116,9 +116,8 @@ class Kind:
             shutil.copytree(self.undisturbed, run)
             for name in self.stages[what].leaves:
                 path = run / name
-                shutil.rmtree(path) if path.is_dir() else path.unlink(
-                    missing_ok=True
-                )  # a stage that the study does not have
+                # A stage that the study does not have leaves nothing.
+                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 
     def length_s(self, what: str, run: Path) -> float:
         """How long a run takes that has this to do."""

@@ -12,8 +12,8 @@ intervals of k and d that hold the truth. 93 to 97 % of all must hold, three sta
 The last line is one JSON object.
 
 With --sets 4: 92.2 +- 1.9 % of 128 intervals hold; with 2^22 counts no k or d is more than 2.4 of its stated deviations
-off. With 2^13 counts and Coulomb friction of 0.3, F_c is within 1 to 5 % of the truth, where one pass along the
-motion left it up to 17 % too small, and k is 0.3 to 1.8 of its deviations low in the mean of four sets, 3.2 at most.
+off. With 2^13 counts and Coulomb friction of 0.3, k is 0.3 to 1.8 of its deviations low in the mean of four sets, 3.2
+at most.
 """
 
 from __future__ import annotations
