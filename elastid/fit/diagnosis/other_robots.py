@@ -25,11 +25,9 @@ from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.scoring import at_file, score
 from elastid.fit.diagnosis.swinging_part import find_swinging_part
-from elastid.fit.parameter_choice import choose
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
-from elastid.fit.tolerances import with_tolerances
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, ParameterSet, Prior
 from elastid.robot import Payload, Robot
 
 Variant: TypeAlias = tuple[ModificationIndex, Assembly]
@@ -45,7 +43,12 @@ class Limits:
     cost_ratio: float = 1.1  # of V, below which those mounted otherwise cannot be distinguished
     left: float = 1e-3  # of a payload that is not carried
     iterations: int = 30  # of each fit
-    rounds: int = 3  # in which a load is found
+    rounds: int = 5  # of linearisations, in which a load is found
+    settled: float = 0.99  # of V of the round before, from which on there is no further one
+    load_radius: float = 0.1  # of gyration of a load at the start, m
+    mass_std: float = 1.0  # of the logarithm of its mass about its linear step
+    inertia_std: float = 1.5  # of that of its inertia about the start
+    place_std: float = 0.5  # m
     residuals: int = 2_000  # of a study that is read otherwise
     enough: float = 0.5  # of V as read, below which a fit needs no further start
 
@@ -75,39 +78,29 @@ def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scor
 
 
 def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """By a load on the body where it explains most, found in some steps: resonances move farther than they are wide."""
-    now, scores_now, body, mass, place = evidence, scores, "", 0.0, np.zeros(3)
-    if evidence.assembly.linearisation.model.robot.payload is not None:
+    """By a load on the body where it explains most, fitted from there with its mass, place and inertia free.
+
+    Resonances move farther with it than they are wide, so that its linear step is only a start.
+    """
+    loads = _loads(scores)
+    body = max(loads, key=lambda name: loads[name].drop, default="")
+    if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
         return []
-    lowest = math.inf, mass, place, now
-    for _ in range(LIMITS.rounds):
-        on = {name: load for name, load in _loads(scores_now).items() if body in ("", name)}
-        best = max(on, key=lambda name: on[name].drop, default="")
-        if not best or not mass + on[best].mass > 0:
-            break
-        further, centre = on[best], _centre(scores_now, best)
-        total = mass + further.mass
-        there = (mass * place + further.mass * (centre + further.place)) / total
-        loaded = _carrying(now, evidence, best, total, there)
-        if loaded is None:
-            break
-        now, body, mass, place, scores_now = loaded, best, total, there, score(loaded)
-        lowest = min(lowest, (now.optimum.end.cost, mass, place, now), key=lambda each: each[0])
-    if not lowest[0] < scores.cost:
+    mass, place = loads[body].mass, _centre(scores, body) + loads[body].place
+    loaded = _carrying(evidence, body, mass, place)
+    if loaded is None or not loaded[0] < scores.cost:
         return []
-    _, mass, place, now = lowest
+    cost, p, x = loaded
     candidate = next(c for c in scores.candidates if c.name == f"payload_{body}")
     members = [scores.test.numbers[i] for i in candidate.places]
-    p = np.array([mass, *(place - _centre(scores, body))])
+    p[1:] -= _centre(scores, body)
     index = ModificationIndex(
         name=candidate.name, group="payload", members=tuple(n.name for n in members),
         values=np.array([n.value for n in members]), units=tuple(n.unit for n in members),
         log=tuple(n.log for n in members), steps=steps_of(members, p), std=math.nan, drop=0.0, share=0.0,
         effects=np.zeros(0),
     )  # fmt: skip
-    asked = len(evidence.result.parameters.asked)  # first in every x
-    x = np.append(now.result.x[:asked], evidence.result.x[asked:])
-    return [_against(index, now.optimum.end.cost, x, evidence, scores)]
+    return [_against(index, cost, x, evidence, scores)]
 
 
 def _loads(scores: Scores) -> dict[str, Load]:
@@ -123,26 +116,40 @@ def _centre(scores: Scores, body: str) -> FloatArray:
     return np.array([value.get(f"c_{body}_{axis}", 0.0) for axis in "xyz"])
 
 
-def _carrying(now: Evidence, file: Evidence, body: str, mass: float, place: FloatArray) -> Evidence | None:
-    """The fit with a point mass (kg) at a place (3,) in the axes of a body, from where it is now."""
-    own, criterion = file.assembly, file.assembly.spec.criterion
-    robot = replace(own.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), 0.0, body))
-    chosen = choose(own.spec, robot, [G.configuration.name for G in own.responses])
-    parameters = with_tolerances(chosen, robot, own.spec)
-    known = dict(zip(now.result.parameters.free_names, now.result.x.tolist(), strict=True))
-    x = np.array([p.to_x(p.value) if p.tolerated else known[p.name] for p in parameters.free])
+def _carrying(
+    evidence: Evidence, body: str, mass: float, place: FloatArray
+) -> tuple[float, FloatArray, FloatArray] | None:
+    """V, mass (kg) and place (m) of a load (4,) in the axes of a body, and x (n_x,) of the fit with it from a start."""
+    own, criterion = evidence.assembly, evidence.assembly.spec.criterion
+    inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
+    robot = replace(own.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
+    numbers = (
+        Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.mass_std)),
+        *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.place_std))
+          for n, v in zip(names, place, strict=True)),
+        Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.inertia_std)),
+    )  # fmt: skip
+    file, known = own.parameters, dict(zip(own.parameters.free_names, evidence.result.x.tolist(), strict=True))
+    every = {p.name: p for p in (*file, *numbers)}
+    in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
+    parameters = ParameterSet((*in_order, *every.values()))
+    asked = {p.name for p in file.free if not p.tolerated}
+    x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
+    cost = math.inf
     try:
         assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
-        for _ in range(2):
-            x = solve(assembly.at(x, criterion).problem, x, ROUGH, LIMITS.iterations).x
-        fit = assembly.at(x, criterion)
+        for _ in range(LIMITS.rounds):
+            fit = assembly.at(x, criterion)
+            _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
+            x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
+            before, cost = cost, assembly.at(x, criterion).evaluate(x).cost
+            if not cost < LIMITS.settled * before:
+                break
     except ElastidError:
         return None
-    end = replace(file.optimum.end, x=x, cost=fit.evaluate(x).cost)
-    at_bound = np.zeros(len(x), dtype=bool)
-    C = np.eye(len(x))
-    result = replace(file.result, parameters=parameters, x=x, covariance=C, cost=end.cost, at_bound=at_bound)
-    return replace(file, assembly=assembly, optimum=replace(file.optimum, fit=fit, end=end), result=result)
+    values = dict(zip(parameters.free_names, x.tolist(), strict=True))
+    p = np.array([math.exp(values["m_payload"]), *(values.get(name, 0.0) for name in names)])
+    return cost, p, np.array([values[name] for name in file.free_names])
 
 
 def _with_springs(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:

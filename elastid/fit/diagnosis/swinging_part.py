@@ -91,7 +91,9 @@ def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
         motions = [scale[:, None] * J for J in _motions(evidence, fit, body)]
     except ElastidError:  # no robot stands there
         return None
-    best, before, edge_hz = None, fit.evaluate(x).cost, max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
+    best, before = None, fit.evaluate(x).cost
+    start_hz = min(float(e.part.kernel.freq_hz.min()) for e in evaluated)
+    edge_hz = max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
     for f_0, h in _starts(evaluated, motions, fit, x):
         try:
             swinging = _with_part(evidence, fit, x, motions, f_0, h)
@@ -101,8 +103,8 @@ def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
         except (ElastidError, np.linalg.LinAlgError):  # no robot stands there
             continue
         part = _part(body, scale, swinging, end.x, end.cost, evidence)
-        # One beyond the band is a spring like any other, and explains what many of them do.
-        if part.freq_hz < edge_hz and (best is None or part.cost < best.cost):
+        # One beyond the band is a spring like any other, and explains what many of them do; one below it stands still.
+        if start_hz < part.freq_hz < edge_hz and (best is None or part.cost < best.cost):
             best = part
         if best is not None and best.cost < LIMITS.enough * before:
             break

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.faults import SPEC, drawn, exact, true_case
 
 from elastid.fit.identify import identify
+from elastid.fit.spec import WeightSpec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import formulate
+from elastid.record import Configuration
+from elastid.response import Covariance
+from elastid.robot import Payload, Tolerances
+from elastid.study import load
 
 
 @pytest.mark.slow
@@ -57,3 +67,33 @@ def test_inertias_of_motors_on_the_link_side_are_named() -> None:
     first = identify(drawn(case, np.random.default_rng(0)), case.robot.with_parameters(given), SPEC).indices[0]
     assert first.name == "inertias of all motors given on the link side, or in kg cm^2"
     assert first.share > 0.99
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed: int) -> None:
+    """5 kg at the end of a fore arm of 75 kg, on the arm of the demo; first, its mass within 0.5 kg, its place within 60 mm.
+
+    A part that swings below the band, which stands still in every response, is not named in its place.
+    """
+    study = load(Path(str(files("elastid"))) / "app" / "templates" / "serial" / "study.yml").study
+    loaded = replace(study.robot, payload=Payload(5.0, (0.9, 0.1, 0.15), 0.05, "fore_arm"))
+    model, rng, responses = formulate(loaded, study.model), np.random.default_rng(seed), []
+    linearisation = Linearisation.of(model)
+    for name, angles in study.experiment.configurations.items():
+        linear = linearisation.at(Configuration(name, angles), model.theta, model.inputs, "acceleration")
+        G = to_response(linear, linear.theta_ref, np.linspace(2, 60, 40))
+        std = 0.005 * np.abs(G.G)
+        error = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
+        responses.append(replace(G, G=G.G + error, noise=Covariance(std**2, np.inf)))
+    spec = replace(study.fit, weights=WeightSpec(floor=0.0), criterion="complex", seed=1, starts=2)
+    robot = replace(study.robot, tolerances=Tolerances())
+    first = identify(responses, robot, spec, model=study.model).indices[0]
+    change = dict(zip(first.members, first.steps.tolist(), strict=True))
+    m, c = robot.bodies[-1].mass, np.array(robot.bodies[-1].center_of_mass)
+    mass = m * np.expm1(change["m_fore_arm"])
+    place = c + (m + mass) / mass * np.array([change[f"c_fore_arm_{axis}"] for axis in "xyz"])
+    assert first.name == "payload_fore_arm"
+    assert first.share > 0.95
+    assert mass == pytest.approx(5.0, abs=0.5)
+    np.testing.assert_allclose(place, (0.9, 0.1, 0.15), atol=0.06)
