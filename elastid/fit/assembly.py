@@ -63,6 +63,8 @@ DISTORTED = 4.0
 # The effect of the motion is worked out on a share of its lines at the first optimum, which it moves, and on all of
 # them at the next.
 AT_REST_SHARES = (1 / 3, 1.0)
+# Of the way back from where the robot does not stand to the start.
+HALVINGS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +296,7 @@ def relinearise(
             elif is_square and not len(c):
                 first, known = fit, current
         except StudyError as error:
-            raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
+            return _where_it_stands(assembly, end, criterion, error)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.rough(end.x), fit.problem.dof)
@@ -303,12 +305,36 @@ def relinearise(
         is_settled = is_whole and (moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
         if is_settled:
             break
+    if not is_settled or is_far_from_noise(end.cost, fit.problem.dof):
+        try:
+            assembly.models(end.x)
+        except StudyError as error:
+            return _where_it_stands(assembly, end, criterion, error)
     text = (
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
     notes = () if is_settled else (Note("still-moving", text),)
     return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)
+
+
+def _where_it_stands(
+    assembly: Assembly, end: LocalOptimum, criterion: ResidualKind, error: StudyError
+) -> RelinearisedOptimum:
+    """The nearest point halfway, and halfway again, to the start at which the robot stands; not converged.
+
+    What made springs so soft, such as postures that are not those of the file, is found from there.
+    """
+    message, start, x = f"the best start ended where the robot cannot stand: {error}", assembly.parameters.x, end.x
+    for _ in range(HALVINGS):
+        x = (x + start) / 2
+        try:
+            fit = assembly.at(x, criterion)
+        except StudyError:
+            continue
+        end = replace(end, x=x, cost=fit.evaluate(x).cost, converged=False, message=message)
+        return RelinearisedOptimum(end, fit, assembly.responses, assembly.weights)
+    raise FitError(message)
 
 
 def motion_notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:

@@ -11,11 +11,12 @@ import pytest
 from plants.marks import SEEDS
 from plants.notes import said
 
-from elastid.fit.assembly import posture_notes
-from elastid.fit.identify import Assembly, identify
+from elastid.fit.assembly import Assembly, posture_notes, relinearise
+from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
+from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import FitResult
-from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
@@ -132,3 +133,20 @@ def test_motions_that_turn_and_that_slide_have_their_own_units() -> None:
     )
     assert turning.startswith("the motion of up to 0.003 rad rms moves")
     assert mixed.startswith("the motion of up to 0.002 rad and 0.003 m rms moves")
+
+
+def test_a_search_that_ends_where_the_robot_tips_over_comes_back_to_where_it_stands() -> None:
+    """Springs a thousand times softer than those of the file carry neither link; the end says so, and is none."""
+    robot, spec = (
+        arm(Spring(3e5, 500), Spring(1.8e5, 250)),
+        FitSpec(parameters={"k_*": ParameterSpec()}, weights=WeightSpec(floor=0.0)),
+    )
+    data = measure(robot, POSTURES[:2], seed=0)
+    assembly = Assembly.of(data, robot, spec, choose(spec, robot, [G.configuration.name for G in data]))
+    start = assembly.parameters.x
+    soft = start + math.log(1e-3)
+    end = relinearise(assembly, LocalOptimum(soft, soft, 0.0, 0, True, "soft"), "complex").end
+    assert not end.converged
+    assert "the robot cannot stand: configuration c1: joint 1 tips over" in end.message
+    assembly.models(end.x)  # StudyError where the robot does not stand
+    np.testing.assert_allclose(end.x, (soft + start) / 2)

@@ -72,7 +72,7 @@ def test_inertias_of_motors_on_the_link_side_are_named() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed: int) -> None:
-    """5 kg at the end of a fore arm of 75 kg, on the arm of the demo; first, its mass within 0.5 kg, its place within 60 mm.
+    """5 kg at the end of the demo's fore arm of 75 kg are the first cause; mass within 0.5 kg, place within 60 mm.
 
     A part that swings below the band, which stands still in every response, is not named in its place.
     """
