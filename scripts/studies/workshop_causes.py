@@ -130,10 +130,11 @@ def tool_plate(share: float, freq_hz: float, axis: str = "y") -> Callable[[Plant
 
     def of(plant: Plant) -> Responses:
         body, robot = places(plant).last, plant.robot
-        name, mass, lever = body.name, share * body.mass, 0.12
-        inertia = 0.004 * mass
+        size = min(1.0, 50 * float(np.linalg.eigvalsh(_tensor(body))[0]) / body.mass)
+        name, mass, lever = body.name, share * body.mass, 0.12 * size
+        inertia = 0.004 * mass * size**2
         k = (inertia + mass * lever**2) * (2 * math.pi * freq_hz) ** 2
-        offset = np.array(body.center_of_mass) + np.array([0.25, 0.0, 0.05])
+        offset = np.array(body.center_of_mass) + size * np.array([0.25, 0.0, 0.05])
         # The file has both as one; its inertia is what it says with the tool where it stands.
         centre = np.zeros(3)
         centre[{"x": 1, "y": 0, "z": 0}[axis]] = lever

@@ -50,12 +50,13 @@ PAIRS = tuple(combinations_with_replacement(range(6), 2))
 class Limits:
     """Thresholds of the search for a part that swings, which begins only where V exceeds the noise."""
 
-    frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances
+    frequency_step: float = 2.0**0.25  # ratio of neighbouring resonances
     loss_ratio: float = 0.05  # 2 zeta of the start: omega_0 d / k
     scan_loss: float = 0.2  # the same while f_0 is sought, between whose steps the resonance may be
     pattern_std: float = 0.5  # of h, relative to the roots of mass and inertia of what the last joint carries
+    pattern_sizes: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)  # of the linear step, which goes too far by itself
     spring_std: float = 2.0  # of ln omega_0^2
-    followed: int = 6  # resonances that the solver follows
+    followed: int = 8  # resonances that the solver follows
     iterations: int = 25  # for each
     enough: float = 0.1  # of V without the part, below which no further resonance is followed
     hidden_share: float = 1 / 8  # of the last body's mass, of a tool as is usual
@@ -96,7 +97,8 @@ def find_swinging_part(evidence: Evidence) -> SwingingPart | None:
     edge_hz = max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
     for f_0, h in _starts(evaluated, motions, fit, x):
         try:
-            swinging = _with_part(evidence, fit, x, motions, f_0, h)
+            sized = (_with_part(evidence, fit, x, motions, f_0, size * h) for size in LIMITS.pattern_sizes)
+            swinging = min(sized, key=lambda each: each.evaluate(each.parameters.x).cost)
             start = swinging.parameters.x
             _, start = settle(AS_READ, swinging, start, np.ones(len(start), dtype=bool))
             end = solve(swinging.problem, start, ROUGH, LIMITS.iterations)
