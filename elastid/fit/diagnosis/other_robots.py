@@ -23,6 +23,7 @@ from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
+from elastid.fit.diagnosis.ranking import temper
 from elastid.fit.diagnosis.scoring import at_file, score
 from elastid.fit.diagnosis.swinging_part import find_swinging_part
 from elastid.fit.result import ModificationIndex
@@ -41,6 +42,8 @@ class Limits:
     whole: float = 0.99  # of it; where something else explains more, nor is another reading of the study
     share: float = 0.3  # of the excess that another robot explains
     cost_ratio: float = 1.1  # of V, below which those mounted otherwise cannot be distinguished
+    slope: float = 0.1  # tangent of the tilts of a base that are tried
+    steepest: float = 0.5  # of one that is found
     left: float = 1e-3  # of a payload that is not carried
     iterations: int = 30  # of each fit
     rounds: int = 5  # of linearisations, in which a load is found
@@ -66,6 +69,7 @@ def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scor
         _read_otherwise,
         _with_load,
         _mounted_otherwise,
+        _on_a_slope,
         _with_springs,
         _with_swinging_part,
     ):  # by their time
@@ -198,6 +202,36 @@ def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationI
         name = _named("the payload of the file not carried", "payload of the file")
         variants.append((name, _of_robot(evidence, robot.with_parameters(left), _about(parameters, left))))
     return _best(_judged(variant, evidence, scores) for variant in variants)
+
+
+def _on_a_slope(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """By a base that is tilted, as far and where to as a paraboloid of V through tilts about two axes has it."""
+    robot = evidence.assembly.linearisation.model.robot
+    size = float(np.linalg.norm(robot.gravity))
+    if size == 0:
+        return []
+    down = np.array(robot.gravity) / size
+    across = np.linalg.svd(down[None])[2][1:]
+
+    def judged(slopes: FloatArray) -> tuple[ModificationIndex, float]:
+        along = down + slopes @ across
+        along /= np.linalg.norm(along)
+        name = f"gravity along ({', '.join(f'{v:.2g}' for v in along + 0.0)}) of the base"
+        tilted = replace(robot, gravity=tuple((size * along).tolist()))
+        variant = _named(name, "gravity"), _of_robot(evidence, tilted, evidence.assembly.parameters)
+        return _judged(variant, evidence, scores)
+
+    h, V = LIMITS.slope, scores.cost
+    further, less = (np.array([judged(sign * h * one)[1] for one in np.eye(2)]) for sign in (1, -1))
+    # V(s) = V + g s + s H s / 2, in units of h.
+    g, H = (further - less) / 2, np.diag(further + less - 2 * V)
+    H[0, 1] = H[1, 0] = judged(h * np.ones(2))[1] - further.sum() + V
+    if not np.all(np.isfinite(H)) or np.linalg.eigvalsh(H)[0] <= 0:
+        return []
+    slopes = -np.linalg.solve(H, g)
+    _, narrowed = np.linalg.slogdet(np.eye(2) + H / 2 * scores.lines / temper(scores))
+    index = judged(np.clip(h * slopes, -LIMITS.steepest, LIMITS.steepest))[0]
+    return [replace(index, occam=float(narrowed + 2 * np.sum(np.log1p(slopes**2))))]
 
 
 def _best(judged: Iterable[tuple[ModificationIndex, float]]) -> list[ModificationIndex]:

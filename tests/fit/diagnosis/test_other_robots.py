@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib.resources import files
@@ -12,13 +13,14 @@ import pytest
 from plants.faults import SPEC, drawn, exact, true_case
 
 from elastid.fit.identify import identify
+from elastid.fit.result import ModificationIndex
 from elastid.fit.spec import WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.response import Covariance
-from elastid.robot import Payload, Tolerances
+from elastid.robot import Payload, Robot, Tolerances
 from elastid.study import load
 
 
@@ -69,6 +71,23 @@ def test_inertias_of_motors_on_the_link_side_are_named() -> None:
     assert first.share > 0.99
 
 
+def first_of_demo(change: Callable[[Robot], Robot], seed: int) -> tuple[ModificationIndex, Robot]:
+    """The first cause where the demo's arm was measured as changed, and its file with the common tolerances."""
+    study = load(Path(str(files("elastid"))) / "app" / "templates" / "serial" / "study.yml").study
+    assert study.robot is not None
+    model, rng, responses = formulate(change(study.robot), study.model), np.random.default_rng(seed), []
+    linearisation = Linearisation.of(model)
+    for name, angles in study.experiment.configurations.items():
+        linear = linearisation.at(Configuration(name, np.array(angles)), model.theta, model.inputs, "acceleration")
+        G = to_response(linear, linear.theta_ref, np.linspace(2, 60, 40))
+        std = 0.005 * np.abs(G.G)
+        error = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
+        responses.append(replace(G, G=G.G + error, noise=Covariance(std**2, np.inf)))
+    spec = replace(study.fit, weights=WeightSpec(floor=0.0), criterion="complex", seed=1, starts=2)
+    robot = replace(study.robot, tolerances=Tolerances())
+    return identify(responses, robot, spec, model=study.model).indices[0], robot
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed: int) -> None:
@@ -76,24 +95,25 @@ def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed
 
     A part that swings below the band, which stands still in every response, is not named in its place.
     """
-    study = load(Path(str(files("elastid"))) / "app" / "templates" / "serial" / "study.yml").study
-    loaded = replace(study.robot, payload=Payload(5.0, (0.9, 0.1, 0.15), 0.05, "fore_arm"))
-    model, rng, responses = formulate(loaded, study.model), np.random.default_rng(seed), []
-    linearisation = Linearisation.of(model)
-    for name, angles in study.experiment.configurations.items():
-        linear = linearisation.at(Configuration(name, angles), model.theta, model.inputs, "acceleration")
-        G = to_response(linear, linear.theta_ref, np.linspace(2, 60, 40))
-        std = 0.005 * np.abs(G.G)
-        error = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
-        responses.append(replace(G, G=G.G + error, noise=Covariance(std**2, np.inf)))
-    spec = replace(study.fit, weights=WeightSpec(floor=0.0), criterion="complex", seed=1, starts=2)
-    robot = replace(study.robot, tolerances=Tolerances())
-    first = identify(responses, robot, spec, model=study.model).indices[0]
+    load = Payload(5.0, (0.9, 0.1, 0.15), 0.05, "fore_arm")
+    first, robot = first_of_demo(lambda robot: replace(robot, payload=load), seed)
     change = dict(zip(first.members, first.steps.tolist(), strict=True))
     m, c = robot.bodies[-1].mass, np.array(robot.bodies[-1].center_of_mass)
     mass = m * np.expm1(change["m_fore_arm"])
     place = c + (m + mass) / mass * np.array([change[f"c_fore_arm_{axis}"] for axis in "xyz"])
     assert first.name == "payload_fore_arm"
     assert first.share > 0.95
-    assert mass == pytest.approx(5.0, abs=0.5)
-    np.testing.assert_allclose(place, (0.9, 0.1, 0.15), atol=0.06)
+    assert mass == pytest.approx(load.mass, abs=0.5)
+    np.testing.assert_allclose(place, load.center_of_mass, atol=0.06)
+
+
+@pytest.mark.slow
+def test_a_base_on_a_slope_is_found_with_the_direction_of_gravity() -> None:
+    """10 deg about y, within 1.5 deg."""
+    true = 9.81 * np.array([-np.sin(np.radians(10)), 0.0, -np.cos(np.radians(10))])
+    first, _ = first_of_demo(lambda robot: replace(robot, gravity=tuple(true.tolist())), 0)
+    along = re.fullmatch(r"gravity along \((.*), (.*), (.*)\) of the base", first.name)
+    assert along is not None, first.name
+    found = np.array(along.groups(), dtype=float)
+    assert np.degrees(np.arccos(found @ true / np.linalg.norm(found) / 9.81)) < 1.5
+    assert first.share > 0.9
