@@ -20,16 +20,7 @@ from elastid.base.errors import check_kind, index_of
 from elastid.base.escape import control_label
 from elastid.base.note import Note
 from elastid.covariance import Covariance, CovarianceForm, scaled
-from elastid.record import (
-    MOTION_ORDER,
-    Configuration,
-    HeldTorque,
-    JointLoop,
-    Motion,
-    Motors,
-    drive_unit,
-    motion_unit,
-)
+from elastid.record import MOTION_ORDER, Configuration, HeldTorque, JointLoop, Motion, Motors, drive_unit, motion_unit
 
 # Arrays of a Quality with the lines of its response.
 LINE_ARRAYS = (

@@ -127,11 +127,7 @@ def robot_files(
 
 
 def robot_of_fit(
-    name: str,
-    robot: Robot,
-    friction: FrictionTakenOut | None,
-    known: tuple[str, ...],
-    gears: GearResult | None = None,
+    name: str, robot: Robot, friction: FrictionTakenOut | None, known: tuple[str, ...], gears: GearResult | None = None
 ) -> str:
     """The file of a fitted robot: elastic numbers, viscous friction, and what was found at its motors and gears.
 

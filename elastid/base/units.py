@@ -179,8 +179,7 @@ class InUnit:
         from pydantic_core import core_schema
 
         return core_schema.no_info_plain_validator_function(
-            lambda value: to_si_of(value, self.units),
-            metadata={"pydantic_js_functions": []},
+            lambda value: to_si_of(value, self.units), metadata={"pydantic_js_functions": []}
         )
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:

@@ -126,10 +126,7 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
 
 
 def _with_period(
-    records: Sequence[Record],
-    groups: Sequence[Sequence[Record]],
-    spec: EstimatorSpec,
-    planned_lines: IntArray | None,
+    records: Sequence[Record], groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None
 ) -> FrequencyResponse:
     """By a local method, or a mean over realisations or one that pools them.
 

@@ -165,11 +165,7 @@ def _base_columns(
 
 
 def _sampled(
-    robot: Robot,
-    joints: Sequence[str],
-    rows: Sequence[str],
-    log: RobotLog,
-    signals: Mapping[str, MotionSignals],
+    robot: Robot, joints: Sequence[str], rows: Sequence[str], log: RobotLog, signals: Mapping[str, MotionSignals]
 ) -> FloatArray:
     """All columns at some 500 instants, (instants * rows, n_c)."""
     every = np.arange(10 * len(robot.joints) + 2 * len(joints))

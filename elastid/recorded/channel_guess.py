@@ -277,9 +277,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     return LogGuess(tuple(joints), tuple(further), slow and motions[0].quantity == "position")
 
 
-def _by_content(
-    signals: Sequence[tuple[ChannelGuess, FloatArray]],
-) -> tuple[list[ChannelGuess], list[ChannelGuess]]:
+def _by_content(signals: Sequence[tuple[ChannelGuess, FloatArray]]) -> tuple[list[ChannelGuess], list[ChannelGuess]]:
     """Torques and motions among signals (n,) whose names say nothing; none of them where nothing else does."""
     signals = [(g, x) for g, x in signals if not is_clock(x)]
     joints, _ = motions_in([x for _, x in signals])

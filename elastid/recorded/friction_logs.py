@@ -130,11 +130,7 @@ class _LogReader:
         if isinstance(recorded.rate_hz, str):
             raise StudyError(f"{self.path}: friction needs velocities; give recorded.rate_hz in Hz, not unknown")
         log = Log(
-            self.path,
-            tuple(c.full_name for c in gathered.channels),
-            gathered.rate_hz,
-            gathered.first,
-            gathered.rows,
+            self.path, tuple(c.full_name for c in gathered.channels), gathered.rate_hz, gathered.first, gathered.rows
         )
         if self.file.purpose != "motion":
             return self._of_part(gathered, recorded, log, 0)

@@ -114,13 +114,7 @@ def _check_content(
 
 
 def _check_samples(
-    study: Study,
-    recorded: RecordedSpec,
-    file: FileSpec,
-    path: KeyPath,
-    log: OpenLog,
-    members: Sequence[int],
-    n: int,
+    study: Study, recorded: RecordedSpec, file: FileSpec, path: KeyPath, log: OpenLog, members: Sequence[int], n: int
 ) -> Iterator[Problem]:
     """The judgements of `measure` on time stamps, and on gaps where no period fills them and none is cut there."""
     is_cut = recorded.period_of(file) is not None or (study.friction is not None and file.purpose == "motion")
