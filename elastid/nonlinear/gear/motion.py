@@ -27,7 +27,7 @@ from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.nonlinear.gear.drive_lines import DriveLines
-from elastid.nonlinear.gear.effects import GearEffect, GearMotion, Place, forces, implicit_law, periodic_error
+from elastid.nonlinear.gear.effects import GearEffect, GearMotion, Place, along_period, forces, periodic_error
 from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
 
 # Torque that is not explained is taken to act so many times as much at the links as at the motors: what moves the motor
@@ -279,7 +279,7 @@ class _Problem:
                 # Friction by load turns as that without.
                 key = "friction" if effect.kind == "load" else effect.kind, i, effect.scale
                 if key not in shapes:
-                    shapes[key] = implicit_law(effect, x[i])
+                    shapes[key] = along_period(effect, x[i])
                 phi, dphi = shapes[key]
                 force[i] += f * size * phi
                 slope[i] += f * size * dphi

@@ -52,7 +52,13 @@ def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
         means[cells] = (b * step[cells] + a * L) / (a * step[cells] + b * L)
         bend[cells] = c
     means[near] -= bend[near] * _sag(u[near], after[near])
-    return irfft(rfft(means) * _from_means(len(v)), len(v)), (slope + np.roll(slope, 1)) / 2
+    return points_of_means(means), (slope + np.roll(slope, 1)) / 2
+
+
+def points_of_means(means: FloatArray) -> FloatArray:
+    """Values at the points (n,) of a period by means over the cells that begin there."""
+    n = len(means)
+    return np.asarray(irfft(rfft(means) * _from_means(n), n))
 
 
 def _reversals(
