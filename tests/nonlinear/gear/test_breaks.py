@@ -18,7 +18,7 @@ def deflection(n: int) -> FloatArray:
 @pytest.mark.parametrize("kind", ["range", "gap", "stop", "bristle"])
 @pytest.mark.parametrize("scale", [5e-5, 1e-4, 5e-4])
 def test_what_breaks_between_points_does_so_there(kind: Kind, scale: float) -> None:
-    """From point to point the deflection moves by up to 0.7 of the smallest scale; at points alone ten times as far off."""
+    """From point to point x moves by up to 0.7 of the smallest scale; at points alone ten times as far off."""
     effect, x = GearEffect(kind, "1", scale), deflection(N)
     true = np.fft.rfft(implicit_law(effect, deflection(N * MORE))[0])[LINES] / (N * MORE)
     found, at_points = (np.fft.rfft(law(effect, x)[0])[LINES] / N for law in (along_period, implicit_law))
