@@ -23,12 +23,13 @@ from functools import cached_property, partial
 
 import numpy as np
 from numpy.fft import rfft
+from scipy.signal import resample
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.effects import GearEffect, GearMotion, Place, along_period, forces, periodic_error
-from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
+from elastid.nonlinear.gear.period_lines import PeriodLines
 
 # Torque that is not explained is taken to act so many times as much at the links as at the motors: what moves the motor
 # is measured, what moves the link is not.
@@ -62,8 +63,15 @@ class Estimate:
         """Without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
-        above, loads = np.zeros((len(lines.above), n, M), complex), np.zeros((M, len(drive.k), lines.samples * CELLS))
+        above, loads = np.zeros((len(lines.above), n, M), complex), np.zeros((M, len(drive.k), lines.points))
         return cls(Phi, folded, above, (np.zeros((0, 0)),) * M, loads)
+
+    def on(self, lines: PeriodLines) -> Estimate:
+        """The same on a grid of more points and with more lines above."""
+        above = np.zeros((len(lines.above), *self.above.shape[1:]), complex)
+        above[: len(self.above)] = self.above
+        unknowns = tuple(resample(x, lines.points, axis=1) if x.size else x for x in self.unknowns)
+        return replace(self, above=above, unknowns=unknowns, loads=resample(self.loads, lines.points, axis=2))
 
     def of(self, own: Sequence[int]) -> Estimate:
         """The same of effects by their places, without forces of those at -1."""
@@ -229,7 +237,7 @@ class _Problem:
         of_gear = np.array([place == "gear" for place, _ in self.signals], bool)
         A = self._powers[:, :, None] * (self._rows @ self.of_force @ self._rows.T)
         softness = np.where(of_gear, 1 / self.drive.k[[j for _, j in self.signals]], 0.0)
-        beyond = np.arange(len(A) + 1, self.lines.samples * CELLS // 2)[:, None]
+        beyond = np.arange(len(A) + 1, self.lines.points // 2)[:, None]
         return Linear(self.lines, A, (len(A) / beyond) ** np.where(of_gear, 2, 1), softness)
 
     def followed(self, effect: GearEffect, phi: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:
@@ -249,7 +257,7 @@ class _Problem:
 
     def _errors(self, base: ComplexArray, m: int) -> FloatArray:
         """Transmission errors (n_x, n) in the unknown deflections."""
-        total = np.zeros((len(self.signals), self.lines.samples * CELLS))
+        total = np.zeros((len(self.signals), self.lines.points))
         for i, (place, j) in enumerate(self.signals):
             if place == "gear":
                 total[i] = self._error(base, j, m)
