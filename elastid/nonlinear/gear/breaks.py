@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.friction.operators import Path, bristle, stop
-from elastid.nonlinear.gear.turning import points_of_means
+from elastid.nonlinear.gear.turning import following, points_of_means
 
 _PARTS = (np.arange(16) + 0.5) / 16  # of a cell in which a law breaks
 
@@ -25,7 +25,7 @@ def clipped(x: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
     phi, bend, within = np.clip(x, -b, b), _bends(x), np.abs(x) <= b
     slope, side = within.astype(float), np.sign(x) * ~within
     means = _means(phi, bend * slope)
-    cells = np.flatnonzero(side != np.roll(side, -1))
+    cells = np.flatnonzero(side != following(side))
     curve = _curves(x, bend, cells)
     means[cells] = np.clip(curve, -b, b).mean(axis=1)
     slope[cells] = (np.abs(curve) <= b).mean(axis=1)
@@ -34,11 +34,11 @@ def clipped(x: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
 
 def looped(kind: Literal["stop", "bristle"], x: FloatArray, D: float) -> tuple[FloatArray, FloatArray]:
     """State, over D, of an element that bends over D, and its slope (n,), along deflections x (n,) of a period."""
-    bend, step = _bends(x), np.roll(x, -1) - x
+    bend, step = _bends(x), following(x) - x
     v = (step + np.roll(step, 1)) / 2
-    turns = np.flatnonzero(v * np.roll(v, -1) < 0)
+    turns = np.flatnonzero(v * following(v) < 0)
     at = np.full(len(x), np.inf)
-    at[turns] = v[turns] / (v - np.roll(v, -1))[turns]
+    at[turns] = v[turns] / (v - following(v))[turns]
     vertex = x[turns] + at[turns] * (step[turns] + bend[turns] * (at[turns] - 1) / 2)
     path = np.insert(x, turns + 1, vertex)
     # The state at the start is not known: the period is run over twice.
@@ -49,9 +49,9 @@ def looped(kind: Literal["stop", "bristle"], x: FloatArray, D: float) -> tuple[F
     if kind == "stop":
         slope = (np.abs(phi) < 1) / D
         means = _means(phi, bend * slope)
-        cells = np.union1d(turns, np.flatnonzero((slope > 0) & (np.abs(np.roll(phi, -1)) == 1)))
+        cells = np.union1d(turns, np.flatnonzero((slope > 0) & (np.abs(following(phi)) == 1)))
     else:
-        slope, middle = (1 - np.abs(phi)) / D, (phi + np.roll(phi, -1)) / 2
+        slope, middle = (1 - np.abs(phi)) / D, (phi + following(phi)) / 2
         means = _means(phi, (1 - np.sign(step) * middle) / D * (bend - np.abs(step) * step / D))
         cells = turns
     # From the point before, and from the vertex on
@@ -70,16 +70,16 @@ def looped(kind: Literal["stop", "bristle"], x: FloatArray, D: float) -> tuple[F
 
 def _means(phi: FloatArray, bend: FloatArray) -> FloatArray:
     """Of a smooth law over the cells that begin at its points (n,), by its second differences."""
-    return np.asarray((phi + np.roll(phi, -1)) / 2 - bend / 12)
+    return np.asarray((phi + following(phi)) / 2 - bend / 12)
 
 
 def _bends(x: FloatArray) -> FloatArray:
     """Second differences (n,) in the middle of cells."""
-    bend = np.roll(x, -1) - 2 * x + np.roll(x, 1)
-    return np.asarray((bend + np.roll(bend, -1)) / 2)
+    bend = following(x) - 2 * x + np.roll(x, 1)
+    return np.asarray((bend + following(bend)) / 2)
 
 
 def _curves(x: FloatArray, bend: FloatArray, cells: IntArray) -> FloatArray:
     """x (m, 16) within cells (m,)."""
-    step = (np.roll(x, -1) - x)[cells, None]
+    step = (following(x) - x)[cells, None]
     return np.asarray(x[cells, None] + _PARTS * (step + bend[cells, None] * (_PARTS - 1) / 2))

@@ -33,7 +33,7 @@ _UNITS: dict[Kind, str] = {
     "error sine": "rad", "error cosine": "rad",
 }  # fmt: skip
 
-_STEP = 0.01  # of a scale, to either side, over which a change with it is taken
+_STEP = 1e-3  # of a scale, over which a change with it is taken
 
 
 @dataclass(frozen=True)
@@ -161,8 +161,8 @@ def periodic_error(effect: GearEffect, motion: GearMotion) -> tuple[FloatArray, 
 def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
     """Phi (n,) at each place where the effect acts, against the motion there."""
     if effect.is_edge:
-        both = [forces(replace(effect, scale=(1 + h) * effect.scale, is_edge=False), motion) for h in (-_STEP, _STEP)]
-        return [(place, (b - a) / (2 * _STEP * effect.scale)) for (place, a), (_, b) in zip(*both, strict=True)]
+        both = [forces(replace(effect, scale=(1 + h) * effect.scale, is_edge=False), motion) for h in (0.0, _STEP)]
+        return [(place, (b - a) / (_STEP * effect.scale)) for (place, a), (_, b) in zip(*both, strict=True)]
     if effect.is_implicit:
         phi = motion.along("friction" if effect.kind == "load" else effect.kind, effect.scale)
         return [(effect.place, np.abs(motion.torque) * phi if effect.kind == "load" else phi)]

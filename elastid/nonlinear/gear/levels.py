@@ -30,8 +30,8 @@ from elastid.response import FrequencyResponse
 _ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation, and
 _OF_SCALES = 5.0  # times it a scale, which levels hardly follow
 _FALLS = 3.0  # times its last fall, by which V still falls at most
-# Error of the motion and whether it follows scales, and from which move on it is the smaller and does.
-_NEAR, _CLOSE = ((1e-4, False), (1e-5, True)), 2.0
+# Error of the motion and whether it follows scales, below each move.
+_NEAR = ((2.0, (1e-5, True)), (50.0, (1e-4, False)), (np.inf, (1e-3, False)))
 _STEP = 0.3  # of a scale, at most
 _SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
 _SEEN = 2.0  # standard deviations of a level, from which on its scale moves
@@ -114,9 +114,10 @@ def find_levels(
         drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
+        near = next(near for below, near in _NEAR if move < below or below == np.inf)
         for _ in range(1 if start.effects or count > 1 else 2):
             estimates = [
-                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, *_NEAR[move < _CLOSE])
+                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, *near)
                 for lines, drive, before in zip(data, drives, estimates, strict=True)
             ]
         sums = normal_equations(data, drives, estimates, n_x, with_edges)

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.fft import rfft
+from numpy.fft import irfft, rfft
 from scipy.signal import resample
 from scipy.sparse.linalg import LinearOperator, gmres
 
@@ -237,8 +237,8 @@ class _Problem:
         of_gear = np.array([place == "gear" for place, _ in self.signals], bool)
         A = self._powers[:, :, None] * (self._rows @ self.of_force @ self._rows.T)
         softness = np.where(of_gear, 1 / self.drive.k[[j for _, j in self.signals]], 0.0)
-        beyond = np.arange(len(A) + 1, self.lines.points // 2)[:, None]
-        return Linear(self.lines, A, (len(A) / beyond) ** np.where(of_gear, 2, 1), softness)
+        beyond = len(A) / np.arange(len(A) + 1, self.lines.points // 2)
+        return Linear(A.transpose(1, 2, 0).copy(), beyond ** np.where(of_gear, 2, 1)[:, None], softness)
 
     def followed(self, effect: GearEffect, phi: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:
         """Forces (n_x, n) by the unknowns, as these follow a small further one phi (n,) at the effect's place.
@@ -315,24 +315,24 @@ class _Problem:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """x by force: A (F, n_x, n_x) on the lines, softness (n_x,) at rest.
+    """x by force: A (n_x, n_x, F) on the lines, softness (n_x,) at rest.
 
-    beyond (K, n_x): what is left of the last line's at those above, up to half the rate of the fine grid, where all is
+    beyond (n_x, K): what is left of the last line's at those above, up to half the rate of the fine grid, where all is
     inertia: (s_F / s)^2 of a deflection, s_F / s of a velocity, and no phase.
     """
 
-    lines: PeriodLines
     A: ComplexArray
     beyond: FloatArray
     softness: FloatArray
 
     def __call__(self, force: FloatArray) -> FloatArray:
         """Unknowns (n_x, n) by forces (n_x, n)."""
-        F, spectrum = len(self.A), rfft(force)[:, 1:-1].T * (2 / force.shape[1])
-        X = np.empty_like(spectrum)
-        X[:F] = (self.A @ spectrum[:F, :, None])[:, :, 0]
-        X[F:] = (spectrum[F:] @ self.A[-1].T) * self.beyond
-        return np.asarray(self.lines.fine(X.T) + (force.mean(axis=1) * self.softness)[:, None])
+        F, spectrum = self.A.shape[2], rfft(force)
+        X = np.zeros_like(spectrum)
+        X[:, 0] = self.softness * spectrum[:, 0]
+        X[:, 1 : F + 1] = (self.A * spectrum[:, 1 : F + 1]).sum(axis=1)
+        X[:, F + 1 : -1] = (self.A[:, :, -1] @ spectrum[:, F + 1 : -1]) * self.beyond
+        return irfft(X, force.shape[1])
 
 
 def newton(

@@ -74,8 +74,8 @@ def test_an_inertia_braked_by_friction_has_the_velocity_of_its_impulse(told: int
     """
     lines = quiet_lines(told)
     n = lines.points
-    beyond = np.arange(told + 1, n // 2)[:, None]
-    linear = Linear(lines, 1 / lines.s[:, None, None], told / beyond, np.zeros(1))
+    beyond = np.arange(told + 1, n // 2)[None]
+    linear = Linear(1 / lines.s[None, None], told / beyond, np.zeros(1))
     for shift in np.linspace(0, 1, 5):
         phase = 2 * np.pi * (np.arange(n) - shift) / n
         way = np.abs((phase + np.pi) % (2 * np.pi) - np.pi)  # from the reversal where w is least
