@@ -182,8 +182,7 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
     trials = [found]
     for kind, part in family.items():
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
-            limit = cost(found) + tie * (kind == "range")
-            trials.append(tried(found, (*kept, GearEffect(kind, joint, part * deflection)), limit))
+            trials.append(tried(found, (*kept, GearEffect(kind, joint, part * deflection)), cost(found)))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.lack < ranged.lack < best.lack + tie:

@@ -376,12 +376,16 @@ def newton(
 def _moved(
     linear: Callable[[FloatArray], FloatArray], slope: FloatArray, size: FloatArray, x_0: FloatArray, near: float
 ) -> FloatArray:
-    """x (n_x, n) of x + linear(slope x) = x_0; near: error over that of no x; size (n_x, 1): of the unknowns."""
+    """x (n_x, n) of x + linear(slope x) = x_0; near: error over that of no x; size (n_x, 1): of the unknowns.
+
+    To some percent, so that numbers of four bytes do.
+    """
+    of_x, part = (slope * size).astype(np.float32), (1 / size).astype(np.float32)
 
     def product(v: FloatArray) -> FloatArray:
-        v = v.reshape(x_0.shape) * size
-        return np.asarray((v + linear(slope * v)) / size).ravel()
+        return v + (linear(of_x * v.reshape(x_0.shape)) * part).ravel()
 
-    operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float64)
-    found = gmres(operator, (x_0 / size).ravel(), rtol=near, restart=40, maxiter=1)[0]
+    operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float32)
+    start = (x_0 / size).astype(np.float32).ravel()
+    found = gmres(operator, start, rtol=near, restart=40, maxiter=1)[0]
     return np.asarray(found.reshape(x_0.shape) * size)
