@@ -19,8 +19,8 @@ from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, si
 from elastid.record import Configuration, Record
 
 _ROUNDING = 1e-12  # of the largest angle
-# Of the fine grid in a sample, since reversals of friction fall between samples, and in a search. Without noise 4 leave d
-# up to 0.005 % and levels 3e-4 off, 8 a quarter of that.
+# Of the fine grid in a sample, since reversals of friction fall between samples, and in a search. Without noise 4 leave
+# d up to 0.005 % and levels 3e-4 off, 8 a quarter of that.
 CELLS, FEW_CELLS = 8, 4
 # Lines up to so many times the highest excited one: friction and hardening move the robot there, too.
 REACH = 2.0
