@@ -119,9 +119,7 @@ def find_levels(
         near = _NEAR[is_last + (move < _FAR)], is_last
         for _ in range(1 if start.effects or count > 1 else 2):
             estimates = [
-                estimate_motion(
-                    lines, drive, joints, ratios, every, with_edges, before, _NEAR[is_last + (move < _FAR)], is_last
-                )
+                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, *near)
                 for lines, drive, before in zip(data, drives, estimates, strict=True)
             ]
         sums = normal_equations(data, drives, estimates, n_x, with_edges)
