@@ -20,6 +20,7 @@ from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec
@@ -101,7 +102,8 @@ def on_straight_springs(
             f"fit.parameters frees {', '.join(terms)}, and gears finds the law of a spring from the records; leave out "
             f"{', '.join(terms)}, or the section gears"
         )
-    return identify(responses, straight, spec, model=model, execution=execution.quiet), straight
+    start = identify(responses, straight, spec, model=model, execution=execution.quiet, hypotheses=WITHOUT_OTHER_ROBOTS)
+    return start, straight
 
 
 def _summary(path: Path) -> dict[str, object]:

@@ -125,6 +125,7 @@ def choose_effects(
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
+    fine, data = data, [lines.coarse() for lines in data]
     arguments = data, responses, linearisation
     lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
     found = start_levels(*arguments, parameters, np.where(lost, parameters.x, x))
@@ -141,7 +142,8 @@ def choose_effects(
                 found = _best_shape(arguments, found, joint, family)
         if _kinds(found.effects) == before:  # none of those that were added stays
             break
-    return _settled(arguments, found)
+    estimates = tuple(estimate.on(lines) for estimate, lines in zip(found.estimates, fine, strict=True))
+    return _settled((fine, responses, linearisation), replace(found, estimates=estimates))
 
 
 def _settled(arguments: _Arguments, found: Levels) -> Levels:
@@ -180,8 +182,7 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
     trials = [found]
     for kind, part in family.items():
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
-            limit = cost(found) + tie * (kind == "range")
-            trials.append(tried(found, (*kept, GearEffect(kind, joint, part * deflection)), limit))
+            trials.append(tried(found, (*kept, GearEffect(kind, joint, part * deflection)), cost(found)))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.lack < ranged.lack < best.lack + tie:

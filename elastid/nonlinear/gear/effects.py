@@ -18,6 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.operators import Path, bristle, stop
+from elastid.nonlinear.gear.breaks import clipped, looped
 from elastid.nonlinear.gear.turning import turning
 
 Kind: TypeAlias = Literal[
@@ -32,7 +33,7 @@ _UNITS: dict[Kind, str] = {
     "error sine": "rad", "error cosine": "rad",
 }  # fmt: skip
 
-_STEP = 0.01  # of a scale, to either side, over which a change with it is taken
+_STEP = 1e-3  # of a scale, over which a change with it is taken
 
 
 @dataclass(frozen=True)
@@ -107,15 +108,28 @@ class GearMotion:
 
         def phi(kind: Kind, scale: float) -> FloatArray:
             effect = GearEffect(kind, "", scale)
-            return implicit_law(effect, signals[effect.place])[0]
+            return along_period(effect, signals[effect.place])[0]
 
         return cache(phi)
 
 
-def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,), a whole period; of a load of 1 Nm."""
+def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,) of a period; of a load of 1 Nm.
+
+    What breaks or turns between the points does so there.
+    """
     if effect.kind in ("friction", "load", "behind"):
         return turning(x, effect.scale)
+    if effect.kind in ("range", "gap"):
+        phi, slope = clipped(x, effect.scale)
+        return (x - phi, 1 - slope) if effect.kind == "range" else (-phi, -slope)
+    if effect.kind in ("stop", "bristle"):
+        return looped(effect.kind, x, effect.scale)
+    return implicit_law(effect, x)
+
+
+def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Phi and dPhi / dx (n,) of a spring or a loop point by point of its deflection x (n,), of a whole period."""
     if effect.kind == "cubic":
         return x**3, 3 * x**2
     if effect.kind == "progressive":
@@ -147,8 +161,8 @@ def periodic_error(effect: GearEffect, motion: GearMotion) -> tuple[FloatArray, 
 def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
     """Phi (n,) at each place where the effect acts, against the motion there."""
     if effect.is_edge:
-        both = [forces(replace(effect, scale=(1 + h) * effect.scale, is_edge=False), motion) for h in (-_STEP, _STEP)]
-        return [(place, (b - a) / (2 * _STEP * effect.scale)) for (place, a), (_, b) in zip(*both, strict=True)]
+        both = [forces(replace(effect, scale=(1 + h) * effect.scale, is_edge=False), motion) for h in (0.0, _STEP)]
+        return [(place, (b - a) / (_STEP * effect.scale)) for (place, a), (_, b) in zip(*both, strict=True)]
     if effect.is_implicit:
         phi = motion.along("friction" if effect.kind == "load" else effect.kind, effect.scale)
         return [(effect.place, np.abs(motion.torque) * phi if effect.kind == "load" else phi)]

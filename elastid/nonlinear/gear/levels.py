@@ -28,10 +28,10 @@ from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
 
 _ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation, and
-_OF_SCALES = 5.0  # times it a scale, which levels hardly follow
+_OF_SCALES, _OF_TURNING = 5.0, 15.0  # times it a scale, which levels hardly follow, and that of a velocity least
 _FALLS = 3.0  # times its last fall, by which V still falls at most
-# Error of the motion and whether it follows scales, and from which move on it is the smaller and does.
-_NEAR, _CLOSE = ((1e-4, False), (1e-5, True)), 2.0
+# Errors of the motion: where moves are far, in a search, and where what is found ends, with scales followed.
+_NEAR, _FAR, _CLOSE = (1e-3, 1e-4, 1e-5), 50.0, 2.0
 _STEP = 0.3  # of a scale, at most
 _SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
 _SEEN = 2.0  # standard deviations of a level, from which on its scale moves
@@ -110,13 +110,16 @@ def find_levels(
     lack, covariance, std = np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
     held, last = np.zeros(len(scales)), np.zeros(len(scales))
+    of_scales = np.array([_OF_SCALES if effects[own[0]].place == "gear" else _OF_TURNING for own in scales])
     for count in range(1, rounds + 1):
         drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
+        is_last = settled <= MOVE and move < _CLOSE
+        near = _NEAR[is_last + (move < _FAR)], is_last
         for _ in range(1 if start.effects or count > 1 else 2):
             estimates = [
-                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, *_NEAR[move < _CLOSE])
+                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, *near)
                 for lines, drive, before in zip(data, drives, estimates, strict=True)
             ]
         sums = normal_equations(data, drives, estimates, n_x, with_edges)
@@ -133,7 +136,7 @@ def find_levels(
         of_priors[n_x + n_f :, n_x + n_f :] += np.diag(held / np.maximum(std[n_x + n_f :], 1e-150) ** 2)
         step = inverse(A + of_priors) @ (b + pull)
         parts = np.abs(step) / np.where(std > 0, std, np.inf)
-        move = float(np.max(np.append(parts[: n_x + n_f], parts[n_x + n_f :] / _OF_SCALES)))
+        move = float(np.max(np.append(parts[: n_x + n_f], parts[n_x + n_f :] / of_scales)))
         # The response is nearly linear in the number itself, of which the logarithm is to be found.
         x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_SMALLER, _LARGER)), step[:n_x])
         levels = levels + step[n_x : n_x + n_f]

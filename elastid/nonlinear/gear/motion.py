@@ -22,13 +22,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.fft import rfft
+from numpy.fft import irfft, rfft
+from scipy.signal import resample
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.nonlinear.gear.drive_lines import DriveLines
-from elastid.nonlinear.gear.effects import GearEffect, GearMotion, Place, forces, implicit_law, periodic_error
-from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
+from elastid.nonlinear.gear.effects import GearEffect, GearMotion, Place, along_period, forces, periodic_error
+from elastid.nonlinear.gear.period_lines import PeriodLines
 
 # Torque that is not explained is taken to act so many times as much at the links as at the motors: what moves the motor
 # is measured, what moves the link is not.
@@ -62,8 +63,15 @@ class Estimate:
         """Without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
-        above, loads = np.zeros((len(lines.above), n, M), complex), np.zeros((M, len(drive.k), lines.samples * CELLS))
+        above, loads = np.zeros((len(lines.above), n, M), complex), np.zeros((M, len(drive.k), lines.points))
         return cls(Phi, folded, above, (np.zeros((0, 0)),) * M, loads)
+
+    def on(self, lines: PeriodLines) -> Estimate:
+        """The same on a grid of more points and with more lines above."""
+        above = np.zeros((len(lines.above), *self.above.shape[1:]), complex)
+        above[: len(self.above)] = self.above
+        unknowns = tuple(resample(x, lines.points, axis=1) if x.size else x for x in self.unknowns)
+        return replace(self, above=above, unknowns=unknowns, loads=resample(self.loads, lines.points, axis=2))
 
     def of(self, own: Sequence[int]) -> Estimate:
         """The same of effects by their places, without forces of those at -1."""
@@ -229,8 +237,8 @@ class _Problem:
         of_gear = np.array([place == "gear" for place, _ in self.signals], bool)
         A = self._powers[:, :, None] * (self._rows @ self.of_force @ self._rows.T)
         softness = np.where(of_gear, 1 / self.drive.k[[j for _, j in self.signals]], 0.0)
-        beyond = np.arange(len(A) + 1, self.lines.samples * CELLS // 2)[:, None]
-        return Linear(self.lines, A, (len(A) / beyond) ** np.where(of_gear, 2, 1), softness)
+        beyond = len(A) / np.arange(len(A) + 1, self.lines.points // 2)
+        return Linear(A.transpose(1, 2, 0).copy(), beyond ** np.where(of_gear, 2, 1)[:, None], softness)
 
     def followed(self, effect: GearEffect, phi: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:
         """Forces (n_x, n) by the unknowns, as these follow a small further one phi (n,) at the effect's place.
@@ -249,7 +257,7 @@ class _Problem:
 
     def _errors(self, base: ComplexArray, m: int) -> FloatArray:
         """Transmission errors (n_x, n) in the unknown deflections."""
-        total = np.zeros((len(self.signals), self.lines.samples * CELLS))
+        total = np.zeros((len(self.signals), self.lines.points))
         for i, (place, j) in enumerate(self.signals):
             if place == "gear":
                 total[i] = self._error(base, j, m)
@@ -279,7 +287,7 @@ class _Problem:
                 # Friction by load turns as that without.
                 key = "friction" if effect.kind == "load" else effect.kind, i, effect.scale
                 if key not in shapes:
-                    shapes[key] = implicit_law(effect, x[i])
+                    shapes[key] = along_period(effect, x[i])
                 phi, dphi = shapes[key]
                 force[i] += f * size * phi
                 slope[i] += f * size * dphi
@@ -307,24 +315,24 @@ class _Problem:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """x by force: A (F, n_x, n_x) on the lines, softness (n_x,) at rest.
+    """x by force: A (n_x, n_x, F) on the lines, softness (n_x,) at rest.
 
-    beyond (K, n_x): what is left of the last line's at those above, up to half the rate of the fine grid, where all is
+    beyond (n_x, K): what is left of the last line's at those above, up to half the rate of the fine grid, where all is
     inertia: (s_F / s)^2 of a deflection, s_F / s of a velocity, and no phase.
     """
 
-    lines: PeriodLines
     A: ComplexArray
     beyond: FloatArray
     softness: FloatArray
 
     def __call__(self, force: FloatArray) -> FloatArray:
         """Unknowns (n_x, n) by forces (n_x, n)."""
-        F, spectrum = len(self.A), rfft(force)[:, 1:-1].T * (2 / force.shape[1])
-        X = np.empty_like(spectrum)
-        X[:F] = (self.A @ spectrum[:F, :, None])[:, :, 0]
-        X[F:] = (spectrum[F:] @ self.A[-1].T) * self.beyond
-        return np.asarray(self.lines.fine(X.T) + (force.mean(axis=1) * self.softness)[:, None])
+        F, spectrum = self.A.shape[2], rfft(force)
+        X = np.zeros_like(spectrum)
+        X[:, 0] = self.softness * spectrum[:, 0]
+        X[:, 1 : F + 1] = (self.A * spectrum[:, 1 : F + 1]).sum(axis=1)
+        X[:, F + 1 : -1] = (self.A[:, :, -1] @ spectrum[:, F + 1 : -1]) * self.beyond
+        return irfft(X, force.shape[1])
 
 
 def newton(
@@ -368,12 +376,16 @@ def newton(
 def _moved(
     linear: Callable[[FloatArray], FloatArray], slope: FloatArray, size: FloatArray, x_0: FloatArray, near: float
 ) -> FloatArray:
-    """x (n_x, n) of x + linear(slope x) = x_0; near: error over that of no x; size (n_x, 1): of the unknowns."""
+    """x (n_x, n) of x + linear(slope x) = x_0; near: error over that of no x; size (n_x, 1): of the unknowns.
+
+    To some percent, so that numbers of four bytes do.
+    """
+    of_x, part = (slope * size).astype(np.float32), (1 / size).astype(np.float32)
 
     def product(v: FloatArray) -> FloatArray:
-        v = v.reshape(x_0.shape) * size
-        return np.asarray((v + linear(slope * v)) / size).ravel()
+        return v + (linear(of_x * v.reshape(x_0.shape)) * part).ravel()
 
-    operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float64)
-    found = gmres(operator, (x_0 / size).ravel(), rtol=near, restart=40, maxiter=1)[0]
+    operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float32)
+    start = (x_0 / size).astype(np.float32).ravel()
+    found = gmres(operator, start, rtol=near, restart=40, maxiter=1)[0]
     return np.asarray(found.reshape(x_0.shape) * size)

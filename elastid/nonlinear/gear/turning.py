@@ -19,6 +19,7 @@ sinc.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.fft import irfft, rfft
@@ -26,33 +27,41 @@ from scipy.special import spence
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
+Signal = TypeVar("Signal", FloatArray, BoolArray)
+
 _STUCK = 0.9  # of the torque at a reversal, above which friction nearly holds, and bends the velocity over many cells
 _NEAR, _CELLS = 3.0, 6  # of u, beyond which a sign is one; of a reversal in which friction turns at once
+_FAR = 20.0  # of u, beyond which no digit of tanh u is missing
 _STEEP = 0.2  # change of u over a cell, below which its curve is that of its middle
 
 
 def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     """tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
-    u = v / (scale or 1e-9 * float(np.abs(v).max()) + 1e-300)
-    after, step = np.roll(u, -1), _steps(u)
-    flat = np.abs(step) <= 1e-9 * np.abs(u).max()
-    decay = np.exp(-2 * np.abs(u))
-    tanh = np.sign(u) * (1 - decay) / (1 + decay)
-    means = _steps(np.abs(u) + np.log1p(decay)) / np.where(flat, 1.0, step)
-    means[flat] = tanh[flat]
-    slope = np.where(flat, 0.0, _steps(tanh) / np.where(flat, 1.0, _steps(v)))
-    crosses = u * after < 0
-    is_near = (crosses | (np.minimum(np.abs(u), np.abs(after)) < _NEAR)) & ~flat
-    near = np.flatnonzero(is_near)
-    bend = step - np.roll(step, 1)
-    bend = (bend + np.roll(bend, -1)) / 2
+    size = scale or 1e-9 * float(np.abs(v).max()) + 1e-300
+    u = v / size
+    after, is_inner, tanh = following(u), np.abs(u) < _FAR, np.copysign(1.0, u)
+    tanh[is_inner] = np.tanh(u[is_inner])
+    step, means, slope, crosses = after - u, tanh.copy(), np.zeros_like(u), u * after < 0
+    cells = np.flatnonzero((is_inner | following(is_inner) | crosses) & (np.abs(step) > 1e-9 * np.abs(u).max()))
+    means[cells] = (_log_cosh(after[cells], 0.0) - _log_cosh(u[cells], 0.0)) / step[cells]
+    slope[cells] = (following(tanh) - tanh)[cells] / (step[cells] * size)
+    near = cells[crosses[cells] | (np.minimum(np.abs(u[cells]), np.abs(after[cells])) < _NEAR)]
+    is_near, bend = np.zeros(len(u), bool), np.zeros_like(u)
+    is_near[near] = True
+    bend[near] = (step[(near + 1) % len(u)] - step[near - 1]) / 2
     if 0 < len(near) < len(u):
-        cells, a, b, c = _reversals(near, is_near, crosses, step, means)
-        L = _log_cosh(after[cells], b / a) - _log_cosh(u[cells], b / a)
-        means[cells] = (b * step[cells] + a * L) / (a * step[cells] + b * L)
-        bend[cells] = c
+        short, a, b, c = _reversals(near, is_near, crosses, step, means)
+        L = _log_cosh(after[short], b / a) - _log_cosh(u[short], b / a)
+        means[short] = (b * step[short] + a * L) / (a * step[short] + b * L)
+        bend[short] = c
     means[near] -= bend[near] * _sag(u[near], after[near])
-    return irfft(rfft(means) * _from_means(len(v)), len(v)), (slope + np.roll(slope, 1)) / 2
+    return points_of_means(means), (slope + np.concatenate([slope[-1:], slope[:-1]])) / 2
+
+
+def points_of_means(means: FloatArray) -> FloatArray:
+    """Values at the points (n,) of a period by means over the cells that begin there."""
+    n = len(means)
+    return np.asarray(irfft(rfft(means) * _from_means(n), n))
 
 
 def _reversals(
@@ -106,9 +115,9 @@ def _from_means(n: int) -> ComplexArray:
     return np.asarray(np.exp(-1j * np.pi * half) / np.sinc(half))
 
 
-def _steps(x: FloatArray) -> FloatArray:
-    """From each point (n,) of a period to the next."""
-    return np.diff(x, append=x[:1])
+def following(x: Signal) -> Signal:
+    """Of each point (n,) of a period the value at the next."""
+    return np.concatenate([x[1:], x[:1]])
 
 
 def _log_cosh(u: FloatArray, ratio: FloatArray | float) -> FloatArray:

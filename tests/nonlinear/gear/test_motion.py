@@ -9,7 +9,7 @@ import pytest
 from elastid.base.arrays import FloatArray
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.motion import Linear, newton, smoothed_covariance
-from elastid.nonlinear.gear.period_lines import CELLS, PeriodLines
+from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.nonlinear.gear.turning import turning
 from tests.plants.two_mass_gear import POSTURE
 
@@ -73,9 +73,9 @@ def test_an_inertia_braked_by_friction_has_the_velocity_of_its_impulse(told: int
     By means over two cells the corners were a fifth of a cell too low.
     """
     lines = quiet_lines(told)
-    n = lines.samples * CELLS
-    beyond = np.arange(told + 1, n // 2)[:, None]
-    linear = Linear(lines, 1 / lines.s[:, None, None], told / beyond, np.zeros(1))
+    n = lines.points
+    beyond = np.arange(told + 1, n // 2)[None]
+    linear = Linear(1 / lines.s[None, None], told / beyond, np.zeros(1))
     for shift in np.linspace(0, 1, 5):
         phase = 2 * np.pi * (np.arange(n) - shift) / n
         way = np.abs((phase + np.pi) % (2 * np.pi) - np.pi)  # from the reversal where w is least
