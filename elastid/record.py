@@ -8,6 +8,7 @@ joint), `body arm z` and `frame tool rz` (absolute rotation of a body or frame a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
@@ -241,7 +242,7 @@ class Record:
         commands, which was filtered before it was thinned out, and in a velocity or an acceleration, which has passed
         the filter of a drive or an amplifier.
         """
-        rates = tuple(self.rate_hz if np.isclose(held, 1.0) else 0.0 for held in self._held)
+        rates = tuple(self.rate_hz if math.isclose(held, 1.0, rel_tol=1e-5) else 0.0 for held in self._held)
         sampled = self.sampled or tuple(quantity == "position" for quantity in self.quantities)
         return HeldTorque(rates, sampled) if any(rates) and any(sampled) else None
 

@@ -52,14 +52,16 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
         excited = spectra.excited[net.counts]
         shares[i] = 1 - n_m / spectra.U.shape[2] * excited.mean() if excited.size else 1.0
         fold, of_shapes = _folds(spectra, net, realisations), np.moveaxis(net.X[net.counts], 1, 0)
-        noise = net.e_noise[net.counts], np.moveaxis(net.X_noise[net.counts], 1, 0)
+        parts = [(net.e[net.counts], of_shapes)]
+        if spectra.has_noise:
+            parts.append((net.e_noise[net.counts], np.moveaxis(net.X_noise[net.counts], 1, 0)))
         for motor in range(n_m):
             own = np.flatnonzero(motor_of == motor)
-            e, X = net.e[net.counts, motor], of_shapes[own]
+            e, X = parts[0][0][:, motor], of_shapes[own]
             left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
             level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
             w = np.sqrt(_weights(left, excited))[:, None]
-            signals = (w * e, w * X), (w * noise[0][:, motor], w * noise[1][own])
+            signals = [(w * e[:, motor], w * X[own]) for e, X in parts]
             for m in range(M):
                 for part, (e, X) in enumerate(signals):
                     e_m, X_m = e[fold == m], X[:, fold == m]

@@ -121,6 +121,13 @@ class Moments:
         return X
 
 
+def spectra_at(mu: FloatArray, cells: int, lines: IntArray) -> ComplexArray:
+    """F (K, F) at some lines up to half the rate, as of `Moments.spectrum`, of K signals by their moments (K, l, n)."""
+    n, top = mu.shape[2], int(lines.max()) + 1
+    weights = _weights(n, top)[:, lines] / _of_two_cells(n, top, cells)[lines]
+    return np.asarray(np.einsum("lf,klf->kf", weights[: mu.shape[1]], rfft(mu)[..., lines]))
+
+
 @lru_cache(maxsize=4)
 def _by_cells(cells: int) -> FloatArray:
     """Moments (cells, DEGREES) of the cells of one sample."""

@@ -20,7 +20,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, labelled
 from elastid.base.kernels import call, is_compiled
 from elastid.friction.operators import Path, bristle, stop
-from elastid.nonlinear.moments import Moments
+from elastid.nonlinear.moments import Moments, spectra_at
 from elastid.nonlinear.motion import Motion, whole_samples
 from elastid.record import Record
 
@@ -83,30 +83,28 @@ def amplitudes(
     record: Record, motion: Motion, shapes: Sequence[Shape], weights: FloatArray, lines: IntArray
 ) -> ComplexArray:
     """Amplitudes (n, n_f, F) of the shapes of a motor at lines (F,), of sums of its repetitions by weights (n, P)."""
-    dft, N = np.zeros((len(weights), len(shapes), len(lines)), complex), record.period_samples
+    dft, N = np.zeros((len(shapes), len(weights), len(lines)), complex), record.period_samples
     states = _states(record, motion, [shape for shape in shapes if not shape.is_memoryless])
     for i, shape in enumerate(shapes):
         if shape.is_memoryless:
-            mu = friction_moments(record, motion, [(shape, 1.0)]).mu
-            sums = [Moments(_weighted_period(record, mu, w), motion.cells) for w in weights]
+            sums = _weighted_periods(record, friction_moments(record, motion, [(shape, 1.0)]).mu, weights)
         else:
             s = next(states) / (2 * shape.threshold)
             # A mean over a cell is by both of its ends.
-            ends = np.stack([s[:-1], s[1:]])
-            means = [_weighted_period(record, ends, w).sum(axis=0).reshape(N, motion.cells) for w in weights]
-            sums = [Moments.of_means(of_cells) for of_cells in means]
-        dft[:, i] = [moments.spectrum(int(lines.max()) + 1)[lines] for moments in sums]
+            means = _weighted_periods(record, s[None, :-1], weights) + _weighted_periods(record, s[None, 1:], weights)
+            sums = np.stack([Moments.of_means(of_cells.reshape(N, motion.cells)).mu for of_cells in means])
+        dft[i] = spectra_at(sums, motion.cells, lines)
         if shape.is_rate:
-            dft[:, i] *= 2j * np.pi * record.rate_hz / N * shape.threshold * lines
-    return np.asarray(dft * (2 / N))
+            dft[i] *= 2j * np.pi * record.rate_hz / N * shape.threshold * lines
+    return np.asarray(dft.swapaxes(0, 1) * (2 / N))
 
 
-def _weighted_period(record: Record, x: FloatArray, weights: FloatArray) -> FloatArray:
-    """The period (k, m) that is the sum of the repetitions of signals (k, n), each by its weight."""
+def _weighted_periods(record: Record, x: FloatArray, weights: FloatArray) -> FloatArray:
+    """The periods (n, k, m) that are sums of the repetitions of signals (k, n m), each by its weight (n, P)."""
     repetitions = x.reshape(len(x), whole_samples(record) // record.repeat_samples, -1)
-    signs = np.where(record.half_wave & (np.arange(len(weights)) % 2 == 1), -1.0, 1.0)
-    period = np.tensordot(signs * weights, repetitions, axes=(0, 1))
-    return np.concatenate([period, -period], axis=1) if record.half_wave else period
+    signs = np.where(record.half_wave & (np.arange(weights.shape[1]) % 2 == 1), -1.0, 1.0)
+    periods = np.matmul(signs * weights, repetitions).swapaxes(0, 1)
+    return np.concatenate([periods, -periods], axis=2) if record.half_wave else periods
 
 
 def friction_moments(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> Moments:

@@ -64,6 +64,11 @@ class ConfigurationSpectra:
     n_excited: int
 
     @property
+    def has_noise(self) -> bool:
+        """True if a draw of the noise is known."""
+        return bool(self.U_noise.any() or self.Phi_noise.any())
+
+    @property
     def shows_friction(self) -> bool:
         """True if there are more experiments than inputs, or lines that are not excited."""
         return self.U.shape[2] > self.U.shape[1] or not self.excited.all()
@@ -110,11 +115,13 @@ class ConfigurationSpectra:
         pseudo = np.linalg.pinv(net[on], rcond=_MIN_SINGULAR)
         G = self.Y[on] @ pseudo
         everywhere = interpolated(self.lines, self.lines[on], G)
-        e = self.U - np.linalg.solve(everywhere, self.Y)
-        e_noise = self.U_noise - np.linalg.solve(everywhere, self.Y_noise)
-        X, X_noise = self.Phi.copy(), self.Phi_noise.copy()
+        e, X = self.U - np.linalg.solve(everywhere, self.Y), self.Phi.copy()
+        signals, e_noise, X_noise = [e, X], self.U_noise, self.Phi_noise
+        if self.has_noise:
+            e_noise, X_noise = self.U_noise - np.linalg.solve(everywhere, self.Y_noise), self.Phi_noise.copy()
+            signals += [e_noise, X_noise]
         # The span of the net torques is that of Y, too, as far as G maps one onto the other.
-        for signal in (e, X, e_noise, X_noise):
+        for signal in signals:
             signal[on] -= (signal[on] @ pseudo) @ net[on]
         counts = on & (self.U.shape[2] > self.U.shape[1])
         counts[~on] = _smooth(self.lines[~on], self.lines[on], G)

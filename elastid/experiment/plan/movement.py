@@ -15,12 +15,13 @@ is the experiment's period, repeated, under the ramp s.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value, labelled
+from elastid.base.arrays import FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.specs.simulated import CarrierSpec, carrier_refusal
@@ -180,11 +181,23 @@ def reference(
     """The reference of one configuration."""
     path = movement(carrier, plan)
     signals = path.position, path.velocity, path.acceleration, path.scale
-    # At rest all samples are the same.
-    torque = feed_forward(configuration, path if carrier is not None else Movement(*(x[:1] for x in signals)))
-    position, torque = configuration.angles + path.position, np.broadcast_to(torque, path.position.shape)
+    once, place = np.unique(_first_of_its_kind(plan, carrier), return_inverse=True)
+    torque = feed_forward(configuration, Movement(*(x[once] for x in signals)))[place]
+    position = configuration.angles + path.position
     timing = plan.rate_hz, plan.first_sample
     return Reference(configuration, *timing, position, path.velocity, path.acceleration, torque, path.scale)
+
+
+def _first_of_its_kind(plan: Plan, carrier: CarrierSpec | None) -> IntArray:
+    """The first sample (n,) with the movement that each has: at rest one for all, in the periods one of a cycle."""
+    every, first = np.arange(plan.run_samples), plan.first_sample
+    if carrier is None:
+        return np.zeros_like(every)
+    if carrier.kind == "offset":
+        return every
+    cycle = plan.period_samples // math.gcd(plan.period_samples, carrier.cycles)
+    in_periods = (every >= first) & (every < plan.run_samples - first)
+    return np.where(in_periods, first + (every - first) % cycle, every)
 
 
 @frozen_value

@@ -27,11 +27,11 @@ from elastid.experiment.simulated.hardware import (
     sense,
     sense_movement,
 )
-from elastid.experiment.simulated.plant import Plant, exact_plant, feed_forward_of, true_plant, true_robot
+from elastid.experiment.simulated.plant import Plant, exact_plant, feed_forward_of, model_of, true_plant, true_robot
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
-from elastid.linear.equilibrium import OperatingPoint
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -128,7 +128,10 @@ class SimulatedRig:
         plant, point = exact_plant(
             robot, spec, self.plan.rate_hz, experiment.configuration, simulated.saturation, simulated.controller
         )
-        run = replace(self._prepared(experiment), plant=plant, point=point, noise=quiet._noise(experiment))
+        # The loop of the rig's own robot, which takes long to build, is not needed.
+        carrying = true_robot(self.robot, simulated.truth).carrying(experiment.configuration.carries)
+        own = model_of(carrying, simulated.model)
+        run = quiet._under_control(experiment, plant, point, own, equilibrium(own, own.theta, experiment.configuration))
         return quiet._record(run, quiet._moved(run, 1.0, self._end), ())
 
     @property
@@ -196,8 +199,15 @@ class SimulatedRig:
         samples, configuration = len(self.plan.experiments) * self.plan.run_samples, experiment.configuration
         highest_hz = float(self.plan.freq_hz[-1])
         plant, point = true_plant(self.robot, spec, rate_hz, highest_hz, samples, configuration, "excitation.rate_hz")
-        given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), configuration)
-        gains = gains_of(plant.model, point.q, spec.controller)
+        return self._under_control(experiment, plant, point, plant.model, point)
+
+    def _under_control(
+        self, experiment: Experiment, plant: Plant, point: OperatingPoint, own: ElasticModel, rest: OperatingPoint
+    ) -> _Run:
+        """A run of a plant in `point` by the reference and the gains that suit the rig's own robot at rest."""
+        spec = self.simulated
+        given = reference(self.plan, spec.carrier, feed_forward_of(own), experiment.configuration)
+        gains = gains_of(own, rest.q, spec.controller)
         return _Run(experiment, plant, point, given, gains, self._noise(experiment))
 
     def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:

@@ -11,10 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.limited_arm import EXCITATION, arm, experiment
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.experiment.plan.movement import check_movement, movement
+from elastid.experiment.plan.movement import Movement, check_movement, movement, reference
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.specs.simulated import CarrierSpec
+from elastid.record import Configuration
 
 
 @given(
@@ -47,6 +49,28 @@ def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
         np.testing.assert_array_equal(path.velocity[: plan.hold_samples], 0)
         np.testing.assert_array_equal(path.velocity[-plan.hold_samples + 1 :], 0)
     assert np.all(path.scale[plan.first_sample :][: 3 * N] == 1)
+
+
+@pytest.mark.parametrize(
+    "carrier",
+    [
+        None,
+        CarrierSpec(cycles=3, kind="sine", amplitude=0.02),
+        CarrierSpec(cycles=2, kind="square", velocity=(0.05, -0.1)),
+        CarrierSpec(kind="offset", velocity=(0.05, -0.1)),
+    ],
+    ids=lambda carrier: "rest" if carrier is None else carrier.kind,
+)
+def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier: CarrierSpec | None) -> None:
+    """Though it is worked out once for all samples at rest, and for one cycle of a carrier."""
+    plan = make_plan(replace(EXCITATION, torque_rms=1.0, band_hz=(5.0, 60.0)), experiment(ramp=0.25), arm(), 0)
+
+    def torque(_: Configuration, path: Movement) -> FloatArray:
+        return 3 * path.position + 0.2 * path.velocity**2 + 0.01 * path.acceleration
+
+    expected = torque(plan.configurations[0], movement(carrier, plan))
+    found = reference(plan, carrier, torque, plan.configurations[0]).feed_forward
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_a_square_wave_leaves_the_analysed_lines_free_and_keeps_its_shape() -> None:
