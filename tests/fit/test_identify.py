@@ -159,7 +159,7 @@ def test_an_estimate_at_its_bound_says_so():
     assert any("k_1 ended at its upper bound of 95 N*m/rad: widen" in warning for warning in said(result.notes))
     assert result.model_error > 1.5
     of_file = ParameterSet(tuple(replace(parameter, tolerated=True) for parameter in result.parameters))
-    (note,) = _bounds(replace(result, parameters=of_file))
+    (note,) = _bounds(replace(result, parameters=of_file), result.x)
     assert "far outside its tolerance: the model lacks something" in note.text
 
 
