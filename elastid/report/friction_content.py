@@ -88,7 +88,7 @@ class FrictionContent:
     def _good(self) -> str:
         """By the status, and by the least known of the numbers that a joint's sentence has."""
         if self.result.status in ("identified", "partly") and self._off:
-            return f"With reserve: {self._off}."
+            return f"Yes, though {self._off}."
         answered = [each for each in self.result.numbers if each.symbol in ANSWERED and each.value]
         widths = {each.name: (each.high - each.low) / 2 / abs(each.value) for each in answered}
         widest = max(widths, key=widths.__getitem__, default="")
@@ -101,14 +101,17 @@ class FrictionContent:
         """The signal in which a twin with these numbers is furthest off its log, where that is too far; else empty."""
         runs = (*self.twin.runs, *self.left_out.twin.runs)
         if lost := next((run for run in runs if run.lost), None):
-            return f"simulated forwards with them on {lost.log} the robot is lost, as said below"
+            return f"a robot with them is lost when it is simulated forwards on {lost.log}, as said below"
         off = [(signal.error, signal, run) for run in runs for signal in run.signals if signal.kind != LINK]
         error, signal, run = max(off, key=lambda each: each[0], default=(0.0, None, None))
         if signal is None or run is None or not error > MOST_OFF:
             return ""
         by = ", which the loop about the logged motion adds" if run.held_hz and signal.kind == TORQUE else ""
+        size = percent(error) if error > 2 else f"{percent(error)} of"
+        how = "reference" if run.drive == "reference" else "torque, under which errors grow with time"
         return (
-            f"simulated forwards with them, the {signal.kind} of {signal.place} is {percent(error)} off {run.log}{by}"
+            f"a robot with them, simulated forwards on {run.log} by its {how}, is off in the {signal.kind} of "
+            f"{signal.place} by {size} its rms{by}"
         )
 
     @property
