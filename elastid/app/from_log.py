@@ -115,7 +115,10 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         firsts = {name: logs[names.index(name)] for name in names}
         postures = {name: angles_of(path, form, guess) for name, path in firsts.items()}
         content = [*_head("elasticity", first), *_elasticity(guess, robot, clock, period, postures), *files]
-        content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}}}")
+        content.append(
+            "# Inertias of motors are guesses, too; leave Jm_* out where robot.yml has those of data sheets."
+        )
+        content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}")
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
     return {"study.yml": _joined(content)}

@@ -47,7 +47,7 @@ def test_logs_are_at_the_motors_that_they_name(suffix: str, units: str, tmp_path
     }
     wanted = np.outer((0.2, -0.3), np.arange(len(joints), 0, -1))
     np.testing.assert_allclose([*study.experiment.configurations.values()], wanted, atol=1e-3)
-    assert {*study.fit.parameters} == {"k_*", "d_*", "fm_*"}
+    assert {*study.fit.parameters} == {"k_*", "d_*", "fm_*", "Jm_*"}
 
 
 def test_logs_of_another_number_of_joints_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
