@@ -207,13 +207,14 @@ def conclude(run: Run) -> None:
     """Show the numbers, the files, and in the last line the parts that were not identified."""
     path = run.path("friction")
     result = stored.read_friction_result(path)
-    judged = {"twin": read_twin(path, stored.FRICTION), "left_out": stored.read_left_out(path)}
+    twin, left_out = read_twin(path, stored.FRICTION), stored.read_left_out(path)
+    content = FrictionContent(run.study.name, result, "", {}, twin=twin, left_out=left_out)
     run.console.table(friction_table(result.numbers))
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
             joints = f"joint{'s' if len(refusal.joints) > 1 else ''} {', '.join(refusal.joints)}"
             run.console.detail(f"{joints}: no {refusal.part}: {refusal.reason}")
-    for question, sentences in FrictionContent(run.study.name, result, "", {}, **judged).short_questions:
+    for question, sentences in content.short_questions:
         run.console.say(f"{question} {' '.join(sentences)}")
     leaves = (*run.stages["report"].leaves, *run.stages["friction"].leaves[1:])
     files = [run.folder / name for name in leaves]
