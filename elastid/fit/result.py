@@ -74,6 +74,8 @@ MEANING: dict[Status, str] = {
 }
 
 
+# Code of the note on errors of held numbers that no residual shows.
+HELD_AS_EXACT = "held-as-exact"
 # Of a fit that converged, with residuals beyond the noise.
 EXCEEDING = (
     "every parameter is determined, but the residuals exceed the noise, by which the intervals are widened; they do "
