@@ -338,6 +338,12 @@ def test_advice_on_a_bound_says_where_the_responses_would_end_without_it(data):
     assert "a wider one does not help" in lost
     assert "apart in time" in lost
     assert "widen" not in lost
+    small = bench().with_parameters({"d_2": 1e-7})
+    rough = measure(small, "c1", np.random.default_rng(0), 0.05)
+    notes = said(identify([rough], bench(), FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()})).notes)
+    assert any(
+        "d_2 ended at its lower bound of 0.0005 N*m*s/rad: values beyond it fit as well" in note for note in notes
+    )
 
 
 @pytest.mark.slow

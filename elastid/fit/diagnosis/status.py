@@ -28,13 +28,12 @@ from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
+from elastid.fit.diagnosis.bounds import bound_notes, unbound_optimum
 from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.diagnosis.static_loads import contradiction
 from elastid.fit.diagnosis.tool_side import tool_contradiction
 from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
-from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, ROUGH_ITERATIONS, solve
-from elastid.parameters import Parameter, ParameterSet
 from elastid.response import BENT, NOT_STRAIGHT
 
 
@@ -242,14 +241,10 @@ def _by_held_number(evidence: Evidence) -> str:
 class Limits:
     """Thresholds of status and notes of an estimate.
 
-    False alarms of 300 clean logs: at-bound 0, bound-in-most-starts 0, weakly-determined 0, correlated 0,
-    undetermined 0, weakest-combination 0, model-error 0, status-model_error 0.
+    False alarms of 300 clean logs: weakly-determined 0, correlated 0, undetermined 0, weakest-combination 0,
+    model-error 0, status-model_error 0.
     """
 
-    near_bound: float = 1e-4  # share of a range within which x is at its bound
-    beyond: float = 1e3  # by which bounds that hold a number are widened, to see where V is least
-    no_end: float = 0.9  # of the logarithm of that, from which no bound is wide enough
-    held_share: float = 0.5  # of the starts that end at a bound
     interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
     correlation: float = 0.99  # beyond which two parameters cannot be distinguished
     singular_value: float = 1e-3  # the least, as a share of the largest
@@ -264,73 +259,12 @@ class Limits:
 LIMITS = Limits()
 
 
-def at_bound(parameters: ParameterSet, x: FloatArray) -> BoolArray:
-    """True for each free parameter (n_x,) that ended at a bound."""
-    lower, upper = parameters.x_bounds
-    reach = LIMITS.near_bound * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    return np.asarray((x - lower < reach) | (upper - x < reach))
-
-
 def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
     """Warnings about bounds, undetermined and weakly determined parameters, correlations, hit rate, model error."""
     result = evidence.result
     of_error = _model_error(evidence)
-    bounds = _bounds(result, _unbound_optimum(evidence))
+    bounds = bound_notes(result, unbound_optimum(evidence))
     return (*bounds, *_determination(result, evidence.uncertainty.unreached), *_search(result), *of_error)
-
-
-def _bounds(result: FitResult, unbound: FloatArray) -> Iterator[Note]:
-    """On parameters that ended at a bound, and on bounds at which most starts ended, the best one not among them.
-
-    unbound (n_x,): where V is least without these bounds.
-    """
-    for parameter, x, held, other in zip(result.parameters.free, result.x, result.at_bound, unbound, strict=True):
-        if held:
-            low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
-            side, value = ("lower", parameter.lower) if low else ("upper", parameter.upper)
-            text = f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}"
-            yield Note("at-bound", f"{text}: {_advice_on_bound(parameter, low, other - x)}")
-    ends = [start.x for start in result.starts if math.isfinite(start.cost)]
-    if len(ends) < 3 or result.has_tolerances:  # those ended with the file's numbers
-        return
-    share = np.mean([at_bound(result.parameters, x) for x in ends], axis=0)
-    for name, part, held in zip(result.parameters.free_names, share, result.at_bound, strict=True):
-        if part > LIMITS.held_share and not held:
-            often = f"in {round(100 * part)} % of the starts"
-            text = f"{name} ended at a bound {often}: widen its bounds, or start it elsewhere"
-            yield Note("bound-in-most-starts", text)
-
-
-def _unbound_optimum(evidence: Evidence) -> FloatArray:
-    """x (n_x,) where V is least nearby once bounds that hold logarithmic parameters are `beyond` times as far out."""
-    result, problem = evidence.result, evidence.optimum.fit.problem
-    wider = {
-        p.name: replace(p, lower=p.lower / LIMITS.beyond, upper=p.upper * LIMITS.beyond)
-        for p, held in zip(result.parameters.free, result.at_bound, strict=True)
-        if held and p.log and not p.tolerated
-    }
-    if not wider:
-        return result.x
-    parameters = ParameterSet(tuple(wider.get(p.name, p) for p in problem.parameters))
-    return solve(replace(problem, parameters=parameters), result.x, ROUGH, ROUGH_ITERATIONS).x
-
-
-def _advice_on_bound(parameter: Parameter, low: bool, move: float) -> str:
-    """The next action, by the move of x without the bounds, 0 where that is not known."""
-    lacks = "the model lacks something that the data show"
-    if parameter.tolerated:
-        return f"it is a number of the robot's file, and that is far outside its tolerance: {lacks}"
-    outwards, bound = -move if low else move, parameter.lower if low else parameter.upper
-    if outwards > LIMITS.no_end * math.log(LIMITS.beyond):
-        early = ", and torques and motions that are apart in time take damping away"
-        why = early if low and parameter.unit in DAMPING_UNITS else ""
-        return (
-            f"a wider one does not help, since the responses ask for {'less' if low else 'more'} than any{why}: {lacks}"
-        )
-    if outwards < -LIMITS.near_bound:
-        return "it leaves it where the others at a bound have wider ones"
-    value = f" to beyond {bound * math.exp(move):.3g} {parameter.unit}" if outwards > LIMITS.near_bound else ""
-    return f"widen the bound{value} if values beyond it are plausible; otherwise {lacks}"
 
 
 def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
