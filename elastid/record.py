@@ -54,8 +54,8 @@ class HeldTorque:
 
     @property
     def is_uniform(self) -> bool:
-        """True if all inputs are held at one rate and all or no outputs are sampled."""
-        return len(set(self.rates_hz)) == 1 and len(set(self.sampled)) == 1
+        """True if all inputs are held at one rate and all outputs are sampled, or none is."""
+        return not any(self.sampled) or (len(set(self.rates_hz)) == 1 and all(self.sampled))
 
 
 @frozen_value
@@ -238,13 +238,13 @@ class Record:
     def images(self) -> HeldTorque | None:
         """The torques whose images are in sampled motions: those held from sample to sample of this very record.
 
-        None without any.  Nothing is known of images, and none are assumed, in a log at another rate than that of the
-        commands, which was filtered before it was thinned out, and in a velocity or an acceleration, which has passed
-        the filter of a drive or an amplifier.
+        None where none is held.  Nothing is known of images, and none are assumed, in a log at another rate than that
+        of the commands, which was filtered before it was thinned out, and in a velocity or an acceleration, which has
+        passed the filter of a drive or an amplifier; a misfit by them names them.
         """
         rates = tuple(self.rate_hz if math.isclose(held, 1.0, rel_tol=1e-5) else 0.0 for held in self._held)
         sampled = self.sampled or tuple(quantity == "position" for quantity in self.quantities)
-        return HeldTorque(rates, sampled) if any(rates) and any(sampled) else None
+        return HeldTorque(rates, sampled) if any(rates) else None
 
     @property
     def _held(self) -> tuple[float, ...]:

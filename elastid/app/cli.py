@@ -104,7 +104,10 @@ def demo(**options: Any) -> None:
     "--template", default="serial", show_default=True,
     type=click.Choice(["serial", "parallel-linkage", "recorded", "ros2", "responses", "frf", "friction"]),
 )  # fmt: skip
-@click.option("--from", "logs", multiple=True, type=click.Path(path_type=Path), help="Guess it from these logs.")
+@click.option(
+    "--from", "logs", multiple=True, type=click.Path(path_type=Path),
+    help="Guess it from these logs, a URDF or MJCF file, or both.",
+)  # fmt: skip
 @click.argument("more", type=click.Path(path_type=Path), nargs=-1, metavar="")
 def new(folder: Path, template: str, logs: tuple[Path, ...], more: tuple[Path, ...]) -> None:
     """Write a study to edit, its robot and the schema for editors into a new folder.

@@ -8,22 +8,21 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.app.logs_of_robot import in_order_of
+from elastid.app.states_of_logs import MAX_SAMPLES, ONE_STATE, angles_of, realisations_of, states_of
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line
-from elastid.base.units import TABLE
-from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
+from elastid.experiment.specs.channels import MOTIONS
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.frf.hits import Pulses
 from elastid.recorded.channel_guess import (
     ChannelGuess,
-    JointGuess,
     LogGuess,
     guess_by_name,
     guess_log,
@@ -32,20 +31,15 @@ from elastid.recorded.channel_guess import (
     rows_of_a_sample,
     signals_of,
 )
-from elastid.recorded.files.formats import opened_log, values_of
+from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.periodicity import find_period, repetition
-from elastid.recorded.repair.clock import delay
 from elastid.recorded.repair.time_stamps import STAMPS, even_grid
 from elastid.recorded.responses.universal import is_universal_file, uff_places
+from elastid.robot import Robot
 from elastid.study.checks.logs import TIME_UNITS, is_time, time_of
 
-_MAX_SAMPLES = 1 << 18
-_ONE_STATE = "all logs are of one state of the structure"
-_MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
-_MIN_FORCE = 0.1  # of the largest of a hammer's lines, on which responses are compared
-_MAX_UNLIKE = 0.05  # of responses of one point: hits that differ by a tenth in each response have half a hundredth
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
@@ -64,26 +58,24 @@ class Clock:
     is_in_s: bool = True
 
 
-def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
-    """The files of a new study in a folder, by name, guessed from the first of the logs.
+def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = None) -> dict[str, str]:
+    """The files of a new study in a folder, by name, guessed from the first of the logs; robot: that was measured.
 
-    Raises StudyError or DataError for a log that cannot be read, or in which nothing moves.
+    Raises StudyError or DataError for a log that cannot be read, in which nothing moves, or that is not of the robot.
     """
     first = logs[0]
     if lost := [path for path in logs if not path.exists()]:
         raise DataError(f"{lost[0]}: there is no such file or folder; give the path of a log")
-    if robots := [path for path in logs if path.suffix.lower() in (".urdf", ".xml", ".mjcf")]:
-        raise DataError(
-            f"{robots[0]} is a robot's file and {len(logs) - 1} others are logs; write --from for either alone"
-        )
     if first.is_file() and is_universal_file(first):
+        if robot is not None:
+            raise DataError(f"{first}: responses, and no log; template `responses` is a study of them with a robot")
         return {"study.yml": _joined([*_head("responses", first), *_universal(logs, folder)])}
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
         form = replace(form, interleaved=_rows_of_a_sample(log))
     with opened_log(first, form) as log:
-        clock, signals = _clock(log), signals_of(log, _MAX_SAMPLES)
+        clock, signals = _clock(log), signals_of(log, MAX_SAMPLES)
     signals = [(guess, x) for guess, x in signals if not is_time(guess.name) and guess.name != clock.name]
     if clock.rate_hz is None and (rate_hz := rate_by_motions(signals)):
         clock = Clock(float(f"{rate_hz:.4g}"), "velocities are the derivatives of positions at it")
@@ -102,20 +94,31 @@ def texts_from_logs(folder: Path, logs: Sequence[Path]) -> dict[str, str]:
                 "out, and give a further measurement as a further one of experiment.recorded.files, as the first is"
             )
         logs = used
+    guess = guess if robot is None else in_order_of(robot, guess)
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess.is_motion:
         heat = [] if together else [(each, x) for each, x in signals if each.quantity == "temperature"]
-        content = [*_head("friction", first), *_friction(guess, clock, heat), text, *_files(paths, (), (), together)]
+        content = [*_head("friction", first), *_friction(guess, clock, heat, robot), text]
+        content += _files(paths, (), (), together)
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = [(joint.torque.name, joint.torque.column) for joint in guess.joints]
     drives = np.stack([x for g, x in signals if (g.name, g.column) in driving], axis=1)
     period = _period(drives)
-    realisations = () if together else _realisations(logs, form, guess.joints, period[0])
-    states, why = ([0] * len(logs), _ONE_STATE) if together else _states(logs, form, guess)
+    realisations = () if together else realisations_of(logs, form, guess.joints, period[0])
+    states, why = ([0] * len(logs), ONE_STATE) if together else states_of(logs, form, guess)
     names = ["bench" if max(states) == 0 else f"state_{state + 1}" for state in states]
     files = [text, *_files(paths, names, realisations, together)]
-    content = [*_head("responses", first), *_responses(guess, clock, period, names, why), *files]
+    if robot is None:
+        content = [*_head("responses", first), *_responses(guess, clock, period, names, why), *files]
+    else:
+        firsts = {name: logs[names.index(name)] for name in names}
+        postures = {name: angles_of(path, form, guess) for name, path in firsts.items()}
+        content = [*_head("elasticity", first), *_elasticity(guess, robot, clock, period, postures), *files]
+        content.append(
+            "# Inertias of motors are guesses, too; leave Jm_* out where robot.yml has those of data sheets."
+        )
+        content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}")
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
     return {"study.yml": _joined(content)}
@@ -130,12 +133,12 @@ def _in_other_files(
     """
     taken, result = {(guess.name, guess.column) for guess, _ in first}, list[tuple[ChannelGuess, FloatArray]]()
     with opened_log(logs[0], form) as log:
-        at = np.asarray(time_of(log, clock.name))[:_MAX_SAMPLES] if clock.name else np.zeros(0)
+        at = np.asarray(time_of(log, clock.name))[:MAX_SAMPLES] if clock.name else np.zeros(0)
     n = len(first[0][1]) if first else 0
     for number, path in enumerate(logs[1:], start=2):
         with opened_log(path, form) as log:
-            signals = signals_of(log, _MAX_SAMPLES)
-            times = np.asarray(time_of(log, clock.name))[:_MAX_SAMPLES] if clock.name in log.shapes() else None
+            signals = signals_of(log, MAX_SAMPLES)
+            times = np.asarray(time_of(log, clock.name))[:MAX_SAMPLES] if clock.name in log.shapes() else None
         own = [(guess, x) for guess, x in signals if guess.name != clock.name and not is_time(guess.name)]
         own = [(replace(guess, file=number), x) for guess, x in own if (guess.name, guess.column) not in taken]
         taken |= {(guess.name, guess.column) for guess, _ in own}
@@ -219,65 +222,6 @@ def _no_guess(path: Path, form: TextFormatSpec, signals: Sequence[ChannelGuess])
     )
 
 
-def _realisations(
-    logs: Sequence[Path], form: TextFormatSpec, joints: Sequence[JointGuess], period: str
-) -> tuple[int, ...]:
-    """The realisation of each log, by what its drives repeat: the same number for further periods of one excitation."""
-    stated = re.match(r" *period_samples: (\d+) ", period)
-    if stated is None:
-        return tuple(range(len(logs)))
-    N, known, result = int(stated[1]), list[FloatArray](), list[int]()
-    drives = [ChannelSpec("u", "any", joint.torque.name, joint.torque.column) for joint in joints]
-    for path in logs:
-        with opened_log(path, form) as log:
-            u = values_of(log, drives, 0, _MAX_SAMPLES)
-        if len(u) < N or not np.isfinite(u).all():
-            return tuple(range(len(logs)))
-        one = (u[len(u) % N :].reshape(-1, N, len(drives))).mean(axis=0)
-        # Correlation of the drives of two logs of one excitation.
-        alike = [all(delay(a, b, N)[1] > 0.9 for a, b in zip(other.T, one.T, strict=True)) for other in known]
-        result.append(alike.index(True) if True in alike else len(known))
-        if True not in alike:
-            known.append(one)
-    return tuple(result)
-
-
-def _states(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> tuple[list[int], str]:
-    """The state of the structure in each log, and why: by the angles of its joints, and by the responses to hits."""
-    drives = [ChannelSpec("u", "any", j.torque.name, j.torque.column) for j in guess.joints]
-    motions = [*(j.motion for j in guess.joints), *guess.further]
-    ys = [ChannelSpec("y", "any", m.name, m.column, quantity="position") for m in motions]
-    turn = np.array([TABLE[m.unit][1] if TABLE[m.unit][0] == "rad" else 0.0 for m in motions])
-    seen, states, why = list[tuple[FloatArray, ComplexArray | None]](), list[int](), _ONE_STATE
-    for path in logs:
-        with opened_log(path, form) as log:
-            x = np.nan_to_num(values_of(log, [*drives, *ys], 0, _MAX_SAMPLES))
-        u, y = x[:, 0], x[:, len(drives) :]
-        angle, G = y.mean(axis=0) * turn, None
-        if len(drives) == 1 and Pulses.of(u) is not None:
-            F = np.fft.rfft(u - np.median(u), _MAX_SAMPLES)
-            F[np.abs(F) < _MIN_FORCE * np.abs(F).max()] = np.inf
-            G = np.fft.rfft(y - np.median(y, axis=0), _MAX_SAMPLES, axis=0) / F[:, None]
-        reach = max(_MIN_TURN, 5 * float((y.std(axis=0) * turn).max(initial=0.0)))
-        state = len(seen)
-        for k, (other, H) in enumerate(seen):
-            is_there = np.abs(angle - other).max(initial=0.0) < reach
-            if is_there and (G is None or H is None or _unlike(G, H) < _MAX_UNLIKE):
-                state = k
-                break
-            why = "hits at other points, by their responses" if is_there else "the joints stand at other angles"
-        seen += [(angle, G)] if state == len(seen) else []
-        states.append(state)
-    return states, why if len(seen) > 1 else _ONE_STATE
-
-
-def _unlike(G: ComplexArray, H: ComplexArray) -> float:
-    """Power of the difference of two responses (F, n) over the sum of theirs, on the lines that both have."""
-    both = (G != 0).any(axis=1) & (H != 0).any(axis=1)
-    G, H = G[both], H[both]
-    return float(np.sum(np.abs(G - H) ** 2) / max(np.sum(np.abs(G) ** 2 + np.abs(H) ** 2), 1e-300))
-
-
 def _head(kind: str, first: Path) -> Iterator[str]:
     yield "# yaml-language-server: $schema=study.schema.json"
     yield f"# Written by `elastid new --from` from {one_line(first.name)}. Lines that it could not know are marked"
@@ -287,20 +231,54 @@ def _head(kind: str, first: Path) -> Iterator[str]:
     yield f"name: {kind}"
 
 
-def _friction(guess: LogGuess, clock: Clock, temperatures: Sequence[tuple[ChannelGuess, FloatArray]]) -> Iterator[str]:
+def _friction(
+    guess: LogGuess,
+    clock: Clock,
+    temperatures: Sequence[tuple[ChannelGuess, FloatArray]],
+    robot: Robot | None,
+) -> Iterator[str]:
     """temperatures: signals (n,) that are named so, believed where there is one for each joint."""
-    yield "robot: robot.yml # guessed: geometry, ratios and inertias are not in the logs"
+    names = _joints(guess, robot)
+    guessed = " # guessed: geometry, ratios and inertias are not in the logs" if robot is None else ""
+    yield f"robot: robot.yml{guessed}"
     yield "friction: {passes: detect} # guessed: slow motion of joints, whose friction can be found"
     yield "experiment:"
     yield "  recorded:"
     yield from _rate(clock)
     yield "    channels:"
-    for i, joint in enumerate(guess.joints, start=1):
-        yield _channel("u", f"motor {i}", joint.torque, "force" if joint.slides else "torque")
-        yield _channel("y", f"motor {i}", joint.motion)
-    for i, (sensor, x) in enumerate(temperatures if len(temperatures) == len(guess.joints) else (), start=1):
+    yield from _motors(guess, names)
+    for name, (sensor, x) in zip(names, temperatures if len(temperatures) == len(names) else (), strict=False):
         # No machine is at 200 degC.
-        yield _channel("t", f"joint {i}", replace(sensor, unit="K" if np.median(x) > 200.0 else "degC"))
+        yield _channel("t", f"joint {name}", replace(sensor, unit="K" if np.median(x) > 200.0 else "degC"))
+
+
+def _joints(guess: LogGuess, robot: Robot | None) -> Sequence[str]:
+    """The names of the joints that move: those of the robot, in whose order they are, or their numbers."""
+    return [str(i + 1) for i in range(len(guess.joints))] if robot is None else [joint.name for joint in robot.driven]
+
+
+def _motors(guess: LogGuess, names: Sequence[str]) -> Iterator[str]:
+    for name, joint in zip(names, guess.joints, strict=True):
+        yield _channel("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
+        yield _channel("y", f"motor {name}", joint.motion)
+
+
+def _elasticity(
+    guess: LogGuess, robot: Robot, clock: Clock, period: Sequence[str], postures: Mapping[str, FloatArray]
+) -> Iterator[str]:
+    """postures: angles (n_u,) of the joints by the name of the configuration."""
+    yield "robot: robot.yml"
+    yield "experiment:"
+    yield "  configurations: # guessed: the means of the positions, or 0 where there are none"
+    for name, angles in postures.items():
+        yield f"    {name}: [{', '.join(f'{angle:.5g}' for angle in angles)}]"
+    yield "  recorded:"
+    yield from _rate(clock)
+    yield from period
+    yield "    channels: # on the link's side of the gears: `side: motor` for signals of the motor's"
+    yield from _motors(guess, _joints(guess, robot))
+    for other in guess.further:
+        yield f"      # {one_line(other.name)}: where it belongs to a joint or a frame, {{role: y, at: joint 1, ...}}"
 
 
 def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:

@@ -1,7 +1,8 @@
 """`elastid new DIR --from robot.xml`: the robot of an MJCF file, as MuJoCo compiles it.
 
-Armatures are rotors behind the gear of their actuator; a joint with a stiffness and no actuator is an elastic one;
-sites are frames. An angle here is MuJoCo's less that of its reference pose.
+Armatures are rotors before the gear of their actuator, which the damping of their joint slows; a joint with a stiffness
+and no actuator is an elastic one; sites are frames. Torque is limited by the ranges of forces and of controls that are
+forces. An angle here is MuJoCo's less that of its reference pose.
 """
 
 from __future__ import annotations
@@ -90,14 +91,14 @@ def _joint(joint: Mapping[str, Any], actuated: bool) -> Joint:
     spring, motor = None, None
     if joint["gears"] or not (actuated or joint["stiffness"]):
         ratio = joint["gears"][0] if joint["gears"] and joint["gears"][0] else 1.0
-        motor = Motor(max(joint["armature"], 1e-290) / ratio**2, ratio)
+        motor = Motor(max(joint["armature"], 1e-290) / ratio**2, ratio, joint["damping"] / ratio**2)
     elif joint["stiffness"]:
         spring = Spring(joint["stiffness"], joint["damping"])
     angle = joint["range"] or (-math.inf, math.inf)
     low, high = (end - joint["reference"] for end in angle)
-    limits = Limits((low, high), torque=abs(joint["force"][1]) if joint["force"] else math.inf)
+    limits = Limits((low, high), torque=joint["force"])
     x, y, z = joint["pos"] if kind == "hinge" else (0.0, 0.0, 0.0)
-    viscous = 0.0 if spring else joint["damping"]
+    viscous = 0.0 if spring or motor else joint["damping"]
     axis = tuple(joint["axis"])
     return Joint(name, axis, spring, motor, viscous, limits=limits, motion=_MOVING[kind], point=(x, y, z))
 
@@ -106,6 +107,9 @@ def _left_out(model: Mapping[str, Any]) -> list[str]:
     """Parts that count in MuJoCo and are not taken over, in words."""
     lines = [f"{count} {what}{'s' if count > 1 else ''}" for what, count in model["left_out"].items()]
     lines += [f"dry friction of joint {joint['name']}" for joint in model["joints"] if joint["friction"]]
+    lines += [
+        f"stiffness of joint {j['name']}, which is driven" for j in model["joints"] if j["stiffness"] and j["gears"]
+    ]
     lines += [
         f"armature of joint {j['name']}, which is not driven" for j in model["joints"] if _lost_armature(j, model)
     ]

@@ -33,14 +33,19 @@ _NO_ROTOR = 1e-250  # kg m^2, of a rotor that is not known
 _POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
 
 
-def texts_from_robot(path: Path) -> dict[str, str]:
-    """study.yml, robot.yml and, of a URDF, the file itself, by name; StudyError where no robot can be read."""
+def is_robot_file(path: Path) -> bool:
+    """True by the end of its name."""
+    return path.suffix.lower() in (".urdf", ".xml", ".mjcf")
+
+
+def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
+    """The robot, and study.yml, robot.yml and, of a URDF, the file itself, by name; StudyError where there is none."""
     if not path.is_file():
         raise StudyError(f"{path}: no such file")
-    return _texts_from_urdf(path) if path.suffix.lower() == ".urdf" else _texts_from_mjcf(path)
+    return _from_urdf(path) if path.suffix.lower() == ".urdf" else _from_mjcf(path)
 
 
-def _texts_from_mjcf(path: Path) -> dict[str, str]:
+def _from_mjcf(path: Path) -> tuple[Robot, dict[str, str]]:
     robot, left_out = read_mjcf(path)
     if not robot.driven:
         raise StudyError(f"{path}: nothing drives a joint; give it actuators")
@@ -59,10 +64,8 @@ def _texts_from_mjcf(path: Path) -> dict[str, str]:
         "Guessed where the file has none: viscous friction that stops a motor's rotor within a second.",
         *(f"Not taken over: {what}." for what in left_out),
     )
-    return {
-        "study.yml": _study(robot, postures, inertia),
-        "robot.yml": robot_text(replace(robot, bodies=bodies), comments),
-    }
+    texts = {"study.yml": _study(robot, postures, inertia)}
+    return robot, texts | {"robot.yml": robot_text(replace(robot, bodies=bodies), comments)}
 
 
 def _without_drives(robot: Robot) -> Robot:
@@ -90,7 +93,7 @@ def _gear(of_links: float) -> tuple[float, float]:
     return float(f"{k:.2g}"), float(f"{2 * _DAMPING * math.sqrt(k * of_links):.2g}")
 
 
-def _texts_from_urdf(path: Path) -> dict[str, str]:
+def _from_urdf(path: Path) -> tuple[Robot, dict[str, str]]:
     root = read_elements(path)
     moving = [joint.name for joint in root.all("joint") if joint.attributes.get("type") != "fixed"]
     if not moving:
@@ -99,11 +102,8 @@ def _texts_from_urdf(path: Path) -> dict[str, str]:
     rigid = UrdfRobot(path.name, {name: UrdfJoint(motor=Motor(_NO_ROTOR)) for name in moving}).robot(path.parent)
     postures = _postures(rigid.driven)
     inertia = _inertia_at_joints(rigid, postures)
-    return {
-        "study.yml": _study(rigid, postures, inertia),
-        "robot.yml": _robot(rigid, path.name, inertia),
-        path.name: path.read_text(encoding="utf-8"),
-    }
+    texts = {"study.yml": _study(rigid, postures, inertia), "robot.yml": _robot(rigid, path.name, inertia)}
+    return rigid, texts | {path.name: path.read_text(encoding="utf-8")}
 
 
 def _postures(joints: Sequence[Joint]) -> FloatArray:

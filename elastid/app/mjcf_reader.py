@@ -8,6 +8,7 @@ MuJoCo trusts the file, which may name any other and ask for any amount of memor
 from __future__ import annotations
 
 import json
+import math
 import sys
 from typing import Any
 
@@ -35,12 +36,13 @@ def compiled(path: str) -> dict[str, Any]:
         for i in range(1, model.nbody)
     ]
     joints = []
+    at_joints = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
     for i in range(model.njnt):
         address, dof = int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])
-        gears = [
-            float(model.actuator_gear[a, 0])
+        actuators = [
+            a
             for a in range(model.nu)
-            if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[a, 0] == i
+            if int(model.actuator_trntype[a]) in at_joints and model.actuator_trnid[a, 0] == i
         ]
         joints.append(
             {
@@ -49,13 +51,16 @@ def compiled(path: str) -> dict[str, Any]:
                 "axis": model.jnt_axis[i].tolist(),
                 "pos": model.jnt_pos[i].tolist(),
                 "range": model.jnt_range[i].tolist() if model.jnt_limited[i] else None,
-                "force": model.jnt_actfrcrange[i].tolist() if model.jnt_actfrclimited[i] else None,
+                "force": min(
+                    largest(model.jnt_actfrclimited[i], model.jnt_actfrcrange[i]),
+                    sum(abs(model.actuator_gear[a, 0]) * strength(model, a) for a in actuators) or math.inf,
+                ),
                 "stiffness": float(model.jnt_stiffness[i]) if model.jnt_stiffness.ndim == 1 else 0.0,
                 "reference": float(model.qpos0[address]),
                 "armature": float(model.dof_armature[dof]),
                 "damping": float(model.dof_damping.reshape(model.nv, -1)[dof, 0]),
                 "friction": float(model.dof_frictionloss[dof]),
-                "gears": gears,
+                "gears": [float(model.actuator_gear[a, 0]) for a in actuators],
             }
         )
     sites = [
@@ -72,6 +77,24 @@ def compiled(path: str) -> dict[str, Any]:
         "name": name, "gravity": model.opt.gravity.tolist(), "bodies": bodies, "joints": joints, "sites": sites,
         "left_out": {key: int(count) for key, count in left_out.items() if count},
     }  # fmt: skip
+
+
+def largest(is_limited: bool, ends: Any) -> float:
+    """The largest size within a range that holds, else infinity."""
+    return float(abs(ends).max()) if is_limited else math.inf
+
+
+def strength(model: Any, a: int) -> float:
+    """Largest force of an actuator before its gear: of its range, and of its control where that is a force."""
+    import mujoco
+
+    is_force = (
+        model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
+        and model.actuator_ctrllimited[a]
+    )
+    by_control = largest(is_force, model.actuator_gainprm[a, 0] * model.actuator_ctrlrange[a])
+    return min(by_control, largest(model.actuator_forcelimited[a], model.actuator_forcerange[a]))
 
 
 if __name__ == "__main__":

@@ -33,21 +33,26 @@ def new(folder: Path, template: str) -> Path:
 
 
 def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ()) -> Path:
-    """A new folder with a study of logs, or of a URDF or MJCF file, guessed, its robot where it needs one; its path.
+    """A new folder with a study of logs, of a URDF or MJCF file, or of both, guessed, with its robot; its path.
 
-    more: those behind the first `--from`.  Raises StudyError where there is none such, or the folder holds anything
+    more: those behind the last `--from`.  Raises StudyError where there is none such, or the folder holds anything
     already, and what `texts_from_logs` raises.
     """
     if not logs:
         raise StudyError(f"a study has one folder; where {more[0]} is a log write --from before it")
     _check_new(folder)
-    if not more and logs[0].suffix.lower() in (".urdf", ".xml", ".mjcf"):
-        from elastid.app.from_robot import texts_from_robot
+    from elastid.app.from_robot import from_robot, is_robot_file
 
-        return _write(folder, texts_from_robot(logs[0]))
-    from elastid.app.from_log import texts_from_logs
+    robots = [path for path in (*logs, *more) if is_robot_file(path)]
+    records = [path for path in (*logs, *more) if not is_robot_file(path)]
+    if len(robots) > 1:
+        raise StudyError(f"{robots[0]} and {robots[1]} are two robots, and a study has one; give either")
+    robot, texts = from_robot(robots[0]) if robots else (None, {})
+    if records:
+        from elastid.app.from_log import texts_from_logs
 
-    return _write(folder, texts_from_logs(folder, (*logs, *more)))
+        texts = texts_from_logs(folder, records, robot) | {k: v for k, v in texts.items() if k != "study.yml"}
+    return _write(folder, texts)
 
 
 def _check_new(folder: Path) -> None:

@@ -63,8 +63,8 @@ MEANING: dict[Status, str] = {
     "hold noise and distortion, but no error that all responses share",
     "noise_unknown": "the responses came without a covariance, so that the intervals are those of the residuals and "
     "nothing says whether the model describes the data: measure two periods or more, or give the covariance",
-    "at_bound": "a parameter was held by its bound, and the others adapted to it: widen the bound where values beyond "
-    "it are plausible, otherwise look for what the model lacks",
+    "at_bound": "a parameter was held by its bound, and the others adapted to it: see in the warning on it whether a "
+    "wider bound helps or the model lacks something",
     "misfit": "the parameters are not to be believed as they stand, since a wrong model moves them by more than their "
     "noise: correct or identify what the warnings name and fit again",
     "not_converged": "the search stopped before an optimum: give it more starts, or one nearer to the robot",
@@ -74,6 +74,8 @@ MEANING: dict[Status, str] = {
 }
 
 
+# Code of the note on errors of held numbers that no residual shows.
+HELD_AS_EXACT = "held-as-exact"
 # Of a fit that converged, with residuals beyond the noise.
 EXCEEDING = (
     "every parameter is determined, but the residuals exceed the noise, by which the intervals are widened; they do "

@@ -130,6 +130,7 @@ _UNITS = (
     "mm/s"), (r"m(/|_?per_?)s", "velocity", "m/s"), (r"deg|°", "position", "deg"), (r"m?rad", "position", "rad"),
     (r"mm", "position", "mm"), (r"n\*?m", "torque", "N*m"), (r"ma", "current", "mA"), (r"amps?", "current", "A"),
     (r"g", "acceleration", "g"), (r"[\[(]n[\])]", "force", "N"),
+    (r"[\[(]a[\])]", "current", "A"), (r"[\[(]v[\])]", "voltage", "V"),
 )  # fmt: skip
 _WORDS = {
     "temperature": r"temp.*", "torque": r"torques?|tau|trq|\w*moment|efforts?",

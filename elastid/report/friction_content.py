@@ -11,7 +11,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
-from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
+from elastid.validation.twin_run import LINK, NO_PREDICTION, NO_TWIN, TORQUE, Prediction, TwinFindings
 
 # The first answer, by the status.
 GOOD = {
@@ -22,6 +22,8 @@ GOOD = {
 }
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
 ANSWERED = ("F_c", "F_s", "f")
+# A number is good within this share of it, and a twin within this of its log, rms.
+MOST_OFF = 0.1
 # Parts of a law without numbers, in words.
 PARTS = {
     "stribeck": "stiction and Stribeck velocity",
@@ -85,13 +87,32 @@ class FrictionContent:
     @property
     def _good(self) -> str:
         """By the status, and by the least known of the numbers that a joint's sentence has."""
+        if self.result.status in ("identified", "partly") and self._off:
+            return f"Yes, though {self._off}."
         answered = [each for each in self.result.numbers if each.symbol in ANSWERED and each.value]
         widths = {each.name: (each.high - each.low) / 2 / abs(each.value) for each in answered}
         widest = max(widths, key=widths.__getitem__, default="")
-        # A number is good within 10 %.
-        if self.result.status != "identified" or not widest or widths[widest] <= 0.1:
+        if self.result.status != "identified" or not widest or widths[widest] <= MOST_OFF:
             return GOOD[self.result.status]
         return f"Not all of them: {widest} is known to ±{percent(widths[widest])} alone."
+
+    @property
+    def _off(self) -> str:
+        """The signal in which a twin with these numbers is furthest off its log, where that is too far; else empty."""
+        runs = (*self.twin.runs, *self.left_out.twin.runs)
+        if lost := next((run for run in runs if run.lost), None):
+            return f"a robot with them is lost when it is simulated forwards on {lost.log}, as said below"
+        off = [(signal.error, signal, run) for run in runs for signal in run.signals if signal.kind != LINK]
+        error, signal, run = max(off, key=lambda each: each[0], default=(0.0, None, None))
+        if signal is None or run is None or not error > MOST_OFF:
+            return ""
+        by = ", which the loop about the logged motion adds" if run.held_hz and signal.kind == TORQUE else ""
+        size = percent(error) if error > 2 else f"{percent(error)} of"
+        how = "reference" if run.drive == "reference" else "torque, under which errors grow with time"
+        return (
+            f"a robot with them, simulated forwards on {run.log} by its {how}, is off in the {signal.kind} of "
+            f"{signal.place} by {size} its rms{by}"
+        )
 
     @property
     def answers(self) -> tuple[str, ...]:

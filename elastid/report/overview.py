@@ -19,7 +19,7 @@ import numpy as np
 from elastid.base.display import number, percent
 from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.plan.plan import Plan
-from elastid.fit.result import FitResult
+from elastid.fit.result import HELD_AS_EXACT, FitResult
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
 from elastid.response import BENT
@@ -106,7 +106,12 @@ def numbers_answer(result: FitResult, rows: Sequence[ParameterRow]) -> str:
         return "No number was identified."
     if result.exceeds_noise:
         return "With reserve: residuals beyond the noise widen the intervals."
-    return "Yes." if half_width(most) <= WIDTH_CLASSES[-1] else "Not all of them."
+    if half_width(most) > WIDTH_CLASSES[-1]:
+        return "Not all of them."
+    held = next((note.text for note in result.notes if note.code == HELD_AS_EXACT), "")
+    if not held or any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
+        return "Yes."
+    return f"Yes, if what the fit held is exact: {held.partition('; ')[2].partition(':')[0]}."
 
 
 def needs_floor(agreements: Sequence[Agreement]) -> bool:

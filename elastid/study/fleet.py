@@ -18,6 +18,10 @@ from elastid.study.source import read_source
 
 # Columns of a table that are no keys of the study.
 ROBOT, DATE = "robot", "date"
+_NO_FOLDER = (
+    "no folder below {} is like that with a date as 2026-03-31 in its name; correct the pattern, or name robot and "
+    "date of each folder in a table"
+)
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ def load_fleet(path: Path) -> Fleet:
     members = sorted(_members(spec, path), key=lambda member: (member.robot, member.date))
     names = Counter(member.words for member in members)
     if not members and spec.folders:
-        raise make_error(source, [Problem((by,), f"no folder is like that below {path.parent}; correct the pattern")])
+        raise make_error(source, [Problem((by,), _NO_FOLDER.format(path.parent))])
     if not members:
         raise make_error(source, [Problem((by,), "there are no members; give a row for each")])
     if twice := [words for words, count in names.items() if count > 1]:
@@ -115,12 +119,26 @@ def _folders(pattern: str, base: Path) -> Iterator[tuple[MemberSpec, str]]:
     """Folders like a pattern, with the robot and date of their names; those whose date is none are left out."""
     glob = re.sub(r"\{\w+\}", "*", pattern)
     parts = re.split(r"\{(robot|date)\}", pattern)
-    texts = [re.escape(part) if i % 2 == 0 else f"(?P<{part}>[^/]+)" for i, part in enumerate(parts)]
-    for folder in sorted(base.glob(glob)):
-        named = re.fullmatch("".join(texts), folder.relative_to(base).as_posix())
-        if named is None or set(named.groupdict()) != {ROBOT, DATE}:
-            continue
+    texts = [_expression(part) if i % 2 == 0 else f"(?P<{part}>[^/]+)" for i, part in enumerate(parts)]
+    for folder in sorted(place for place in base.glob(glob) if place.is_dir()):
+        path = folder.relative_to(base)
+        named = re.fullmatch("".join(texts), path.as_posix())
+        names = _names(path) | (named.groupdict() if named else {})
         try:
-            yield MemberSpec(named[ROBOT], named[DATE]), folder.relative_to(base).as_posix()
-        except ValueError:
+            yield MemberSpec(names[ROBOT], names[DATE]), path.as_posix()
+        except (ValueError, KeyError):
             continue
+
+
+def _expression(part: str) -> str:
+    """The regular expression of the part of a pattern between its names."""
+    return re.escape(part).replace(r"\*", "[^/]*").replace(r"\?", "[^/]")
+
+
+def _names(folder: Path) -> dict[str, str]:
+    """The date in the name of a folder, and the robot in the rest of it, or in the name of the folder above."""
+    named = re.search(r"(\d{4})-?(\d{2})-?(\d{2})", folder.name)
+    if named is None:
+        return {}
+    rest = folder.name.replace(named[0], "").strip("_-. ")
+    return {DATE: "-".join(named.groups()), ROBOT: rest or folder.parent.name}

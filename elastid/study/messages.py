@@ -29,13 +29,13 @@ _OF_KEY = "[key]"
 class Problem:
     """One error: the key path, a sentence, and True if the key (not its value) is at fault.
 
-    head: True if the comment at the head of the study says more, such as where a missing record can be had.
+    origin: True if a comment at the head of the study may say more: where a missing record can be had.
     """
 
     path: KeyPath
     message: str
     at_key: bool = False
-    head: bool = False
+    origin: bool = False
 
 
 def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
@@ -173,11 +173,11 @@ def value_at(data: Any, path: KeyPath) -> Any:
 
 
 def make_error(source: YamlSource, problems: Iterable[Problem], robot_errors: str = "") -> StudyError:
-    """One line for each problem, in the order of the sources; last the errors of the robot's file and the head."""
+    """One line for each problem, in the order of the sources; last the errors of the robot's file and the origin."""
     problems = tuple(problems)
     lines = [message for _, message in sorted({_line(source, problem) for problem in problems})]
-    head = source.head if any(problem.head for problem in problems) else ()
-    return StudyError("\n".join([first_of(lines), *filter(None, [robot_errors]), *head]).lstrip("\n"))
+    origin = source.origin if any(problem.origin for problem in problems) else ()
+    return StudyError("\n".join([first_of(lines), *filter(None, [robot_errors]), *origin]).lstrip("\n"))
 
 
 def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:

@@ -194,8 +194,9 @@ class FleetSpec:
         "differ; a table is easier to keep from ten on.")] = ()
     table: Annotated[str | None, Key("CSV file with columns robot, date and keys of the study, a row each member.",
         "where a spreadsheet or a data base lists the measurements: a column for each key that differs.")] = None
-    folders: Annotated[str | None, Key("Pattern of folders, a member each, such as logs/{robot}/{date}.", "where logs "
-        "are filed by robot and date already; every folder that fits the pattern is a member.")] = None
+    folders: Annotated[str | None, Key("Pattern of folders, a member each, such as logs/{robot}/{date} or logs/*.",
+        "where logs are filed by robot and date already: every folder that fits is a member; where the pattern does "
+        "not say which, its name has robot and date, such as A7_2026-03-31.")] = None
     set: Annotated[dict[str, Any], Key("Keys of the study for all members; {robot}, {date} and {folder} stand for "
         "those of the member.", "for what is common to all members and not to the study, such as fewer starts; with "
         "{folder} the paths of logs.")] = field(default_factory=dict)

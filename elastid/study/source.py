@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
+from itertools import dropwhile, takewhile
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -47,10 +47,10 @@ class YamlSource:
     text: str = ""
 
     @property
-    def head(self) -> tuple[str, ...]:
-        """The lines of comment before the first key, without directives of editors."""
+    def origin(self) -> tuple[str, ...]:
+        """Of the comment before the first key the lines from `# The record:` on, which say where its logs are had."""
         comment = takewhile(lambda line: line.startswith("#"), self.text.splitlines())
-        return tuple(line for line in comment if "yaml-language-server" not in line)
+        return tuple(dropwhile(lambda line: not line.startswith("# The record:"), comment))
 
     def place(self, path: KeyPath, of_value: bool = False) -> Place:
         """Where a key path is written, or else the nearest key above it."""

@@ -33,7 +33,9 @@ ARM = """
   </body>
 </worldbody>
 <actuator>
-  <motor name="a" joint="x"/><motor name="b" joint="turn" gear="-60"/><position name="c" joint="lift" kp="10"/>
+  <motor name="a" joint="x" ctrlrange="-7 7"/>
+  <general name="b" jointinparent="turn" gear="-60" gainprm="0.5" ctrlrange="-8 8" forcerange="-3 3"/>
+  <position name="c" joint="lift" kp="10" ctrlrange="-1 1"/>
 </actuator>
 </mujoco>
 """
@@ -71,6 +73,20 @@ def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
     assert left_out == ()
 
 
+def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque(tmp_path: Path) -> None:
+    """Beside the armature, before the gear; a force's range, a control's where it is a force, and the joint's own."""
+    path = tmp_path / "crane.xml"
+    path.write_text(ARM.replace('armature="12"', 'armature="12" damping="7.2" stiffness="5"'))
+    robot, left_out = read_mjcf(path)
+    x, turn, _ = robot.driven
+    assert (x.motor.viscous, turn.motor.viscous) == (4.0, pytest.approx(7.2 / 60**2))
+    assert [joint.viscous for joint in robot.joints] == [0.0, 0.0, 0.0, 0.0]
+    assert [joint.limits.torque for joint in robot.driven] == [7.0, 60 * 3.0, np.inf]
+    assert left_out == ("stiffness of joint turn, which is driven",)
+    path.write_text(ARM.replace('axis="1 0.2 0"', 'axis="1 0.2 0" actuatorfrcrange="-5 5"').replace("-3 3", "-30 30"))
+    assert [joint.limits.torque for joint in read_mjcf(path)[0].driven] == [5.0, 60 * 0.5 * 8, np.inf]
+
+
 def _takes_data() -> bool:
     """From release 3.4 on mj_fullM takes the data."""
     return "data" in (mujoco.mj_fullM.__doc__ or "").partition("->")[0].lower().replace("mjdata", "data")
@@ -90,7 +106,7 @@ def test_a_study_of_it_checks(tmp_path: Path) -> None:
     [
         (("<worldbody>", "<worldbody><body name='free'><freejoint/><geom size='.1'/></body>"), "is of type free"),
         (("</worldbody>", ""), "MuJoCo does not take it: XML parse error"),
-        (('joint="turn" gear', 'joint="twist" gear'), "MuJoCo does not take it: Error: unknown"),
+        (('parent="turn"', 'parent="twist"'), "MuJoCo does not take it: Error: unknown"),
     ],
 )
 def test_a_file_that_is_no_robot_is_refused(change: tuple[str, str], says: str, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import DataError, FitError, StudyError
 from elastid.base.execution import Execution
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.status import _bounds
+from elastid.fit.diagnosis.bounds import bound_notes
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
@@ -159,7 +159,7 @@ def test_an_estimate_at_its_bound_says_so():
     assert any("k_1 ended at its upper bound of 95 N*m/rad: widen" in warning for warning in said(result.notes))
     assert result.model_error > 1.5
     of_file = ParameterSet(tuple(replace(parameter, tolerated=True) for parameter in result.parameters))
-    (note,) = _bounds(replace(result, parameters=of_file))
+    (note,) = bound_notes(replace(result, parameters=of_file), None)
     assert "far outside its tolerance: the model lacks something" in note.text
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from plants.friction_study import friction_content
 from plants.taken_friction import LEVELS, STDS, taken_friction
@@ -12,6 +13,7 @@ from plants.taken_friction import LEVELS, STDS, taken_friction
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.result import FrictionResult
 from elastid.nonlinear.result import friction_rows
+from elastid.validation.twin_run import TORQUE, TwinFindings, TwinRun, twin_signal
 
 
 def test_sliding_friction_is_the_sum_of_its_levels_with_their_covariance() -> None:
@@ -34,3 +36,19 @@ def test_numbers_are_good_where_the_least_known_of_them_is(monkeypatch: pytest.M
         monkeypatch.setattr(FrictionResult, "numbers", (replace(number, **ends),))
         said.append(replace(content, result=replace(content.result, status="identified")).questions[0][1][0])
     assert said == ["Yes.", f"Not all of them: {number.name} is known to ±28 % alone."]
+
+
+@pytest.mark.parametrize(("error", "first"), [(0.02, "Yes, as far"), (0.15, "Yes, though")])
+def test_numbers_are_good_as_far_as_a_twin_with_them_moves_as_its_log(error: float, first: str) -> None:
+    """One whose torque is 15 % off, or that is lost, is said in the first sentence."""
+    t = np.arange(500) / 100
+    torque = np.sin(2 * np.pi * t)
+    signals = torque, torque + error * np.cos(2 * np.pi * t), None
+    signal = twin_signal(TORQUE, "motor 1", "N*m", signals, 100.0, (0.0, 50.0))
+    run = TwinRun("log a", "torque", 0.5, 5.0, 100.0, (signal,))
+    content = replace(friction_content(), twin=TwinFindings((), (run,)))
+    said = content.questions[0][1][0]
+    assert said.startswith(first)
+    assert ("is off in the torque of motor 1 by 15 %" in said) == (error > 0.1)
+    lost = replace(content, twin=TwinFindings((), (replace(run, signals=(), lost="it falls"),)))
+    assert lost.questions[0][1][0].startswith("Yes, though a robot with them is lost")

@@ -9,6 +9,7 @@ import pytest
 from plants.report_values import TRUTH, fit_result, report_content
 
 from elastid.base.display import number, percent
+from elastid.base.note import Note
 from elastid.covariance import Covariance
 from elastid.experiment.simulated.structure import true_response
 from elastid.fit.result import ModificationIndex
@@ -130,6 +131,19 @@ def test_a_longer_measurement_is_advised_only_as_far_as_the_file_lets_it_narrow(
         (gain,) = gains(of_noise)
         assert gain.endswith(f"would become ±{percent(width / np.sqrt(1 + 0.5 * of_noise))}.")
     assert not gains(0.0)
+
+
+def test_the_answer_says_how_exact_what_was_held_must_be():
+    """Of a measured robot: up to 5 % of a torque constant shows in no residual; a simulated one is its file."""
+    held = "the intervals take as exact ...; up to 5 % of gain_u_* shows in no residual: measure them as exactly"
+    result = replace(fit_result(), status="converged", notes=(Note("held-as-exact", held),), indices=())
+    rows = [replace(row, truth=None) for row in rows_of(result)]
+    assert (
+        numbers_answer(result, rows)
+        == "Yes, if what the fit held is exact: up to 5 % of gain_u_* shows in no residual."
+    )
+    assert numbers_answer(result, [replace(rows[0], truth=1.0), *rows[1:]]) == "Yes."
+    assert numbers_answer(replace(result, notes=()), rows) == "Yes."
 
 
 def test_answers_do_not_contradict_the_status():

@@ -34,6 +34,20 @@ def test_folders_are_members_by_their_names(fleet: Path) -> None:
     assert member.overrides == ("name=a in logs/a_2024-05-01",)
 
 
+@pytest.mark.parametrize("pattern", ["logs/*", "logs/{robot}_*", "logs/?_*"])
+def test_folders_of_any_pattern_have_robot_and_date_in_their_names(fleet: Path, pattern: str) -> None:
+    """Sorted; files, and folders without a date, are no members, and a pattern of those alone is refused."""
+    for name in ("b_2024-05-01", "a_20240601", "a_2024-05-01", "a_old"):
+        (fleet.parent / "logs" / name).mkdir(parents=True)
+    (fleet.parent / "logs" / "a_2024-07-01").touch()
+    text = fleet.read_text()
+    fleet.write_text(text + f"folders: '{pattern}'\n")
+    assert [each.name for each in load_fleet(fleet).members] == ["a_2024-05-01", "a_2024-06-01", "b_2024-05-01"]
+    fleet.write_text(text + "folders: logs/*_old\n")
+    with pytest.raises(StudyError, match=r"fleet\.yml:3:10: folders: no folder below .* with a date as 2026-03-31"):
+        load_fleet(fleet)
+
+
 @pytest.mark.parametrize(
     ("table", "message"),
     [

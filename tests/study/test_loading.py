@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 
+from elastid.app.cli import run_command
 from elastid.base.errors import StudyError
 from elastid.robot import Tolerances
 from elastid.study import load, make_schema
@@ -482,7 +483,7 @@ def test_a_folder_in_place_of_a_study_is_told_apart(tiny: Path) -> None:
 
 
 def test_a_study_whose_record_is_missing_says_where_it_can_be_had(tmp_path: Path) -> None:
-    """The comment at the head of the study follows the errors; of a study without one, nothing does."""
+    """What its head says of the record follows the errors; the rest of the head, and that of a template, does not."""
     study = (CONFIGS / "real" / "motor_bench.yml").read_text().replace("../../../shared", "../nowhere")
     (tmp_path / "robots").mkdir()
     (tmp_path / "real").mkdir()
@@ -490,10 +491,14 @@ def test_a_study_whose_record_is_missing_says_where_it_can_be_had(tmp_path: Path
     path = tmp_path / "real" / "study.yml"
     path.write_text(study)
     found = errors(path)
-    head = [line for line in study.splitlines() if line.startswith("#")]
     assert "no such file" in found[0]
-    assert found[1:] == head
-    assert any("github.com" in line for line in head)
+    assert found[1].startswith("# The record: MATLAB/Examples")
+    assert "github.com" in found[1]
+    assert found[1:] == [line for line in study.splitlines() if line.startswith("#")][1:]
+    assert run_command(["new", str(tmp_path / "frf"), "--template", "frf"]) == 0
+    for log in (tmp_path / "frf" / "logs").iterdir():
+        log.unlink()
+    assert all("no such file" in line for line in errors(tmp_path / "frf" / "study.yml"))
     path.write_text("\n".join(line for line in study.splitlines() if not line.startswith("#")))
     assert len(errors(path)) == 1
 

@@ -205,13 +205,16 @@ def report_friction(
 
 def conclude(run: Run) -> None:
     """Show the numbers, the files, and in the last line the parts that were not identified."""
-    result = stored.read_friction_result(run.path("friction"))
+    path = run.path("friction")
+    result = stored.read_friction_result(path)
+    twin, left_out = read_twin(path, stored.FRICTION), stored.read_left_out(path)
+    content = FrictionContent(run.study.name, result, "", {}, twin=twin, left_out=left_out)
     run.console.table(friction_table(result.numbers))
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
             joints = f"joint{'s' if len(refusal.joints) > 1 else ''} {', '.join(refusal.joints)}"
             run.console.detail(f"{joints}: no {refusal.part}: {refusal.reason}")
-    for question, sentences in FrictionContent(run.study.name, result, "", {}).short_questions:
+    for question, sentences in content.short_questions:
         run.console.say(f"{question} {' '.join(sentences)}")
     leaves = (*run.stages["report"].leaves, *run.stages["friction"].leaves[1:])
     files = [run.folder / name for name in leaves]

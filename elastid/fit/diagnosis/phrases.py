@@ -121,6 +121,14 @@ def late_advice(index: ModificationIndex, result: FitResult) -> str:
     return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
 
 
+def images(index: ModificationIndex) -> str:
+    """Images of the held torque in accelerations."""
+    where = index.name.split("_", 2)[-1]
+    places = "all accelerometers" if where == "*" else where.replace("_", " ")
+    share = f"{100 * float(index.steps[0]):.0f} %"
+    return f"images of the held torque in unfiltered samples of {places} ({share} of those without any filter)"
+
+
 def by_posture(index: ModificationIndex) -> str:
     """Changes by posture, relative, the largest first."""
     changes = {name.partition("@")[2]: float(step) for name, step in zip(index.members, index.steps, strict=True)}

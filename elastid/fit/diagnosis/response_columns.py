@@ -12,6 +12,7 @@ since torque and angle were referred to the link side by the wrong ratio.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -19,12 +20,16 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.diagnosis.sensitivities import RATE, HeldResponse
 from elastid.linear.linear_model import DELAY
+from elastid.linear.response.transfer import frequency_response
+from elastid.record import MOTION_ORDER
 from elastid.robot import Body, Robot, gain_name
 
 # Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
 LOAD_RATIO = 0.97
 # Of the largest torque, below which a gear carries none.
 NO_LOAD = 0.01
+# Images to either side of a line that are taken for all.
+IMAGES = 8
 
 
 def rate_column(response: HeldResponse) -> dict[str, ComplexArray]:
@@ -41,6 +46,28 @@ def channel_delays(response: HeldResponse) -> dict[str, ComplexArray]:
             mask[(slice(None),) * axis + (i,)] = 1.0
             columns[gain_name(role, place).replace("gain", "delay", 1)] = -s * mask * response.G
     return columns
+
+
+def unfiltered(response: HeldResponse) -> dict[str, ComplexArray]:
+    r"""Derivatives to the part, 0 to 1, of the images of held torques in accelerations that the model has filtered.
+
+    .. math:: \sum_{m \ne 0} \frac{x}{x + m}\, G(\omega + m \omega_s), \qquad x = \omega / \omega_s
+    """
+    model, freq_hz, hold = response.model, response.freq_hz, response.model.hold
+    if hold is None or all(hold.sampled):
+        return {}
+    plant, total, rates = replace(model, quantity="acceleration", hold=None), np.zeros_like(response.G), hold.rates_hz
+    for rate_hz in {rate for rate in rates if rate}:
+        held = np.equal(rates, rate_hz)
+        for m in (*range(-IMAGES, 0), *range(1, IMAGES + 1)):
+            image_hz = freq_hz + m * rate_hz
+            G = frequency_response(plant, response.theta, np.abs(image_hz))
+            G = G if m > 0 else G.conj()
+            total += held * (freq_hz / image_hz)[:, None, None] * G
+    total *= (2j * np.pi * freq_hz[:, None, None]) ** (MOTION_ORDER[model.quantity] - 2)
+    filtered = {place: i for i, place in enumerate(model.outputs) if not hold.sampled[i]}
+    row = np.eye(len(model.outputs))
+    return {gain_name("y", p).replace("gain", "unfiltered", 1): row[i][:, None] * total for p, i in filtered.items()}
 
 
 def gear_ratios(response: HeldResponse) -> dict[str, ComplexArray]:

@@ -28,12 +28,12 @@ from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
+from elastid.fit.diagnosis.bounds import bound_notes, unbound_optimum
 from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.diagnosis.static_loads import contradiction
 from elastid.fit.diagnosis.tool_side import tool_contradiction
 from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
-from elastid.parameters import ParameterSet
 from elastid.response import BENT, NOT_STRAIGHT
 
 
@@ -241,12 +241,10 @@ def _by_held_number(evidence: Evidence) -> str:
 class Limits:
     """Thresholds of status and notes of an estimate.
 
-    False alarms of 300 clean logs: at-bound 0, bound-in-most-starts 0, weakly-determined 0, correlated 0,
-    undetermined 0, weakest-combination 0, model-error 0, status-model_error 0.
+    False alarms of 300 clean logs: weakly-determined 0, correlated 0, undetermined 0, weakest-combination 0,
+    model-error 0, status-model_error 0.
     """
 
-    near_bound: float = 1e-4  # share of a range within which x is at its bound
-    held_share: float = 0.5  # of the starts that end at a bound
     interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
     correlation: float = 0.99  # beyond which two parameters cannot be distinguished
     singular_value: float = 1e-3  # the least, as a share of the largest
@@ -261,40 +259,12 @@ class Limits:
 LIMITS = Limits()
 
 
-def at_bound(parameters: ParameterSet, x: FloatArray) -> BoolArray:
-    """True for each free parameter (n_x,) that ended at a bound."""
-    lower, upper = parameters.x_bounds
-    reach = LIMITS.near_bound * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    return np.asarray((x - lower < reach) | (upper - x < reach))
-
-
 def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
     """Warnings about bounds, undetermined and weakly determined parameters, correlations, hit rate, model error."""
     result = evidence.result
     of_error = _model_error(evidence)
-    return (*_bounds(result), *_determination(result, evidence.uncertainty.unreached), *_search(result), *of_error)
-
-
-def _bounds(result: FitResult) -> Iterator[Note]:
-    """On parameters that ended at a bound, and on bounds at which most starts ended, the best one not among them."""
-    for parameter, x, held in zip(result.parameters.free, result.x, result.at_bound, strict=True):
-        if held:
-            low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
-            side, value = ("lower", parameter.lower) if low else ("upper", parameter.upper)
-            text = f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}"
-            advice = "widen the bound if values beyond it are plausible; otherwise the model"
-            if parameter.tolerated:
-                advice = "it is a number of the robot's file, and that is far outside its tolerance: the model"
-            yield Note("at-bound", f"{text}: {advice} lacks something that the data show")
-    ends = [start.x for start in result.starts if math.isfinite(start.cost)]
-    if len(ends) < 3 or result.has_tolerances:  # those ended with the file's numbers
-        return
-    share = np.mean([at_bound(result.parameters, x) for x in ends], axis=0)
-    for name, part, held in zip(result.parameters.free_names, share, result.at_bound, strict=True):
-        if part > LIMITS.held_share and not held:
-            often = f"in {round(100 * part)} % of the starts"
-            text = f"{name} ended at a bound {often}: widen its bounds, or start it elsewhere"
-            yield Note("bound-in-most-starts", text)
+    bounds = bound_notes(result, unbound_optimum(evidence))
+    return (*bounds, *_determination(result, evidence.uncertainty.unreached), *_search(result), *of_error)
 
 
 def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:

@@ -12,7 +12,7 @@ from elastid.base.note import Note
 from elastid.fit.diagnosis.hypothesis import Scores
 from elastid.fit.diagnosis.sensitivities import RATE
 from elastid.fit.diagnosis.status import MISFIT
-from elastid.fit.result import FitResult
+from elastid.fit.result import HELD_AS_EXACT, FitResult
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def find_undetectable_errors(result: FitResult, scores: Scores | None) -> tuple[
         f"{errors[0].amount(errors[0].error)} shows in no residual: measure them as exactly, or fit those that can be "
         "with a prior"
     )
-    return (Note("held-as-exact", text, severity="information"),)
+    return (Note(HELD_AS_EXACT, text, severity="information"),)
 
 
 def _stated(place: int, result: FitResult) -> str:

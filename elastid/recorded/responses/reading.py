@@ -105,10 +105,10 @@ def link_side_response(
 
 
 def _images(inputs: Sequence[ChannelSpec], outputs: Sequence[ChannelSpec], spec: ResponsesSpec) -> HeldTorque | None:
-    """The commands of which angles, sampled with them, contain images; None without any."""
+    """The commands that are held, and the angles that contain images of them; None where none is held."""
     rates = tuple(_held_rate_hz(channel, spec) for channel in inputs)
     sampled = tuple(channel.quantity == "position" for channel in outputs)
-    return HeldTorque(rates, sampled) if any(rates) and any(sampled) else None
+    return HeldTorque(rates, sampled) if any(rates) else None
 
 
 def _held_rate_hz(channel: ChannelSpec, spec: ResponsesSpec) -> float:

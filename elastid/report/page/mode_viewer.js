@@ -83,8 +83,8 @@
     const box = { width: width + left + 14, height: height + top + 40 };
     const frame = svg(views, "svg", { ...box, viewBox: `0 0 ${box.width} ${box.height}`, role: "img" });
     svg(frame, "title", {}, `${"xyz"[right]} to the right and ${"xyz"[up]} upwards, in m`);
-    const lines = svg(frame, "g", { stroke: "#ddd", "stroke-width": 1 });
-    const text = svg(frame, "g", { "font-size": 11, fill: "#555" });
+    const lines = svg(frame, "g", { stroke: "var(--line)", "stroke-width": 1 });
+    const text = svg(frame, "g", { "font-size": 11, fill: "var(--weak)" });
     for (const value of ticks(x, 4)) {
       svg(lines, "path", { d: `M${px(value)} ${top - 8}V${top + height + 8}` });
       svg(text, "text", { x: px(value), y: top + height + 20, "text-anchor": "middle" }, String(value));
@@ -96,7 +96,7 @@
     svg(text, "text", { x: left + width / 2, y: top + height + 36, "text-anchor": "middle" }, `${"xyz"[right]} in m`);
     svg(text, "text", { x: 11, y: top + height / 2, "text-anchor": "middle", transform: `rotate(-90 11 ${top + height / 2})` }, `${"xyz"[up]} in m`);
     const foot = at(row.points.map((p) => row.step * p), 0).split(" ");
-    svg(frame, "rect", { x: foot[0] - 5, y: foot[1] - 5, width: 10, height: 10 });
+    svg(frame, "rect", { x: foot[0] - 5, y: foot[1] - 5, width: 10, height: 10, fill: "var(--ink)" });
     sticks(frame, row, at, { stroke: data.colors.rest, class: "rest" })(positions(row, mode, null));
     sticks(frame, row, at, { stroke: data.colors.back, opacity: 0.3, class: "end" })(positions(row, mode, Math.PI));
     sticks(frame, row, at, { stroke: data.colors.ahead, opacity: 0.3, class: "end" })(positions(row, mode, 0));

@@ -90,7 +90,7 @@ def _check_exists(place: Path, path: KeyPath) -> Iterator[Problem]:
     if not is_log(place):
         neighbours = _neighbours(place)
         hint = f"; {did_you_mean(place.name, neighbours[:20])}" if neighbours else ""
-        yield Problem(path, f"no such file (looked for {place}){hint}", head=True)
+        yield Problem(path, f"no such file (looked for {place}){hint}", origin=True)
 
 
 def check_tool(study: Study, base: Path) -> Iterator[Problem]:

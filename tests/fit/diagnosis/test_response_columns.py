@@ -8,12 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.faults import CONFIGURATIONS, FREQ_HZ, SPEC, Case, drawn, exact, true_case
+from plants.held_torque import plant
+from scipy.linalg import expm
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
+from elastid.linear.statespace import state_space
 from elastid.model.formulation import serial
-from elastid.record import Configuration
+from elastid.record import Configuration, HeldTorque, zero_order_hold
+from elastid.response import Covariance, FrequencyResponse
 
 HOSE, LOSS, SOFT = 1e-3, 0.05, 0.95
 
@@ -80,3 +85,39 @@ def test_a_cause_is_named_first_with_its_size(fault: Callable[[Case], Case], nam
     if step is not None:
         index = next(each for each in result.indices if each.name == name)
         assert index.steps[0] == pytest.approx(step, rel=0.2)
+
+
+def of_unfiltered_accelerometer(rate_hz: float, freq_hz: FloatArray) -> FrequencyResponse:
+    """Of samples of a load's acceleration under a held torque: exact, by the discrete system of the hold."""
+    robot, configuration = plant(), Configuration("c1", [0.0])
+    model = serial(robot)
+    linear = Linearisation.of(model).at(configuration, model.theta, ("body load z",), "position")
+    system = state_space(linear, linear.theta_ref)
+    A, B, n = system.A, system.B, len(system.A)
+    block = expm(np.block([[A, B], [np.zeros((1, n + 1))]]) / rate_hz)
+    x = freq_hz / rate_hz
+    z = np.exp(2j * np.pi * x)[:, None, None]
+    states = np.linalg.solve(z * np.eye(n) - block[:n, :n], np.tile(block[:n, n:], (len(x), 1, 1)))
+    G = system.C @ A @ A @ states / zero_order_hold(x)[:, None, None]  # the load's jerk is finite: no torque in C A B
+    std = 0.003 * np.abs(G) + 1e-5 * np.abs(G).max()
+    places = ("motor 1",), ("body load z",)
+    hold = HeldTorque((rate_hz,), (False,))
+    noise = Covariance(std**2, np.inf)
+    return FrequencyResponse(freq_hz, G, *places, "acceleration", configuration, noise=noise, hold=hold)
+
+
+@pytest.mark.parametrize(("rate_hz", "is_named"), [(200.0, True), (4000.0, False)])
+def test_images_in_unfiltered_accelerations_are_named(rate_hz: float, is_named: bool) -> None:
+    """A held torque at 200 Hz, lines to 80 Hz: they are all of what the residuals have; at 4 kHz there are none."""
+    response = of_unfiltered_accelerometer(rate_hz, np.arange(4.0, 80.0))
+    rng = np.random.default_rng(0)
+    assert response.noise is not None
+    noise = np.sqrt(response.noise.variance / 2) * (rng.standard_normal((76, 1, 1, 2)) @ [1, 1j])
+    spec = FitSpec(starts=1, parameters={name: ParameterSpec() for name in ("k_1", "d_1", "Jm_1", "I_load")})
+    result = identify([replace(response, G=response.G + noise)], plant(), spec)
+    causes = [note.text for note in result.notes if note.code == "modification-index"]
+    if is_named:
+        assert "images of the held torque in unfiltered samples of body load z (1" in causes[0]
+        assert result.indices[0].steps[0] == pytest.approx(1.0, rel=0.1)
+    else:
+        assert causes == []

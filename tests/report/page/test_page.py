@@ -9,11 +9,13 @@ import subprocess
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
+from importlib.resources import files
 
 import numpy as np
 import pytest
 from cycler import cycler
 from matplotlib import rc_context
+from PIL import Image
 from plants.arm_modes import mode_row
 from plants.report_values import PARAMETERS, TRUTH, bars_of, fit_result, full_content, pair, report_content
 
@@ -282,6 +284,25 @@ def test_the_page_fits_a_phone_and_paper(visit, report_folder):
     assert phone.locator("#explorer canvas").first.is_visible()
     assert not phone.locator("#explorer .controls").is_visible()
     assert phone.pdf().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_paper_of_figures_is_that_of_the_page(visit, report_folder, scheme) -> None:
+    """White on a light page, dark on a dark one: the corner of a figure is as the page beside it."""
+    page = visit(report_folder / "report.html", color_scheme=scheme)
+    figure = page.locator("main figure img").first
+    figure.scroll_into_view_if_needed()
+    box = figure.bounding_box()
+    beside = {"x": box["x"], "y": box["y"] - 3, "width": 2, "height": 6}
+    pixels = np.asarray(Image.open(io.BytesIO(page.screenshot(clip=beside))).convert("RGB"), int)
+    assert np.ptp(pixels, axis=(0, 1)).max() <= 2
+    assert (pixels.mean() > 250) == (scheme == "light")
+
+
+@pytest.mark.parametrize("name", ["map.js", "curves.js", "explorer.js", "mode_viewer.js", "pole_picker.js"])
+def test_text_of_a_script_has_the_colour_of_the_scheme(name: str) -> None:
+    """Light and dark; a colour of its own would be faint in one of them."""
+    assert 'fill: "#' not in (files("elastid.report.page") / name).read_text("utf-8")
 
 
 def test_the_page_says_where_the_energy_is() -> None:
