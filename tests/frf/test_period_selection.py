@@ -33,6 +33,18 @@ def test_a_transient_at_the_start_is_left_out_and_described(periods: int, noise:
     assert "in y joint 1" in notes[0]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_slow_transient_is_found_below_fast_noise(seed: int) -> None:
+    """The angle of a loop that settles: all noise of its acceleration is at fast lines, all of the transient at slow
+    ones, where it moves the damping of the motor. Without it all periods are kept."""
+    record = steady_record(3, quantity="position", noise=2e-5, seed=seed)
+    t = np.arange(record.n_samples) * 2.0 / N
+    settling = 0.01 * record.y.std() * np.exp(-8 * t) * np.cos(12 * t)
+    transient = trusted(periods_of(replace(record, y=record.y + settling[:, None]), LINES, "acceleration"), AUTO)
+    assert transient.periods.tolist() == [1, 2]
+    assert len(trusted(periods_of(record, LINES, "acceleration"), AUTO).periods) == 3
+
+
 def test_the_transient_that_is_stated_is_left_out_whether_seen_or_not() -> None:
     """A number in the study; one that leaves less than two periods is refused."""
     assert _kept(steady_record(6), replace(AUTO, transient_periods=2))[0] == [2, 3, 4, 5]
