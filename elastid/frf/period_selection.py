@@ -32,6 +32,7 @@ from elastid.base.note import Note
 from elastid.base.statistics import STD_OVER_MAD
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
+from elastid.record import Record
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,10 @@ class Limits:
     compared: int = 512  # periods with which each period of a longer record is compared,
     least_compared: int = 32  # or down to so few
     pairs: int = 1 << 21  # where there are more pairs than fit into memory
+    order: int = 8  # of the prediction of noise from its samples before
+    # Power of what it does not predict, in the first eighth of a difference over that in the second half: 1 of noise
+    # and wander, 100 to 1e7 where a log began with its excitation.
+    settling: float = 30.0
 
 
 LIMITS = Limits()
@@ -202,6 +207,31 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
         text = f"the {first} a transient, which is kept: it changes the response by less than a fifth of its total"
         notes = (Note("transient-kept", f"{text} standard deviation", f"record {record.name}", severity="information"),)
     return replace(spectra.only(np.setdiff1d(used, far)), notes=(*spectra.notes, *notes, *more))
+
+
+def settled(record: Record) -> Record:
+    """The second period of a log of two whose first begins with a transient; else the log.
+
+    Of two periods none is far from the others, but their difference decays.
+    """
+    L = record.period_samples
+    if record.n_repeats != 2 or record.half_wave or record.starts or L < 32 * LIMITS.order:
+        return record
+    signals = np.concatenate([record.u, record.y], axis=1)
+    if not any(_decays(difference) for difference in (signals[:L] - signals[L : 2 * L]).T):
+        return record
+    r = None if record.r is None else record.r[L : 2 * L]
+    return replace(record, u=record.u[L : 2 * L], y=record.y[L : 2 * L], r=r, left_out=())
+
+
+def _decays(difference: FloatArray) -> bool:
+    """True for a signal (n,) whose beginning no linear prediction explains that explains its second half."""
+    rows = np.lib.stride_tricks.sliding_window_view(difference, LIMITS.order + 1)
+    X, half = np.column_stack([rows[:, :-1], np.ones(len(rows))]), len(rows) // 2
+    prediction = np.linalg.lstsq(X[half:], rows[half:, -1], rcond=None)[0]
+    power = (rows[:, -1] - X @ prediction) ** 2
+    late = float(power[half:].mean())
+    return late > 0 and float(power[: len(power) // 8].mean()) > LIMITS.settling * late
 
 
 def distances(compared: Compared, good: IntArray) -> Distances:
