@@ -215,7 +215,7 @@ def settled(record: Record) -> Record:
     Of two periods none is far from the others, but their difference decays.
     """
     L = record.period_samples
-    if record.n_repeats != 2 or record.half_wave or record.starts or L < 32 * LIMITS.order:
+    if record.n_repeats != 2 or record.half_wave or record.starts or 32 * LIMITS.order > L:
         return record
     signals = np.concatenate([record.u, record.y], axis=1)
     if not any(_decays(difference) for difference in (signals[:L] - signals[L : 2 * L]).T):
