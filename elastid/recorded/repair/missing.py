@@ -90,11 +90,11 @@ def without_dropouts(signals: FloatArray, L: int, log: Log) -> Repaired:
     result, findings = signals, []
     for c, name in enumerate(log.names[: signals.shape[1]]):
         x = signals[:, c]
-        zeros = [run for run in runs(np.asarray(x == 0)) if run[0] > 0 and run[1] < len(x)]
+        zeros = [(int(a), int(b)) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
         if not zeros:
             continue
         least = LIMITS.leap * float(np.nanquantile(np.abs(np.diff(x)), LIMITS.usual_step))
-        lost = [np.arange(*run) for run in zeros if _is_dropout(x, *run, least, L)]
+        lost = [np.arange(a, b) for a, b in zeros if _is_dropout(x, a, b, least, L)]
         if lost:
             result = result.copy()
             result[np.concatenate(lost), c] = np.nan
