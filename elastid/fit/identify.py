@@ -11,6 +11,7 @@ again until nothing moves. Where springs are nonlinear the search itself lineari
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeAlias
@@ -94,7 +95,7 @@ def identify(
             )  # fmt: skip
         result = diagnose(evidence, _notes(assembly, optimum))
         result = add_intervals(result, optimum, spec, execution)
-        return replace(result, notes=(*result.notes, *measurements_that_help(result)))
+        return replace(result, notes=(*result.notes, *_contradicted_priors(result), *measurements_that_help(result)))
     except FitError as error:
         if not loads:
             raise
@@ -310,3 +311,33 @@ def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]
     unlike = (*checks.find_contradictions(responses, robots), *checks.find_dependence_on_amplitude(responses))
     moved = (*optimum.notes, *motion_notes(assembly, optimum))
     return (*unlike, *twice, *assembly.notes, *moved, *assembly.spring_notes(optimum.end.x))
+
+
+# Of data and prior, in standard deviations of their difference; by chance one prior in two thousand.
+_CONTRADICTED = 3.5
+# Of the prior's variance, at most, that the data must leave to contradict it.
+_LEFT = 0.8
+
+
+def _contradicted_priors(result: FitResult) -> tuple[Note, ...]:
+    """The priors of the study that data without them contradict.
+
+    Of a prior of mean m and variance S the difference x - m has the variance S - P, P being that of x.
+    """
+    notes = []
+    for parameter, x, P in zip(result.parameters.free, result.x, np.diag(result.covariance), strict=True):
+        if parameter.prior is None or parameter.tolerated or not _LEFT * parameter.prior.std**2 > P:
+            continue
+        S, mean = parameter.prior.std**2, parameter.to_x(parameter.prior.mean)
+        sigmas = abs(float(x) - mean) / math.sqrt(S - P)
+        if sigmas < _CONTRADICTED:
+            continue
+        alone = mean + (float(x) - mean) * S / (S - P)
+        value = math.exp(alone) if parameter.log else alone
+        text = (
+            f"without its prior of {parameter.prior.mean:.6g} {parameter.unit} the data would have it at {value:.6g}, "
+            f"{sigmas:.3g} standard deviations of both together away; the estimate lies between them, and its interval "
+            "holds neither: correct the prior, or the records if they are in doubt"
+        )
+        notes.append(Note("prior-contradicted", text, parameter.name))
+    return tuple(notes)

@@ -106,6 +106,7 @@ def group_labels(parameters: ParameterSet, configurations: Iterable[str]) -> dic
     return {label or "others": tuple(members) for label, members in groups.items()}
 
 
+MOST_STD = 10.0  # of the logarithm of a parameter; a prior as wide as that says nothing
 BOUND_FACTOR = 100.0  # of the start, to the default bounds of a logarithmic parameter
 
 
@@ -280,6 +281,11 @@ def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bo
     prior = _prior(asked.prior, value)
     if prior is not None and log and not prior.mean > 0:
         raise StudyError(f"{where}.prior: the mean {prior.mean:g} {unit} must be positive")
+    if prior is not None and log and prior.std > MOST_STD:
+        raise StudyError(
+            f"{where}.prior.std: {prior.std:g} is {100 * prior.std:.4g} %, since the std of a positive parameter is "
+            f"relative; for {prior.std:g} {unit} of {prior.mean:g} write {prior.std / prior.mean:.3g}"
+        )
     lower, upper = _bounds(name, start, asked, log)
     try:
         return Parameter(name, start, unit, lower, upper, log, prior=prior)

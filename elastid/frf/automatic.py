@@ -20,7 +20,7 @@ is a mean over neighbouring lines.  A mean over periods has a transient in its s
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -140,6 +140,22 @@ def _has_power(response: FrequencyResponse) -> BoolArray:
     assert response.quality is not None
     power = response.quality.input_singular_values[:, -1] ** 2
     return np.asarray(power >= LIMITS.power_share * power.max())
+
+
+def within_excitation(response: FrequencyResponse) -> FrequencyResponse:
+    """The response of motors without the lines above those that were excited.
+
+    There a motor moves by noise that its controller feeds back, and G = Y / U is that of the controller: -1 / C.
+    """
+    lines = np.arange(response.n_lines)
+    last = int(lines[_has_power(response)][-1])
+    if last == lines[-1] or not all(place.startswith("motor ") for place in response.inputs):
+        return response
+    text = (
+        f"lines above {response.freq_hz[last]:.4g} Hz are left out: the torques have less than a hundredth of their "
+        "largest amplitude there, and motors move by what their controllers make of noise"
+    )
+    return replace(response.lines(lines <= last), notes=(*response.notes, Note("lines-left-out", text)))
 
 
 def _interpolated(at: FrequencyResponse, freq_hz: FloatArray, x: ComplexArray | FloatArray) -> ComplexArray:

@@ -13,7 +13,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
-from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient
+from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation
 from elastid.frf.checks import channel_notes, refuse_few, refuse_mismatch, same_phases_notes, separated_lines
 from elastid.frf.covariance import (
     distortion_covariance,
@@ -85,6 +85,8 @@ def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> Frequency
     method, notes = _choose_without_period(records, spec)
     spec = replace(spec, method=method)
     response = local_response(records, spec) if method in LOCAL else welch_response(records, spec)
+    if spec.band_hz is None:
+        response = within_excitation(response)
     return replace(response, notes=(*notes, *response.notes, *hit_notes(records), *channel_notes(response)))
 
 

@@ -4,8 +4,9 @@ Each channel of each period has a distance from the other periods, relative to t
 
     D_p = median over q of ||X_p - X_q|| / ||X||,   ||X||^2 = sum_k |X(k)|^2
 
-and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  A transient that is
-negligible against the total standard deviation stays (negligible_transient).
+and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  For a
+transient X is in units of the noise, at each line, of the periods in the second half of the log: a transient is slow,
+and the noise of an acceleration fast. One that is negligible against the total standard deviation stays.
 
 The periods at the start of a log that differ, n_t of P, change the equation error of the mean by
 
@@ -31,6 +32,7 @@ from elastid.base.note import Note
 from elastid.base.statistics import STD_OVER_MAD
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
+from elastid.record import Record
 
 
 @dataclass(frozen=True)
@@ -45,10 +47,15 @@ class Limits:
     negligible_distance: float = 1e-4  # of a period that is as good as the others, however exactly they agree
     spread: float = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
     scatter: float = 0.8  # of ln D sqrt(n_noisy): 1/2 where lines are independent, which those of a wander are not
+    neighbours: int = 9  # lines that share a noise level
     lines: int = 500  # evenly taken, that give a distance as well as all
     compared: int = 512  # periods with which each period of a longer record is compared,
     least_compared: int = 32  # or down to so few
     pairs: int = 1 << 21  # where there are more pairs than fit into memory
+    order: int = 8  # of the prediction of noise from its samples before
+    # Power of what it does not predict, in the first eighth of a difference over that in the second half: 1 of noise
+    # and wander, 100 to 1e7 where a log began with its excitation.
+    settling: float = 30.0
 
 
 LIMITS = Limits()
@@ -103,7 +110,8 @@ class Compared:
     """X (c, P, 2 K): real and imaginary parts of each channel at up to 500 lines.
 
     power (c, P): sums of its squares; apart (c, P, Q): the distance of each period from Q of them, in general all.
-    references (Q,): their indices.  outlier_sigma: threshold of far ones, in standard deviations.
+    references (Q,): their indices.  outlier_sigma: threshold of far ones, in standard deviations.  is_weighed: X is in
+    units of its noise.
     """
 
     X: FloatArray
@@ -111,6 +119,7 @@ class Compared:
     apart: FloatArray
     references: IntArray
     outlier_sigma: float
+    is_weighed: bool = False
 
     @classmethod
     def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> Compared:
@@ -118,7 +127,10 @@ class Compared:
         few = spectra.on(slice(None, None, -(-len(spectra.scale) // LIMITS.lines)))
         amplitudes = np.empty((few.z.shape[2], *few.z.shape[:2]), dtype=np.complex128)
         np.multiply(np.moveaxis(few.z, 2, 0), few.scale.T[:, None], out=amplitudes)
-        X = amplitudes.view(np.float64)
+        return cls._from_amplitudes(amplitudes.view(np.float64), outlier_sigma)
+
+    @classmethod
+    def _from_amplitudes(cls, X: FloatArray, outlier_sigma: float) -> Compared:
         P = X.shape[1]
         if LIMITS.compared >= P:
             references = np.arange(P)
@@ -131,6 +143,22 @@ class Compared:
             power = np.einsum("cpk,cpk->cp", X, X)
         squares = power[:, :, None] + power[:, None, references] - 2 * products
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
+
+    def weighed(self, good: IntArray) -> Compared:
+        """The same in units of the noise that the good periods (indices) have at each line and its neighbours."""
+        c, _, n = self.X.shape
+        of_good = self.X[:, good]
+        noise, size = (
+            np.square(part).sum(axis=1).reshape(c, n // 2, 2).sum(axis=2)
+            for part in (of_good - of_good.mean(axis=1, keepdims=True), of_good)
+        )
+        window = np.ones(min(LIMITS.neighbours, n // 2))
+        count = np.convolve(np.ones(n // 2), window, "same")
+        smooth = np.array([np.convolve(line, window, "same") / count for line in noise])
+        floor = LIMITS.negligible_distance**2 * size.mean(axis=1, keepdims=True)
+        std = np.sqrt(np.maximum(smooth + floor, 1e-300))
+        weighed = self._from_amplitudes(self.X / np.repeat(std, 2, axis=1)[:, None], self.outlier_sigma)
+        return replace(weighed, is_weighed=True)
 
     @cached_property
     def agree(self) -> bool:
@@ -181,6 +209,31 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
     return replace(spectra.only(np.setdiff1d(used, far)), notes=(*spectra.notes, *notes, *more))
 
 
+def settled(record: Record) -> Record:
+    """The second period of a log of two whose first begins with a transient; else the log.
+
+    Of two periods none is far from the others, but their difference decays.
+    """
+    L = record.period_samples
+    if record.n_repeats != 2 or record.half_wave or record.starts or 32 * LIMITS.order > L:
+        return record
+    signals = np.concatenate([record.u, record.y], axis=1)
+    if not any(_decays(difference) for difference in (signals[:L] - signals[L : 2 * L]).T):
+        return record
+    r = None if record.r is None else record.r[L : 2 * L]
+    return replace(record, u=record.u[L : 2 * L], y=record.y[L : 2 * L], r=r, left_out=())
+
+
+def _decays(difference: FloatArray) -> bool:
+    """True for a signal (n,) whose beginning no linear prediction explains that explains its second half."""
+    rows = np.lib.stride_tricks.sliding_window_view(difference, LIMITS.order + 1)
+    X, half = np.column_stack([rows[:, :-1], np.ones(len(rows))]), len(rows) // 2
+    prediction = np.linalg.lstsq(X[half:], rows[half:, -1], rcond=None)[0]
+    power = (rows[:, -1] - X @ prediction) ** 2
+    late = float(power[half:].mean())
+    return late > 0 and float(power[: len(power) // 8].mean()) > LIMITS.settling * late
+
+
 def distances(compared: Compared, good: IntArray) -> Distances:
     """Distances of all periods from the good ones (indices), of a good one from the other good ones.
 
@@ -200,6 +253,8 @@ def distances(compared: Compared, good: IntArray) -> Distances:
     noise = np.einsum("cpk,cpk->ck", V, V).reshape(len(V), -1, 2).sum(axis=2)
     share = noise / np.maximum(noise.sum(axis=1, keepdims=True), 1e-300)
     n_noisy, sigmas = 1 / np.maximum(np.sum(share**2, axis=1), 1e-300), compared.outlier_sigma
+    if compared.is_weighed:
+        n_noisy = np.full(len(V), share.shape[1])
     scatter = LIMITS.scatter * np.sqrt((1 + 2 / len(good)) / n_noisy)
     least = typical * np.maximum(LIMITS.spread, np.expm1(sigmas * scatter) / sigmas)
     return replace(distant, limit=typical + sigmas * np.maximum(spread, least))
@@ -240,9 +295,12 @@ def _transient(
     P = len(spectra.periods)
     halves = [log[: len(log) - max(2 if len(logs) == 1 else 1, -(-len(log) // 2))] for log in logs]
     is_later = ~_flags(P, halves)
-    if is_later.all() or compared.agree:
+    if is_later.all():
         return np.zeros(P, dtype=np.bool_), ()
     later = np.flatnonzero(is_later)
+    compared = compared.weighed(later)
+    if compared.agree:
+        return np.zeros(P, dtype=np.bool_), ()
     measured = distances(compared, later)
     if len(logs) == 1:  # a slow wander is as far from the other half at its end
         backwards = LIMITS.asymmetry * distances(compared, P - 1 - later).D[-1]

@@ -41,8 +41,10 @@ class Limits:
     False alarms of 300 clean logs: friction-taken-out 0, unexplained-distortion 0.
     """
 
-    # Of the power of a shape, at least: a sign in a multisine has 0.36 to 0.6, a stop longer than the motion 0.
+    # Of the power of a shape, at least: a sign in a multisine has 0.36 to 0.6, a stop longer than the motion 0.  Beside
+    # slow lines of great power, such as those of a carrier, a sign has 0.02 and less: then this part of what it has.
     nonlinear_share: float = 0.05
+    part_of_sign: float = 0.14
     shape_gain: float = 0.02  # of the power left in other realisations, by which a further shape must lower it
     left_share: float = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
     weight: float = 0.05  # of a set of shapes, below which it is left out with the shapes that are in no other set
@@ -88,12 +90,13 @@ def choose(
     With the candidates (n,) that are in the choice, and thresholds (n,) of those whose rates are, else 0.
     """
     motor_of = np.array([places.index(shape.place) for shape in candidates], dtype=np.int64)
-    chosen, _ = _chosen_of_each(data, motor_of, _rivals(candidates), len(places), auto)
+    limits = _nonlinear_limits(data, candidates, places)
+    chosen, _ = _chosen_of_each(data, motor_of, _rivals(candidates), limits, auto)
     rates = np.array([candidates[i].threshold if candidates[i].kind in RATE_OF else 0.0 for i in chosen])
     shapes = _with_rates([candidates[i] for i in chosen], rates)
     motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
     own_data = [spectra.with_shapes(chosen, rates) for spectra in data]
-    final, left = _chosen_of_each(own_data, motor_of, _rivals(shapes), len(places), auto)
+    final, left = _chosen_of_each(own_data, motor_of, _rivals(shapes), limits, auto)
     # A rate is derived from the shape of its bristle.
     bending, rated = final[final < len(chosen)], np.flatnonzero(rates > 0)[final[final >= len(chosen)] - len(chosen)]
     every = np.arange(len(candidates))
@@ -101,21 +104,23 @@ def choose(
     rates_of_all[chosen[rated]] = rates[rated]
     data = [spectra.with_shapes(every, rates_of_all) for spectra in data]
     taken = np.concatenate([chosen[bending], len(candidates) + np.arange(len(rated))])
-    return _with_alternatives(data, candidates, rates_of_all, places, left, taken)
+    return _with_alternatives(data, candidates, rates_of_all, limits, left, taken, places)
 
 
 def _with_alternatives(
     data: Sequence[ConfigurationSpectra],
     candidates: Sequence[Shape],
     rates: FloatArray,
-    places: Sequence[str],
+    limits: FloatArray,
     left: FloatArray,
     taken: IntArray,
+    places: Sequence[str],
 ) -> tuple[Choice, IntArray, FloatArray]:
     """The choice of the shapes `taken` of all candidates and rates, with those candidates that fit nearly as well."""
     shapes = _with_rates(candidates, rates)
     motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
-    telling, rivals = np.flatnonzero(_is_nonlinear(data)[: len(candidates)]), _rivals(shapes)
+    telling = np.flatnonzero(_is_nonlinear(data, limits[motor_of])[: len(candidates)])
+    rivals = _rivals(shapes)
     levels = np.zeros(len(shapes))
     own_data = [replace(configuration, Phi=configuration.Phi[:, taken]) for configuration in data]
     levels[taken], _ = find_levels(own_data, motor_of[taken], np.arange(len(taken)))
@@ -135,25 +140,37 @@ def _with_alternatives(
 
 
 def _rivals(shapes: Sequence[Shape]) -> IntArray:
-    """The shapes (n,) of which a motor has one at most: two Stribeck curves together have no F_c."""
+    """The shapes (n,) of which a motor has one at most, and none alone: Stribeck curves together have no F_c."""
     return np.flatnonzero([shape.kind == "stribeck" for shape in shapes])
 
 
 def _chosen_of_each(
-    data: Sequence[ConfigurationSpectra], motor_of: IntArray, rivals: IntArray, n_m: int, auto: bool
+    data: Sequence[ConfigurationSpectra], motor_of: IntArray, rivals: IntArray, limits: FloatArray, auto: bool
 ) -> tuple[IntArray, FloatArray]:
     """The chosen shapes (n,) of all motors, and the share (n_m,) of the power that they leave."""
     _, equations = find_levels(data, motor_of, np.arange(len(motor_of)))
-    telling = _is_nonlinear(data)
-    choices = [choose_shapes(equations, i, np.flatnonzero((motor_of == i) & telling), rivals) for i in range(n_m)]
+    telling = _is_nonlinear(data, limits[motor_of])
+    own = [np.flatnonzero((motor_of == i) & telling) for i in range(len(limits))]
+    choices = [choose_shapes(equations, i, candidates, rivals) for i, candidates in enumerate(own)]
     pays = [own if not auto or left <= LIMITS.left_share else own[:0] for own, left in choices]
     return np.concatenate(pays), np.array([left for _, left in choices])
 
 
-def _is_nonlinear(data: Sequence[ConfigurationSpectra]) -> BoolArray:
+def _is_nonlinear(data: Sequence[ConfigurationSpectra], limits: FloatArray) -> BoolArray:
     """Flags (n_f,) of the shapes whose level distortion shows; others are a spring or a damper of the response."""
-    share = np.mean([configuration.nonlinear_share() for configuration in data], axis=0)
-    return np.asarray(share > LIMITS.nonlinear_share)
+    return _nonlinear_share(data) > limits
+
+
+def _nonlinear_share(data: Sequence[ConfigurationSpectra]) -> FloatArray:
+    return np.asarray(np.mean([configuration.nonlinear_share() for configuration in data], axis=0))
+
+
+def _nonlinear_limits(
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], places: Sequence[str]
+) -> FloatArray:
+    """The share (n_m,) of each motor's shapes from which on distortion shows them; its first is Coulomb friction."""
+    first = [next(i for i, shape in enumerate(candidates) if shape.place == place) for place in places]
+    return np.minimum(LIMITS.nonlinear_share, LIMITS.part_of_sign * _nonlinear_share(data)[first])
 
 
 def _with_rates(shapes: Sequence[Shape], rates: FloatArray) -> tuple[Shape, ...]:
@@ -207,8 +224,8 @@ def choose_shapes(
 ) -> tuple[IntArray, float]:
     """The shapes of a motor, added one at a time as long as another pays; and the share of the power that they leave.
 
-    rivals: those of which it has one at most.  The first candidate is Coulomb friction: it goes where others explain
-    its part.
+    rivals: those of which it has one at most, beside others.  The first candidate is Coulomb friction: it goes where
+    others explain its part.
     """
     chosen: list[int] = []
     left = total = kept_power(equations, motor, candidates[:0])
@@ -222,25 +239,33 @@ def choose_shapes(
             break
         chosen, left = sets[best], powers[best]
     share = left / total if total > 0 else 1.0
-    return _without_needless(equations, motor, np.array(sorted(chosen), dtype=np.int64), left), share
+    return _without_needless(equations, motor, np.array(sorted(chosen), dtype=np.int64), rivals, left), share
 
 
 def _larger(chosen: list[int], candidates: list[int], rivals: list[int]) -> list[list[int]]:
-    """The sets with one shape more, their rival exchanged or not, and those with another rival alone."""
+    """The sets with one shape more, their rival exchanged or not, and those with another rival alone exchanged."""
     rest, others = [i for i in chosen if i not in rivals], [i for i in candidates if i in rivals]
     further = [i for i in candidates if i not in chosen and i not in rivals]
-    exchanged = [[*rest, i] for i in others if i not in chosen]
+    exchanged = [[*rest, i] for i in others if rest and i not in chosen]
     bases = [chosen, *exchanged] if len(rest) < len(chosen) else [chosen]
     return [*exchanged, *([*base, i] for base in bases for i in further)]
 
 
-def _without_needless(equations: NormalEquations, motor: int, chosen: IntArray, left: float) -> IntArray:
+def _without_needless(
+    equations: NormalEquations, motor: int, chosen: IntArray, rivals: IntArray, left: float
+) -> IntArray:
     """Without those that others have made needless."""
     for i in chosen.tolist():
         rest = chosen[chosen != i]
-        if len(rest) and kept_power(equations, motor, rest) <= (1 + LIMITS.shape_gain / 2) * left:
-            return _without_needless(equations, motor, rest, left)
+        if _is_friction(rest, rivals) and kept_power(equations, motor, rest) <= (1 + LIMITS.shape_gain / 2) * left:
+            return _without_needless(equations, motor, rest, rivals, left)
     return chosen
+
+
+def _is_friction(members: Sequence[int] | IntArray, rivals: IntArray) -> bool:
+    """True for a set with one of the rivals at most, and with another shape."""
+    of_rivals = int(np.isin(members, rivals).sum())
+    return of_rivals <= 1 and len(members) > of_rivals
 
 
 def shares(equations: NormalEquations, motors: int, motor_of: IntArray, chosen: IntArray) -> FloatArray:
@@ -257,7 +282,7 @@ def neighbours_of(
     """Shapes (n,) of one motor, sorted, in sets of some weight, and the covariance (n, n) of levels by their choice.
 
     The sets are the chosen shapes and their neighbours among the candidates, the chosen ones among them, with one of
-    the rivals at most.
+    the rivals at most, and not alone.
     """
     if not len(chosen):
         return chosen, np.zeros((0, 0))
@@ -265,7 +290,7 @@ def neighbours_of(
     f = solve(A[np.ix_(chosen, chosen)], b[chosen])
     power = float(f @ A[np.ix_(chosen, chosen)] @ f)
     first, *others = _sets(chosen.tolist(), candidates.tolist())
-    alternatives = [members for members in others if np.isin(members, rivals).sum() <= 1]
+    alternatives = [members for members in others if _is_friction(members, rivals)]
     sets = [first, *(members for members in alternatives if np.all(solve(A[np.ix_(members, members)], b[members]) > 0))]
     evidence = np.array([_evidence(A[np.ix_(members, members)], b[members], power) for members in sets])
     weights = np.exp(evidence - evidence.max())

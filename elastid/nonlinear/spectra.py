@@ -11,7 +11,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.distortion import interpolated
 from elastid.frf.lines import analysed_lines, spectra_of
-from elastid.frf.period_selection import trusted
+from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra, single_logs
 from elastid.nonlinear.motion import FEW_CELLS, Motion, motion_of
@@ -142,7 +142,7 @@ def gather_configuration(
     the means, where it lowers the levels; else 0.
     Raises DataError and StudyError as `analysed_lines` does.
     """
-    records = tuple(log for record in measured for log in single_logs(record))
+    records = tuple(settled(log) for record in measured for log in single_logs(record))
     first = records[0]
     spectra = spectra_of(records, spec, planned)
     excited = analysed_lines(spectra, spec, planned)

@@ -19,6 +19,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.note import Note
 from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
+from elastid.frf.period_selection import settled
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.choice import LIMITS
 from elastid.nonlinear.places import on_links, on_shafts
@@ -51,7 +52,8 @@ def estimate_without_friction(
         # With CasADi and SciPy's optimisers, which responses of structures do without.
         from elastid.nonlinear.gear.straightness import straightness_notes
 
-        response = replace(response, notes=(*response.notes, *straightness_notes(net, robot, spec, planned_lines)))
+        logs = [settled(record) for record in net]
+        response = replace(response, notes=(*response.notes, *straightness_notes(logs, robot, spec, planned_lines)))
     if friction is None:
         return response
     response = replace(response, notes=(*response.notes, *_unexplained(response, friction)))

@@ -1,8 +1,8 @@
 """The order in which the faults of a log are repaired: each step establishes what the next one relies on.
 
-whole samples in a period -> stops -> stuck channels -> clock -> lost samples -> check of the period -> missing samples
--> spikes; limits and steps are reported of the samples as they were logged.  Without a period: missing samples, limits
-and steps only.
+whole samples in a period -> dropouts -> stops -> stuck channels -> clock -> lost samples -> check of the period ->
+missing samples -> spikes; limits and steps are reported of the samples as they were logged.  Without a period: missing
+samples, limits and steps only.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from elastid.recorded.periodicity import LIMITS, grid_samples, repetition
 from elastid.recorded.repair import Finding, Log, Repaired, find_drift
 from elastid.recorded.repair.clock import at_times, resampled
 from elastid.recorded.repair.converter import find_clipping, find_steps
-from elastid.recorded.repair.missing import bridged_gaps, filled, realigned
+from elastid.recorded.repair.missing import bridged_gaps, filled, realigned, without_dropouts
 from elastid.recorded.repair.spikes import despiked
 from elastid.recorded.repair.stops import without_stops, without_stuck
 
@@ -38,7 +38,8 @@ def repair(
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)
     start = _in_whole_samples(signals, period, N, L)
-    going = without_stops(start.signals, roles, L, lambda x: repetition(x, L, sign).is_as_stated, log)
+    valid = without_dropouts(start.signals, L, log)
+    going = without_stops(valid.signals, roles, L, lambda x: repetition(x, L, sign).is_as_stated, log)
     moving = without_stuck(going.signals, L, log)
     clock = _at_the_clock(moving.signals, drivers, N, log)
     in_step = realigned(clock.signals, _bridged(clock.signals)[:, drivers], N, log)
@@ -53,7 +54,7 @@ def repair(
     as_logged = _bridged(going.signals) if clock.findings else clean.signals
     reported = (*find_clipping(as_logged, L, repeating), *find_steps(as_logged, L, sign, repeating))
     reported += find_drift(clean.signals[:, : len(repeating.names)], drivers, L, sign, repeating)
-    steps = (start, going, moving, clock, in_step, full, clean)
+    steps = (start, valid, going, moving, clock, in_step, full, clean)
     return Repaired(clean.signals, (*(f for step in steps for f in step.findings), *reported), full.left_out)
 
 

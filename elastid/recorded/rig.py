@@ -13,9 +13,9 @@ from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.record import Motion, Record
+from elastid.record import Configuration, Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
-from elastid.recorded.drive_notes import drive_notes, same_signal_notes
+from elastid.recorded.drive_notes import drive_notes, posture_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, naming, rows_of
 from elastid.recorded.link_side import check_holds, disturbances, hold_samples, link_side_factor, to_joints
 from elastid.recorded.periodicity import check_repeat, grid_samples, unstated_period_notes
@@ -53,9 +53,13 @@ class RecordedRig:
     @property
     def experiments(self) -> tuple[Experiment, ...]:
         """One for each file, in their order; files of the same numbers hold further periods of its excitation."""
-        configurations = {c.name: c for c in checked_configurations(self.spec, self.robot)}
+        configurations = {c.name: c for c in self._configurations}
         runs = {file.run: configurations[file.configuration] for file in self._recorded.files}
         return tuple(Experiment(replace(posture, name=name), *numbers) for (name, *numbers), posture in runs.items())
+
+    @property
+    def _configurations(self) -> tuple[Configuration, ...]:
+        return tuple(checked_configurations(self.spec, self.robot))
 
     def measure(self, experiment: Experiment) -> Record:
         """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
@@ -65,7 +69,10 @@ class RecordedRig:
             with naming(path, f"its values cannot be used as a log; look at them with `elastid inspect {path}`"):
                 record = self._in_pieces(experiment, file) if len(files) == 1 else None
                 records.append(record or self._as_a_whole(experiment, file, len(files) > 1))
-        return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
+        record = records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
+        others = [each for each in self._configurations if each.name != record.configuration.name]
+        notes = posture_notes(record, self.robot.motor_locations, others, f"record {record.name}")
+        return replace(record, notes=(*record.notes, *notes))
 
     def is_large(self, experiment: Experiment) -> bool:
         """True if the log of an experiment is measured in pieces, with what its record is made of left in it."""

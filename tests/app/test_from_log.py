@@ -132,6 +132,21 @@ def test_signals_one_below_the_other_are_interleaved(tmp_path: Path, capsys: pyt
     assert "give it in Hz" in capsys.readouterr().err
 
 
+def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path: Path) -> None:
+    """The signs of orthogonal experiments, on a carrier that is most of the second drive: `run` would refuse them."""
+    t, lines, rng = np.arange(1500) / 500, np.arange(7, 100, 4), np.random.default_rng(0)
+    phases, logs = rng.uniform(0, 2 * np.pi, (2, len(lines))), []
+    x = np.cos(2 * np.pi * t[:, None, None] * lines + phases).sum(axis=2)
+    for number, sign in enumerate((1, -1)):
+        u = x * [1, sign] + [0, 15] * np.sin(4 * np.pi * t)[:, None]
+        columns = np.concatenate([u, 0.1 * u + 1e-3 * rng.standard_normal(u.shape)], axis=1)
+        logs.append(str(tmp_path / f"{number}.csv"))
+        np.savetxt(logs[-1], columns, "%.8g", ",", header="torque_1 [Nm],torque_2 [Nm],acc_1,acc_2", comments="")
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
+    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
+    assert [file.realisation for file in recorded.files] == [0, 1]
+
+
 def test_logs_of_one_excitation_are_one_realisation(tmp_path: Path) -> None:
     """Two that hold further periods, from another sample on, and one with other phases."""
     rng, period, lines = np.random.default_rng(0), 500, np.arange(1, 100)

@@ -180,6 +180,21 @@ def test_a_prior_decides_what_the_data_do_not():
     assert result.std["d_1"] == pytest.approx(0.2e-6, rel=0.1)
 
 
+@pytest.mark.parametrize(("off", "is_said"), [(1.05, True), (1.0, False), (1.015, False)])
+def test_a_prior_that_the_data_contradict_is_named_with_what_they_say(off: float, is_said: bool):
+    """A stiffness known to 1 %, 5 % off; the number of the data alone is that of a fit without the prior."""
+    (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(1))
+    free = {name: ParameterSpec() for name in ("k_1", "d_1")}
+    alone = identify([response], pendulum(), FitSpec(parameters=free, starts=2))
+    prior = PriorSpec(mean=off * pendulum().parameters()["k_1"][0], std=0.01)
+    result = identify([response], pendulum(), FitSpec(parameters=free | {"k_1": ParameterSpec(prior=prior)}, starts=2))
+    notes = [note for note in result.notes if note.code == "prior-contradicted"]
+    assert len(notes) == is_said
+    if is_said:
+        (number,) = re.findall(r"would have it at ([\d.e+]+),", notes[0].text)
+        assert float(number) == pytest.approx(alone.values["k_1"], rel=1e-3)
+
+
 def test_masks_that_leave_nothing_or_name_nothing_are_refused():
     """No line in the band; one line for three parameters; an output that was not measured."""
     (response,) = measure(pendulum(), [(0.0,)])

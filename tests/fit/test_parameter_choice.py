@@ -104,6 +104,10 @@ def test_fixed_tied_and_known_beforehand():
         ({"k_1": ParameterSpec(bounds=(2e5, 1e5))}, "not below"),
         ({"k_1": ParameterSpec(tie=TieSpec("k_9"))}, "tied to k_9, which is not a parameter"),
         ({"k_1": ParameterSpec(prior=PriorSpec(mean=-1.0, std=0.1))}, "mean -1 .*must be positive"),
+        (
+            {"k_1": ParameterSpec(prior=PriorSpec(mean=1e5, std=600.0))},
+            "std: 600 is 6e.04 %, since .* relative; for 600 .* of 100000 write 0.006",
+        ),
         ({"k_1": ParameterSpec(fixed=True)}, "nothing is left to identify"),
     ],
 )

@@ -11,7 +11,7 @@ from plants.steady_record import AUTO, LINES, N, periods_of, steady_record
 
 from elastid.base.errors import DataError
 from elastid.frf import period_selection
-from elastid.frf.period_selection import trusted
+from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 
@@ -33,6 +33,18 @@ def test_a_transient_at_the_start_is_left_out_and_described(periods: int, noise:
     assert "in y joint 1" in notes[0]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_slow_transient_is_found_below_fast_noise(seed: int) -> None:
+    """The angle of a loop that settles: all noise of its acceleration is at fast lines, all of the transient at slow
+    ones, where it moves the damping of the motor. Without it all periods are kept."""
+    record = steady_record(3, quantity="position", noise=2e-5, seed=seed)
+    t = np.arange(record.n_samples) * 2.0 / N
+    settling = 0.01 * record.y.std() * np.exp(-8 * t) * np.cos(12 * t)
+    transient = trusted(periods_of(replace(record, y=record.y + settling[:, None]), LINES, "acceleration"), AUTO)
+    assert transient.periods.tolist() == [1, 2]
+    assert len(trusted(periods_of(record, LINES, "acceleration"), AUTO).periods) == 3
+
+
 def test_the_transient_that_is_stated_is_left_out_whether_seen_or_not() -> None:
     """A number in the study; one that leaves less than two periods is refused."""
     assert _kept(steady_record(6), replace(AUTO, transient_periods=2))[0] == [2, 3, 4, 5]
@@ -45,6 +57,28 @@ def test_two_periods_are_never_split() -> None:
     record = steady_record(2)
     kept, notes = _kept(replace(record, y=record.y * np.linspace(2, 1, 2 * N)[:, None]))
     assert (kept, notes) == ([0, 1], ())
+
+
+def test_of_two_periods_the_second_is_settled_where_the_first_decays_to_it() -> None:
+    """A transient of 3 % at the start of a log; of three periods their distances tell it, and the log stays."""
+    for record in (steady_record(2, noise=1e-4), steady_record(3, noise=1e-4)):
+        t = np.arange(record.n_samples) / N
+        decaying = 0.03 * record.y.std() * np.exp(-30 * t) * np.cos(60 * t)
+        log = replace(record, y=record.y + decaying[:, None])
+        expected = log.y[N:] if log.n_periods == 2 else log.y
+        np.testing.assert_array_equal(settled(log).y, expected)
+
+
+@pytest.mark.parametrize("slow", [0.0, 0.05, 1.0])
+def test_two_periods_of_noise_or_of_a_wander_are_both_settled(slow: float) -> None:
+    """White noise, a random walk, and one on the other, of 200 logs each."""
+    for seed in range(200):
+        record, rng = steady_record(2, seed=seed), np.random.default_rng(seed)
+        noise = rng.normal(size=record.y.shape) * (slow < 1)
+        wandering = replace(
+            record, y=record.y + 1e-3 * (noise + slow * np.cumsum(rng.normal(size=noise.shape), axis=0))
+        )
+        assert settled(wandering) is wandering
 
 
 @pytest.mark.parametrize("periods", [5, 8, 20])

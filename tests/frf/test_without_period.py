@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from plants.noise_record import H1, RATE, noise_record, truth
 from plants.notes import said
+from scipy.signal import butter, lfilter
 
 from elastid.base.errors import DataError, StudyError
 from elastid.frf.estimate import estimate
@@ -30,6 +31,28 @@ def test_local_methods_take_one_record_of_noise_from_rest(method: Method) -> Non
     assert coarse.total is not None
     assert full.total is not None
     assert np.median(coarse.total.variance) < 0.7 * np.median(full.total.variance)
+
+
+@pytest.mark.parametrize("method", ["h1", "local_rational"])
+def test_lines_of_motors_above_the_excitation_hold_the_controller_and_are_left_out(method: Method) -> None:
+    """A motor G = 0.5 z^-1 under u = r - 0.5 y, r up to 20 Hz: above, noise of y alone moves u, and Y / U is -2. A
+    shaker's lines stay, as those of a band that is stated."""
+    n, rng = 8000, np.random.default_rng(0)
+    r, noise = lfilter(*butter(6, 0.2), rng.normal(size=n)), 1e-4 * rng.normal(size=n)
+    u, y = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        y[k] = 0.5 * u[k - 1] + noise[k]
+        u[k] = r[k] - 0.5 * y[k]
+    record = replace(noise_record(n, 0, 1), u=u[:, None], y=y[:, None])
+    spec = EstimatorSpec(method=method, quantity="velocity", resolution_hz=1.0)
+    response = estimate([record], spec)
+    assert response.freq_hz[-1] < 60
+    assert any("left out" in text for text in said(response.notes))
+    np.testing.assert_allclose(np.abs(response.G[5:, 0, 0]), 0.5, atol=0.05)
+    for other, own in ((replace(record, inputs=("shaker",)), spec), (record, replace(spec, band_hz=(1.0, 95.0)))):
+        every = estimate([other], own)
+        assert every.freq_hz[-1] > 90
+        assert abs(every.G[-5, 0, 0] + 2) < 0.2
 
 
 @pytest.mark.parametrize("method", ["auto", "h1", "local_rational"])

@@ -12,6 +12,8 @@ import pytest
 from elastid.nonlinear.choice import (
     LIMITS,
     Choice,
+    _is_nonlinear,
+    _nonlinear_limits,
     by_unknown_shapes,
     choose_shapes,
     narrowed,
@@ -20,6 +22,7 @@ from elastid.nonlinear.choice import (
 )
 from elastid.nonlinear.levels import NormalEquations, solve
 from elastid.nonlinear.shapes import Shape
+from elastid.nonlinear.spectra import ConfigurationSpectra
 
 CHOSEN, EVERY, NONE = np.array([0]), np.arange(3), np.arange(0)
 F_C = 9.0
@@ -95,6 +98,42 @@ def test_of_rivals_one_is_chosen_and_none_is_an_alternative_beside_it() -> None:
     np.testing.assert_array_equal(chosen, [0, 2])
     shapes, _ = neighbours_of(equations, chosen, EVERY, rivals)
     assert not {1, 2} <= {*shapes.tolist()}
+
+
+def test_a_stribeck_curve_is_not_chosen_alone() -> None:
+    """Friction of the shape of a curve that hardly falls: it alone would leave no F_c, so that a sign is beside it."""
+    equations, rivals = regression(0.25, 0, (0.0, F_C, 0.0)), np.array([1])
+    folds = replace(equations, A=np.repeat(equations.A, 2, axis=0), b=np.repeat(equations.b, 2, axis=0),
+                    c=np.repeat(equations.c, 2, axis=0))  # fmt: skip
+    chosen, _ = choose_shapes(folds, 0, EVERY, rivals)
+    assert {0, 1} <= {*chosen.tolist()}
+    alone, _ = choose_shapes(folds, 0, np.array([1]), rivals)
+    assert alone.tolist() == []
+
+
+def on_a_carrier(power: float) -> ConfigurationSpectra:
+    """Three experiments of one motor whose slowest line, alike in all, has `power` times that of the others.
+
+    Two shapes: a sign, of which no response explains half at the other lines, and a spring, which one explains.
+    """
+    rng = np.random.default_rng(0)
+    U, others = rng.standard_normal((2, 20, 1, 3)) + 1j * rng.standard_normal((2, 20, 1, 3))
+    U[0] = others[0] = 1
+    size = np.where(np.arange(20) == 0, np.sqrt(power), 1.0)[:, None, None]
+    Phi = size * np.concatenate([U + others, U], axis=1)
+    lines, nothing = np.arange(2, 22), np.zeros((20, 1, 3), complex)
+    return ConfigurationSpectra(
+        lines, lines / 2.0, np.ones(20, bool), size * U, size * U, Phi, nothing, nothing, 0 * Phi, np.arange(3),
+        np.zeros(1), 20,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("power", [1.0, 1e3])
+def test_friction_is_told_from_a_spring_beside_a_carrier(power: float) -> None:
+    """Most of a sign's power is then at the carrier's line, where it is in proportion to the torque."""
+    data, candidates = [on_a_carrier(power)], [Shape("motor 1", "sign"), Shape("motor 1", "stop", 1.0)]
+    limits = _nonlinear_limits(data, candidates, ["motor 1"])
+    np.testing.assert_array_equal(_is_nonlinear(data, limits[[0, 0]]), [True, False])
 
 
 def test_nothing_chosen_has_no_alternatives() -> None:

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.dry_friction import measured, measured_bristles
+from plants.dry_friction import COULOMB as LEVELS
+from plants.dry_friction import measured, measured_bristles, robot
 
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -69,3 +70,17 @@ def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: Fri
     assert "no friction of motor 1, motor 2 explains it" in note.text
     (records, _), lines = measured()
     assert UNEXPLAINED not in {one.code for one in estimate_without_friction(records, found, COULOMB, lines).notes}
+
+
+@pytest.mark.parametrize("coulomb", [(0.0, 0.0), LEVELS])
+def test_a_log_of_two_periods_that_begins_with_its_excitation_bends_no_spring(coulomb: tuple[float, float]) -> None:
+    """A transient lies between the excited lines, as distortion does: the second period is judged, and shows friction
+    within 2 %."""
+    (records, _), lines = measured(coulomb, 2)
+    t = np.arange(records[0].n_samples) / records[0].rate_hz
+    decaying = 0.3 * (np.exp(-8 * t) * np.sin(20 * t))[:, None]
+    begun = [replace(record, y=record.y + record.y.std(axis=0) * decaying) for record in records]
+    friction = find_friction((begun,), AUTO, lines)
+    np.testing.assert_allclose([friction.sliding_level(place)[0] for place in friction.places], coulomb, rtol=0.02)
+    response = estimate_without_friction(begun, friction, AUTO, lines, robot=robot(coulomb))
+    assert not [note for note in response.notes if note.severity == "warning"]

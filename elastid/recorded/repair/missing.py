@@ -40,6 +40,10 @@ class MissingLimits:
     # Without a period: samples of a gap at most, and the part of a channel that may be missing.
     max_gap: int = 2
     max_interpolated_share: float = 0.01
+    # A channel that leaps to exactly 0 and back, each time so many times as far as the step that 99 % of its samples
+    # stay below, has lost samples.
+    leap: float = 10.0
+    usual_step: float = 0.99
 
 
 LIMITS = MissingLimits()
@@ -79,6 +83,39 @@ def realigned(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
         findings.append(Finding(DROPPED if change < 0 else DOUBLED, abs(change), text))
         moved -= change
     return Repaired(result, tuple(findings))
+
+
+def without_dropouts(signals: FloatArray, L: int, log: Log) -> Repaired:
+    """Signals (n, c) with NaN where a channel drops to 0 for a while, and not so a repetition later or earlier."""
+    result, findings = signals, []
+    for c, name in enumerate(log.names[: signals.shape[1]]):
+        x = signals[:, c]
+        zeros = [(int(a), int(b)) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
+        if not zeros:
+            continue
+        least = LIMITS.leap * float(np.nanquantile(np.abs(np.diff(x)), LIMITS.usual_step))
+        lost = [np.arange(a, b) for a, b in zeros if _is_dropout(x, a, b, least, L)]
+        if lost:
+            result = result.copy()
+            result[np.concatenate(lost), c] = np.nan
+            count = sum(map(len, lost))
+            text = (
+                f"{name}: {count} samples of 0 are no values, the first is {log.time_of(lost[0][0])}: taken as missing"
+            )
+            findings.append(Finding("dropouts taken as missing", count, text))
+    return Repaired(result, tuple(findings))
+
+
+def _is_dropout(x: FloatArray, start: int, end: int, least: float, L: int) -> bool:
+    """True of zeros in x (n,) from `start` to `end` between two values of one sign beyond `least`."""
+    before, after = float(x[start - 1]), float(x[end])
+    others = [x[start + shift : end + shift] for shift in (-L, L) if start + shift >= 0 and end + shift <= len(x)]
+    return (
+        before * after > 0
+        and min(abs(before), abs(after)) > least
+        and end - start <= LIMITS.max_missing_of_repetition * L
+        and all(other.all() for other in others)
+    )
 
 
 def _cross(X: FloatArray, reference: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.recorded.repair import Log, counts
-from elastid.recorded.repair.missing import DOUBLED, DROPPED, FILLED, filled, realigned
+from elastid.recorded.repair.missing import DOUBLED, DROPPED, FILLED, filled, realigned, without_dropouts
 
 N, P = 500, 6
 
@@ -132,3 +132,18 @@ def test_a_log_without_loss_is_left_alone(seed: int, noise: float, ramp: float) 
     assert realigned(signals, signals[:, :1], N, LOG).findings == ()
     wrong = realigned(signals, signals[:, :1], N - 1, LOG)
     assert wrong.findings == ()
+
+
+@pytest.mark.parametrize("length", [1, 3, 40])
+def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length: int) -> None:
+    """A bus that lost samples of an angle far from 0; those of a torque about 0 stay, and pulses that repeat."""
+    signals = 1e-4 * CLEAN + np.array([0.0, 90.0])
+    signals[3 * N + 100 : 3 * N + 100 + length] = 0.0
+    found = without_dropouts(signals, N, LOG)
+    lost = np.isnan(found.signals)
+    assert lost[:, 1].nonzero()[0].tolist() == list(range(3 * N + 100, 3 * N + 100 + length))
+    assert not lost[:, 0].any()
+    assert counts(found.findings) == {"dropouts taken as missing": length}
+    pulses = np.tile(np.where(np.arange(N) % 100 < length, 0.0, 50.0), P)[:, None] + np.zeros(2)
+    assert without_dropouts(pulses, N, LOG).signals is pulses
+    assert without_dropouts(CLEAN, N, LOG).findings == ()
