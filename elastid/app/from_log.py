@@ -6,7 +6,6 @@ Everything that is not in the logs is guessed, and marked so with its reason.
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -36,25 +35,11 @@ from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.periodicity import find_period, repetition
-<<<<<<< HEAD
-=======
-from elastid.recorded.pieces import SAME_EXCITATION
-from elastid.recorded.repair.clock import delay
->>>>>>> outsider
 from elastid.recorded.repair.time_stamps import STAMPS, even_grid
 from elastid.recorded.responses.universal import is_universal_file, uff_places
 from elastid.robot import Robot
 from elastid.study.checks.logs import TIME_UNITS, is_time, time_of
 
-<<<<<<< HEAD
-=======
-_MAX_SAMPLES = 1 << 18
-_ONE_STATE = "all logs are of one state of the structure"
-_SAME = math.sqrt(1 - SAME_EXCITATION.max_unexplained_share)  # correlation of the drives of two logs of one excitation
-_MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
-_MIN_FORCE = 0.1  # of the largest of a hammer's lines, on which responses are compared
-_MAX_UNLIKE = 0.05  # of responses of one point: hits that differ by a tenth in each response have half a hundredth
->>>>>>> outsider
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
@@ -237,76 +222,6 @@ def _no_guess(path: Path, form: TextFormatSpec, signals: Sequence[ChannelGuess])
     )
 
 
-<<<<<<< HEAD
-=======
-def _realisations(
-    logs: Sequence[Path], form: TextFormatSpec, joints: Sequence[JointGuess], period: str
-) -> tuple[int, ...]:
-    """The realisation of each log, by what its drives repeat: the same number for further periods of one excitation."""
-    stated = re.match(r" *period_samples: (\d+) ", period)
-    if stated is None:
-        return tuple(range(len(logs)))
-    N, known, result = int(stated[1]), list[FloatArray](), list[int]()
-    drives = [ChannelSpec("u", "any", joint.torque.name, joint.torque.column) for joint in joints]
-    for path in logs:
-        with opened_log(path, form) as log:
-            u = values_of(log, drives, 0, _MAX_SAMPLES)
-        if len(u) < N or not np.isfinite(u).all():
-            return tuple(range(len(logs)))
-        one = (u[len(u) % N :].reshape(-1, N, len(drives))).mean(axis=0)
-        alike = [_is_one_excitation(other, one) for other in known]
-        result.append(alike.index(True) if True in alike else len(known))
-        if True not in alike:
-            known.append(one)
-    return tuple(result)
-
-
-def _is_one_excitation(first: FloatArray, second: FloatArray) -> bool:
-    """True if all drives of two periods (N, d) are alike after one delay; an odd multisine is its opposite, later."""
-    lag = max((delay(a, b, len(a)) for a, b in zip(first.T, second.T, strict=True)), key=lambda pair: pair[1])[0]
-    X, Y = (np.fft.rfft(x, axis=0)[1:] for x in (first, second))
-    turned = Y * np.exp(2j * np.pi * np.arange(1, len(Y) + 1) * lag / len(first))[:, None]
-    power = np.sum(np.abs(X) ** 2, axis=0) * np.sum(np.abs(Y) ** 2, axis=0)
-    return bool(np.all(np.sum((X.conj() * turned).real, axis=0) >= _SAME * np.sqrt(power)))
-
-
-def _states(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> tuple[list[int], str]:
-    """The state of the structure in each log, and why: by the angles of its joints, and by the responses to hits."""
-    drives = [ChannelSpec("u", "any", j.torque.name, j.torque.column) for j in guess.joints]
-    motions = [*(j.motion for j in guess.joints), *guess.further]
-    ys = [ChannelSpec("y", "any", m.name, m.column, quantity="position") for m in motions]
-    turn = np.array([TABLE[m.unit][1] if TABLE[m.unit][0] == "rad" else 0.0 for m in motions])
-    seen, states, why = list[tuple[FloatArray, ComplexArray | None]](), list[int](), _ONE_STATE
-    for path in logs:
-        with opened_log(path, form) as log:
-            x = np.nan_to_num(values_of(log, [*drives, *ys], 0, _MAX_SAMPLES))
-        u, y = x[:, 0], x[:, len(drives) :]
-        angle, G = y.mean(axis=0) * turn, None
-        if len(drives) == 1 and Pulses.of(u) is not None:
-            F = np.fft.rfft(u - np.median(u), _MAX_SAMPLES)
-            F[np.abs(F) < _MIN_FORCE * np.abs(F).max()] = np.inf
-            G = np.fft.rfft(y - np.median(y, axis=0), _MAX_SAMPLES, axis=0) / F[:, None]
-        reach = max(_MIN_TURN, 5 * float((y.std(axis=0) * turn).max(initial=0.0)))
-        state = len(seen)
-        for k, (other, H) in enumerate(seen):
-            is_there = np.abs(angle - other).max(initial=0.0) < reach
-            if is_there and (G is None or H is None or _unlike(G, H) < _MAX_UNLIKE):
-                state = k
-                break
-            why = "hits at other points, by their responses" if is_there else "the joints stand at other angles"
-        seen += [(angle, G)] if state == len(seen) else []
-        states.append(state)
-    return states, why if len(seen) > 1 else _ONE_STATE
-
-
-def _unlike(G: ComplexArray, H: ComplexArray) -> float:
-    """Power of the difference of two responses (F, n) over the sum of theirs, on the lines that both have."""
-    both = (G != 0).any(axis=1) & (H != 0).any(axis=1)
-    G, H = G[both], H[both]
-    return float(np.sum(np.abs(G - H) ** 2) / max(np.sum(np.abs(G) ** 2 + np.abs(H) ** 2), 1e-300))
-
-
->>>>>>> outsider
 def _head(kind: str, first: Path) -> Iterator[str]:
     yield "# yaml-language-server: $schema=study.schema.json"
     yield f"# Written by `elastid new --from` from {one_line(first.name)}. Lines that it could not know are marked"

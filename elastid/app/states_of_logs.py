@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,10 +16,12 @@ from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.frf.hits import Pulses
 from elastid.recorded.channel_guess import JointGuess, LogGuess
 from elastid.recorded.files.formats import opened_log, values_of
+from elastid.recorded.pieces import SAME_EXCITATION
 from elastid.recorded.repair.clock import delay
 
 MAX_SAMPLES = 1 << 18  # that are read of each
 ONE_STATE = "all logs are of one state of the structure"
+_SAME = math.sqrt(1 - SAME_EXCITATION.max_unexplained_share)  # correlation of the drives of two logs of one excitation
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
 _MIN_FORCE = 0.1  # of the largest of a hammer's lines, on which responses are compared
 _MAX_UNLIKE = 0.05  # of responses of one point: hits that differ by a tenth in each response have half a hundredth
@@ -39,12 +42,20 @@ def realisations_of(
         if len(u) < N or not np.isfinite(u).all():
             return tuple(range(len(logs)))
         one = (u[len(u) % N :].reshape(-1, N, len(drives))).mean(axis=0)
-        # Correlation of the drives of two logs of one excitation.
-        alike = [all(delay(a, b, N)[1] > 0.9 for a, b in zip(other.T, one.T, strict=True)) for other in known]
+        alike = [_is_one_excitation(other, one) for other in known]
         result.append(alike.index(True) if True in alike else len(known))
         if True not in alike:
             known.append(one)
     return tuple(result)
+
+
+def _is_one_excitation(first: FloatArray, second: FloatArray) -> bool:
+    """True if all drives of two periods (N, d) are alike after one delay; an odd multisine is its opposite, later."""
+    lag = max((delay(a, b, len(a)) for a, b in zip(first.T, second.T, strict=True)), key=lambda pair: pair[1])[0]
+    X, Y = (np.fft.rfft(x, axis=0)[1:] for x in (first, second))
+    turned = Y * np.exp(2j * np.pi * np.arange(1, len(Y) + 1) * lag / len(first))[:, None]
+    power = np.sum(np.abs(X) ** 2, axis=0) * np.sum(np.abs(Y) ** 2, axis=0)
+    return bool(np.all(np.sum((X.conj() * turned).real, axis=0) >= _SAME * np.sqrt(power)))
 
 
 def states_of(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> tuple[list[int], str]:
