@@ -41,5 +41,5 @@ def test_slopes_are_those_of_the_points(kind: Kind) -> None:
 def test_a_deflection_that_stands_still_has_numbers() -> None:
     for kind in ("range", "gap", "stop", "bristle"):
         for x in (np.zeros(100), np.concatenate([np.full(50, -3e-4), np.full(50, 3e-4)])):
-            for each in along_period(GearEffect(kind, "1", 1e-4), x):  # type: ignore[arg-type]
+            for each in along_period(GearEffect(kind, "1", 1e-4), x):
                 assert np.all(np.isfinite(each))

@@ -8,7 +8,7 @@ import pytest
 
 from elastid.base.arrays import FloatArray
 from elastid.nonlinear.gear.drive_lines import DriveLines
-from elastid.nonlinear.gear.motion import Linear, newton, smoothed_covariance
+from elastid.nonlinear.gear.motion import Estimate, Linear, newton, smoothed_covariance
 from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.nonlinear.gear.turning import turning
 from tests.plants.two_mass_gear import POSTURE
@@ -52,6 +52,21 @@ def quiet_lines(told: int, experiments: int = 1, noise: float = 0.0) -> PeriodLi
     return PeriodLines(
         POSTURE, 500.0, 100, none + 1, none, rest, rest, *numbers, none[:0], np.ones(1, bool), rest[:, 0]
     )
+
+
+def test_a_motion_is_the_same_on_more_points() -> None:
+    """What a search found is where the last rounds begin."""
+    fine = quiet_lines(40)
+    coarse = fine.coarse()
+    none, above = np.zeros((40, 1, 1, 0), complex), np.zeros((0, 1, 1), complex)
+
+    def wave(n: int) -> FloatArray:
+        return np.asarray(2 + np.sin(6 * np.pi * np.arange(n) / n)[None])
+
+    found = Estimate(none, none, above, (wave(coarse.points),), wave(coarse.points)[None]).on(fine)
+    assert found.unknowns[0] == pytest.approx(wave(fine.points), abs=1e-12)
+    assert found.loads[0] == pytest.approx(wave(fine.points), abs=1e-12)
+    assert found.above.shape == above.shape
 
 
 def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_its_window() -> None:

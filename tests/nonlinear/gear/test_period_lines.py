@@ -43,6 +43,17 @@ def test_the_fine_grid_is_the_signal_between_its_samples() -> None:
     assert lines.amplitudes(fine[None])[0] == pytest.approx(lines.Y[:, 0, 0], abs=1e-12)
 
 
+def test_a_search_has_every_second_point_of_the_same_signal() -> None:
+    lines = gather_lines([record()], SPEC, np.array([5, 200]))
+    coarse = lines.coarse()
+    every = np.concatenate([lines.U, lines.above])[:, 0, 0] + 1e-3
+    told = len(coarse.U) + len(coarse.above)
+    assert told == coarse.points // 2 - 1 < len(every)
+    assert coarse.fine(every[:told]) == pytest.approx(lines.fine(every[:told])[::2], abs=1e-12)
+    few = gather_lines([record()], SPEC, np.array([5, 9]))
+    assert len(few.coarse().above) == len(few.above) == int(ABOVE * 9) - len(few.U)
+
+
 def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
     """White noise of std s has amplitudes of variance 4 s^2 / (N P)."""
     many = [record(1e-5, name=f"r{i}") for i in range(1)]
