@@ -230,6 +230,15 @@ class RelinearisedOptimum:
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
+class NoRestError(FitError):
+    """The best start ended at numbers with which the robot finds no rest, as those of misread responses may be."""
+
+    def __init__(self, error: StudyError) -> None:
+        super().__init__(
+            f"the best start ended where the robot cannot stand: {error}; check signs, units and places of the channels"
+        )
+
+
 def is_distorted_by_friction(response: FrequencyResponse) -> bool:
     """True if distortion is well above the noise, and no friction was taken out of the response."""
     noise, total = response.noise, response.total
@@ -294,7 +303,7 @@ def relinearise(
             elif is_square and not len(c):
                 first, known = fit, current
         except StudyError as error:
-            raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
+            raise NoRestError(error) from None
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.rough(end.x), fit.problem.dof)
