@@ -90,19 +90,20 @@ def identify(
         )  # fmt: skip
 
     try:
-        found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
-        fit = None  # of a thousand configurations some hundred MB
-        assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
-        evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+        try:
+            found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+            fit = None  # of a thousand configurations some hundred MB
+            assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
+            evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+        except (NoRestError, StudyError) as error:
+            if robot.tolerances is not None:
+                return by_exact_file()
+            raise error if isinstance(error, NoRestError) else NoRestError(error) from None
         if result.has_tolerances and evidence.result.status == "model_error":
             return by_exact_file()
         result = diagnose(evidence, _notes(assembly, optimum))
         result = add_intervals(result, optimum, spec, execution)
         return replace(result, notes=(*result.notes, *measurements_that_help(result)))
-    except (NoRestError, StudyError) as error:
-        if robot.tolerances is not None:
-            return by_exact_file()
-        raise error if isinstance(error, NoRestError) else NoRestError(error) from None
     except FitError as error:
         if not loads:
             raise
