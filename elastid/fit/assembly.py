@@ -232,6 +232,15 @@ class RelinearisedOptimum:
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
+class NoRestError(FitError):
+    """The best start ended at numbers with which the robot finds no rest, as those of misread responses may be."""
+
+    def __init__(self, error: StudyError) -> None:
+        super().__init__(
+            f"the best start ended where the robot cannot stand: {error}; check signs, units and places of the channels"
+        )
+
+
 def is_distorted_by_friction(response: FrequencyResponse) -> bool:
     """True if distortion is well above the noise, and no friction was taken out of the response."""
     noise, total = response.noise, response.total
@@ -325,16 +334,16 @@ def _where_it_stands(
 
     What made springs so soft, such as postures that are not those of the file, is found from there.
     """
-    message, start, x = f"the best start ended where the robot cannot stand: {error}", assembly.parameters.x, end.x
+    no_rest, start, x = NoRestError(error), assembly.parameters.x, end.x
     for _ in range(HALVINGS):
         x = (x + start) / 2
         try:
             fit = assembly.at(x, criterion)
         except StudyError:
             continue
-        end = replace(end, x=x, cost=fit.evaluate(x).cost, converged=False, message=message)
+        end = replace(end, x=x, cost=fit.evaluate(x).cost, converged=False, message=str(no_rest))
         return RelinearisedOptimum(end, fit, assembly.responses, assembly.weights)
-    raise FitError(message)
+    raise no_rest
 
 
 def motion_notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:

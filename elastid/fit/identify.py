@@ -19,12 +19,13 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, FitError, check_kind
+from elastid.base.errors import DataError, FitError, StudyError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit import checks
 from elastid.fit.assembly import (
     Assembly,
+    NoRestError,
     RelinearisedOptimum,
     floor_of_residuals,
     is_distorted_by_friction,
@@ -81,18 +82,26 @@ def identify(
     """
     execution = execution or Execution()
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
+
+    def by_exact_file() -> FitResult:
+        """Of a gross fault, which bends the numbers of the file, too, and is named less surely from there."""
+        return identify(
+            responses, replace(robot, tolerances=None), spec, model=model, execution=execution, hypotheses=hypotheses,
+            parameters=parameters, loads=loads,
+        )  # fmt: skip
+
     try:
-        found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
-        fit = None  # of a thousand configurations some hundred MB
-        assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
-        evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+        try:
+            found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+            fit = None  # of a thousand configurations some hundred MB
+            assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
+            evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+        except (NoRestError, StudyError) as error:
+            if robot.tolerances is not None:
+                return by_exact_file()
+            raise error if isinstance(error, NoRestError) else NoRestError(error) from None
         if result.has_tolerances and evidence.result.status == "model_error":
-            # A gross fault bends the numbers of the file, too, and is named less surely from there.
-            held = replace(robot, tolerances=None)
-            return identify(
-                responses, held, spec, model=model, execution=execution, hypotheses=hypotheses, parameters=parameters,
-                loads=loads,
-            )  # fmt: skip
+            return by_exact_file()
         result = diagnose(evidence, _notes(assembly, optimum))
         result = add_intervals(result, optimum, spec, execution)
         return replace(result, notes=(*result.notes, *_contradicted_priors(result), *measurements_that_help(result)))
