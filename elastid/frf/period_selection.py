@@ -54,8 +54,8 @@ class Limits:
     pairs: int = 1 << 21  # where there are more pairs than fit into memory
     order: int = 8  # of the prediction of noise from its samples before
     # Power of what it does not predict, in the first eighth of a difference over that in the second half: 1 of noise
-    # and wander, 100 to 1e7 where a log began with its excitation.
-    settling: float = 30.0
+    # and wander, 42 in one of 16 clean sets, 700 to 1e7 where a log began with its excitation.
+    settling: float = 300.0
 
 
 LIMITS = Limits()
