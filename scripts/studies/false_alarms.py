@@ -107,7 +107,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "recorded.periodicity.RepetitionLimits": {"refused": "*"},
     "frf.period_selection.Limits": {
         "transient-left-out": "relative_error groups lines_in_group asymmetry negligible_distance spread scatter lines "
-        "neighbours",
+        "neighbours weighed",
         "periods-left-out": "periods negligible_distance spread scatter lines",
     },
     "frf.quality.Limits": {
