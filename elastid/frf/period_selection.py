@@ -4,9 +4,9 @@ Each channel of each period has a distance from the other periods, relative to t
 
     D_p = median over q of ||X_p - X_q|| / ||X||,   ||X||^2 = sum_k |X(k)|^2
 
-and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  For a
-transient X is in units of the noise, at each line, of the periods in the second half of the log: a transient is slow,
-and the noise of an acceleration fast. One that is negligible against the total standard deviation stays.
+and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  A
+transient is looked for in units of the noise, too, of the periods in the second half of the log at each line: it is
+slow, and the noise of an acceleration fast. One that is negligible against the total standard deviation stays.
 
 The periods at the start of a log that differ, n_t of P, change the equation error of the mean by
 
@@ -48,14 +48,15 @@ class Limits:
     spread: float = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
     scatter: float = 0.8  # of ln D sqrt(n_noisy): 1/2 where lines are independent, which those of a wander are not
     neighbours: int = 9  # lines that share a noise level
+    weighed: float = 4.0  # typical distances in units of the noise, at least; two of 90 clean sets have 2.6
     lines: int = 500  # evenly taken, that give a distance as well as all
     compared: int = 512  # periods with which each period of a longer record is compared,
     least_compared: int = 32  # or down to so few
     pairs: int = 1 << 21  # where there are more pairs than fit into memory
     order: int = 8  # of the prediction of noise from its samples before
     # Power of what it does not predict, in the first eighth of a difference over that in the second half: 1 of noise
-    # and wander, 100 to 1e7 where a log began with its excitation.
-    settling: float = 30.0
+    # and wander, 42 in one of 16 clean sets, 700 to 1e7 where a log began with its excitation.
+    settling: float = 300.0
 
 
 LIMITS = Limits()
@@ -294,19 +295,29 @@ def _transient(
     """Flags (P,) of the periods at the start of each log that are a transient; logs: their periods."""
     P = len(spectra.periods)
     halves = [log[: len(log) - max(2 if len(logs) == 1 else 1, -(-len(log) // 2))] for log in logs]
-    is_later = ~_flags(P, halves)
-    if is_later.all():
+    later = np.flatnonzero(~_flags(P, halves))
+    if len(later) == P:
         return np.zeros(P, dtype=np.bool_), ()
-    later = np.flatnonzero(is_later)
-    compared = compared.weighed(later)
+    leading, notes = _leading(spectra, compared, logs, halves, later)
+    return (leading, notes) if leading.any() else _leading(spectra, compared.weighed(later), logs, halves, later)
+
+
+def _leading(
+    spectra: PeriodSpectra, compared: Compared, logs: Sequence[IntArray], halves: Sequence[IntArray], later: IntArray
+) -> tuple[BoolArray, tuple[Note, ...]]:
+    """As `_transient`, by distances as they are compared.  halves: of each log, that may be one; later: all others."""
+    P = len(spectra.periods)
+    none = np.zeros(P, dtype=np.bool_)
     if compared.agree:
-        return np.zeros(P, dtype=np.bool_), ()
+        return none, ()
     measured = distances(compared, later)
+    if compared.is_weighed:
+        measured = replace(measured, limit=np.maximum(measured.limit, LIMITS.weighed * measured.typical))
     if len(logs) == 1:  # a slow wander is as far from the other half at its end
         backwards = LIMITS.asymmetry * distances(compared, P - 1 - later).D[-1]
         wander = replace(measured, limit=np.maximum(measured.limit, backwards))
-        if not np.any(wander.far & ~is_later):
-            return np.zeros(P, dtype=np.bool_), ()
+        if not np.any(wander.far & _flags(P, halves)):
+            return none, ()
     lengths = [int(np.argmin(np.append(measured.far[half], False))) for half in halves]
     leading = _flags(P, [half[:n] for half, n in zip(halves, lengths, strict=True)])
     if not leading.any():

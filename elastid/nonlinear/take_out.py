@@ -48,12 +48,12 @@ def estimate_without_friction(
     """
     net = tuple(net_records(records, friction, E)) if net is None else net
     response = estimate(net, spec, planned_lines)
-    if robot is not None:
+    # A transient lies between the excited lines, as distortion does, and one period shows no scatter.
+    if robot is not None and all(settled(record) is record for record in net):
         # With CasADi and SciPy's optimisers, which responses of structures do without.
         from elastid.nonlinear.gear.straightness import straightness_notes
 
-        logs = [settled(record) for record in net]
-        response = replace(response, notes=(*response.notes, *straightness_notes(logs, robot, spec, planned_lines)))
+        response = replace(response, notes=(*response.notes, *straightness_notes(net, robot, spec, planned_lines)))
     if friction is None:
         return response
     response = replace(response, notes=(*response.notes, *_unexplained(response, friction)))

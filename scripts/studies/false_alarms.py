@@ -106,7 +106,8 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     },
     "recorded.periodicity.RepetitionLimits": {"refused": "*"},
     "frf.period_selection.Limits": {
-        "transient-left-out": "relative_error groups lines_in_group asymmetry negligible_distance spread scatter lines",
+        "transient-left-out": "relative_error groups lines_in_group asymmetry negligible_distance spread scatter lines "
+        "neighbours weighed",
         "periods-left-out": "periods negligible_distance spread scatter lines",
     },
     "frf.quality.Limits": {
@@ -127,7 +128,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "local-repeats-averaged": "difference correlation",
     },
     "nonlinear.choice.Limits": {
-        "friction-taken-out": "nonlinear_share shape_gain left_share weight near spread",
+        "friction-taken-out": "nonlinear_share part_of_sign shape_gain left_share weight near spread",
         "unexplained-distortion": "unexplained",
     },
     "nonlinear.places.Limits": {"friction-sticks": "*"},

@@ -39,7 +39,7 @@ def test_a_slow_transient_is_found_below_fast_noise(seed: int) -> None:
     ones, where it moves the damping of the motor. Without it all periods are kept."""
     record = steady_record(3, quantity="position", noise=2e-5, seed=seed)
     t = np.arange(record.n_samples) * 2.0 / N
-    settling = 0.01 * record.y.std() * np.exp(-8 * t) * np.cos(12 * t)
+    settling = 0.02 * record.y.std() * np.exp(-8 * t) * np.cos(12 * t)
     transient = trusted(periods_of(replace(record, y=record.y + settling[:, None]), LINES, "acceleration"), AUTO)
     assert transient.periods.tolist() == [1, 2]
     assert len(trusted(periods_of(record, LINES, "acceleration"), AUTO).periods) == 3

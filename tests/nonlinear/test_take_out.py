@@ -74,8 +74,8 @@ def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: Fri
 
 @pytest.mark.parametrize("coulomb", [(0.0, 0.0), LEVELS])
 def test_a_log_of_two_periods_that_begins_with_its_excitation_bends_no_spring(coulomb: tuple[float, float]) -> None:
-    """A transient lies between the excited lines, as distortion does: the second period is judged, and shows friction
-    within 2 %."""
+    """A transient lies between the excited lines, as distortion does: gears are not judged by it, and the second period
+    shows friction within 2 %."""
     (records, _), lines = measured(coulomb, 2)
     t = np.arange(records[0].n_samples) / records[0].rate_hz
     decaying = 0.3 * (np.exp(-8 * t) * np.sin(20 * t))[:, None]
