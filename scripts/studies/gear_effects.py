@@ -19,8 +19,8 @@ Found, case by case with `--draws 40 --seed 11`, whose noise is that of all case
 plant with 73 of 80 intervals (77 of 80 with `--case none --draws 40 --seed 12`): gap 111 of 120, hysteresis 111, lost
 motion 110, with friction 183 of 200; k at most 0.005 % off and d 0.07 %. Before the search worked on half the points:
 ranges of torque 144 of 160, k 0.043 %. Before laws broke between points: at the motor 110 of 120, behind the gear 112,
-both sides 148 of 160, by load 148 of 160, hardening 115 of 120, progressive 107, ripple 113, transmission error 111, all
-at once 227 of 240. In all draws the effects are those of the plant, and every case passes.
+both sides 148 of 160, by load 148 of 160, hardening 115 of 120, progressive 107, ripple 113, transmission error 111,
+all at once 227 of 240. In all draws the effects are those of the plant, and every case passes.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
