@@ -144,9 +144,8 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "fit.diagnosis.other_robots.Limits": {"modification-index": "*"},
     "fit.diagnosis.lateness.Limits": {"modification-index": "*"},
     "fit.diagnosis.status.MisfitLimits": {"status-misfit": "*"},
+    "fit.diagnosis.bounds.Limits": {"at-bound": "near", "bound-in-most-starts": "starts"},
     "fit.diagnosis.status.Limits": {
-        "at-bound": "near_bound",
-        "bound-in-most-starts": "held_share",
         "weakly-determined": "interval_factor",
         "correlated": "correlation",
         "undetermined": "singular_value part_of_direction",

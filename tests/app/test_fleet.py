@@ -169,7 +169,7 @@ def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFi
         ("name: f\nstudy: study.yml\ntable: wrong.csv\n", "c on 2026-01-01: "),
         (
             "name: f\nstudy: study.yml\nfolders: logs/{robot}/{date}\n",
-            "fleet.yml:3:10: folders: no folder is like that",
+            "fleet.yml:3:10: folders: no folder below ",
         ),
     ):
         path.write_text(text)
