@@ -41,6 +41,8 @@ class DriveLimits:
     motion: float = 0.2
 
 
+MAX_SAMPLES = 1 << 18  # that show where the motors stand; a log may be larger than the memory
+
 LIMITS = DriveLimits()
 
 
@@ -63,7 +65,7 @@ def posture_notes(
     columns = [record.outputs.index(motors[i]) for i in places]
     if not columns or any(record.quantities[column] != "position" for column in columns):
         return []
-    y, own = record.y[:, columns], record.configuration
+    y, own = record.y[:MAX_SAMPLES][:, columns], record.configuration
     mean, rms = y.mean(axis=0), float(y.std(axis=0).max())
     for other in configurations:
         there, here = other.angles[places], own.angles[places]
