@@ -333,10 +333,10 @@ def _where_it_stands(
     """The nearest point halfway, and halfway again, to the start at which the robot stands; not converged.
 
     What made springs so soft, such as postures that are not those of the file, is found from there; of a file with
-    tolerances by a fit that holds its numbers, and beside load tests by one without, for which NoRestError is raised.
+    tolerances by a fit that holds its numbers, for which NoRestError is raised.
     """
     no_rest, start, x = NoRestError(error), assembly.parameters.x, end.x
-    if any(p.tolerated for p in assembly.parameters) or assembly.loads is not None:
+    if any(p.tolerated for p in assembly.parameters):
         raise no_rest
     for _ in range(HALVINGS):
         x = (x + start) / 2

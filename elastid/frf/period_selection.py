@@ -57,6 +57,7 @@ class Limits:
     # Power of what it does not predict, in the first eighth of a difference over that in the second half: 1 of noise
     # and wander, 42 in one of 16 clean sets, 700 to 1e7 where a log began with its excitation.
     settling: float = 300.0
+    unsettled: float = 1e-3  # of a signal, that its difference between two periods has in the first eighth, at least
 
 
 LIMITS = Limits()
@@ -219,14 +220,19 @@ def settled(record: Record) -> Record:
     if record.n_repeats != 2 or record.half_wave or record.starts or 32 * LIMITS.order > L:
         return record
     signals = np.concatenate([record.u, record.y], axis=1)
-    if not any(_decays(difference) for difference in (signals[:L] - signals[L : 2 * L]).T):
+    if not any(map(_decays, (signals[:L] - signals[L : 2 * L]).T, signals.std(axis=0))):
         return record
     r = None if record.r is None else record.r[L : 2 * L]
     return replace(record, u=record.u[L : 2 * L], y=record.y[L : 2 * L], r=r, left_out=())
 
 
-def _decays(difference: FloatArray) -> bool:
-    """True for a signal (n,) whose beginning no linear prediction explains that explains its second half."""
+def _decays(difference: FloatArray, size: float) -> bool:
+    """True for a signal (n,) whose beginning no linear prediction explains that explains its second half.
+
+    size: of the signal whose difference between two periods it is.
+    """
+    if difference[: len(difference) // 8].std() <= LIMITS.unsettled * size:
+        return False
     rows = np.lib.stride_tricks.sliding_window_view(difference, LIMITS.order + 1)
     X, half = np.column_stack([rows[:, :-1], np.ones(len(rows))]), len(rows) // 2
     prediction = np.linalg.lstsq(X[half:], rows[half:, -1], rcond=None)[0]
