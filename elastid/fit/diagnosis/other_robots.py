@@ -43,6 +43,7 @@ class Limits:
     share: float = 0.3  # of the excess that another robot explains
     cost_ratio: float = 1.1  # of V, below which those mounted otherwise cannot be distinguished
     slope: float = 0.1  # tangent of the tilts of a base that are tried
+    slope_excess: float = 1.5  # of V over the noise's, from which on it is sought: it takes six fits
     steepest: float = 0.5  # of one that is found
     left: float = 1e-3  # of a payload that is not carried
     iterations: int = 30  # of each fit
@@ -208,7 +209,7 @@ def _on_a_slope(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """By a base that is tilted, as far and where to as a paraboloid of V through tilts about two axes has it."""
     robot = evidence.assembly.linearisation.model.robot
     size = float(np.linalg.norm(robot.gravity))
-    if size == 0:
+    if size == 0 or scores.cost < LIMITS.slope_excess * scores.noise:
         return []
     down = np.array(robot.gravity) / size
     across = np.linalg.svd(down[None])[2][1:]
