@@ -8,9 +8,8 @@ is included. Other studies are timed where they stand: a friction study by frict
 a map by map.py, a fleet by scripts/studies/fleet.py, a tuned move by scripts/studies/tuned_moves.py. The last line is
 one JSON object; last_run.json has that of the last run.
 
-Measured, in CPU seconds on two cores that several other programs shared, beside which every stage takes longer: 101
-(all_s) in all; design 19 (design_s), measure 12 (measure_s), estimate 35 (estimate_s), fit 18 (fit_s), validate 9
-(validate_s), report 7 (report_s).
+Measured, in CPU seconds on two cores: 94 (all_s) in all; design 18 (design_s), measure 12 (measure_s), estimate 33
+(estimate_s), fit 16 (fit_s), validate 8 (validate_s), report 7 (report_s).
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
