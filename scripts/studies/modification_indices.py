@@ -11,9 +11,9 @@ data sets.  Clean: the share of fits with any sentence, at most 1 %, which is th
 together.  The last line is one JSON object with the numbers of the
 table.
 
-With `--sets 2`: 15 of 15 in both, their steps the true ones to 3 % (torque constants 20 % wrong: 8 %), a
-share of 41 % of the excess for the reference and 97 % or more for the others; none of 300 clean sets has a sentence. 0.23 to 0.88 CPU s, 3.8
-for the reference, beside 0.23 of a clean fit.
+With `--sets 2`: 15 of 15 in both, their steps the true ones to 3 % (torque constants 20 % wrong: 8 %), with a share of
+41 % of the excess for the reference and 97 % or more for the others; none of 300 clean sets has a sentence. 0.23 to
+0.88 CPU s, 3.8 for the reference, beside 0.23 of a clean fit.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
