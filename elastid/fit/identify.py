@@ -77,43 +77,37 @@ def identify(
     parameters: those of `choose` if None, else these in place of spec.parameters.  loads: load tests in their postures
     (`placed_tests`), whose deflections count as residuals, too.
     Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
-    a parameter without effect, gains without a scale, and where every start fails; Interrupted, with the starts that
-    were done, on Ctrl-C once the search has begun.
+    a parameter without effect, gains without a scale, where every start fails, or where the best robot finds no rest
+    between its end and its start; Interrupted, with the starts that were done, on Ctrl-C once the search has begun.
     """
     execution = execution or Execution()
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
-
-    def by_exact_file() -> FitResult:
-        """Of a gross fault, which bends the numbers of the file, too, and is named less surely from there."""
-        return identify(
-            responses, replace(robot, tolerances=None), spec, model=model, execution=execution, hypotheses=hypotheses,
-            parameters=parameters, loads=loads,
-        )  # fmt: skip
-
     try:
-        try:
-            found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
-            fit = None  # of a thousand configurations some hundred MB
-            assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
-            evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
-        except (NoRestError, StudyError) as error:
-            if robot.tolerances is not None:
-                return by_exact_file()
-            raise error if isinstance(error, NoRestError) else NoRestError(error) from None
-        if result.has_tolerances and evidence.result.status == "model_error":
-            return by_exact_file()
-        result = diagnose(evidence, _notes(assembly, optimum))
-        result = add_intervals(result, optimum, spec, execution)
-        return replace(result, notes=(*result.notes, *_contradicted_priors(result), *measurements_that_help(result)))
-    except FitError as error:
-        if not loads:
-            raise
-        fit_parameters(responses, robot, spec, model=model)  # raises its own where the load tests are not to blame
-        raise FitError(
-            f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
-        ) from None
+        found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+        fit = None  # of a thousand configurations some hundred MB
+        assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
+        evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+        if not (result.has_tolerances and evidence.result.status == "model_error"):
+            result = diagnose(evidence, _notes(assembly, optimum))
+            result = add_intervals(result, optimum, spec, execution)
+            helpful = (*_contradicted_priors(result), *measurements_that_help(result))
+            return replace(result, notes=(*result.notes, *helpful))
+    except (FitError, StudyError) as error:
+        failed = error if isinstance(error, FitError) else NoRestError(error)
+        if not (isinstance(failed, NoRestError) and robot.tolerances is not None):
+            if not loads:
+                raise failed from None
+            fit_parameters(responses, robot, spec, model=model)  # raises its own where load tests are not to blame
+            raise FitError(
+                f"{failed}; the responses alone can be fitted: check units, signs and directions of the load tests"
+            ) from None
     except KeyboardInterrupt:
         raise Interrupted(starts) from None
+    # A gross fault bends the numbers of the file, too, and is named less surely from there.
+    return identify(
+        responses, replace(robot, tolerances=None), spec, model=model, execution=execution, hypotheses=hypotheses,
+        parameters=parameters, loads=loads,
+    )  # fmt: skip
 
 
 def fit_parameters(

@@ -4,9 +4,9 @@ Each channel of each period has a distance from the other periods, relative to t
 
     D_p = median over q of ||X_p - X_q|| / ||X||,   ||X||^2 = sum_k |X(k)|^2
 
-and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  A
-transient is looked for in units of the noise, too, of the periods in the second half of the log at each line: it is
-slow, and the noise of an acceleration fast. One that is negligible against the total standard deviation stays.
+and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  A transient is looked for
+in units of the noise, too, which periods in the second half of the log have at each line: it is slow, and the noise of
+an acceleration fast.  One that is negligible against the total standard deviation stays (negligible_transient).
 
 The periods at the start of a log that differ, n_t of P, change the equation error of the mean by
 

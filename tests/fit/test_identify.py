@@ -14,14 +14,12 @@ from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import DataError, FitError, StudyError
 from elastid.base.execution import Execution
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.bounds import bound_notes
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import SolverName, solve
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
-from elastid.parameters import ParameterSet
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
@@ -147,20 +145,6 @@ def test_what_only_a_sum_determines_is_ill_conditioned():
     assert np.isinf([result.std["f_1"], result.std["fm_1"]]).all()
     assert result.std["I_load"] < 1e-4
     assert result.singular_values[-1] < 1e-8 * result.singular_values[0]
-
-
-def test_an_estimate_at_its_bound_says_so():
-    """Bounds that keep the truth out: a misfit that ends there, and the messages name parameter, side and value."""
-    spec = FitSpec(parameters={"k_1": ParameterSpec(start=50.0, bounds=(40.0, 95.0)), "d_1": ParameterSpec()}, starts=3)
-    result = identify(measure(pendulum(), [(0.0,)]), pendulum(), spec)
-    assert result.status == "misfit"
-    assert result.message.startswith("with k_1 at a bound the model is wrong")
-    np.testing.assert_array_equal(result.at_bound, [True, False])
-    assert any("k_1 ended at its upper bound of 95 N*m/rad: widen" in warning for warning in said(result.notes))
-    assert result.model_error > 1.5
-    of_file = ParameterSet(tuple(replace(parameter, tolerated=True) for parameter in result.parameters))
-    (note,) = bound_notes(replace(result, parameters=of_file), None)
-    assert "far outside its tolerance: the model lacks something" in note.text
 
 
 def test_a_weakly_determined_parameter_is_reported_with_its_interval():

@@ -1,0 +1,26 @@
+"""Notes on parameters that ended at a bound: what a wider one would do."""
+
+from dataclasses import replace
+
+import numpy as np
+from plants.elastic_arm import measure, pendulum
+from plants.notes import said
+
+from elastid.fit.diagnosis.bounds import bound_notes
+from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.parameters import ParameterSet
+
+
+def test_an_estimate_at_its_bound_says_so():
+    """Bounds that keep the truth out: a misfit that ends there, and the messages name parameter, side and value."""
+    spec = FitSpec(parameters={"k_1": ParameterSpec(start=50.0, bounds=(40.0, 95.0)), "d_1": ParameterSpec()}, starts=3)
+    result = identify(measure(pendulum(), [(0.0,)]), pendulum(), spec)
+    assert result.status == "misfit"
+    assert result.message.startswith("with k_1 at a bound the model is wrong")
+    np.testing.assert_array_equal(result.at_bound, [True, False])
+    assert any("k_1 ended at its upper bound of 95 N*m/rad: widen" in warning for warning in said(result.notes))
+    assert result.model_error > 1.5
+    of_file = ParameterSet(tuple(replace(parameter, tolerated=True) for parameter in result.parameters))
+    (note,) = bound_notes(replace(result, parameters=of_file), None)
+    assert "far outside its tolerance: the model lacks something" in note.text
