@@ -20,6 +20,7 @@ turns (`refined`, `narrowed`), leave a tenth of that.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -51,6 +52,9 @@ class Limits:
     near: float = 1.1  # over and below the speed at which the chosen signs turn in the mean
     # Steps of near^2 down from there, of a turn that the samples blurred: to an eighth.
     ladder: int = 11
+    # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.0 to 2.4 in the mean of six
+    # logs, at rest and on a carrier, from 3e-7 to 3e-6 rad of noise, with friction that jumps and sticks.
+    blur: float = 2.0
     spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
     # Std of a motor's levels, all as one factor, by what no shape has.  Calibrated, not derived, on one outside rig of
     # two motors with F_c of a sixth of the rms torque: of signs alone F_c was up to 1 % off where noise says 0.4 %, and
@@ -368,8 +372,12 @@ def _near(shapes: Sequence[Shape], levels: FloatArray, place: str) -> list[Shape
     return [Shape(place, "sign"), *(Shape(place, "sign", speed) for speed in slower)]
 
 
-def narrowed(choice: Choice, levels: FloatArray) -> tuple[Choice, IntArray]:
-    """The choice with those two of a motor's refined shapes next to their mean speed, and its shapes (n,) of before."""
+def narrowed(choice: Choice, levels: FloatArray, velocity_noise: FloatArray) -> tuple[Choice, IntArray]:
+    """The choice with those two of a motor's refined shapes next to their mean speed, and its shapes (n,) of before.
+
+    A sign turns over the square root of D^2 - (c sigma)^2, D being the mean speed that fits and sigma (n_m,) the
+    velocity_noise: along a noisy motion friction that jumps seems to turn, and its level in sliding is too large.
+    """
     kept = np.ones(len(choice.shapes), dtype=np.bool_)
     refined_from = {"sign": LIMITS.ladder + 1, "stribeck": 2}
     for motor, kind in product(np.unique(choice.motor_of), refined_from):
@@ -377,6 +385,8 @@ def narrowed(choice: Choice, levels: FloatArray) -> tuple[Choice, IntArray]:
         if len(same) >= refined_from[kind]:
             speeds, own = np.array([choice.shapes[i].threshold for i in same]), levels[same]
             mean = float(own @ speeds / max(float(own.sum()), 1e-300))
+            if kind == "sign":
+                mean = math.sqrt(max(mean**2 - (LIMITS.blur * velocity_noise[motor]) ** 2, 0.0))
             first = int(np.clip(np.searchsorted(speeds, mean) - 1, 0, len(same) - 2))
             kept[same] = False
             kept[same[first : first + 2]] = True

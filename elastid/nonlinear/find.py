@@ -118,7 +118,8 @@ def _along_its_motion(
     choice = refined(found.choice, found.levels, survey.first.inputs)
     data = execution.ordered(partial(gather, shapes=choice.shapes, friction=found.result), measured)
     levels, _ = find_levels(data, choice.motor_of, choice.taken)
-    choice, kept = narrowed(choice, levels)
+    noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in data], axis=0))
+    choice, kept = narrowed(choice, levels, noise)
     data = [spectra.with_shapes(kept, np.zeros(len(kept))) for spectra in data]
     levels, equations = find_levels(data, choice.motor_of, choice.taken)
     accelerance, above = upper_accelerance(data, levels, choice.motor_of, spec.quantity)

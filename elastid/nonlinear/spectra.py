@@ -46,8 +46,9 @@ class ConfigurationSpectra:
     U_noise, Y_noise, Phi_noise: a draw of the noise of these means, by the difference between the periods of even and
     odd number; 0 of a single period.
     excited (F,): where G = Y / U is found; at the other lines G is interpolated.  realisation (K,): of each experiment.
-    freq_hz (F,).  mean_torque (n_m,): of U over all samples, which holds the robot up.  n_excited: excited lines of the
-    records, some of which are left out where they are many.
+    freq_hz (F,).  mean_torque (n_m,): of U over all samples, which holds the robot up.  velocity_noise (n_m,): standard
+    deviation of the noise in the motion that the shapes are along.  n_excited: excited lines of the records, some of
+    which are left out where they are many.
     """
 
     lines: IntArray
@@ -61,6 +62,7 @@ class ConfigurationSpectra:
     Phi_noise: ComplexArray
     realisation: IntArray
     mean_torque: FloatArray
+    velocity_noise: FloatArray
     n_excited: int
 
     @property
@@ -151,8 +153,9 @@ def gather_configuration(
     is_excited = np.isin(lines, excited)
     columns = [first.outputs.index(place) for place in first.inputs]
     U, Y, Phi = list[ComplexArray](), list[ComplexArray](), list[ComplexArray]()
+    velocity_noise = np.zeros((len(spectra), len(first.inputs)))
     places = tuple(dict.fromkeys(shape.place for shape in shapes))
-    for logged in spectra:
+    for k, logged in enumerate(spectra):
         used_spectra, motions = _with_motions(logged, places, friction)
         periods = period_spectra(used_spectra, lines, spec.quantity)
         trusted_periods = trusted(periods.on(is_excited), spec).periods if len(periods.periods) > 1 else periods.periods
@@ -168,6 +171,7 @@ def gather_configuration(
         of_repeats[:, used.periods[complete]] = weights[:, complete]
         of_repeats[0] /= of_repeats[0].sum()
         for place, motion in motions.items():
+            velocity_noise[k, first.inputs.index(place)] = motion.velocity_noise
             own = [i for i, shape in enumerate(shapes) if shape.place == place]
             sums = of_repeats if noise else of_repeats[:1]
             of_place = amplitudes(used_spectra.record, motion, [shapes[i] for i in own], sums, lines)
@@ -178,7 +182,7 @@ def gather_configuration(
     (torques, U_noise), (angles, Y_noise), (of_shapes, Phi_noise) = (np.stack(part, axis=3) for part in (U, Y, Phi))
     return ConfigurationSpectra(
         lines, freq_hz, is_excited, torques, angles, of_shapes, U_noise, Y_noise, Phi_noise, realisation, mean_torque,
-        len(excited),
+        np.sqrt(np.mean(velocity_noise**2, axis=0)), len(excited),
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """Do intervals hold the truth on a rig that shares no equation with ours, with noisy angles and exact sticking?
 
     python scripts/studies/outside_coverage.py [--quick] [--sets 20] [--coulomb 0 0.05 0.16 0.3] [--realisations 2 3 4]
-                                       [--rigs ../shared/rigs] [--jobs 1]
+                                       [--rest] [--rigs ../shared/rigs] [--jobs 1]
 
 The rig, `two_axis_arm` beside this repository, is a planar arm of two axes in closed loop, exact sticking, 1 Nm of
 torque that no log shows, 3e-6 rad of noise on the angles. Each data set has M realisations of two experiments of two
@@ -68,7 +68,8 @@ COVERED, MISFITS, CHANCE = (0.93, 0.97), 0.01, 3.0
 
 
 # By fit: error of ln p, its stated deviation and whether the interval holds it, by name; V over expected; the status.
-Found: TypeAlias = dict[str, tuple[list[list[float]], float, str]]
+# By "levels", error and deviation of each level over the true one.
+Found: TypeAlias = dict[str, Any]
 
 
 @lru_cache(maxsize=1)
@@ -90,11 +91,12 @@ def rig_of(rigs: Path) -> Any:
 
 @dataclass(frozen=True)
 class Case:
-    """Data sets with Coulomb friction over the rms torque, of M realisations."""
+    """Data sets with Coulomb friction over the rms torque, of M realisations; is_at_rest: without a carrier."""
 
     coulomb: float
     realisations: int
     rigs: Path
+    is_at_rest: bool = False
 
     def __call__(self, number: int) -> Found:
         """The fits of one data set."""
@@ -103,7 +105,9 @@ class Case:
         taken = find_friction(groups, spec, lines)
         responses = [estimate_without_friction(group, taken, spec, lines) for group in groups]
         study = study_of(self.rigs)
-        found: Found = {}
+        true = zip(taken.places, COULOMB[self.coulomb], strict=True)
+        levels = [(taken.sliding_level(place), F_c) for place, F_c in true if F_c > 0]
+        found: Found = {"levels": [(level / F_c - 1, std / F_c) for (level, std), F_c in levels]}
         for name, (floor, is_exact) in FITS.items():
             robot = replace(study.as_robot(), tolerances=None) if is_exact else study.as_robot()
             result = identify(responses, robot, with_floor(replace(study.seeded_fit, starts=1), floor))
@@ -113,7 +117,8 @@ class Case:
     def _records(self, number: int) -> tuple[list[list[Record]], Any]:
         """The records of each posture without their first period, and the excited lines."""
         rig, (first, second) = rig_of(self.rigs), COULOMB[self.coulomb]
-        logs = rig.dataset(5000 + number, M=self.realisations, fc1=first, fc2=second)
+        carrier = {"carrier": 0.0} if self.is_at_rest else {}
+        logs = rig.dataset(5000 + number, M=self.realisations, fc1=first, fc2=second, **carrier)
         N, groups, ratios = rig.NP, dict[str, list[Record]](), np.array([rig.BASE["n1"], rig.BASE["n2"]])
         motors = ("motor 1", "motor 2")
         quantities: tuple[Motion, ...] = ("position", "position")
@@ -146,6 +151,8 @@ def figures(case: Case, found: list[Found], fit: str) -> dict[str, Any]:
     chance = max(np.std(within.mean(axis=1), ddof=1), np.sqrt(0.05 * 0.95 / len(NAMES))) / np.sqrt(len(found))
     return {
         "coulomb": case.coulomb,
+        "is_at_rest": case.is_at_rest,
+        **_of_levels(np.array([each["levels"] for each in found])),
         "realisations": case.realisations,
         "fit": fit,
         "sets": len(found),
@@ -159,11 +166,24 @@ def figures(case: Case, found: list[Found], fit: str) -> dict[str, Any]:
     }
 
 
+def _of_levels(levels: FloatArray) -> dict[str, Any]:
+    """Of levels (n, n_m, 2), error and stated deviation over the true one: means in percent, and how many are right."""
+    if not levels.size:
+        return {}
+    off, std = np.moveaxis(levels, 2, 0)
+    return {
+        "levels_off_percent": (100 * off.mean(axis=0)).round(2).tolist(),
+        "levels_stated_percent": (100 * std.mean(axis=0)).round(2).tolist(),
+        "levels_right": float(np.mean(np.abs(off) <= np.maximum(0.03, 3 * std))),
+    }
+
+
 def checked(row: dict[str, Any]) -> None:
     """Assert the goals of a row."""
     low, high = COVERED[0] - CHANCE * row["chance"], COVERED[1] + CHANCE * row["chance"]
     assert row["coverage"] >= low, row
     assert row["fit"] == "file" or row["coverage"] <= high, row
+    assert row.get("levels_right", 1.0) >= 0.95, row
     expected = MISFITS * row["sets"]
     assert row["statuses"].get("misfit", 0) <= expected + CHANCE * np.sqrt(expected), row
 
@@ -172,10 +192,10 @@ def line(row: dict[str, Any]) -> str:
     """One line of the table."""
     of = {key: " ".join(map(str, row[key])) for key in ("bias_over_stated", "scatter_over_stated", "stated_percent")}
     return (
-        f"{row['coulomb']:<5g} M {row['realisations']} {row['fit']:<8} {row['sets']:>3} sets: covered "
+        f"{row['coulomb']:<5g}{' at rest' * row['is_at_rest']} M {row['realisations']} {row['fit']:<8} {row['sets']:>3} sets: covered "
         f"{100 * row['coverage']:.1f} +- {100 * row['chance']:.1f} %; bias {of['bias_over_stated']}; scatter "
         f"{of['scatter_over_stated']}; stated {of['stated_percent']} %; V {row['cost_over_expected']:.3f}; "
-        f"{row['statuses']}"
+        f"{row['statuses']}; levels off {row.get('levels_off_percent')} % of {row.get('levels_stated_percent')}"
     )
 
 
@@ -185,6 +205,7 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=20)
     parser.add_argument("--coulomb", type=float, nargs="*", default=list(COULOMB), choices=list(COULOMB))
     parser.add_argument("--realisations", type=int, nargs="*", default=[2, 3, 4])
+    parser.add_argument("--rest", action="store_true", help="without a carrier: the motors rest between reversals")
     parser.add_argument("--rigs", type=Path, default=RIGS)
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
@@ -193,7 +214,7 @@ def main() -> None:
         return
     sets, levels, counts = (2, [0.3], [2]) if given.quick else (given.sets, given.coulomb, given.realisations)
     rows = []
-    for case in (Case(level, M, given.rigs.resolve()) for level in levels for M in counts):
+    for case in (Case(level, M, given.rigs.resolve(), given.rest) for level in levels for M in counts):
         found = ordered(case, list(range(sets)), given.jobs)
         for fit in FITS:
             rows.append(figures(case, found, fit))

@@ -28,7 +28,7 @@ def excited_to_60_hz(k_hz: float, *resonances_hz: float) -> ConfigurationSpectra
     U = np.exp(2j * np.pi * np.random.default_rng(1).random((len(lines), 1, 2)))
     Y, Phi, of_all = G[:, None, None] * U, np.zeros((len(lines), 0, 2)) + 0j, np.ones(len(lines), dtype=bool)
     quiet = 0 * U, 0 * Y, 0 * Phi
-    at_rest = np.array([0, 1]), np.zeros(1), 56
+    at_rest = np.array([0, 1]), np.zeros(1), np.zeros(1), 56
     return ConfigurationSpectra(lines, lines.astype(float), of_all, U, Y, Phi, *quiet, *at_rest)
 
 
