@@ -53,7 +53,7 @@ EQUATIONS: dict[str, tuple[str, ...] | str] = {
     "2.29": ("model/drivetrain.py",),
     "2.30": ("model/drivetrain.py",),
     "2.31": "an illustration of the torque that gravity takes; it leaves the motors' inertia out",
-    "2.32": ("model/gravity_compensators.py",),
+    "2.32": ("model/open_chain.py",),
     "2.33": ("model/formulation.py",),
     "2.34": ("model/formulation.py",),
     "2.35": ("simulation/dynamics.py",),
