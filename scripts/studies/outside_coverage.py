@@ -192,10 +192,11 @@ def line(row: dict[str, Any]) -> str:
     """One line of the table."""
     of = {key: " ".join(map(str, row[key])) for key in ("bias_over_stated", "scatter_over_stated", "stated_percent")}
     return (
-        f"{row['coulomb']:<5g}{' at rest' * row['is_at_rest']} M {row['realisations']} {row['fit']:<8} {row['sets']:>3} sets: covered "
-        f"{100 * row['coverage']:.1f} +- {100 * row['chance']:.1f} %; bias {of['bias_over_stated']}; scatter "
-        f"{of['scatter_over_stated']}; stated {of['stated_percent']} %; V {row['cost_over_expected']:.3f}; "
-        f"{row['statuses']}; levels off {row.get('levels_off_percent')} % of {row.get('levels_stated_percent')}"
+        f"{row['coulomb']:<5g}{' at rest' * row['is_at_rest']} M {row['realisations']} {row['fit']:<8} "
+        f"{row['sets']:>3} sets: covered {100 * row['coverage']:.1f} +- {100 * row['chance']:.1f} %; "
+        f"bias {of['bias_over_stated']}; scatter {of['scatter_over_stated']}; stated {of['stated_percent']} %; "
+        f"V {row['cost_over_expected']:.3f}; {row['statuses']}; "
+        f"levels off {row.get('levels_off_percent')} % of {row.get('levels_stated_percent')}"
     )
 
 
