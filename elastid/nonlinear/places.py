@@ -27,7 +27,7 @@ from elastid.robot import Robot
 class Limits:
     """Thresholds of motors whose friction cannot be found.  False alarms of 300 clean logs: friction-sticks 0."""
 
-    velocity_noise: float = 0.03  # over the RMS of the velocity, above which its sign is noise
+    velocity_noise: float = 0.04  # over the RMS of the velocity, above which its sign is noise
     still: float = 0.01  # of the RMS velocity, below which a motor is still,
     still_noise: float = 2.0  # or below so many times its noise
     sticking: float = 0.2  # of the time that a motor is still, if it sticks; one of Gaussian velocity: at most 0.05
