@@ -229,7 +229,10 @@ def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
         return JointPath(angles, beyond=tuple((np.flatnonzero(beyond) + 1).tolist()))
     angles, reached = follow_path(robot, frame, *table.poses(robot))
     if not reached.any():
-        raise DataError(f"{path}: no pose is within reach of frame {frame} and the limits of the joints")
+        raise DataError(
+            f"{path}: no pose is within reach of frame {frame} and the limits of the joints; x, y, z are in m from the "
+            "robot's base"
+        )
     return JointPath(angles[reached], tuple((np.flatnonzero(~reached) + 1).tolist()))
 
 
@@ -249,6 +252,8 @@ def read_table(path: Path) -> Table:
             rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
     except UnicodeDecodeError:
         raise DataError(f"{path}: no text; give a CSV file") from None
+    except OSError as error:
+        raise DataError(f"{path}: {error.strerror}; give a CSV file with the path") from None
     if len(rows) < 2:
         raise DataError(f"{path}: a path has a row of names and a row for each posture")
     heads = tuple(cell.strip() for cell in rows[0][1])
@@ -256,7 +261,10 @@ def read_table(path: Path) -> Table:
         raise DataError(f"{path}:{rows[0][0]}: column {repeated} is there twice; leave one out")
     for line, row in rows[1:]:
         if len(row) != len(heads):
-            raise DataError(f"{path}:{line}: {len(row)} cells, and {len(heads)} names in line {rows[0][0]}")
+            raise DataError(
+                f"{path}:{line}: {len(row)} cells, and {len(heads)} names in line {rows[0][0]}; give as many, with "
+                "commas between them and a point before decimals"
+            )
         for head, cell in zip(heads, row, strict=True):
             if not _is_finite(cell):
                 raise DataError(
