@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import csv
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -172,6 +172,20 @@ class JointPath:
     unreached: tuple[int, ...] = ()
     beyond: tuple[int, ...] = ()
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is to be said of rows that are left out, or kept beyond the limits."""
+        unreached = "are out of reach of the frame within the limits of the joints, and left out"
+        said = (
+            (self.unreached, unreached),
+            (self.beyond, "are beyond the limits of the joints, and kept"),
+        )
+        return tuple(
+            f"{len(rows)} of the path's postures (row {', '.join(map(str, rows[:5]))}{', ...' * (len(rows) > 5)}) {words}"
+            for rows, words in said
+            if rows
+        )
+
 
 @dataclass(frozen=True)
 class Table:
@@ -236,12 +250,13 @@ def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
     return JointPath(angles[reached], tuple((np.flatnonzero(~reached) + 1).tolist()))
 
 
-def region_postures(robot: Robot, frame: str, path: Path | None, count: int, most: int, seed: int) -> FloatArray:
-    """Angles (Q, n_u) of at most so many postures along a path, or without one of `count` random ones."""
+def region_postures(robot: Robot, frame: str, path: Path | None, count: int, most: int, seed: int) -> JointPath:
+    """At most so many postures along a path, or without one `count` random ones."""
     if path is None:
-        return random_postures(robot, count, seed)
-    angles = read_path(path, robot, frame).angles
-    return np.asarray(angles[np.unique(np.linspace(0, len(angles) - 1, most).astype(int))])
+        return JointPath(random_postures(robot, count, seed))
+    whole = read_path(path, robot, frame)
+    kept = np.unique(np.linspace(0, len(whole.angles) - 1, most).astype(int))
+    return replace(whole, angles=whole.angles[kept])
 
 
 def read_table(path: Path) -> Table:
