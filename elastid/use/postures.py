@@ -181,7 +181,7 @@ class JointPath:
             (self.beyond, "are beyond the limits of the joints, and kept"),
         )
         return tuple(
-            f"{len(rows)} of the path's postures (row {', '.join(map(str, rows[:5]))}{', ...' * (len(rows) > 5)}) {words}"
+            f"{len(rows)} postures of the path (row {', '.join(map(str, rows[:5]))}{', ...' * (len(rows) > 5)}) {words}"
             for rows, words in said
             if rows
         )
