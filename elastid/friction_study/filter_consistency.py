@@ -36,7 +36,8 @@ class FilterThresholds:
 
     False alarms of 8 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
     coloured-innovations 0, inconsistent-filter 0, moves-beyond-band 0, repeats-at-stops 1.
-    That one is true: the band holds F_c for 69 % of the time, a slow pass at 0.5 counts a sample.  Of 100 clean logs
+    Of the next two one has moves-beyond-band, one inconsistent-filter.
+    The one is true: the band holds F_c for 69 % of the time, a slow pass at 0.5 counts a sample.  Of 100 clean logs
     of scripts/studies/filter_honesty.py two have a note, and hold F_c for 47 and 79 %.
     """
 
