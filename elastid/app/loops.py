@@ -170,9 +170,11 @@ def _postures(run: Run, result: FitResult, choice: Choice) -> tuple[Configuratio
         return tuple(linear.configuration for linear in result.linear)
     family = result.family(Ports())
     # Each posture costs as much time as the others.
-    angles = region_postures(family.robot, family.frame, choice.path, choice.random or 1, 40, run.study.seed or 0)
+    path = region_postures(family.robot, family.frame, choice.path, choice.random or 1, 40, run.study.seed or 0)
+    for words in path.remarks:
+        run.console.warn(f"loops: {words}")
     kind = "random" if choice.path is None else "path"
-    return tuple(Configuration(f"{kind} {i + 1}", each) for i, each in enumerate(angles))
+    return tuple(Configuration(f"{kind} {i + 1}", each) for i, each in enumerate(path.angles))
 
 
 def _write(run: Run, loops: Loops) -> None:

@@ -42,18 +42,8 @@ class Postures:
         """Angles (Q, n_u) of the driven joints; says what cannot be reached."""
         if self.path is not None:
             path = read_path(self.path, family.robot, family.frame)
-            if path.unreached:
-                rows = ", ".join(map(str, path.unreached[:5])) + (", ..." if len(path.unreached) > 5 else "")
-                run.console.warn(
-                    f"map: {len(path.unreached)} poses of {self.path} (rows {rows}) are out of reach of frame "
-                    f"{family.frame} within the limits of the joints, and left out"
-                )
-            if path.beyond:
-                rows = ", ".join(map(str, path.beyond[:5])) + (", ..." if len(path.beyond) > 5 else "")
-                run.console.warn(
-                    f"map: {len(path.beyond)} postures of {self.path} (rows {rows}) are beyond the limits of the "
-                    "joints, and mapped all the same"
-                )
+            for words in path.remarks:
+                run.console.warn(f"map: {words}")
             return path.angles
         seed = run.study.seed or 0
         if self.grid is not None:

@@ -79,8 +79,10 @@ def shape_study(run: Run, region: Region) -> None:
     with logged_in(run.folder, run.jobs, run.console):
         family = result.family(Asked(frame=region.frame))
         count = region.random or POSTURES
-        angles = region_postures(family.robot, family.frame, region.path, count, POSTURES, run.study.seed or 0)
-        modes = region_modes(result, angles, region.bandwidth_hz, region.payloads, region.frame)
+        path = region_postures(family.robot, family.frame, region.path, count, POSTURES, run.study.seed or 0)
+        for words in path.remarks:
+            run.console.warn(f"shape: {words}")
+        modes = region_modes(result, path.angles, region.bandwidth_hz, region.payloads, region.frame)
         shapers = ranked_shapers(modes)
         write_shapers(run.folder / SHAPERS[0], modes, shapers, run.stamps["fit"])
         rows = [(each.name, t, A) for each in shapers for t, A in zip(each.time_s, each.amplitude, strict=True)]

@@ -104,8 +104,11 @@ def _rows(path: Path) -> Iterator[MemberSpec]:
             rows = csv.DictReader(file)
             missing = [name for name in (ROBOT, DATE) if name not in (rows.fieldnames or ())]
             if missing:
-                raise StudyError(f"{path}:1:1: no column is called {missing[0]}; the first line names the columns")
+                text = "the first line names the columns, with commas between them"
+                raise StudyError(f"{path}:1:1: no column is called {missing[0]}; {text}")
             for row in rows:
+                if None in row:
+                    raise StudyError(f"{path}:{rows.line_num}:1: it has more values than the first line has names")
                 own = {key: value for key, value in row.items() if key not in (ROBOT, DATE) and value}
                 try:
                     yield MemberSpec(str(row[ROBOT]).strip(), str(row[DATE]).strip(), own)

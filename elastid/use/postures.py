@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import csv
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -172,6 +172,20 @@ class JointPath:
     unreached: tuple[int, ...] = ()
     beyond: tuple[int, ...] = ()
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is to be said of rows that are left out, or kept beyond the limits."""
+        unreached = "are out of reach of the frame within the limits of the joints, and left out"
+        said = (
+            (self.unreached, unreached),
+            (self.beyond, "are beyond the limits of the joints, and kept"),
+        )
+        return tuple(
+            f"{len(rows)} postures of the path (row {', '.join(map(str, rows[:5]))}{', ...' * (len(rows) > 5)}) {words}"
+            for rows, words in said
+            if rows
+        )
+
 
 @dataclass(frozen=True)
 class Table:
@@ -229,16 +243,20 @@ def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
         return JointPath(angles, beyond=tuple((np.flatnonzero(beyond) + 1).tolist()))
     angles, reached = follow_path(robot, frame, *table.poses(robot))
     if not reached.any():
-        raise DataError(f"{path}: no pose is within reach of frame {frame} and the limits of the joints")
+        raise DataError(
+            f"{path}: no pose is within reach of frame {frame} and the limits of the joints; x, y, z are in m from the "
+            "robot's base"
+        )
     return JointPath(angles[reached], tuple((np.flatnonzero(~reached) + 1).tolist()))
 
 
-def region_postures(robot: Robot, frame: str, path: Path | None, count: int, most: int, seed: int) -> FloatArray:
-    """Angles (Q, n_u) of at most so many postures along a path, or without one of `count` random ones."""
+def region_postures(robot: Robot, frame: str, path: Path | None, count: int, most: int, seed: int) -> JointPath:
+    """At most so many postures along a path, or without one `count` random ones."""
     if path is None:
-        return random_postures(robot, count, seed)
-    angles = read_path(path, robot, frame).angles
-    return np.asarray(angles[np.unique(np.linspace(0, len(angles) - 1, most).astype(int))])
+        return JointPath(random_postures(robot, count, seed))
+    whole = read_path(path, robot, frame)
+    kept = np.unique(np.linspace(0, len(whole.angles) - 1, most).astype(int))
+    return replace(whole, angles=whole.angles[kept])
 
 
 def read_table(path: Path) -> Table:
@@ -249,6 +267,8 @@ def read_table(path: Path) -> Table:
             rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
     except UnicodeDecodeError:
         raise DataError(f"{path}: no text; give a CSV file") from None
+    except OSError as error:
+        raise DataError(f"{path}: {error.strerror}; give a CSV file with the path") from None
     if len(rows) < 2:
         raise DataError(f"{path}: a path has a row of names and a row for each posture")
     heads = tuple(cell.strip() for cell in rows[0][1])
@@ -256,7 +276,10 @@ def read_table(path: Path) -> Table:
         raise DataError(f"{path}:{rows[0][0]}: column {repeated} is there twice; leave one out")
     for line, row in rows[1:]:
         if len(row) != len(heads):
-            raise DataError(f"{path}:{line}: {len(row)} cells, and {len(heads)} names in line {rows[0][0]}")
+            raise DataError(
+                f"{path}:{line}: {len(row)} cells, and {len(heads)} names in line {rows[0][0]}; give as many, with "
+                "commas between them and a point before decimals"
+            )
         for head, cell in zip(heads, row, strict=True):
             if not _is_finite(cell):
                 raise DataError(

@@ -264,13 +264,15 @@ def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> lis
 
 
 def _trends(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Finding]:
-    """The line over its dates of every robot that has two."""
+    """The line over its dates of every robot that has two, by what dates of robots or of like parameters differ."""
     shared = sum((p.between_dates() for p in _same_kind(parameter, parameters)), _Excess())
     findings = []
     for s in parameter.series:
         if s.span == 0:
             continue
         spread = _moderated(parameter.between_dates(s), shared)
+        if not spread.dof:  # nothing says how far dates differ anyway
+            continue
         w = 1 / (s.variance + spread.variance)
         centred = s.day - float(w @ s.day) / w.sum()
         information = float(w @ centred**2)

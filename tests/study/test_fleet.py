@@ -52,6 +52,8 @@ def test_folders_of_any_pattern_have_robot_and_date_in_their_names(fleet: Path, 
     ("table", "message"),
     [
         ("robot,day\n", r"members\.csv:1:1: no column is called date"),
+        ("robot;date\nA;2026-01-01\n", r"no column is called robot; the first line names the columns, with commas"),
+        ("robot,date\nA,2026-01-01,4\n", r"members\.csv:2:1: it has more values than the first line has names"),
         ("robot,date\na,2024-05-01\na,2024-05-01\n", "a on 2024-05-01 is given twice"),
         ("robot,date\n", "there are no members"),
     ],

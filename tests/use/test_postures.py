@@ -40,6 +40,7 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
     path.write_text("x,y,z\n1.0,0,0\n9,0,0\n0.9,0,-0.2\n", encoding="utf-8")
     poses = read_path(path, robot(), "tool")
     assert poses.unreached == (2,)
+    assert "1 postures of the path (row 2) are out of reach" in poses.remarks[0]
     there = frame_poses(robot(), followed(robot(), poses.angles), "tool").position
     np.testing.assert_allclose(there, [[1, 0, 0], [0.9, 0, -0.2]], atol=2e-6)
 
@@ -52,6 +53,7 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
         ("1,2\n0,up\n", ":2: column 2 is 'up'; a path holds finite numbers alone"),
         ("1,2\n0\n", ":2: 1 cells, and 2 names in line 1"),
         ("1,2\n0,nan\n", ":2: column 2 is 'nan'"),
+        ("1;2\n0,5;1\n", ":2: 2 cells, and 1 names in line 1; give as many, with commas between them and a point"),
         ("x,y,z\n9,9,9\n", "within reach"),
     ],
 )
@@ -61,6 +63,12 @@ def test_a_file_that_is_no_path_is_refused_with_the_reason(tmp_path: Path, text:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(DataError, match=words):
         read_path(path, robot(), "tool")
+
+
+def test_a_path_that_is_not_there_is_said_to_be(tmp_path: Path) -> None:
+    """Not that it was removed meanwhile."""
+    with pytest.raises(DataError, match=r"none\.csv: No such file or directory; give a CSV file"):
+        read_path(tmp_path / "none.csv", robot(), "tool")
 
 
 @pytest.mark.slow

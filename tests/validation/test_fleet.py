@@ -62,6 +62,12 @@ def test_two_dates_that_differ_as_dates_do_are_no_trend() -> None:
     assert np.mean([bool(find_changes(natural(seed, days=(0.0, 180.0)), 0.05)) for seed in range(60)]) <= 0.05
 
 
+def test_two_dates_of_one_number_are_no_trend() -> None:
+    """The change of one spring of one robot is compared with nothing: the fit's std alone would name it in 86 %."""
+    one = [value for value in natural(0, days=(0.0, 180.0), robots=1) if value.parameter == "k_1"]
+    assert find_changes(one, 0.05) == ()
+
+
 def test_a_softer_gear_and_a_drift_are_found_and_named() -> None:
     """Both first, with their sizes."""
     found = find_changes(fleet(1, 64, softened=0.06, drift=0.08), 0.05)

@@ -276,9 +276,8 @@ class FleetContent:
     @property
     def verdict(self) -> str:
         """The findings in a sentence."""
-        robots = len({outcome.robot for outcome in self.outcomes})
         done = len(self.outcomes) - self.n_failed
-        return f"{robots} robots, {done} of {len(self.outcomes)} measurements identified: {self._found}"
+        return f"{self._robots}, {done} of {len(self.outcomes)} measurements identified: {self._found}"
 
     @property
     def n_failed(self) -> int:
@@ -289,16 +288,29 @@ class FleetContent:
     def headline(self) -> tuple[str, str]:
         """The verdict in a word, and what it counts."""
         found = {finding.robot for finding in self.findings}
-        robots = len({outcome.robot for outcome in self.outcomes})
         if found:
             count = f"{len(self.findings)} finding{'s' if len(self.findings) > 1 else ''}"
-            return "CHANGED", f"{count} in {len(found)} of {robots} robots"
+            return "CHANGED", f"{count} in {len(found)} of {self._robots}"
         if self.n_failed:
-            return "FAILED", f"{self.n_failed} of {len(self.outcomes)} measurements; the others are alike"
-        return "ALIKE", f"no parameter of {robots} robots differs or drifts beyond what is natural"
+            others = "the others are alike" if self._is_compared else "the others are too few to compare"
+            return "FAILED", f"{self.n_failed} of {len(self.outcomes)} measurements; {others}"
+        if not self._is_compared:
+            return "TOO FEW", f"{self._robots}: nothing to compare with"
+        return "ALIKE", f"no parameter of {self._robots} differs or drifts beyond what is natural"
+
+    @property
+    def _robots(self) -> str:
+        count = len({outcome.robot for outcome in self.outcomes})
+        return f"{count} robot{'s' if count > 1 else ''}"
+
+    @property
+    def _is_compared(self) -> bool:
+        return any(each.between_robots is not None or each.between_dates is not None for each in self.spreads)
 
     @property
     def _found(self) -> str:
+        if not self.findings and not self._is_compared:
+            return "3 robots, or 3 dates of one, would show which differences are natural; add members to the fleet."
         if not self.findings:
             return "no parameter differs or drifts beyond what is natural."
         first = "; ".join(finding.words for finding in self.findings[:3])
@@ -313,7 +325,8 @@ class FleetContent:
         advice = "Measure again at the next service."
         if self.findings:
             advice = f"Look at {self.findings[0].parameter} of {self.findings[0].robot} first, and measure it again."
-        found = self._found if self.findings else "None beyond what is natural."
+        none = self._is_compared and not self.findings
+        found = "None beyond what is natural." if none else self._found
         return (
             ("Are the numbers good?", (good,)),
             ("Which robots differ or drift?", (found,)),

@@ -243,7 +243,7 @@ def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
         name, unit = robot.driven[joint].name, robot.driven[joint].unit
         raise DataError(
             f"{table.path}:{line}: joint {name} at {angles[row, joint]:.4g} {unit} is beyond its limits "
-            f"[{low[joint]:.4g}, {high[joint]:.4g}] {unit}; the column takes degrees where it is named `{name} deg`"
+            f"[{low[joint]:.4g}, {high[joint]:.4g}] {unit}; move the path, or name a column of degrees `{name} deg`"
         )
 
 

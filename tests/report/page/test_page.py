@@ -38,7 +38,7 @@ from elastid.report.page.page import (
     write_report,
 )
 from elastid.validation.agreement import validate
-from elastid.validation.fleet import Finding, FleetValue
+from elastid.validation.fleet import Finding, FleetValue, Spread
 
 
 class Page(HTMLParser):
@@ -350,10 +350,18 @@ def test_values_are_in_the_column_of_their_robot_and_findings_apart() -> None:
 
 def test_the_verdict_counts_what_was_identified() -> None:
     outcomes = (Outcome("A", "2026-01-01", "converged", ""), Outcome("B", "2026-01-01", "died", "no memory"))
-    content = FleetContent("fleet", (), {}, (), (), outcomes, 0.05, "elastid")
+    content = FleetContent("fleet", (), {}, (Spread("k_1", True, 0.01, None),), (), outcomes, 0.05, "elastid")
     verdict = content.verdict
     assert content.headline == ("FAILED", "1 of 2 measurements; the others are alike")
     assert replace(content, outcomes=outcomes[:1]).headline[0] == "ALIKE"
     found = Finding("differs", "A", "k_1", -0.1, True, -6.0, 1e-4)
     assert replace(content, findings=(found,)).headline == ("CHANGED", "1 finding in 1 of 2 robots")
     assert verdict == "2 robots, 1 of 2 measurements identified: no parameter differs or drifts beyond what is natural."
+
+
+def test_a_fleet_of_one_is_not_called_alike() -> None:
+    """It has nothing to be like."""
+    content = FleetContent("fleet", (), {}, (), (), (Outcome("A", "2026-01-01", "converged", ""),), 0.05, "elastid")
+    assert content.headline == ("TOO FEW", "1 robot: nothing to compare with")
+    assert "3 robots, or 3 dates of one" in content.verdict
+    assert content.questions[1][1] == (content.verdict.partition(": ")[2],)
