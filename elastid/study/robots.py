@@ -57,7 +57,7 @@ def with_robot(source: YamlSource, folder: Path) -> YamlSource:
         rigid = _validated(source, UrdfRobot)
         file = folder / rigid.urdf
         lines = file.read_text("utf-8", "replace").splitlines() if os.path.isfile(file) else []
-        source = replace(source, text=source.text + "".join(comment_lines(line, "# ") for line in lines))
+        source = replace(source, text=source.text + "".join(comment_lines(line) for line in lines))
         make = partial(rigid.robot, folder)
     else:
         return source
@@ -86,7 +86,7 @@ def yaml_text(value: Any, comments: tuple[str, ...] = ()) -> str:
     yaml.indent(mapping=2, sequence=4, offset=2)
     stream = io.StringIO()
     yaml.dump(_plain(value), stream)
-    return "".join(comment_lines(line, "# ") for line in comments) + stream.getvalue()
+    return "".join(comment_lines(line) for line in comments) + stream.getvalue()
 
 
 def _plain(value: Any) -> Any:

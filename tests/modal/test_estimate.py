@@ -13,7 +13,7 @@ from elastid.experiment.simulated.structure import shake, true_modes, true_respo
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.modal.estimate import estimate_modes, modes_of_responses
-from elastid.modal.modes import mac, real_shapes
+from elastid.modal.modes import mac, turned
 from elastid.modal.spec import ModalSpec
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, FrequencyResponse
@@ -35,7 +35,7 @@ def test_an_exact_response_gives_its_modes() -> None:
     np.testing.assert_allclose(modes.collinearity, 1, atol=1e-12)
     np.testing.assert_allclose(modes.synthesis, response.G, atol=1e-9 * np.abs(response.G).max())
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
-    np.testing.assert_allclose(real_shapes(modes.shapes), shapes / largest, atol=1e-8)
+    np.testing.assert_allclose(turned(modes.shapes).real, shapes / largest, atol=1e-8)
 
 
 @pytest.mark.parametrize("stated", [True, False])
