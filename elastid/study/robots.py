@@ -74,13 +74,11 @@ def _validated(source: YamlSource, kind: type) -> Any:
     return value
 
 
-def robot_text(robot: Robot, comments: tuple[str, ...] = ()) -> str:
-    """YAML of a robot, in SI, keys at their defaults left out; comments: lines at its head."""
-    return yaml_text(robot, comments)
-
-
 def yaml_text(value: Any, comments: tuple[str, ...] = ()) -> str:
-    """The same of any section of a study, or of a mapping with such sections and plain data."""
+    """YAML of a robot, of any section of a study, or of a mapping with such sections and plain data.
+
+    In SI, keys at their defaults left out.  comments: lines at its head.
+    """
     yaml = YAML()
     yaml.width = 100_000
     yaml.indent(mapping=2, sequence=4, offset=2)
