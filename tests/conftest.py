@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ import pytest
 from elastid.app.cli import one_blas_thread
 
 one_blas_thread()  # before NumPy is loaded: two workers with two threads each would wait for each other
+
+from elastid.app import work  # noqa: E402
 
 TINY_ROBOT = """\
 name: one elastic joint
@@ -63,6 +66,14 @@ def ctrl_c() -> Iterator[None]:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def code_hashed_once() -> Iterator[None]:
+    """The package does not change while it is tested: its hash is taken once, not for each run of a study."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(work, "code_hash", cache(work.code_hash))
+        yield
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ from elastid.robot import BASE, Body, Frame, Joint, Limits, Motor, Placement, Ro
 from elastid.robot.body import InertiaTensor, six_numbers
 from elastid.robot.urdf import UrdfJoint, UrdfRobot, read_elements
 from elastid.study import SCHEMA_NAME
-from elastid.study.robots import robot_text
+from elastid.study.robots import yaml_text
 
 # Of guessed drives: gears that turn so often, on links that swing at so many Hz with so much damping, motor held.
 _RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
@@ -75,7 +75,7 @@ def _from_mjcf(path: Path) -> tuple[Robot, dict[str, str]]:
         *(f"Not taken over: {what}." for what in left_out),
     )
     texts = {"study.yml": _study(robot, postures, inertia)}
-    return robot, texts | {"robot.yml": robot_text(replace(robot, bodies=bodies), comments)}
+    return robot, texts | {"robot.yml": yaml_text(replace(robot, bodies=bodies), comments)}
 
 
 def _without_drives(robot: Robot) -> Robot:

@@ -19,7 +19,7 @@ from elastid.parameters import Parameter, ParameterSet
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import with_joints, with_straight_springs, without_dry_friction
-from elastid.study.robots import robot_text
+from elastid.study.robots import yaml_text
 
 if TYPE_CHECKING:
     from elastid.friction_study.result import FrictionResult
@@ -105,7 +105,7 @@ def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
             for each in result.numbers
         ),
     )
-    return robot_text(with_identified_friction(robot, result), comments)
+    return yaml_text(with_identified_friction(robot, result), comments)
 
 
 def robot_files(
@@ -137,11 +137,11 @@ def robot_of_fit(
     if gears is not None and not gears.refused:
         comments.append(f"{MOTOR_SIDE}, of `gear` on that of the link; friction and gears were found in the records:")
         comments += [f"  {number.words}" for number in gears.numbers]
-        return robot_text(with_effects(robot, gears), (*comments, *known))
+        return yaml_text(with_effects(robot, gears), (*comments, *known))
     laws = _taken_out(robot, friction)
     if laws:
         comments.append(f"{MOTOR_SIDE}; Coulomb friction of joints {', '.join(laws)} was found in the records.")
-    return robot_text(with_laws(robot, laws), (*comments, *known))
+    return yaml_text(with_laws(robot, laws), (*comments, *known))
 
 
 def with_findings(robot: Robot, friction: FrictionTakenOut | None, gears: GearResult | None) -> Robot:

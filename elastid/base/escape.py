@@ -40,9 +40,9 @@ def one_line(text: str) -> str:
     return printable(text).replace("\n", "\\n").replace("\t", "\\t")
 
 
-def comment_lines(text: str, prefix: str) -> str:
-    """Lines of a comment that ends with its line, each behind the prefix: YAML and Python `# `, MATLAB `% `."""
-    return "".join(f"{prefix}{one_line(line)}\n" for line in text.split("\n"))
+def comment_lines(text: str) -> str:
+    """Lines of a comment of YAML that ends with its line, each behind `# `."""
+    return "".join(f"# {one_line(line)}\n" for line in text.split("\n"))
 
 
 def c_comment(lines: Iterable[str]) -> str:
@@ -72,15 +72,15 @@ def _apart(text: str, *pairs: str) -> str:
     return text
 
 
-def c_identifiers(names: Iterable[str], prefix: str) -> dict[str, str]:
-    """By name an identifier of C and of CasADi, all different in more than case.
+def c_identifiers(joints: Iterable[str]) -> dict[str, str]:
+    """By joint an identifier of C and of CasADi, all different in more than case.
 
-    >>> c_identifiers(["axis - 1", "axis 1", "é"], "joint")
+    >>> c_identifiers(["axis - 1", "axis 1", "é"])
     {'axis - 1': 'joint_axis_1', 'axis 1': 'joint_axis_1_2', 'é': 'joint'}
     """
     identifiers: dict[str, str] = {}
-    for name in names:
-        base = "_".join(filter(None, (prefix, *_NOT_IN_IDENTIFIER.split(name))))
+    for name in joints:
+        base = "_".join(filter(None, ("joint", *_NOT_IN_IDENTIFIER.split(name))))
         identifiers[name] = unused(base, identifiers.values(), "_")
     return identifiers
 

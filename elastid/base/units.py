@@ -194,8 +194,6 @@ class InUnit:
 Acceleration: TypeAlias = Annotated[float, InUnit("m/s^2")]
 AxialDamping: TypeAlias = Annotated[float, InUnit("N*s/m")]
 Angle: TypeAlias = Annotated[float, InUnit("rad")]
-AngularAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2")]
-AngularVelocity: TypeAlias = Annotated[float, InUnit("rad/s")]
 Damping: TypeAlias = Annotated[float, InUnit("N*m*s/rad", "N*s/m")]
 CubicStiffness: TypeAlias = Annotated[float, InUnit("N*m/rad^3", "N/m^3")]
 Force: TypeAlias = Annotated[float, InUnit("N")]

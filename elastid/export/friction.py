@@ -43,7 +43,7 @@ class Observer:
 
 def write_observers(folder: Path, observers: Mapping[str, Observer]) -> tuple[Path, ...]:
     """observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
-    identifiers = c_identifiers(observers, "joint")
+    identifiers = c_identifiers(observers)
     steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
     equations = c_sources("equations", steps.values())["equations.c"]
     source, header = folder / "observer.c", folder / "observer.h"

@@ -148,10 +148,6 @@ LINEAR = (
     *("temperature.coulomb", "temperature.stiction", "temperature.viscous"),
     *("directions.coulomb", "directions.viscous"),
 )
-NONLINEAR = (
-    *("stribeck_velocity", "temperature.stribeck_velocity", "exponent", "load.stribeck_velocity"),
-    "temperature.decay",
-)
 
 
 @frozen_value

@@ -69,7 +69,6 @@ def fit_lugre(
     joint: ElasticJoint,
     start: Mapping[str, float],
     prior: Prior | None = None,
-    substeps: int = 1,
     exponent: float = 2.0,
 ) -> LuGreFit:
     """All six numbers from a log that sticks, breaks away and slides.
@@ -81,7 +80,7 @@ def fit_lugre(
     """
     known = prior or Prior(np.zeros(len(FRICTION)), np.zeros((len(FRICTION),) * 2))
     begin = {**start, **known.known}
-    problem = _Problem.of(log, joint.step(log.rate_hz, substeps, exponent), begin, known)
+    problem = _Problem.of(log, joint.step(log.rate_hz, exponent=exponent), begin, known)
     first, X = np.log([begin[name] for name in FRICTION]), problem.first_states()
     dof = len(log.angle) - len(FRICTION)
     searches: list[_Search] = []

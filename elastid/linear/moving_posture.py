@@ -361,7 +361,7 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     curvature = [(jacobian(step) - jacobian(-step)) / (2 * h) for h, step in zip(steps, np.diag(steps), strict=True)]
     B = np.vstack([model.B, np.zeros((r, model.n_u))])
     free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
-    orders = np.array([2 if _point(place) else 1 for place in linear.outputs])
+    orders = np.array([2 if is_point(place) else 1 for place in linear.outputs])
     return _Expansion(n_q, n, jacobian(np.zeros(2 * n_q + n)), np.array(curvature), jacobian, B, free, orders)
 
 
@@ -375,14 +375,14 @@ def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
         forces += model.constraint_jacobian(q, theta).T @ lambda_
     rates = model.readout(q, theta, outputs)[0] @ v
     read = [
-        _acceleration(model, place, q, v, a, theta) if _point(place) else rates[i] for i, place in enumerate(outputs)
+        _acceleration(model, place, q, v, a, theta) if is_point(place) else rates[i] for i, place in enumerate(outputs)
     ]
     z = ca.vertcat(q, lambda_, v, a)
     R = ca.vertcat(forces, *([model.constraint(q, theta)] if model.n_c else []), *read)
     return ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
 
 
-def _point(place: str) -> bool:
+def is_point(place: str) -> bool:
     """True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
     kind, _, rest = place.partition(" ")
     return kind == "accelerometer" or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))

@@ -1,6 +1,6 @@
 r"""Modes: natural frequencies, damping ratios and shapes of one response with their standard deviations.
 
-Mode shapes: modal assurance criterion, phase collinearity, the nearest real shape, complex mode indicator function.
+Mode shapes: modal assurance criterion, phase collinearity, complex mode indicator function.
 
 .. math:: \mathrm{MAC}(\phi, \psi) = \frac{|\phi^H \psi|^2}{\phi^H \phi\; \psi^H \psi}, \qquad
           \mathrm{MPC}(\phi) = \left( \frac{\sigma_1^2 - \sigma_2^2}{\sigma_1^2 + \sigma_2^2} \right)^2,\quad
@@ -169,13 +169,6 @@ def turned(shapes: ComplexArray) -> ComplexArray:
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
     size = np.where(np.abs(largest) > 0, np.abs(largest), 1.0)
     return np.asarray(shapes * np.where(largest.real < 0, -1.0, 1.0) / size)
-
-
-def real_shapes(shapes: ComplexArray) -> FloatArray:
-    """The real shapes (n_y, n) nearest to complex ones: real parts after the common phase, the largest entry 1."""
-    real = turned(shapes).real
-    largest = np.take_along_axis(real, np.abs(real).argmax(axis=0)[None], axis=0)
-    return np.asarray(real / np.where(largest != 0, largest, 1.0))
 
 
 def mode_indicators(G: ComplexArray) -> FloatArray:

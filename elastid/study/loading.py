@@ -256,7 +256,7 @@ def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
     for keys, value, option in pairs:
         if keys != ("robot",):
             source = _override(source, keys, value, option)
-    text = "".join([source.text, *(comment_lines(f"--set {override}", "# ") for override in overrides)])
+    text = "".join([source.text, *(comment_lines(f"--set {override}") for override in overrides)])
     source = replace(source, text=text)
     try:
         source = with_robot(source, folder)
@@ -276,7 +276,7 @@ def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
         part = read_robot(file)
     except StudyError as error:
         raise StudyError(f"{place}: robot: {file} is no robot:\n{error}") from None
-    text = f"{source.text.rstrip()}\n\n{comment_lines(robot, '# ')}{part.text}"
+    text = f"{source.text.rstrip()}\n\n{comment_lines(robot)}{part.text}"
     return YamlSource({**source.data, **part.data}, {**source.places, **part.places}, text)
 
 

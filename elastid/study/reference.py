@@ -170,6 +170,7 @@ def _child(annotation: Any, step: str | int) -> Any:
     return Any
 
 
+@cache
 def make_schema() -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a study file for editors: every key with its text, unit and default."""
     document = TypeAdapter(Study).json_schema()

@@ -57,7 +57,7 @@ def with_robot(source: YamlSource, folder: Path) -> YamlSource:
         rigid = _validated(source, UrdfRobot)
         file = folder / rigid.urdf
         lines = file.read_text("utf-8", "replace").splitlines() if os.path.isfile(file) else []
-        source = replace(source, text=source.text + "".join(comment_lines(line, "# ") for line in lines))
+        source = replace(source, text=source.text + "".join(comment_lines(line) for line in lines))
         make = partial(rigid.robot, folder)
     else:
         return source
@@ -74,19 +74,17 @@ def _validated(source: YamlSource, kind: type) -> Any:
     return value
 
 
-def robot_text(robot: Robot, comments: tuple[str, ...] = ()) -> str:
-    """YAML of a robot, in SI, keys at their defaults left out; comments: lines at its head."""
-    return yaml_text(robot, comments)
-
-
 def yaml_text(value: Any, comments: tuple[str, ...] = ()) -> str:
-    """The same of any section of a study, or of a mapping with such sections and plain data."""
+    """YAML of a robot, of any section of a study, or of a mapping with such sections and plain data.
+
+    In SI, keys at their defaults left out.  comments: lines at its head.
+    """
     yaml = YAML()
     yaml.width = 100_000
     yaml.indent(mapping=2, sequence=4, offset=2)
     stream = io.StringIO()
     yaml.dump(_plain(value), stream)
-    return "".join(comment_lines(line, "# ") for line in comments) + stream.getvalue()
+    return "".join(comment_lines(line) for line in comments) + stream.getvalue()
 
 
 def _plain(value: Any) -> Any:

@@ -72,11 +72,11 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
     return DrawnRobots(names, np.array(values), tuple(robots), tuple(held), refused)
 
 
-def estimated_robot(result: FitResult, configuration: str = "") -> Robot:
-    """The robot with the fitted numbers; configuration: whose parameters count, where they have their own."""
+def estimated_robot(result: FitResult) -> Robot:
+    """The robot with the fitted numbers, those that all configurations share."""
     if result.robot is None:
         raise StudyError("this result holds no robot; fit again with this version of elastid")
-    theta = result.parameters.expand(result.x, configuration)
+    theta = result.parameters.expand(result.x)
     numbers = dict(zip(result.parameters.names, theta.tolist(), strict=True))
     numbers.pop(DELAY, None)
     return result.robot.with_parameters(numbers)

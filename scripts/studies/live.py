@@ -41,7 +41,7 @@ from elastid.recorded.planned_run import PlannedRun, contradiction
 from elastid.robot import Axis, Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.store.results import read_fit
 from elastid.study import load
-from elastid.study.robots import robot_text
+from elastid.study.robots import yaml_text
 
 CANDIDATES = "design={count: 1, candidates: {random: 60, floor: 0, clearance: 100 mm}}"
 COARSE = 0.4
@@ -181,7 +181,7 @@ def main(quick: bool) -> dict[str, Any]:
             found[f"arm 1 %, seed {seed}"] = round(own.ratio, 3)
         if not quick:
             (base / "six").mkdir()
-            (base / "six" / "robot.yml").write_text(robot_text(six_axes()), encoding="utf-8")
+            (base / "six" / "robot.yml").write_text(yaml_text(six_axes()), encoding="utf-8")
             (base / "six" / "study.yml").write_text(SIX_AXES, encoding="utf-8")
             six = lived(base / "six" / "study.yml", base / "six1", "k_*: 1 %", 1)
             say("six axes, 1 %", six)

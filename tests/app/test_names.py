@@ -14,7 +14,7 @@ from plants.hostile_names import FILES, HOSTILE, hostile_robot, picked
 
 from elastid.app.cli import run_command
 from elastid.app.inspection import described
-from elastid.study.robots import robot_text
+from elastid.study.robots import yaml_text
 from tests.base.test_names import quoted
 
 STUDY = """\
@@ -69,7 +69,7 @@ def written(folder: Path, start: int, formats: str = "[]") -> tuple[Path, list[s
     """The study, and the names in it."""
     robot = hostile_robot(start)
     study, first, second = picked(FILES, start, 3)
-    (folder / "robot.yml").write_text(robot_text(robot), encoding="utf-8")
+    (folder / "robot.yml").write_text(yaml_text(robot), encoding="utf-8")
     names = {"study": study, "first": first, "second": second, "spring": f"k_{robot.joints[0].name}"}
     path = folder / "study.yml"
     path.write_text(STUDY.format(**{key: quoted(name) for key, name in names.items()}, formats=formats), "utf-8")

@@ -25,7 +25,7 @@ from elastid.app.run import Run, run_all, run_stage
 from elastid.app.stage_table import SIMULATED, STAGES, Source, Stage, stages_of, values
 from elastid.app.stages import fit as fitting
 from elastid.app.stages import measure as measuring
-from elastid.app.work import Artefacts, Work
+from elastid.app.work import Artefacts, Work, code_hash
 from elastid.base.errors import FitError, StudyError
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
@@ -273,9 +273,9 @@ def test_every_result_says_where_it_came_from(finished: Path) -> None:
 
 def test_results_are_out_of_date_once_a_library_has_changed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The hash of the code holds the versions of what it computes with."""
-    before = work.code_hash()
+    before = code_hash()
     monkeypatch.setattr(work, "version", lambda name: "99" if name == "casadi" else "1")
-    assert work.code_hash() != before
+    assert code_hash() != before
 
 
 def test_a_stage_alone_asks_for_what_it_reads(finished: Path, copy: Path, tmp_path: Path) -> None:

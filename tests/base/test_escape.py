@@ -25,7 +25,7 @@ def test_a_text_stays_in_its_place(text: str) -> None:
     assert escape.one_line(text).isprintable()
     comment = escape.c_comment([text, f"{text}*", text])
     assert comment.count("*/") == comment.count("/*") == 1
-    assert yaml.safe_load(escape.comment_lines(text, "# ") + "a: 1\n") == {"a": 1}
+    assert yaml.safe_load(escape.comment_lines(text) + "a: 1\n") == {"a": 1}
     assert ET.fromstring(f"<r><!-- {escape.xml_comment(text)} --><a/></r>").find("a") is not None
     assert json.loads(escape.embedded_json({text: text})) == {text: text}
     assert "<" not in escape.embedded_json([text])
@@ -38,9 +38,9 @@ def test_a_text_stays_in_its_place(text: str) -> None:
 
 
 def test_file_names_and_identifiers_differ() -> None:
-    for names in (escape.file_names(TEXTS, "frf"), list(escape.c_identifiers(TEXTS, "joint").values())):
+    for names in (escape.file_names(TEXTS, "frf"), list(escape.c_identifiers(TEXTS).values())):
         assert len({name.lower() for name in names}) == len(names)
-    identifiers = escape.c_identifiers(TEXTS, "joint").values()
+    identifiers = escape.c_identifiers(TEXTS).values()
     assert all(re.fullmatch(r"joint(_[a-zA-Z0-9]+)*", each) for each in identifiers)
 
 

@@ -6,6 +6,8 @@ from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 
 BENCH = Configuration("bench", np.zeros(0))
+FREQ_HZ = np.arange(32, 800) / 8
+NATURAL, ZETA = np.array([12.0, 25.0, 41.0, 66.0, 90.0]), np.array([0.01, 0.015, 0.008, 0.012, 0.01])
 
 
 def modal_response(

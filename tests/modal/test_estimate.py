@@ -4,118 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from modal.structures import modal_response
+from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 from scipy.signal import lfilter
 
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.experiment.simulated.structure import shake, true_modes, true_response
+from elastid.experiment.simulated.structure import shake, true_modes
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.modal.estimate import estimate_modes, modes_of_responses
-from elastid.modal.modes import mac, real_shapes
 from elastid.modal.spec import ModalSpec
-from elastid.record import Configuration, Record
+from elastid.record import Record
 from elastid.response import Covariance, FrequencyResponse
-
-BENCH = Configuration("bench", np.zeros(0))
-FREQ_HZ = np.arange(32, 800) / 8
-NATURAL, ZETA = np.array([12.0, 25.0, 41.0, 66.0, 90.0]), np.array([0.01, 0.015, 0.008, 0.012, 0.01])
-
-
-def test_an_exact_response_gives_its_modes() -> None:
-    """Three masses: frequencies, dampings and shapes to rounding."""
-    natural, damping, shapes = true_modes()
-    freq_hz = np.arange(20, 800) / 8
-    response = FrequencyResponse(freq_hz, true_response(freq_hz), ("a", "b"), ("1", "2", "3"), "acceleration", BENCH)
-    modes = estimate_modes(response)
-    np.testing.assert_allclose(modes.freq_hz, natural / (2 * np.pi), rtol=1e-9)
-    np.testing.assert_allclose(modes.zeta, damping, rtol=1e-8)
-    np.testing.assert_allclose(np.diag(mac(modes.shapes, shapes)), 1, atol=1e-12)
-    np.testing.assert_allclose(modes.collinearity, 1, atol=1e-12)
-    np.testing.assert_allclose(modes.synthesis, response.G, atol=1e-9 * np.abs(response.G).max())
-    largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
-    np.testing.assert_allclose(real_shapes(modes.shapes), shapes / largest, atol=1e-8)
-
-
-@pytest.mark.parametrize("stated", [True, False])
-def test_noise_hides_no_mode_and_makes_none(stated: bool) -> None:
-    """Five modes of 3 x 1 with noise of 2 % of the rms: each within five standard deviations, stated or not."""
-    shapes = np.random.default_rng(1).normal(size=(3, 5))
-    modes = estimate_modes(modal_response(FREQ_HZ, NATURAL, ZETA, shapes, noise=0.02, stated=stated))
-    assert modes.n_modes == 5
-    assert np.all(np.abs(modes.freq_hz - NATURAL) < 5 * modes.freq_std)
-    assert np.all(np.abs(modes.zeta - ZETA) < 5 * modes.zeta_std)
-    assert np.all(modes.zeta_std < 0.05 * ZETA)
-    deviation = np.abs(modes.shapes - shapes / shapes[np.abs(shapes).argmax(axis=0), np.arange(5)])
-    assert np.all(deviation < 5 * modes.shape_std + 1e-12)
-
-
-def test_noise_alone_has_no_mode() -> None:
-    """Eight records, white and rising with frequency, one to four outputs, stated and not."""
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        shape = (len(FREQ_HZ), 1 + seed % 4, 1)
-        std = (FREQ_HZ / 10 if seed % 2 else np.ones(len(FREQ_HZ)))[:, None, None] * np.ones(shape)
-        G = std * (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2)
-        noise = Covariance(std**2, np.inf) if seed < 4 else None
-        outputs = tuple(f"y{i}" for i in range(shape[1]))
-        assert estimate_modes(FrequencyResponse(FREQ_HZ, G, ("u",), outputs, "velocity", BENCH, noise)).n_modes == 0
-
-
-@pytest.mark.slow
-def test_the_intervals_of_a_draw_are_its_errors() -> None:
-    """Mean square of error over std of frequency and damping, 25 draws of five modes: 0.6 to 1.5."""
-    errors = []
-    for seed in range(25):
-        modes = estimate_modes(modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01, seed=seed), None, 16)
-        errors.append([(modes.freq_hz - NATURAL) / modes.freq_std, (modes.zeta - ZETA) / modes.zeta_std])
-    squares = np.mean(np.square(errors), axis=(0, 2))
-    assert np.all(squares > 0.6)
-    assert np.all(squares < 1.5)
-
-
-def test_a_double_root_is_two_modes() -> None:
-    """Two shapes at 40 Hz, two inputs: both, whose span is that of the true ones."""
-    shapes = np.array([[1.0, 0.2, 0.5], [0.3, -1.0, 0.4], [0.6, 0.5, -0.9], [-0.2, 0.8, 0.3]])
-    response = modal_response(FREQ_HZ, np.array([40.0, 40.0, 70.0]), np.array([0.01, 0.01, 0.02]), shapes, 2, 0.002)
-    modes = estimate_modes(response)
-    np.testing.assert_allclose(modes.freq_hz, [40, 40, 70], rtol=1e-4)
-    plane, _ = np.linalg.qr(modes.shapes[:, :2])
-    outside = shapes[:, :2] - plane @ (plane.conj().T @ shapes[:, :2])
-    assert np.abs(outside).max() < 0.01
-
-
-@pytest.mark.slow
-def test_six_by_six_and_chosen_poles() -> None:
-    """Poles that are named are taken: two of five, of 6 x 6; the others are in the residuals of a band."""
-    shapes = np.random.default_rng(2).normal(size=(6, 5))
-    response = modal_response(FREQ_HZ, NATURAL, ZETA, shapes, 6, 0.01)
-    assert estimate_modes(response).n_modes == 5
-    modes = estimate_modes(response, band_hz=(20, 50), poles_hz=(25.2, 41))
-    np.testing.assert_allclose(modes.freq_hz, [25, 41], rtol=1e-3)
-    np.testing.assert_allclose(modes.zeta, ZETA[1:3], rtol=0.02)
-
-
-def test_a_chosen_frequency_without_a_pole_is_named() -> None:
-    """Between two modes there is none: the pole that wanders to a mode is not that at 55 Hz; two may name one mode."""
-    shapes = np.random.default_rng(2).normal(size=(3, 5))
-    response = modal_response(FREQ_HZ, NATURAL, ZETA, shapes, 1, 0.01)
-    modes = estimate_modes(response, poles_hz=(55.0,))
-    assert modes.n_modes == 0
-    assert [note.code for note in modes.notes] == ["no-pole"]
-    assert "no pole is at 55 Hz" in modes.notes[0].text
-    both = estimate_modes(response, band_hz=(20, 33), poles_hz=(25.1, 25.2))
-    np.testing.assert_allclose(both.freq_hz, [25], rtol=1e-3)
-    with pytest.raises(ValueError, match="above 0 Hz"):
-        estimate_modes(response, poles_hz=(-5.0,))
-
-
-def test_a_window_that_no_pole_went_through_is_named() -> None:
-    """0.05 s takes more damping out than light modes have; 10 s does not."""
-    response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
-    assert "window-damping" in {note.code for note in estimate_modes(response, exponential_s=0.05).notes}
-    assert "window-damping" not in {note.code for note in estimate_modes(response, exponential_s=10.0).notes}
 
 
 @pytest.mark.slow
@@ -215,15 +115,3 @@ def test_a_roving_hammer_shows_shapes_where_it_hits() -> None:
     np.testing.assert_allclose(modes.freq_hz, expected.freq_hz, rtol=1e-5)
     np.testing.assert_allclose(modes.place_shapes[0], expected.shapes, atol=1e-2)
     np.testing.assert_allclose(modes.place_shapes[1], expected.shape_std, rtol=0.1)
-
-
-def test_a_broad_pole_of_little_height_is_background() -> None:
-    """A pole of 10 % damping under the resonance at 41 Hz: named in a note, and a mode when it is chosen."""
-    natural, zeta = np.append(NATURAL, 43.0), np.append(ZETA, 0.1)
-    shapes = np.random.default_rng(1).normal(size=(3, 6))
-    shapes[:, 5] = 0.15
-    modes = estimate_modes(modal_response(FREQ_HZ, natural, zeta, shapes, noise=0.001))
-    assert np.all(modes.zeta < 0.03)
-    assert [note.code for note in modes.notes if note.code == "broad-poles"] == ["broad-poles"]
-    chosen = estimate_modes(modal_response(FREQ_HZ, natural, zeta, shapes, noise=0.001), poles_hz=natural.tolist())
-    assert np.any(np.abs(chosen.zeta - 0.1) < 0.02)

@@ -16,7 +16,7 @@ from elastid.model.formulation import serial
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Limits, Motor, Spring, TransmissionError
 from elastid.robot.simplified import stiffened, with_joints, without_dry_friction
 from elastid.study import load_robot
-from elastid.study.robots import robot_text
+from elastid.study.robots import yaml_text
 
 
 def test_coulomb_alone_is_coulombs_law_and_excludes_another() -> None:
@@ -94,7 +94,7 @@ def test_numbers_that_no_gear_has_are_refused(make: Callable[[], object], words:
 def test_a_robot_file_keeps_every_effect(tmp_path: Path) -> None:
     """To the last digit, and makers' units may be written."""
     geared = with_joints(robot(Plant()), lambda joint: replace(joint, gear=FULL))
-    text = robot_text(geared)
+    text = yaml_text(geared)
     path = tmp_path / "robot.yml"
     path.write_text(text)
     assert load_robot(path).driven[0].gear == FULL

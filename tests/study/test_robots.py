@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from elastid.study import load_robot
-from elastid.study.robots import robot_text
+from elastid.study.robots import yaml_text
 
 ROOT = Path(__file__).parents[2]
 FILES = [*ROOT.glob("configs/robots/*.yml"), *ROOT.glob("elastid/app/templates/*/robot.yml")]
@@ -15,5 +15,5 @@ FILES = [*ROOT.glob("configs/robots/*.yml"), *ROOT.glob("elastid/app/templates/*
 def test_every_shipped_robot_comes_back(path: Path, tmp_path: Path) -> None:
     """Every number with all its digits; comments are no part of it."""
     robot = load_robot(path)
-    (tmp_path / "robot.yml").write_text(robot_text(robot, ("a comment",)))
+    (tmp_path / "robot.yml").write_text(yaml_text(robot, ("a comment",)))
     assert load_robot(tmp_path / "robot.yml") == robot

@@ -31,7 +31,7 @@ from elastid.robot import Robot
 from elastid.store.files import text_file, write_text
 from elastid.store.measured import write_run
 from elastid.study import Study
-from elastid.study.robots import robot_text, yaml_text
+from elastid.study.robots import yaml_text
 
 POLL_S = 0.5  # between two looks at a folder
 # Sections of a study that mean the same with other configurations than its own.
@@ -110,7 +110,7 @@ class LiveFolder:
         experiment = ExperimentSpec(configurations, recorded=self.recorded(plans))
         kept = {key: data[key] for key in KEPT if data.get(key) is not None}
         text = yaml_text({**kept, "robot": ROBOT, "experiment": experiment}, ("The logs of a live identification.",))
-        write_text(self.path / ROBOT, robot_text(self.robot))
+        write_text(self.path / ROBOT, yaml_text(self.robot))
         write_text(self.path / STUDY, text)
         return self.path / STUDY
 

@@ -25,6 +25,7 @@ from elastid.experiment.specs.disturbances import EncoderRippleSpec, NoiseSpec, 
 from elastid.experiment.specs.simulated import saturation_refusal
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LagElement, sensor_elements, torque_elements
+from elastid.linear.moving_posture import is_point
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.record import Motion
@@ -44,12 +45,12 @@ _SECOND_DERIVATIVE = np.array([*_WEIGHTS[::-1], -2 * sum(_WEIGHTS), *_WEIGHTS])
 
 def logged_quantity(place: str) -> Motion:
     """The quantity that is logged at a place: the acceleration of points, the position of joints, motors and bodies."""
-    return "acceleration" if _is_point(place) else "position"
+    return "acceleration" if is_point(place) else "position"
 
 
 def output_stds(noise: NoiseSpec, outputs: Sequence[str]) -> FloatArray:
     """Standard deviation (n_y,) of the noise on each output, in its unit."""
-    return np.array([noise.acceleration_std if _is_point(place) else noise.angle_std for place in outputs])
+    return np.array([noise.acceleration_std if is_point(place) else noise.angle_std for place in outputs])
 
 
 def sense(
@@ -70,7 +71,7 @@ def sense(
     for column, place in enumerate(outputs):
         if place in model.inputs:
             y[:, column] = reading[:, model.inputs.index(place)]
-        elif _is_point(place):
+        elif is_point(place):
             y[:, column] = point_acceleration(q, model, q0, place, rate_hz, period_samples)
         elif not place.startswith("joint "):
             y[:, column] -= C[column] @ q0
@@ -85,7 +86,7 @@ def sense_movement(
     path = rigid_path(model, q0, start, start + moved)
     y = (path - q0) @ model.output_jacobian(q0, outputs).T
     for column, place in enumerate(outputs):
-        if _is_point(place):
+        if is_point(place):
             y[:, column] = point_acceleration(path, model, q0, place, rate_hz, period_samples)
     return y
 
@@ -116,11 +117,6 @@ def _second_derivative(p: FloatArray, rate_hz: float, period_samples: int) -> Fl
     padded = np.concatenate([before, p, after])
     weighted = sum(weight * padded[i : i + n] for i, weight in enumerate(_SECOND_DERIVATIVE))
     return np.asarray(weighted * rate_hz**2)
-
-
-def _is_point(place: str) -> bool:
-    kind, _, rest = place.partition(" ")
-    return kind == "accelerometer" or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
 
 
 @dataclass(frozen=True)

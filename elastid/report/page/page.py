@@ -6,7 +6,7 @@ import base64
 import io
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -151,6 +151,13 @@ def render(
     **values: Any,
 ) -> str:
     """A page of a template of this package; curves: data of the explorer, values: further names."""
+    names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts} | values
+    names = {"mode_viewer": "", "pole_picker": ""} | names
+    return _environment().get_template(template).render(names, asset=asset, policy=script_policy(scripts))
+
+
+@cache
+def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("elastid.report", "page"), autoescape=True, undefined=StrictUndefined
     )
@@ -159,9 +166,7 @@ def render(
     environment.filters |= {"grouped": grouped, "friction_rows": friction_rows}
     environment.filters["coded"] = _coded
     environment.filters |= {"gear_table": gear_table, "gear_line": gear_line, "seen_words": seen_words}
-    names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts} | values
-    names = {"mode_viewer": "", "pole_picker": ""} | names
-    return environment.get_template(template).render(names, asset=asset, policy=script_policy(scripts))
+    return environment
 
 
 def _coded(sentence: str) -> Markup:

@@ -1,17 +1,16 @@
-"""The linear model of an elastic arm: symmetry, limits, derivatives, and the kernel against the formula."""
+"""The linear model of an elastic arm: symmetry, limits and slopes."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.oblique_arm import arm, linear
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
 from elastid.base.errors import StudyError
-from elastid.base.kernels import is_compiled
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import response_deviation
 from elastid.linear.linear_model import DELAY, LagElement, LinearModel, Slope
@@ -22,73 +21,11 @@ from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.formulation import serial
 from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration, HeldTorque
-from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ_HZ = np.geomspace(0.5, 90, 130)
-needs_compiler = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
-
-
-@pytest.fixture(params=[False, pytest.param(True, marks=needs_compiler)], ids=["NumPy", "compiled"])
-def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Kernels whose loops are compiled, however few lines they have, and kernels without."""
-    monkeypatch.setattr("elastid.linear.response.kernel.is_compiled", lambda: request.param)
 
 
 angles = st.tuples(*[st.floats(-2, 2)] * 3)
-
-
-def arm(gravity=(0.0, 0.0, -9.81), motor_scale: float = 1.0, free_joint: bool = False) -> Robot:
-    """Three driven axes, one of them rigid, three further elastic ones, oblique placements, a full inertia tensor."""
-    end = (Joint("7", "y", spring=Spring(4e4, 30)),) if free_joint else ()
-    return Robot(
-        "arm",
-        (
-            Body(
-                "turret",
-                placement=Placement((0, 0, 0.35)),
-                joints=(
-                    Joint("1y", "y", Spring(1.6e6, 1500)),
-                    Joint("1", "z", Spring(3e5, 500), Motor(2.4e-3, 121 * motor_scale, 1.5e-3), viscous=20),
-                ),
-                mass=160,
-                center_of_mass=(0.1, 0, 0.15),
-                inertia=(8, 9, 9.5),
-            ),
-            Body(
-                "upper",
-                "turret",
-                Placement((0.2, 0, 0.35), (0.1, 0, 0)),
-                (
-                    Joint("2", "y", motor=Motor(2.8e-3, -125 * motor_scale, 1.8e-3)),
-                    Joint("2x", "x", Spring(4.5e5, 500)),
-                ),
-                60,
-                (0.05, 0, 0.4),
-                (6, 6.2, 0.8, 0.1, -0.2, 0.3),
-            ),
-            Body(
-                "fore",
-                "upper",
-                Placement((0, 0, 0.85)),
-                (
-                    Joint(
-                        "3", (0.0, 1.0, 0.1), Spring(1.8e5, 250), Motor(1.6e-3, 110 * motor_scale, 1.2e-3), viscous=9
-                    ),
-                    Joint("3z", "z", Spring(6e4, 60)),
-                    *end,
-                ),
-                75,
-                (0.45, 0.05, 0.1),
-                2.0,
-            ),
-        ),
-        gravity,
-    )
-
-
-def linear(robot: Robot, configuration=(0.3, -0.4, 0.7), outputs=None, quantity="acceleration") -> LinearModel:
-    model = serial(robot)
-    return linearise(model, Configuration("c", configuration), model.theta, outputs or model.inputs, quantity)
 
 
 @given(configuration=angles)
@@ -177,39 +114,6 @@ def test_modes_are_where_the_dynamic_stiffness_is_singular():
         assert np.abs(phi).max() == pytest.approx(1)
 
 
-@pytest.mark.usefixtures("loops")
-def test_kernel_equals_the_formula():
-    """Kernel and formula agree to rounding, for outputs on motors, joints and bodies, away from theta_ref."""
-    outputs = ("motor 3", "body fore z", "motor 1", "joint 3z")
-    for quantity in ("position", "velocity", "acceleration"):
-        model = linear(arm(), outputs=outputs, quantity=quantity)
-        theta = model.theta_ref * 1.1
-        theta[-1] = 2e-3
-        kernel = Kernel(model, FREQ_HZ, ("k_1", DELAY))
-        G = frequency_response(model, theta, FREQ_HZ)
-        tolerance = 1e-12 * np.abs(G).max()
-        np.testing.assert_allclose(kernel.response(theta), G, atol=tolerance)
-        np.testing.assert_allclose(kernel.evaluate(theta)[0], G, atol=tolerance)
-
-
-@pytest.mark.usefixtures("loops")
-@pytest.mark.parametrize("outputs", [None, ("body fore z", "motor 2", "joint 3", "motor 1")])
-def test_derivatives_equal_central_differences_for_every_parameter(outputs):
-    """dG of stiffness, damping, friction, rotors, masses, centres of mass, inertias, delay: to 1e-6 of the largest."""
-    model = linear(arm(), outputs=outputs)
-    typical = [5.0 if name.startswith("f_") else 1e-3 for name in model.parameters]  # sets the step where theta is 0
-    theta = np.where(model.theta_ref == 0, typical, model.theta_ref)
-    _, dG = Kernel(model, FREQ_HZ, model.parameters).evaluate(theta)
-    assert dG.shape[0] == len(model.parameters)
-    for place, name in enumerate(model.parameters):
-        h = 3e-5 * abs(theta[place])
-        shift = h * (np.arange(theta.size) == place)
-        numeric = (
-            frequency_response(model, theta + shift, FREQ_HZ) - frequency_response(model, theta - shift, FREQ_HZ)
-        ) / (2 * h)
-        np.testing.assert_allclose(dG[place], numeric, atol=1e-6 * np.abs(numeric).max(), err_msg=name)
-
-
 def test_slopes_are_exact_but_for_centres_of_mass():
     """Affine in stiffness, damping, friction, rotors, masses and inertias: M, D, K far away equal the model's own."""
     robot = arm()
@@ -232,17 +136,6 @@ def test_delay_turns_the_phase_only():
     theta[-1] = 3e-3
     G0, G = (frequency_response(model, t, FREQ_HZ) for t in (model.theta_ref, theta))
     np.testing.assert_allclose(G, G0 * np.exp(-2j * np.pi * FREQ_HZ * 3e-3)[:, None, None], rtol=1e-12)
-
-
-def test_kernel_survives_pickling_and_refuses_unknown_parameters():
-    """Starts of a fit run in processes; a name that is not a parameter is an error that lists the names."""
-    model = linear(arm())
-    kernel = pickle.loads(pickle.dumps(Kernel(model, FREQ_HZ, ("k_1",))))
-    np.testing.assert_array_equal(
-        kernel.evaluate(model.theta_ref)[1], Kernel(model, FREQ_HZ, ("k_1",)).evaluate(model.theta_ref)[1]
-    )
-    with pytest.raises(KeyError, match="no parameter k_9; there are k_1y"):
-        Kernel(model, FREQ_HZ, ("k_9",))
 
 
 def test_response_is_a_value_like_a_measured_one():
