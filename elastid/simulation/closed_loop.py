@@ -265,7 +265,7 @@ def closed_loop(
     sample = sampled_step(model, contacts, rate_hz, substeps, drives, of_numbers, filters)
     # Seven results of a sample start the next: q, v, states of friction, drives and filters, integral, last reading. A
     # chunk is four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
-    function = compiled(sample, samples).mapaccum("closed_loop", CHUNK_SAMPLES, 7, {"base": 4})
+    function = compiled(sample.mapaccum("closed_loop", CHUNK_SAMPLES, 7, {"base": 4}), samples)
     units = tuple(joint.unit for joint in model.robot.driven)
     return ClosedLoop(model.inputs, units, limits, model.B, rate_hz, contacts, drives, function)
 
