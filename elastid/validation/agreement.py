@@ -95,12 +95,17 @@ def judged_elsewhere(
 
 
 def agreement(
-    measured: FrequencyResponse, modelled: FrequencyResponse, left_out: bool = False, shifts: ComplexArray | None = None
+    measured: FrequencyResponse,
+    modelled: FrequencyResponse,
+    left_out: bool = False,
+    shifts: ComplexArray | None = None,
+    peaks: bool = True,
 ) -> Agreement:
     """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
 
     shifts (n_x, F, n_y, n_u): changes of a model that was not fitted to it by a standard deviation of its parameters,
-    in independent directions; tests allow for them, as for the systematic errors of the measured one.
+    in independent directions; tests allow for them, as for the systematic errors of the measured one.  peaks: with its
+    resonances, which take most of the time.
     """
     name = measured.configuration.name
     for each in ("inputs", "outputs", "quantity"):
@@ -136,7 +141,7 @@ def agreement(
         autocorrelation_bound=bound,
         rms_sigma=np.sqrt(_mean(np.abs(e) ** 2, known)),
         normality=normality(e, dof),
-        peaks=_peaks(measured, modelled, sigma),
+        peaks=_peaks(measured, modelled, sigma) if peaks else (),
         power_ratio=ratio,
         power_dof=ratio_dof,
         white_p=white_p,

@@ -135,7 +135,7 @@ def _score(measured: FrequencyResponse, modelled: FrequencyResponse, spec: FitSp
     weights = weigh(measured, spec)
     used = weights.used
     error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]
-    off = agreement(measured, modelled, left_out=True)
+    off = agreement(measured, modelled, left_out=True, peaks=False)
     misfit = float(np.mean(error**2)) if error.size else math.nan
     return LeftOut(misfit, off.overall_rms_log_db, off.overall_phase_rms_deg)
 

@@ -114,9 +114,9 @@ def _ramps(plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _sine(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
     """p, p', p'' (n, n_u)."""
     omega = 2 * np.pi * carrier.cycles * plan.rate_hz / plan.period_samples
-    phase = (omega * _time(plan))[:, None] * np.ones(len(plan.inputs))
-    a = carrier.amplitudes(len(plan.inputs))
-    return a * np.sin(phase), a * omega * np.cos(phase), -a * omega**2 * np.sin(phase)
+    phase, a = (omega * _time(plan))[:, None], carrier.amplitudes(len(plan.inputs))
+    sine, cosine = np.sin(phase), np.cos(phase)  # of all motors
+    return a * sine, a * omega * cosine, -a * omega**2 * sine
 
 
 def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:

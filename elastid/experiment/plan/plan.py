@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -207,7 +208,7 @@ class Plan:
         """Excited frequencies (F,)."""
         return line_frequencies(self.lines, self.rate_hz, self.period_samples)
 
-    @property
+    @cached_property
     def experiments(self) -> tuple[Experiment, ...]:
         """All runs, configuration by configuration."""
         E = self.R.shape[2]
