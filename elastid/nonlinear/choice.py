@@ -63,8 +63,8 @@ class Limits:
     shape_error: float = 0.015
     # Chance at which friction of one level is said to differ between configurations, of normal levels.
     dependence_by_chance: float = 1e-5
-    # Variance of a response by noise and distortion over that by noise alone, median of its elements, from which on a
-    # note warns of distortion that no motor's friction explains.
+    # Variance of a response by noise and distortion over that by noise alone, and over that by noise and the arm's own
+    # swing, medians of its elements, from which on a note warns of distortion that no motor's friction explains.
     unexplained: float = 10.0
 
 

@@ -10,12 +10,14 @@ size that is known. No scatter between realisations shows them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
@@ -26,7 +28,7 @@ from elastid.nonlinear.places import on_links, on_shafts
 from elastid.nonlinear.reconstruct import hold_of, net_samples, over_whole_periods, sharp_motion
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.spectra import gather_configuration, taken
-from elastid.record import Record
+from elastid.record import MOTION_ORDER, Record
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
@@ -56,7 +58,8 @@ def estimate_without_friction(
         response = replace(response, notes=(*response.notes, *straightness_notes(net, robot, spec, planned_lines)))
     if friction is None:
         return response
-    response = replace(response, notes=(*response.notes, *_unexplained(response, friction)))
+    arm = partial(_arm_variance, net, response, spec, planned_lines, robot)
+    response = replace(response, notes=(*response.notes, *_unexplained(response, friction, arm)))
     if not friction.shapes:
         return response
     errors = _level_errors(records, friction, response, spec, planned_lines, E)
@@ -65,16 +68,19 @@ def estimate_without_friction(
     return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
 
 
-def _unexplained(response: FrequencyResponse, friction: FrictionTakenOut) -> tuple[Note, ...]:
-    """A note where distortion far above the noise was not found to be friction of some motors."""
+def _unexplained(
+    response: FrequencyResponse, friction: FrictionTakenOut, arm: Callable[[], FloatArray | float]
+) -> tuple[Note, ...]:
+    """A note where distortion far above the noise, and above that of the arm, was not found to be motors' friction."""
     motors_left = [place for place in friction.places if place not in friction.taken_places()]
     if not motors_left or not friction.configurations or response.noise is None or response.total is None:
         return ()
     known = response.noise.variance > 0
     if not known.any():
         return ()
-    ratio = float(np.median(response.total.variance[known] / response.noise.variance[known]))
-    if ratio < LIMITS.unexplained:
+    total, noise = response.total.variance, response.noise.variance
+    ratio = float(np.median(total[known] / noise[known]))
+    if ratio < LIMITS.unexplained or np.median((total / (noise + arm()))[known]) < LIMITS.unexplained:
         return ()
     motors = ", ".join(motors_left)
     text = (
@@ -83,6 +89,32 @@ def _unexplained(response: FrequencyResponse, friction: FrictionTakenOut) -> tup
         "damping off by several of their standard deviations; compare with a run of twice the torque"
     )
     return (Note("unexplained-distortion", text, f"configuration {response.configuration.name}"),)
+
+
+def _arm_variance(
+    net: Sequence[Record],
+    response: FrequencyResponse,
+    spec: EstimatorSpec,
+    planned_lines: IntArray | None,
+    robot: Robot | None,
+) -> FloatArray | float:
+    """Variance (F, n_y, n_u) of G by the arm that swings about its posture, in rows of motors; 0 where not known."""
+    from elastid.nonlinear.gear.geometry import arm_distortion  # brings CasADi
+    from elastid.nonlinear.gear.period_lines import gather_lines
+
+    if robot is None or set(response.inputs) != set(robot.motor_locations):
+        return 0.0
+    first = [record for record in net if record.realisation == net[0].realisation]
+    try:
+        lines = gather_lines(first, spec, planned_lines)
+        Y = arm_distortion(lines, response.inputs, robot)
+    except (DataError, StudyError):
+        return 0.0
+    at = np.rint(response.freq_hz / lines.freq_hz[0]).astype(np.int64) - 1
+    G = Y[at] * lines.s[at, None, None] ** MOTION_ORDER[response.quantity] @ np.linalg.pinv(lines.U[at])
+    variance = np.zeros(response.G.shape)
+    variance[:, [response.outputs.index(place) for place in response.inputs]] = np.abs(G) ** 2
+    return variance / len({record.realisation for record in net})
 
 
 def _level_errors(

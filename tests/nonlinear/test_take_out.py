@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.dry_friction import COULOMB as LEVELS
-from plants.dry_friction import measured, measured_bristles, robot
+from plants.dry_friction import measured, measured_bristles, measured_swing, robot
 
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -70,6 +70,17 @@ def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: Fri
     assert "no friction of motor 1, motor 2 explains it" in note.text
     (records, _), lines = measured()
     assert UNEXPLAINED not in {one.code for one in estimate_without_friction(records, found, COULOMB, lines).notes}
+
+
+def test_distortion_of_an_arm_that_swings_is_not_warned_of() -> None:
+    """Above the noise as far as friction behind the gears is; the robot's file tells the one from the other."""
+    (swing,), lines = measured_swing()
+    (behind,), _ = measured_bristles("joint")
+    for records, machine, warned in ((swing, None, True), (swing, robot(), False), (behind, robot(), True)):
+        friction = find_friction([records], AUTO, lines)
+        assert friction.taken_places() == ()
+        response = estimate_without_friction(records, friction, AUTO, lines, robot=machine)
+        assert (UNEXPLAINED in {one.code for one in response.notes}) is warned
 
 
 @pytest.mark.parametrize("coulomb", [(0.0, 0.0), LEVELS])

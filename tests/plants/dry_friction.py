@@ -24,6 +24,7 @@ CONFIGURATIONS = {"a": (0.0, 0.2), "b": (0.5, 0.9)}
 
 # Distances on the motor side over which bristles bend, rad.
 BENDING = 1.2e-3
+NOISE = NoiseSpec(torque_std=0.3, angle_std=1e-7)
 
 
 def robot(coulomb: tuple[float, float] = COULOMB, law: str = "coulomb") -> Robot:
@@ -75,11 +76,23 @@ def measured_bristles(law: str) -> Measured:
     return _simulated(robot(law=law), {"a": CONFIGURATIONS["a"]}, 2, 1, 8)
 
 
+@cache
+def measured_swing() -> Measured:
+    """Without friction and nearly without noise, so that distortion is that of the arm, as it swings about "b"."""
+    quiet = NoiseSpec(torque_std=0.03, angle_std=1e-8)
+    return _simulated(robot((0.0, 0.0)), {"b": CONFIGURATIONS["b"]}, 2, 1, 2, quiet)
+
+
 def _simulated(
-    machine: Robot, configurations: dict[str, tuple[float, ...]], realisations: int, seed: int, substeps: int
+    machine: Robot,
+    configurations: dict[str, tuple[float, ...]],
+    realisations: int,
+    seed: int,
+    substeps: int,
+    noise: NoiseSpec = NOISE,
 ) -> Measured:
     excitation = MultisineSpec(500.0, 4.0, (2.0, 50.0), TORQUE_RMS, grid="odd-random")
-    noise, carrier = NoiseSpec(torque_std=0.3, angle_std=1e-7), CarrierSpec(0.01, 2)
+    carrier = CarrierSpec(0.01, 2)
     simulated = SimulatedSpec(noise=noise, carrier=carrier, substeps=substeps)
     experiment = ExperimentSpec(configurations, realisations, 2, 1, simulated=simulated)
     rig = SimulatedRig(machine, experiment, make_plan(excitation, experiment, machine, seed), seed)

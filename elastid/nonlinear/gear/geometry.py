@@ -11,6 +11,7 @@ along Z. The same therefore in every formulation of a robot with loops.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -20,12 +21,13 @@ from numpy.fft import irfft, rfft
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linearise import linearise
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.record import Configuration
-from elastid.robot import Robot
+from elastid.robot import Joint, Robot
 
 # Points of a period over the highest line of the motion: products of three of them are not folded onto lines.
 POINTS = 8
@@ -37,12 +39,14 @@ _SMALL = 1e-3  # part of the motion, over which the torques of first order are t
 _STEPS, _CLOSED = 8, 1e-12  # of Newton's method; gap of a loop, m, which second order then leaves far behind
 
 
-def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: ComplexArray) -> ComplexArray:
-    """tau_g (F, n, M) of the driven joints on lines s (F,), by amplitudes of their motion (F, n, M).
+def geometric_torques(
+    robot: Robot, at: Configuration, motion: ComplexArray, s: ComplexArray, joints: Sequence[Joint] = ()
+) -> ComplexArray:
+    """tau_g (F, n, M) of joints, or else the driven ones, on lines s (F,), by amplitudes of their motion (F, n, M).
 
     Masses and lengths are those of the robot's file.  DataError where its loops do not close along the motion.
     """
-    arm, (F, n, M) = _RigidArm.of(robot, at), motion.shape
+    arm, (F, n, M) = _RigidArm.of(robot, at, joints or robot.driven), motion.shape
     states = [_signals(motion * s[:, None, None] ** order) for order in range(3)]
 
     def tau(part: float) -> FloatArray:
@@ -72,9 +76,26 @@ def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLi
     return replace(lines, Y=Y)
 
 
+def arm_distortion(lines: PeriodLines, inputs: Sequence[str], robot: Robot) -> ComplexArray:
+    """Angles (F, n_u, M) of the motors `inputs` by tau_g, to first order, up to the highest excited line.
+
+    Of a robot with the numbers of its file, whose elastic joints move as well.
+    """
+    model, top = formulate(robot), int(np.flatnonzero(lines.excited)[-1]) + 1
+    linear = linearise(model, lines.configuration, np.array(model.theta), robot.motor_locations, "position")
+    order = [robot.motor_locations.index(place) for place in inputs]
+    s, C, Z = lines.s[:top, None, None], linear.C[order], np.eye(model.n_q) if linear.Z is None else linear.Z
+    moving = [i for i, joint in enumerate(robot.joints) if not joint.is_passive]
+    H, joints = np.linalg.inv(s**2 * linear.M + s * linear.D + linear.K), Z[moving]
+    of_motors = H @ linear.B[:, order]
+    motion = joints @ of_motors @ np.linalg.inv(C @ of_motors) @ lines.Y[:top]
+    tau = geometric_torques(robot, lines.configuration, motion, lines.s[:top], [robot.joints[i] for i in moving])
+    return np.asarray(-C @ H @ joints.T @ tau, np.complex128)
+
+
 @dataclass(frozen=True, eq=False)
 class _RigidArm:
-    """A robot whose springs stay as they are at rest, q0 (n_q,).  moved (n_q, n): coordinates by driven joints.
+    """A robot whose other springs stay as they are at rest, q0 (n_q,).  moved (n_q, n): coordinates by joints.
 
     dynamics(q, v, a) -> M a + f and loops(q, v) -> phi, Phi, (dPhi/dt) v: of one point of time.
     """
@@ -86,12 +107,13 @@ class _RigidArm:
     loops: ca.Function
 
     @classmethod
-    def of(cls, robot: Robot, at: Configuration) -> _RigidArm:
+    def of(cls, robot: Robot, at: Configuration, joints: Sequence[Joint]) -> _RigidArm:
         """At rest in a configuration."""
         model = formulate(robot)
-        moved = np.zeros((model.n_q, len(robot.driven)))
-        for column, joint in zip(moved.T, robot.driven, strict=True):
-            column[[model.index(f"{side} {joint.name}") for side in ("joint", "motor")]] = 1.0
+        moved = np.zeros((model.n_q, len(joints)))
+        for column, joint in zip(moved.T, joints, strict=True):
+            sides = ("joint",) if joint.motor is None else ("joint", "motor")
+            column[[model.index(f"{side} {joint.name}") for side in sides]] = 1.0
         own = model.carried(np.array(model.theta), at.carries)
         theta = np.where([name.startswith(ELASTIC) for name in model.parameters], 0.0, own)
         q, v, a = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "a"))
@@ -101,7 +123,7 @@ class _RigidArm:
         return cls(model, equilibrium(model, model.theta, at).q, moved, dynamics, ca.Function("loops", [q, v], rows))
 
     def torques(self, delta: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        """tau (n, N) of the driven joints by their motion from rest (n, N) and its derivatives."""
+        """tau (n, N) of the joints by their motion from rest (n, N) and its derivatives."""
         q = self.q0[:, None] + self.moved @ delta
         if not self.model.n_c:
             whole = self.dynamics.map(q.shape[1])(q, self.moved @ v, self.moved @ a)

@@ -61,7 +61,7 @@ def check_count(study: Study) -> Iterator[Problem]:
 
 
 def check_configurations(study: Study) -> Iterator[Problem]:
-    """One angle for each driven joint, in its unit and within its limits, the swing of a carrier included."""
+    """One angle for each driven joint, in its unit, within its limits with the carrier's swing; loops close there."""
     robot, swings = study.as_robot(), _swings(study)
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
@@ -70,9 +70,18 @@ def check_configurations(study: Study) -> Iterator[Problem]:
         if refused := robot.count_refusal(len(angles)):
             yield Problem(path, refused)
             continue
-        for i, (angle, joint, swing) in enumerate(zip(angles, robot.driven, swings, strict=True)):
-            if refused := joint.refusal_of(angle) or _angle_refusal(angle, joint, swing):
-                yield Problem((*path, i), refused)
+        refusals = [
+            joint.refusal_of(angle) or _angle_refusal(angle, joint, swing)
+            for angle, joint, swing in zip(angles, robot.driven, swings, strict=True)
+        ]
+        yield from (Problem((*path, i), refused) for i, refused in enumerate(refusals) if refused)
+        if robot.loops and not any(refusals):
+            from elastid.model.closed_posture import assembled  # brings CasADi, which robots without loops do without
+
+            try:
+                assembled(robot, np.array(angles, dtype=float))
+            except StudyError as refusal:
+                yield Problem(path, str(refusal))
 
 
 def check_payload(study: Study) -> Iterator[Problem]:

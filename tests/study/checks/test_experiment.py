@@ -10,6 +10,8 @@ from elastid.app.overview import overview
 from elastid.base.errors import StudyError
 from elastid.study import load
 
+CONFIGS = Path(__file__).parents[3] / "configs"
+
 
 @pytest.mark.parametrize(
     ("overrides", "message"),
@@ -68,3 +70,12 @@ def test_the_overview_tells_lines_movement_and_limits(tiny: Path) -> None:
     assert "36 odd-random lines and 12 left free for detection" in words
     assert "scaled to the limits" in words
     assert "carrier: square, velocity 0.1 rad/s" in words
+
+
+def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_path: Path) -> None:
+    """Before anything is measured: with a rod of half the length the linkage does not even close at its start."""
+    linkage, short = CONFIGS / "linkage_arm.yml", tmp_path / "short.yml"
+    robot = (CONFIGS / "robots" / "linkage_arm.yml").read_text(encoding="utf-8")
+    short.write_text(robot.replace("length: 0.89", "length: 0.45"), encoding="utf-8")
+    with pytest.raises(StudyError, match=r"experiment\.configurations\.\w+: loop rod does not close at the start"):
+        load(linkage, [f"robot={short}"])
