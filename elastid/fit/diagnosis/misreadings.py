@@ -26,7 +26,7 @@ from elastid.base.errors import ElastidError
 from elastid.base.note import Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores
-from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, thinned
+from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, start_distance, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
@@ -103,7 +103,8 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     share, none = (as_read - cost) / excess, np.zeros(0)
     drop = share * max(scores.cost - scores.noise, 0.0)
     index = ModificationIndex(best.name, best.family, (), none, (), (), none, math.nan, drop, share, x_end - x, equal)
-    return [*indices, index]
+    occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
+    return [*indices, replace(index, occam=occam)]
 
 
 def _from_the_file(reading: Reading, evidence: Evidence) -> tuple[ElasticFit, FloatArray]:
