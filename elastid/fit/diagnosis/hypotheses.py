@@ -78,6 +78,15 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         advice="check time stamps and start of its files",
         is_stated=False,
     ),
+    Hypothesis(
+        "torques of one posture",
+        ("torques@",),
+        Size(0.03, math.log(2), unit="1"),
+        phrase=phrases.torques_of_one,
+        advice=phrases.WARM,
+        is_stated=False,
+    ),
+    Hypothesis("torques by posture", ("torques",), phrase=phrases.torques, advice=phrases.WARM, is_stated=False),
     Hypothesis("time", ("torque", "sensor", "differentiator"), Size(0.3, math.log(10), True)),
     Hypothesis(
         "gear ratio", ("ratio",), RATIO, True, advice="check the ratios in the robot's file", columns=gear_ratios

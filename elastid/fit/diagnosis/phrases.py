@@ -12,6 +12,10 @@ from elastid.fit.result import FitResult, ModificationIndex
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
 POSTURES = 3  # that a phrase names
+WARM = (
+    "torque constants fall while motors warm up: measure all configurations at one temperature, or leave those out that "
+    "were measured at another"
+)
 DIFFERENTIATOR = "chain: {{differentiator: {:.4g} ms}}"
 DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
 
@@ -232,6 +236,16 @@ def reference(index: ModificationIndex) -> str:
     gains = [float(step) for name, step in zip(index.members, index.steps, strict=True) if name.startswith("gain")]
     times = f", times {math.exp(-gains[0]):.3g}" if gains and abs(gains[0]) > GAIN_U.usual else ""
     return f"the reference of a controller{times} that was logged instead of the torque"
+
+
+def torques_of_one(index: ModificationIndex) -> str:
+    """Factor of the torques of one configuration."""
+    return f"torques of configuration {posture(index)} alone that read {100 * float(index.steps[0]):+.2g} %"
+
+
+def torques(index: ModificationIndex) -> str:
+    """Factors of the torques by configuration."""
+    return f"torques of all channels that read differently between configurations ({by_posture(index)})"
 
 
 def payload_of_one(index: ModificationIndex) -> str:
