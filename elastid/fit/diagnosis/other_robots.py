@@ -15,6 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
+from elastid.base.note import Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
@@ -54,6 +55,7 @@ class Limits:
 
 
 LIMITS = Limits()
+EARTH = 9.81  # m/s^2
 
 
 def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -196,7 +198,7 @@ def _share_of(name: str, indices: list[ModificationIndex]) -> float:
 def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """By other directions of gravity and without the file's payload; the best, with those that equal it."""
     robot, parameters = evidence.assembly.linearisation.model.robot, evidence.assembly.parameters
-    size = float(np.linalg.norm(robot.gravity)) or 9.81
+    size = float(np.linalg.norm(robot.gravity)) or EARTH
     directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
                   for axis, row in zip("xyz", np.eye(3), strict=True) for sign in "+-"}  # fmt: skip
     variants: list[Variant] = [
@@ -210,6 +212,31 @@ def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationI
         name = named("the payload of the file not carried", "payload of the file")
         variants.append((name, of_robot(evidence, robot.with_parameters(left), about(parameters, left))))
     return best(_judged(variant, evidence, scores) for variant in variants)
+
+
+def find_missing_gravity(evidence: Evidence) -> tuple[Note, ...]:
+    """A note where the file has no gravity, and that of the earth along -z would move a number by more than its std."""
+    own, result, x = evidence.assembly, evidence.result, evidence.optimum.end.x
+    robot = own.linearisation.model.robot
+    if any(robot.gravity) or result.status not in ("converged", "at_bound"):
+        return ()
+    try:
+        assembly = of_robot(evidence, replace(robot, gravity=(0.0, 0.0, -EARTH)), own.parameters)
+        end = solve(assembly.at(x, own.spec.criterion).problem, x, ROUGH, LIMITS.iterations).x
+    except (ElastidError, np.linalg.LinAlgError):  # no robot stands there
+        return ()
+    n = len(result.parameters.asked)
+    std = np.sqrt(np.diag(result.covariance)[:n])
+    moved = np.divide((end - x)[:n], std, out=np.zeros(n), where=np.isfinite(std) & (std > 0))
+    worst = int(np.argmax(np.abs(moved)))
+    if not abs(moved[worst]) > 1:
+        return ()
+    text = (
+        f"the robot's file has no gravity: with {EARTH} m/s^2 along -z of its base {own.parameters.free[worst].name} "
+        f"would move by {abs(moved[worst]):.2g} standard deviations, and no residual shows it; give gravity in the "
+        "robot's file"
+    )
+    return (Note("no-gravity", text),)
 
 
 def _on_a_slope(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:

@@ -13,8 +13,8 @@ GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), Tru
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
 POSTURES = 3  # that a phrase names
 WARM = (
-    "torque constants fall while motors warm up: measure all configurations at one temperature, or leave those out that "
-    "were measured at another"
+    "torque constants fall while motors warm up: measure all configurations at one temperature, or leave out those of "
+    "another"
 )
 DIFFERENTIATOR = "chain: {{differentiator: {:.4g} ms}}"
 DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that

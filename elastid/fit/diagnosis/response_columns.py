@@ -101,10 +101,10 @@ def posture_angles(response: HeldResponse) -> dict[str, ComplexArray]:
 def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
     """Derivatives to what differs in this configuration alone.
 
-    delay@c1 of all its channels, s; torques@c1: ln of the torques that are read per torque; friction_1@c1: ln fm_1; transmission_1@c1: ln of the effective ratio, which a
-    transmission error changes by its slope at the posture's angle; reading_1@c1: ln of the motion that is read per
-    motion of the motor; spring_1@c1: ln k_1; m_fore@c1 ...: the numbers of the last body, which carries a load.  None
-    of a single configuration.
+    delay@c1 of all its channels, s; torques@c1: ln of the torques that are read per torque; friction_1@c1: ln fm_1;
+    transmission_1@c1: ln of the effective ratio, which a transmission error changes by its slope at the posture's
+    angle; reading_1@c1: ln of the motion that is read per motion of the motor; spring_1@c1: ln k_1; m_fore@c1 ...: the
+    numbers of the last body, which carries a load.  None of a single configuration.
     """
     name, robot, last = response.model.configuration.name, response.robot, response.robot.bodies[-1]
     if len(response.loads) < 2:
