@@ -18,8 +18,15 @@ from typing import Any
 import click
 
 from elastid import __version__
-from elastid.app.options import POSITIVE, options_of, run_of, stage_options, study_argument
-from elastid.app.signals import insisting, libraries_off_terminal
+from elastid.app.options import (
+    POSITIVE,
+    insisting,
+    libraries_off_terminal,
+    options_of,
+    run_of,
+    stage_options,
+    study_argument,
+)
 from elastid.app.stage_table import helps
 from elastid.app.use_commands import loops, map_command, shape, tune
 from elastid.base.errors import ElastidError, StudyError

@@ -21,7 +21,7 @@ from elastid.base.execution import Execution, in_order
 from elastid.base.files import clear_folder, own_path
 from elastid.fit.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec
-from elastid.model.approximations import elastic_joints_within, unseen
+from elastid.model.formulation import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant
 from elastid.response import FrequencyResponse
 from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling

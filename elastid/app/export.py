@@ -22,15 +22,14 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
 from elastid.export.code import write_c, write_casadi
-from elastid.export.compensation import write_compensation
 from elastid.export.control import write_control, write_responses_control
 from elastid.export.csv import write_csv, write_friction_csv, write_responses_csv
 from elastid.export.draws import write_draws
 from elastid.export.fmu import write_fmu
+from elastid.export.friction import Observer, write_compensation, write_observers
 from elastid.export.matlab import write_matlab, write_responses_matlab
 from elastid.export.mujoco import write_mujoco
 from elastid.export.numbers import interval_lines
-from elastid.export.observer import Observer, write_observers
 from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group

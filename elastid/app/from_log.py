@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.app.logs_of_robot import in_order_of
-from elastid.app.states_of_logs import MAX_SAMPLES, ONE_STATE, angles_of, realisations_of, states_of
+from elastid.app.logs_of_robot import MAX_SAMPLES, ONE_STATE, angles_of, in_order_of, realisations_of, states_of
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line

@@ -45,10 +45,9 @@ from elastid.model.frame_tree import position, tree, turns
 from elastid.record import Configuration
 from elastid.robot import TOOL, Robot
 from elastid.robot.robot import with_frames
-from elastid.simulation.baumgarte import projection
 from elastid.simulation.controller import tune
-from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration
-from elastid.simulation.gear_forces import gear_forces
+from elastid.simulation.drives import gear_forces
+from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration, projection
 from elastid.use.command.replay import DAMPING_RATIO
 from elastid.use.command.tune import TunedMove
 

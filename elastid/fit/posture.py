@@ -11,10 +11,10 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean, index_of
 from elastid.linear.equilibrium import equilibrium, rigid_posture
+from elastid.linear.fitted_model import Axes
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
-from elastid.linear.ports import moved_by, with_held_motors
-from elastid.linear.posture_answers import Axes
+from elastid.linear.loaded import moved_by, with_held_motors
 from elastid.linear.posture_model import Doubt, Estimated, Ports, PostureModel
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses

@@ -20,9 +20,8 @@ from elastid.fit.modification_index import ModificationIndex as ModificationInde
 from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.static_agreement import StaticAgreement, ToolAgreement
-from elastid.linear.fitted_model import FittedModel
+from elastid.linear.fitted_model import Axes, FittedModel
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.posture_answers import Axes
 from elastid.linear.posture_model import Doubt, PostureModel
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet

@@ -32,7 +32,7 @@ from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import Equations, solve
-from elastid.friction_study.levels import PassLevels, levels_of_records
+from elastid.friction_study.levels import PassLevels, levels_of_records, levels_of_run_downs
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.pass_checks import angle_note, check_counts
@@ -40,7 +40,6 @@ from elastid.friction_study.pass_detection import detect_passes, lone_plateaus
 from elastid.friction_study.passes import PLATEAUS, passes_of
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
-from elastid.friction_study.run_down import levels_of_run_downs
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot

@@ -19,10 +19,10 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, degrees
 from elastid.base.errors import StudyError
-from elastid.base.propagation import Spread, propagate
+from elastid.base.statistics import Spread, propagate
+from elastid.linear.fitted_model import Axes, FrameStiffness, PostureModes, ResponseBand
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import Modes, modes
-from elastid.linear.posture_answers import Axes, FrameStiffness, PostureModes, ResponseBand
 from elastid.linear.response.transfer import checked_frequencies, frequency_response
 from elastid.linear.statespace import StateSpace, state_space
 from elastid.parameters import ParameterSet

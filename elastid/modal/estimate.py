@@ -20,10 +20,10 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, check_kind
 from elastid.base.note import Note
-from elastid.modal.basis import Basis, unstacked
 from elastid.modal.fitted_mode import (
     LIMITS,
     FittedMode,
+    Influences,
     background_notes,
     damping_notes,
     line_notes,
@@ -31,14 +31,12 @@ from elastid.modal.fitted_mode import (
     window_notes,
     without_twins,
 )
-from elastid.modal.model import ModalData, ModalFit
-from elastid.modal.modes import Modes, without_modes
+from elastid.modal.model import Basis, ModalData, ModalFit, unstacked
+from elastid.modal.modes import Modes, mode_indicators, phase_collinearity, without_modes
 from elastid.modal.noise import floored, has_variance, line_variance, smoothed
 from elastid.modal.poles import StabilisationDiagram, clusters, poles_over_orders, stabilisation
 from elastid.modal.selection import eliminated, p_values, pursued, residual_peaks
-from elastid.modal.shapes import mode_indicators, phase_collinearity
 from elastid.modal.spec import ModalSpec
-from elastid.modal.uncertainty import Influences
 from elastid.response import FrequencyResponse
 
 NO_POLES: ComplexArray = np.empty(0, complex)

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.modal.basis import unstacked
-from elastid.modal.model import ModalFit
+from elastid.modal.model import ModalFit, unstacked
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, percent
 from elastid.base.errors import DataError, check_kind
 from elastid.base.escape import control_label
-from elastid.modal.basis import stacked
+from elastid.modal.model import stacked
 from elastid.modal.noise import line_variance
 from elastid.response import FrequencyResponse
 

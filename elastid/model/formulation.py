@@ -1,4 +1,4 @@
-r"""formulate(robot, spec): the equations of motion as a serial tree, constrained, or minimal.
+r"""formulate(robot, spec): a serial tree, constrained, minimal; or an approximation of a parallel linkage.
 
 Serial, Niglis & Oberg (2015), eq. (2.10): the coordinates of a tree are independent; the extended flexible joint of eq.
 (2.12) is a further joint with a spring. Constrained, eq. (2.33): all coordinates of the open chain, with multipliers.
@@ -14,22 +14,38 @@ singular: only on the null space of Phi is it regular. Minimal, eq. (2.34): inde
 Elastic rods are cut: they are force elements, and a loop that they close needs no constraint. Other loops are
 eliminated by the implicit function theorem, exactly, in the linear model and in the simulation; the dependent
 coordinates stay in q and are solved for, not integrated.
+
+Approximate models of parallel linkages, whose error a study can measure.
+
+The elastic rod of a loop condensed into the gear spring of the lever that drives it, with the rate y of the rod's
+elongation per lever angle:
+
+.. math:: k_{rod} = k_r y^2, \quad y = \partial s / \partial q_{lever}, \qquad
+          \frac{1}{k_{eff}} = \frac{1}{k} + \frac{1}{k_{rod}}, \qquad
+          d_{eff} = k_{eff}^2 \left( \frac{d}{k^2} + \frac{d_r y^2}{k_{rod}^2} \right)
+
+In a parallelogram y = l sin(angle between lever and rod): a spring that looks constant in one posture and is not. The
+parts between the two springs, crank and part of the rod, lose their own motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import casadi as ca
+import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.approximations import STIFF, elastic_joints_within, series_stiffness, unbent
+from elastid.model.closed_posture import assembled
+from elastid.model.drivetrain import Strain
 from elastid.model.elastic import ElasticModel
-from elastid.model.loop_closure import closures, cut, elastic, stretching, with_rod_inertia
-from elastid.model.open_chain import by_name, elastic_model, open_chain
-from elastid.model.spec import ModelSpec
-from elastid.robot import Robot
+from elastid.model.frame_tree import tree
+from elastid.model.loop_closure import Closure, closures, cut, elastic, stretching, with_rod_inertia
+from elastid.model.open_chain import Equations, by_name, elastic_model, open_chain, with_energies, with_strains
+from elastid.model.spec import ModelSpec, Variant
+from elastid.robot import Loop, Robot
 
 
 def serial(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
@@ -86,3 +102,101 @@ def formulate(robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] =
     if formulation == "minimal":
         return minimal(robot, spec, geometry)
     return (serial if formulation == "serial" else constrained)(robot, geometry)
+
+
+# Variants in which rods do not stretch and nothing bends inside a loop.
+STIFF = ("rigid_loop", "constant_stiffness", "series_stiffness")
+
+
+def elastic_joints_within(robot: Robot) -> tuple[int, ...]:
+    """The elastic joints that are not driven and which a loop goes through."""
+    joints = robot.joints
+    return tuple(i for i in robot.joints_in_loops if joints[i].spring is not None and joints[i].motor is None)
+
+
+def unseen(robot: Robot, variant: Variant) -> tuple[str, ...]:
+    """The parameters without an effect of their own in a variant.
+
+    Those of rods and elastic joints inside stiff loops; where gear and rod are condensed into one constant, it is the
+    gear's.
+    """
+    if variant == "lumped_rod":
+        return tuple(f"I_{loop.name}" for loop in robot.loops if loop.rod is not None)
+    if variant not in STIFF:
+        return ()
+    joints = [robot.joints[i] for i in elastic_joints_within(robot)]
+    bending = [name for joint in joints for name in joint.numbers]
+    if variant == "series_stiffness":
+        return tuple(bending)
+    rods = [loop.name for loop in robot.loops if loop.rod is not None and loop.rod.is_elastic]
+    return (*bending, *(f"{letter}_{name}" for name in rods for letter in "kd"))
+
+
+def unbent(robot: Robot, q: ca.SX) -> ca.SX:
+    """The joints (n_l,) as loops see them that do not see elastic joints.
+
+    An elastic joint is straight; the bodies behind the loop's next passive joint keep their direction, as in a
+    parallelogram: about parallel axes the passive joint has turned back by as much.
+    """
+    straightened, elastic_joints, axes = ca.SX(q), set(elastic_joints_within(robot)), _axes(robot)
+    for branches in robot.branches:
+        for branch in branches:
+            passive = [i for i in branch if robot.joints[i].is_passive]
+            for i in set(branch) & elastic_joints:
+                straightened[i] = 0
+                if passive:
+                    j = min(passive, key=lambda j: abs(j - i))
+                    straightened[j] += float(axes[i] @ axes[j]) * q[i]
+    return straightened
+
+
+def _axes(robot: Robot) -> list[FloatArray]:
+    """The axes (3,) of all joints in the base frame, all at 0."""
+    R: list[FloatArray] = []
+    axes = []
+    for frame in tree(robot).frames:
+        R.append((R[frame.parent] if frame.parent >= 0 else np.eye(3)) @ frame.R)
+        axes.append(R[-1][:, frame.axis])
+    return axes
+
+
+def series_stiffness(robot: Robot, equations: Equations, stretched: Sequence[Closure], constant: bool) -> Equations:
+    """The gear springs of levers with those of the elastic rods of loops in series; constant: as at the start."""
+    theta = by_name(equations)
+    for closure in stretched:
+        lever = _lever(robot, closure.loop)
+        joint, name = robot.joints[lever].name, closure.loop.name
+        y = ca.gradient(ca.norm_2(closure.gap), equations.q)[lever]
+        if constant:
+            q_l = equations.q[: len(robot.joints)]
+            angles = np.array([driven.start for driven in robot.driven])
+            y = ca.substitute(y, q_l, ca.DM(assembled(robot, angles)))
+        k, d, k_rod = theta[f"k_{joint}"], theta[f"d_{joint}"], theta[f"k_{name}"] * y**2
+        k_eff = k * k_rod / (k + k_rod)
+        d_eff = (k_rod / (k + k_rod)) ** 2 * d + (k / (k + k_rod)) ** 2 * theta[f"d_{name}"] * y**2
+        across = ca.DM(len(equations.coordinates), 1)
+        across[equations.coordinates.index(f"motor {joint}")], across[lever] = 1, -1
+        deflection = ca.dot(across, equations.q)
+        equations = with_energies(
+            equations, (k_eff - k) * deflection**2 / 2, (d_eff - d) * ca.sparsify(across @ across.T)
+        )
+        # Both bear the torque k_eff times the deflection.
+        parts = {f"k_{joint}": k, f"k_{name}": k_rod}
+        equations = with_strains(
+            equations, *(Strain(spring, k_eff**2 / part, deflection) for spring, part in parts.items())
+        )
+    return equations
+
+
+def _lever(robot: Robot, loop: Loop) -> int:
+    """The elastically driven joint that turns an end of a loop, its first end if both are turned so."""
+    for branch in robot.branches[robot.loops.index(loop)]:
+        for i in branch:
+            if robot.joints[i].is_flexible:
+                return i
+            if robot.joints[i].is_passive:
+                break
+    raise StudyError(
+        f"model.variant: no lever with an elastic gear drives the rod {loop.name}, so that its stiffness cannot be "
+        "condensed into a gear's: a passive joint is between either end and the next motor; choose the variant exact"
+    )

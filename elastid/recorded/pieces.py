@@ -36,7 +36,7 @@ from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.link_side import UNWRAPPED, converted, largest_jump, to_joints
 from elastid.recorded.repair.clock import CLOCK, RESAMPLED, at_times, delay
 from elastid.recorded.repair.missing import DOUBLED, DROPPED
-from elastid.recorded.screen import screen
+from elastid.recorded.repair_order import screen
 
 
 @dataclass(frozen=True)

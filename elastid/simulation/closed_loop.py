@@ -32,12 +32,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.model.elastic import ElasticModel
-from elastid.simulation.baumgarte import projection
-from elastid.simulation.controller import Gains
-from elastid.simulation.drives import Drives
-from elastid.simulation.dynamics import FIFTH_ORDER, Contacts, free_acceleration, runge_kutta_step
-from elastid.simulation.filters import Filters
-from elastid.simulation.gear_forces import gear_forces
+from elastid.simulation.controller import Filters, Gains
+from elastid.simulation.drives import Drives, gear_forces
+from elastid.simulation.dynamics import FIFTH_ORDER, Contacts, free_acceleration, projection, runge_kutta_step
 
 FLAGS = ["-O3", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"]
 # Instructions with three operands take a sixth less time, and calls that are inlined or direct a fifteenth; compilers

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
-from elastid.base.propagation import principal_axes
+from elastid.base.statistics import principal_axes
 from elastid.fit.result import FitResult
 from elastid.linear.linear_model import DELAY
 from elastid.robot import Robot

@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import StudyError
-from elastid.base.propagation import principal_axes
+from elastid.base.statistics import principal_axes
 from elastid.fit.posture import Family
 from elastid.linear.equilibrium import LIMITS, equilibrium, free_coordinates
 from elastid.linear.linear_model import Slope

@@ -24,8 +24,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import modes as modes_of_model
 from elastid.modal.estimate import modes_of_responses
-from elastid.modal.modes import Modes
-from elastid.modal.shapes import mac
+from elastid.modal.modes import Modes, mac
 from elastid.modal.spec import ModalSpec
 from elastid.response import FrequencyResponse
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
-from elastid.base.propagation import LEVEL
+from elastid.base.statistics import LEVEL
 from elastid.fit.posture import Asked, as_configuration
 from elastid.fit.result import FitResult
 from elastid.response import FrequencyResponse

@@ -33,7 +33,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from elastid.base.arrays import FloatArray
-from elastid.export.observer import Observer, write_observers
+from elastid.export.friction import Observer, write_observers
 from elastid.friction_study.extended_kalman_filter import FilterNoise, KalmanFilter, first_estimate
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
 

@@ -71,8 +71,7 @@ from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.study import load
-from elastid.validation.agreement import validate
-from elastid.validation.cost import cost_p, explain_cost
+from elastid.validation.agreement import cost_p, explain_cost, validate
 
 RIG_EVERY = 10
 # Sets of each period count, grid, wander, step and encoder, at least, of 300.
@@ -156,7 +155,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "status-model_error": "model_error explained_share",
     },
     "validation.results.PeakLimits": {"peak-without-partner": "*"},
-    "validation.cost.ExcessLimits": {"excess-of-cost": "*"},
+    "validation.agreement.ExcessLimits": {"excess-of-cost": "*"},
 }
 START = {"transient-left-out": "the logs of the outside rig begin with its start"}
 TABLE = re.compile(r"^class \w*(Limits|Thresholds)\b", re.MULTILINE)

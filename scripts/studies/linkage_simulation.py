@@ -31,8 +31,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.simulation.baumgarte import energy, projection, violation
-from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
+from elastid.simulation.dynamics import energy, free_acceleration, projection, runge_kutta_step, violation
 from elastid.study import load_robot
 
 ROBOT = Path(__file__).parents[2] / "configs" / "robots" / "linkage_arm.yml"

@@ -43,8 +43,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, Record
 from elastid.robot import Limits, Robot
-from elastid.simulation.controller import Gains, filters_of, gains_of
-from elastid.simulation.filters import Filters
+from elastid.simulation.controller import Filters, Gains, filters_of, gains_of
 from elastid.use.loops.assess import Sampled
 from elastid.use.loops.cascade import Cascade
 from elastid.use.loops.design import Scene, robust, searched

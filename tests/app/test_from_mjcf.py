@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.app.cli import run_command
-from elastid.app.from_mjcf import read_mjcf
+from elastid.app.from_robot import read_mjcf
 from elastid.base.errors import StudyError
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses

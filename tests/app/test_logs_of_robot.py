@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elastid.app import cli
 from elastid.app.cli import run_command
 from elastid.study import load_with_logs
 from tests.app.test_from_mjcf import ARM as CRANE
@@ -69,3 +70,71 @@ def test_joints_without_names_are_in_the_order_of_the_robot(tmp_path: Path) -> N
     text = (tmp_path / "new" / "study.yml").read_text()
     assert "at: motor shoulder, channel: tau_1" in text
     assert "of shoulder by its place in the robot's file" in text
+
+
+def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path: Path) -> None:
+    """The signs of orthogonal experiments, on a carrier that is most of the second drive: `run` would refuse them."""
+    t, lines, rng = np.arange(1500) / 500, np.arange(7, 100, 4), np.random.default_rng(0)
+    phases, logs = rng.uniform(0, 2 * np.pi, (2, len(lines))), []
+    x = np.cos(2 * np.pi * t[:, None, None] * lines + phases).sum(axis=2)
+    for number, sign in enumerate((1, -1)):
+        u = x * [1, sign] + [0, 15] * np.sin(4 * np.pi * t)[:, None]
+        columns = np.concatenate([u, 0.1 * u + 1e-3 * rng.standard_normal(u.shape)], axis=1)
+        logs.append(str(tmp_path / f"{number}.csv"))
+        np.savetxt(logs[-1], columns, "%.8g", ",", header="torque_1 [Nm],torque_2 [Nm],acc_1,acc_2", comments="")
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
+    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
+    assert [file.realisation for file in recorded.files] == [0, 1]
+
+
+def test_logs_of_one_excitation_are_one_realisation(tmp_path: Path) -> None:
+    """Two that hold further periods, from another sample on, and one with other phases."""
+    rng, period, lines = np.random.default_rng(0), 500, np.arange(1, 100)
+    for number, (phases, start) in enumerate(((0, 0), (0, 177), (1, 0))):
+        phase = np.random.default_rng(phases).uniform(0, 2 * np.pi, len(lines))
+        u = np.cos(2 * np.pi * np.outer(np.arange(start, start + 4 * period) / period, lines) + phase).sum(axis=1)
+        rows = np.stack([u, u + 0.1 * rng.standard_normal(len(u))], axis=1)
+        np.savetxt(tmp_path / f"{number}.csv", rows, "%.8g", ",", header="force_N,acc_g", comments="")
+    logs = [str(tmp_path / f"{number}.csv") for number in range(3)]
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
+    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
+    assert [file.realisation for file in recorded.files] == [0, 0, 1]
+    motion = next(channel for channel in recorded.channels if channel.role == "y")
+    assert (motion.unit, motion.scale) == ("m/s^2", 9.80665)
+
+
+def _states(folder: Path, logs: dict[str, np.ndarray], head: str) -> list[str]:
+    """The configurations of the logs in the study that is made of them."""
+    for name, x in logs.items():
+        np.savetxt(folder / name, x, "%.8g", ",", header=head, comments="")
+    new = folder / f"new {len(list(folder.iterdir()))}"
+    assert cli.run_command(["new", str(new), "--from", *(str(folder / name) for name in logs)]) == 0
+    study = load_with_logs(new / "study.yml", ()).study
+    return [file.configuration for file in study.experiment.recorded.files]
+
+
+def test_hits_at_two_points_are_two_configurations(tmp_path: Path) -> None:
+    """Two hits at one point, a little elsewhere, and two at another; realisations of one where they agree."""
+    rng, t, logs = np.random.default_rng(0), np.arange(8000) / 1000, {}
+    for i, weights in enumerate(([1, 0.8, 0.3], [1.05, 0.75, 0.3], [0.4, -0.9, 1.1], [0.38, -0.93, 1.12])):
+        u = 80 * np.exp(-((((t - 0.3 - 0.01 * i) * 1000) / 2) ** 2))
+        modes = [w * np.exp(-2 * t) * np.sin(2 * np.pi * f * t) for w, f in zip(weights, (13, 37, 71), strict=True)]
+        y = np.convolve(u, np.sum(modes, axis=0))[: len(t)]
+        logs[f"hit {i}.csv"] = np.stack([t, u, y], axis=1) + [0, 0.1, 0.2] * rng.normal(size=(len(t), 3))
+    head = "t,hammer [N],acc [m/s^2]"
+    assert _states(tmp_path, logs, head) == ["state_1", "state_1", "state_2", "state_2"]
+    first = dict(list(logs.items())[:2])
+    assert _states(tmp_path, first, head) == ["bench", "bench"]
+
+
+def test_joints_with_names_are_paired_and_postures_are_configurations(tmp_path: Path) -> None:
+    """Three motors that are called, not numbered; the same log at other angles."""
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=(4000, 3))
+    q = np.cumsum(np.cumsum(u - u.mean(axis=0), axis=0), axis=0)
+    x = np.hstack([np.arange(4000)[:, None] / 500, u, 0.01 * (q - q.mean(axis=0)) / q.std(axis=0)])
+    head = "time,tau_base,tau_lift,tau_elbow,q_base,q_lift,q_elbow"
+    logs = {"a.csv": x, "b.csv": x[:3000], "c.csv": x + np.array([0, 0, 0, 0, 0.5, 0, -0.3])}
+    assert _states(tmp_path, logs, head) == ["state_1", "state_1", "state_2"]
+    (study,) = tmp_path.glob("new*/study.yml")
+    assert study.read_text().count("role: u") == 3

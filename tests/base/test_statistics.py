@@ -12,6 +12,8 @@ from elastid.base.statistics import (
     chi_square_tail,
     discoveries,
     f_test,
+    principal_axes,
+    propagate,
     small_sample_factor,
 )
 
@@ -46,3 +48,42 @@ def test_false_discoveries_stay_below_their_rate() -> None:
         powers.append(named[:20].mean())
     assert np.mean(shares) < 0.055
     assert np.mean(powers) > 0.8
+
+
+def test_slopes_suffice_for_a_nearly_linear_function_and_draws_serve_another() -> None:
+    """exp(x) with std 0.01 against std 1, whose own std is known: e^(1/2) (e - 1)^(1/2)."""
+    x = np.zeros(1)
+    narrow = propagate(np.exp, x, np.array([[1e-4]]))
+    assert narrow.by == "linearisation"
+    np.testing.assert_allclose(narrow.std, 0.01, rtol=1e-3)
+    wide = propagate(np.exp, x, np.array([[1.0]]))
+    assert wide.by == "draws"
+    assert 1.3 < wide.std[0] < 4.0
+
+
+def test_what_depends_on_a_number_that_nothing_constrains_is_unknown() -> None:
+    """And only that."""
+    spread = propagate(lambda x: np.array([x[0], x[1]]), np.ones(2), np.diag([0.04, np.inf]))
+    np.testing.assert_allclose(spread.std, [0.2, np.inf])
+
+
+def test_axes_make_up_the_covariance() -> None:
+    """Of correlated numbers."""
+    A = np.array([[2.0, 1.0], [1.0, 3.0]])
+    axes = principal_axes(A)
+    np.testing.assert_allclose(axes.T @ axes, A)
+
+
+def test_bands_hold_so_often_as_they_say() -> None:
+    """Pointwise at each line, simultaneous at all of them, of errors that draws of x make."""
+    rng, lines = np.random.default_rng(1), np.linspace(0, 1, 30)
+    waves = np.array([np.exp(2j * np.pi * k * lines) for k in range(1, 6)])
+
+    def response(x: np.ndarray) -> np.ndarray:
+        return (x @ waves)[:, None, None]
+
+    spread = propagate(response, np.zeros(5), np.eye(5))
+    pointwise, together = spread.radii()
+    errors = np.abs(np.array([response(x) for x in rng.standard_normal((2000, 5))]))
+    assert 0.93 < np.mean(errors <= pointwise) < 0.97
+    assert 0.93 < np.mean(np.all(errors <= together, axis=(1, 2, 3))) < 0.97

@@ -13,7 +13,7 @@ from plants.commanded_arm import arm
 from ruamel.yaml import YAML
 from scipy.io import loadmat
 
-from elastid.export.compensation import write_compensation
+from elastid.export.friction import write_compensation
 from elastid.export.move import interpolated, write_move, write_move_c
 from elastid.friction.robot_friction import frictions
 from elastid.use.command.replay import Outcome

@@ -12,7 +12,7 @@ from elastid.fit.problem.elastic import kernel_of, linear_model
 from elastid.fit.spec import FitSpec
 from elastid.fit.tolerances import with_tolerances
 from elastid.linear.linearise import Linearisation
-from elastid.linear.ports import moved_by
+from elastid.linear.loaded import moved_by
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.record import Configuration, JointLoop, Motors

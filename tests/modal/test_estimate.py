@@ -13,7 +13,7 @@ from elastid.experiment.simulated.structure import shake, true_modes, true_respo
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.modal.estimate import estimate_modes, modes_of_responses
-from elastid.modal.shapes import mac, real_shapes
+from elastid.modal.modes import mac, real_shapes
 from elastid.modal.spec import ModalSpec
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, FrequencyResponse

@@ -5,7 +5,7 @@ import pytest
 from modal.structures import modal_response
 
 from elastid.modal.estimate import estimate_modes
-from elastid.modal.shapes import mac
+from elastid.modal.modes import mac
 
 
 @pytest.mark.filterwarnings("ignore:.*outside the frequency range")  # its own upper limit, which it cuts off

@@ -317,7 +317,7 @@ def law_for_the_robot(desk: Desk) -> None:
 
 
 @case("base/display.py", "--extra notebook")
-@case("app/from_mjcf.py", "--extra mjcf")
+@case("app/from_robot.py", "--extra mjcf")
 @case("recorded/files/log.py", "--extra ‹›")
 @case("base/kernels/__init__.py", "--reinstall-package elastid")
 def packages(desk: Desk) -> None:

@@ -10,7 +10,7 @@ import pytest
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.spikes import REPLACED, despiked
-from elastid.recorded.screen import Screen, _has_spike, screen
+from elastid.recorded.repair_order import Screen, _has_spike, screen
 
 L, P = 400, 16
 MODES = {"period": 1, "half-wave": -1}

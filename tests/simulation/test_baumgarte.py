@@ -19,8 +19,8 @@ from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import BASE, Robot, unit_axis
-from elastid.simulation.baumgarte import constrained_acceleration, energy, projection, violation
 from elastid.simulation.controller import feed_forward, rigid_motion, rigid_path
+from elastid.simulation.dynamics import constrained_acceleration, energy, projection, violation
 
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 CONSTRAINED, MINIMAL = ModelSpec("constrained"), ModelSpec("minimal")

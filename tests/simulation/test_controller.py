@@ -8,19 +8,35 @@ import numpy as np
 import pytest
 from plants.linkages import linkage
 from plants.two_links import (
+    FREE,
     arm,
     loop,
     motor,
+    quiet,
+    rough,
 )
+from scipy import signal
 
+from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import minimal, serial
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Rod
-from elastid.simulation.baumgarte import energy
-from elastid.simulation.closed_loop import Commands, simulate
-from elastid.simulation.controller import feed_forward, rigid_motion, rigid_path, tune
+from elastid.simulation.closed_loop import Commands, closed_loop, simulate
+from elastid.simulation.controller import (
+    Filters,
+    feed_forward,
+    filters_of,
+    gains_of,
+    low_pass,
+    notch,
+    rigid_motion,
+    rigid_path,
+    tune,
+)
+from elastid.simulation.drives import Drives
+from elastid.simulation.dynamics import energy
 
 
 def test_the_controller_has_its_bandwidth_and_damping() -> None:
@@ -71,3 +87,85 @@ def test_the_integral_gain_is_the_rate_of_the_velocity_loop() -> None:
     model = serial(motor())
     assert tune(model, np.zeros(1), 2.0, 0.7, 0.25).ki.tolist() == [4.0]
     assert tune(model, np.zeros(1), 2.0, 0.7).ki.tolist() == [0.0]
+
+
+RATE_HZ = 1000.0
+SPEC = ControllerSpec(
+    kind="cascade", delay_samples=1,
+    gains=GainsSpec((12.0, 20.0), (900.0, 300.0), 0.1, (NotchSpec("2", 17.0, 0.8, 0.2),), (150.0, 200.0)),
+)  # fmt: skip
+
+
+def test_a_low_pass_is_that_of_scipy() -> None:
+    """Butterworth's, by Tustin's rule."""
+    np.testing.assert_allclose(low_pass(60.0, 500.0), signal.butter(2, 60.0, fs=500.0, output="sos")[0], rtol=1e-12)
+
+
+def test_a_notch_leaves_its_depth_at_its_frequency() -> None:
+    """And nothing at rest and at half the rate; its width is that between -3 dB points where its depth is 0."""
+    filters = Filters(((tuple(notch(40.0, 0.5, 0.1, 500.0)),),))
+    H = np.abs(filters.response(np.array([1e-6, 40.0, 250.0]), 500.0)[:, 0])
+    np.testing.assert_allclose(H, [1, 0.1, 1], atol=1e-9)
+    narrow = Filters(((tuple(notch(5.0, 0.1, 0.0, 5000.0)),),))
+    ends = 5.0 * (np.array([-0.05, 0.05]) + np.sqrt(1 + 0.05**2))
+    np.testing.assert_allclose(np.abs(narrow.response(ends, 5000.0)[:, 0]), np.sqrt(0.5), rtol=1e-4)
+
+
+def test_states_have_the_response() -> None:
+    """C (z - A)^-1 B + D, of a motor without filters, too."""
+    filters = filters_of(("1", "2"), SPEC, RATE_HZ)
+    assert filters is not None
+    A, B, C, D = filters.matrices
+    freq_hz = np.array([3.0, 17.0, 120.0])
+    H = np.stack([C @ np.linalg.solve(z * np.eye(len(A)) - A, B) + D for z in np.exp(2j * np.pi * freq_hz / RATE_HZ)])
+    np.testing.assert_allclose(np.einsum("fii->fi", H), filters.response(freq_hz, RATE_HZ), rtol=1e-9)
+    assert np.abs(H[:, 0, 1]).max() == 0
+    alone = Filters(((), ()), 0).matrices
+    assert [part.shape for part in alone] == [(0, 0), (0, 2), (2, 0), (2, 2)]
+
+
+def test_a_controller_without_filters_has_none() -> None:
+    assert filters_of(("1", "2"), ControllerSpec(), RATE_HZ) is None
+
+
+def test_the_simulated_loop_filters_and_delays_its_feedback() -> None:
+    """As SciPy filters the same errors, a sample later, sample by sample; what is injected passes at once."""
+    model, n = serial(arm(damping=20.0)), 300
+    point = equilibrium(model, model.theta, Configuration("c", np.array([0.3, -0.8])))
+    injected = np.random.default_rng(2).normal(0, 30, (n, 2))
+    commands = quiet(model, point.q, n, injected)
+    filters, gains = filters_of(("1", "2"), SPEC, RATE_HZ), gains_of(model, point.q, SPEC)
+    loop = closed_loop(model, rough(model, 0.0), FREE[:2], RATE_HZ, 2, Drives(np.zeros(2), np.full(2, np.inf)),
+                       filters=filters)  # fmt: skip
+    run = simulate(loop, gains, commands, point.q)
+    angle = run.reading - model.B.T @ point.q
+    speed = np.diff(angle, axis=0, prepend=np.zeros((1, 2))) * RATE_HZ
+    error = -gains.kp * angle - gains.kd * speed
+    total = np.vstack([np.zeros((1, 2)), np.cumsum(error, axis=0)[:-1]]) / RATE_HZ
+    feedback = error + gains.ki * total
+    assert filters is not None
+    for axis in range(2):
+        filtered = signal.sosfilt(np.array(filters.sections[axis]), feedback[:, axis])
+        late = np.concatenate([[0.0], filtered[:-1]])
+        np.testing.assert_allclose(run.u[:, axis] - commands.torque[:, axis], late, atol=1e-6)
+
+
+def test_gains_are_those_of_the_study() -> None:
+    """In every posture; one integral time for both axes."""
+    model = serial(arm())
+    gains = gains_of(model, np.zeros(4), SPEC)
+    np.testing.assert_allclose(gains.kp, [12 * 900, 20 * 300])
+    np.testing.assert_allclose(gains.ki, [10, 10])
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ({"kind": "pd", "gains": GainsSpec(1.0, 1.0)}, "gains belong to kind: cascade"),
+        ({"kind": "cascade", "integral_time": 0.4, "gains": GainsSpec(1.0, 1.0)}, "one of gains"),
+        ({"delay_samples": 21}, "answers within 20 samples"),
+    ],
+)
+def test_contradictions_are_refused(words: dict[str, object], says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        ControllerSpec(**words)  # type: ignore[arg-type]

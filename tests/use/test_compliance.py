@@ -9,7 +9,7 @@ import pytest
 from plants.fitted_models import fitted_model
 from plants.predicted_arm import result
 
-from elastid.base.propagation import propagate
+from elastid.base.statistics import propagate
 from elastid.fit.parameter_choice import choose
 from elastid.fit.posture import Asked
 from elastid.fit.result import FitResult

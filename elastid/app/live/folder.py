@@ -1,4 +1,4 @@
-"""The folder of a live identification: plans and references out, logs in, and the study of the logs so far.
+"""The study of a live identification, refused where live cannot measure it, and its folder: plans out, logs in.
 
 DIR/live/x1.h5: the plan of the first experiment; references/x1-r0-e0.csv: a run of it; logs/x1-r0-e0.csv, or of any
 other format that is read: its log; x1-fit.h5: the fit of all experiments so far; study.yml, robot.yml: the study of all
@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from elastid.app.stage_table import SIMULATED
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, StudyError
 from elastid.experiment.plan.movement import Reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.hardware import logged_quantity
@@ -29,6 +30,7 @@ from elastid.recorded.files.formats import is_log, naming
 from elastid.robot import Robot
 from elastid.store.files import text_file, write_text
 from elastid.store.measured import write_run
+from elastid.study import Study
 from elastid.study.robots import robot_text, yaml_text
 
 POLL_S = 0.5  # between two looks at a folder
@@ -135,3 +137,26 @@ def wait_until_whole(path: Path) -> None:
 
 def _size(path: Path) -> int:
     return sum(each.stat().st_size for each in path.iterdir()) if path.is_dir() else path.stat().st_size
+
+
+def require_one_robot_in_any_posture(study: Study, path: str) -> None:
+    """StudyError for a study without a plan, or whose sections name configurations, which live chooses itself."""
+    if study.kind != SIMULATED or study.excitation is None:
+        raise StudyError(
+            f"{path}: live plans experiments, which needs the sections excitation and experiment.simulated, whose "
+            "controller and noise are those of the robot; a study of logs has none"
+        )
+    simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
+    if missing := sorted({*motors} - {*(simulated.outputs or motors)}):
+        raise StudyError(f"experiment.simulated.outputs: live needs the position of {', '.join(missing)}; add it")
+    if simulated.carrier is not None and simulated.carrier.kind == "offset":
+        raise StudyError("experiment.simulated.carrier: live has none of constant velocity; take sine or square")
+    if study.fit.robots:
+        raise StudyError("fit.robots: live identifies one robot; give each a study of its own")
+    own = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
+    if own:
+        raise StudyError(f"fit.parameters.{own[0]}.per: live chooses the configurations, so that no groups are known")
+    if any(factor.configurations for factor in study.fit.weights.factors):
+        raise StudyError("fit.weights.factors: live chooses the configurations; leave their names out of the factors")
+    if study.experiment.without_payload:
+        raise StudyError("experiment.without_payload: live measures all postures with the payload of the robot's file")

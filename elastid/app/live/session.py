@@ -12,8 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.app.live.folder import POLL_S, LiveFolder, wait_until_whole, write_simulated_log
-from elastid.app.live.refusals import require_one_robot_in_any_posture
+from elastid.app.live.folder import (
+    POLL_S,
+    LiveFolder,
+    require_one_robot_in_any_posture,
+    wait_until_whole,
+    write_simulated_log,
+)
 from elastid.app.run import Run, logged_in, run_all
 from elastid.app.stages.fit import TRUSTED
 from elastid.app.work import file_hash, hash_of

@@ -33,10 +33,10 @@ from elastid.robot import Robot
 from elastid.store.measured import read_configurations, read_friction, read_plan, read_records, read_responses
 from elastid.store.results import read_fit, read_gears, read_motion, write_validation
 from elastid.validation import elastic_twin
+from elastid.validation.agreement import cost_p, explain_cost
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.comparison import describe_folds, divide, gather_folds
-from elastid.validation.cost import cost_p, explain_cost
 from elastid.validation.predicted import PredictedResponse, predict_response
 from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation

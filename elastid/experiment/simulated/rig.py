@@ -37,9 +37,9 @@ from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Record
 from elastid.robot import Robot
-from elastid.simulation.baumgarte import violation
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, gains_of, rigid_path
+from elastid.simulation.dynamics import violation
 
 # Limits of the notes about a simulated run. False-alarm rates: not measured, the signals have no noise.
 MAX_VIOLATION_M = 1e-6  # between the ends of a loop

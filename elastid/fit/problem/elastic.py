@@ -28,8 +28,8 @@ from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import MIN_LINES, Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
+from elastid.linear.loaded import acted_on, moved_by
 from elastid.linear.moving_posture import effect_of_motion
-from elastid.linear.ports import acted_on, moved_by
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse

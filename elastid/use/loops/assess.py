@@ -14,8 +14,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
-from elastid.simulation.controller import Gains
-from elastid.simulation.filters import Filters
+from elastid.simulation.controller import Filters, Gains
 from elastid.use.loops.plants import PlantMode, Plants
 from elastid.use.loops.sensitivity import (
     STABLE,

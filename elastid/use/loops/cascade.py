@@ -15,8 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
 from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
-from elastid.simulation.controller import Gains
-from elastid.simulation.filters import Filters, low_pass, notch, section_response
+from elastid.simulation.controller import Filters, Gains, low_pass, notch, section_response
 
 _STEP = 1e-5  # of a logarithm, for central differences
 WIDTHS, DEPTHS = (0.15, 3.0), (0.05, 1.0)  # of notches

@@ -19,8 +19,7 @@ from elastid.model.formulation import EXACT
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, simulate
-from elastid.simulation.controller import Gains, filters_of, gains_of
-from elastid.simulation.filters import Filters
+from elastid.simulation.controller import Filters, Gains, filters_of, gains_of
 from elastid.use.loops.assess import LoopState, assess
 from elastid.use.loops.cascade import Cascade
 from elastid.use.loops.design import robust

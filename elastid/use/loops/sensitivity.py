@@ -29,8 +29,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
-from elastid.simulation.controller import Gains
-from elastid.simulation.filters import Filters
+from elastid.simulation.controller import Filters, Gains
 from elastid.use.loops.plants import Plants
 
 LIMIT_DB = 6.0  # of M_S

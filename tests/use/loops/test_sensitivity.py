@@ -9,8 +9,7 @@ from plants.predicted_arm import result
 
 from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration
-from elastid.simulation.controller import Gains
-from elastid.simulation.filters import Filters
+from elastid.simulation.controller import Filters, Gains
 from elastid.use.loops.cascade import Cascade
 from elastid.use.loops.plants import Plants, PostureFamily, _sampled
 from elastid.use.loops.sensitivity import (

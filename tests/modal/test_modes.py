@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elastid.modal.shapes import mac, mode_indicators, phase_collinearity, real_shapes, turned
+from elastid.modal.modes import mac, mode_indicators, phase_collinearity, real_shapes, turned
 
 
 def test_mac_ignores_factors_and_sees_angles() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plants.hostile_names import HOSTILE
 
-from elastid.export.observer import Observer, write_observers
+from elastid.export.friction import Observer, write_observers
 from elastid.friction_study.extended_kalman_filter import FilterNoise, KalmanFilter, first_estimate
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
 
