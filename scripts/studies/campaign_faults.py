@@ -167,16 +167,15 @@ def judged(rows: dict[str, Outcome], some: bool) -> dict[str, Any]:
     """Counts and rows; AssertionError where a fault is silent, or a program crashed."""
     silent = {name: row.deviations for name, row in rows.items() if row.is_silent and row.deviations is not None}
     absorbed = {name: off for name, off in silent.items() if name in ABSORBED}
-    stated = [name for name, (of, size) in STATED.items() if name in rows and rows[name].stated.get(of, 0.0) >= size]
+    stated = [name for name, (of, size) in STATED.items() if name in silent and rows[name].stated.get(of, 0.0) >= size]
     wrong = {name: off for name, off in silent.items() if off > MAX_SILENT and name not in (*absorbed, *stated)}
     unlisted = [name for name in absorbed if not rows[name].lists_held]
     crashed = [name for name, row in rows.items() if row.code == -1]
     worst = max((off for name, off in silent.items() if name not in (*absorbed, *stated)), default=0.0)
     codes = Counter(str(row.code) for row in rows.values())
     quiet = len(silent) - len(absorbed) - len(stated)
-    print(
-        f"{len(rows)} cases; exit codes {dict(codes)}; {quiet} silent, worst {worst:.1f}; {len(absorbed)} absorbed; {len(stated)} stated"
-    )
+    counts = f"{quiet} silent, worst {worst:.1f}; {len(absorbed)} absorbed; {len(stated)} stated"
+    print(f"{len(rows)} cases; exit codes {dict(codes)}; {counts}")
     assert not crashed, crashed
     assert some or rows["none"].is_silent, rows["none"]
     assert not wrong, wrong
