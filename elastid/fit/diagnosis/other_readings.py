@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -156,12 +156,17 @@ def _angles(evidence: Evidence) -> Iterator[Variant]:
         order = [*range(i), i + 1, i, *range(i + 2, n)]
         changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
     stated = np.array([G.configuration.angles for G in own.responses])
-    for name, change in changes.items():
-        stood = stated @ change.T
+    names = [G.configuration.name for G in own.responses]
+    worst = names[int(np.argmax([part.normal.at(evidence.optimum.fit.theta(part, evidence.optimum.end.x))[0]
+                                 / max(part.n_residuals, 1) for part in evidence.optimum.fit.parts]))]  # fmt: skip
+    for (name, change), whose in product(changes.items(), ("", worst) if len(names) > 1 else ("",)):
+        chosen = np.array([whose in ("", own_name) for own_name in names])
+        stood = np.where(chosen[:, None], stated @ change.T, stated)
         if not np.allclose(stood, stated):
             places = [replace(G.configuration, angles=row) for G, row in zip(own.responses, stood, strict=True)]
             responses = (replace(G, configuration=place) for G, place in zip(own.responses, places, strict=True))
-            yield named(name, "postures"), replace(own, responses=tuple(responses))
+            where = name.replace("all configurations", f"configuration {whose}") if whose else name
+            yield named(where, "postures"), replace(own, responses=tuple(responses))
 
 
 def _motor_inertias(evidence: Evidence) -> Iterator[Variant]:
