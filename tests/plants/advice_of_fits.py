@@ -169,6 +169,22 @@ def held_torque(desk: Desk) -> None:
     assert any(key.path == "experiment.responses.rate_hz" for key in keys()["rate_hz"])
 
 
+@case("fit/diagnosis/phrases.py", "chain: {differentiator: ‹› ms}", slow=True)
+def differenced_velocities(desk: Desk) -> None:
+    """Responses by velocities that are differences over 8 ms, which act as a torque that is held so long.
+
+    What the fit does with the key: tests/fit/diagnosis/test_response_columns.py.
+    """
+    spoilt(desk, lambda f: np.sinc(f * 8e-3) * np.exp(-1j * np.pi * f * 8e-3))
+    text = rendered("chain: {differentiator: ‹› ms}", fitted(desk, FREE)[1])
+    robot = desk.folder / "robot.yml"
+    robot.write_text(f"{robot.read_text()}{text}\n")
+    own = load(desk.folder / "study.yml").study.robot
+    assert own is not None
+    assert own.chain.differentiator is not None
+    assert abs(own.chain.differentiator / 8e-3 - 1) < 0.02
+
+
 @case("fit/diagnosis/hypotheses.py", "estimator.friction: auto")
 def friction_left_in_the_responses(desk: Desk) -> None:
     (advice,) = (each.advice for each in HYPOTHESES if each.family == "friction by posture")

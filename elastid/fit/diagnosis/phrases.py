@@ -16,7 +16,6 @@ WARM = (
     "torque constants fall while motors warm up: measure all configurations at one temperature, or leave out those of "
     "another"
 )
-DIFFERENTIATOR = "chain: {{differentiator: {:.4g} ms}}"
 DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
 
 
@@ -130,15 +129,14 @@ def late_advice(index: ModificationIndex, result: FitResult) -> str:
     delay, names = "free delay (fit.parameters: {delay: {}})", (index.name, *index.alike)
     hold = next((i for i in result.indices if i.name == "hold" and i.name in names), None)
     if index.name.startswith("difference"):
-        own = DIFFERENTIATOR.format(1e3 * float(index.steps[0]))
-        return f"where a drive makes them of its encoder, give the robot's file {own}"
+        return f"where a drive makes them of its encoder, {_differentiator(index)}"
     if hold is not None and hold.steps[0] < 0:
         return "leave hold: zero-order out where u was measured, and check the delay"
     if hold is not None:
         text = (
             f"where u is a command that the drive holds, a sample at {1 / float(hold.steps[0]):.4g} Hz, say hold: "
             "zero-order in experiment.recorded (with rate_hz in experiment.responses); where y are velocities that it "
-            f"makes of its encoder, give the robot's file {DIFFERENTIATOR.format(1e3 * float(hold.steps[0]))}"
+            f"makes of its encoder, {_differentiator(hold)}"
         )
         return f"{text}; where the torque loop or a log delays it, {delay}" if "delay" in names else text
     if index.name == "delay":
@@ -148,6 +146,10 @@ def late_advice(index: ModificationIndex, result: FitResult) -> str:
     if index.name == "low_pass":
         return "give the robot's chain the sensor_lag of its encoders, or the torque_lag of its drives"
     return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
+
+
+def _differentiator(index: ModificationIndex) -> str:
+    return f"give the robot's file chain: {{differentiator: {1e3 * float(index.steps[0]):.4g} ms}}"
 
 
 def images(index: ModificationIndex) -> str:
