@@ -26,7 +26,7 @@ from elastid.report.overview import next_steps
 from elastid.response import BENT
 from elastid.robot import Robot
 from elastid.store.measured import read_responses, write_responses
-from elastid.study import load
+from elastid.study import load, load_robot
 from elastid.study.reference import words_in
 from plants.advice import Desk, case, keys, pasted, refusal, rendered, value_of
 from plants.report_values import fit_result
@@ -179,10 +179,9 @@ def differenced_velocities(desk: Desk) -> None:
     text = rendered("chain: {differentiator: ‹› ms}", fitted(desk, FREE)[1])
     robot = desk.folder / "robot.yml"
     robot.write_text(f"{robot.read_text()}{text}\n")
-    own = load(desk.folder / "study.yml").study.robot
-    assert own is not None
-    assert own.chain.differentiator is not None
-    assert abs(own.chain.differentiator / 8e-3 - 1) < 0.02
+    time = load_robot(robot).chain.differentiator
+    assert time is not None
+    assert abs(time / 8e-3 - 1) < 0.02
 
 
 @case("fit/diagnosis/hypotheses.py", "estimator.friction: auto")
