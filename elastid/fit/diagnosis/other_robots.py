@@ -80,12 +80,8 @@ def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scor
 
 
 def _least_share(index: ModificationIndex) -> float:
-    """Of the excess; a direction of gravity or another reading has no size by which it could be a part of the cause.
-
-    A resonance that swings may take any form of a misfit a little.
-    """
-    has_size = bool(index.members or index.occam) and index.group != "swinging part"
-    return LIMITS.share if has_size else LIMITS.discrete_share
+    """Of the excess; a direction of gravity or another reading has no size by which it could be a part of the cause."""
+    return LIMITS.share if index.members or index.occam else LIMITS.discrete_share
 
 
 def _beyond(own: ModificationIndex | None, index: ModificationIndex) -> ModificationIndex:
