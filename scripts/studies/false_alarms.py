@@ -121,6 +121,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "wrong-sign": "sigmas passive_lines lines",
         "refused": "clock_difference",
     },
+    "frf.gain_drift.Limits": {"gain-drift": "*"},
     "frf.local.least_squares.Limits": {"local-false-peak": "log_gain"},
     "frf.local.response.Limits": {
         "local-refused": "dof margin_dof input_snr excited_share",
@@ -140,6 +141,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "fit.diagnosis.hypothesis.Limits": {"modification-index": "*"},
     "fit.diagnosis.missing_springs.Limits": {"modification-index": "*"},
     "fit.diagnosis.ranking.RankingLimits": {"modification-index": "*"},
+    "fit.diagnosis.other_readings.Limits": {"modification-index": "*"},
     "fit.diagnosis.other_robots.Limits": {"modification-index": "*"},
     "fit.diagnosis.lateness.Limits": {"modification-index": "*"},
     "fit.diagnosis.status.MisfitLimits": {"status-misfit": "*"},

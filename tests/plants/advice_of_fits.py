@@ -26,7 +26,7 @@ from elastid.report.overview import next_steps
 from elastid.response import BENT
 from elastid.robot import Robot
 from elastid.store.measured import read_responses, write_responses
-from elastid.study import load
+from elastid.study import load, load_robot
 from elastid.study.reference import words_in
 from plants.advice import Desk, case, keys, pasted, refusal, rendered, value_of
 from plants.report_values import fit_result
@@ -167,6 +167,21 @@ def held_torque(desk: Desk) -> None:
     )
     assert hold in words_in(next(key for key in keys()["hold"] if key.path == "experiment.recorded.hold").annotation)
     assert any(key.path == "experiment.responses.rate_hz" for key in keys()["rate_hz"])
+
+
+@case("fit/diagnosis/phrases.py", "chain: {differentiator: ‹› ms}", slow=True)
+def differenced_velocities(desk: Desk) -> None:
+    """Responses by velocities that are differences over 8 ms, which act as a torque that is held so long.
+
+    What the fit does with the key: tests/fit/diagnosis/test_response_columns.py.
+    """
+    spoilt(desk, lambda f: np.sinc(f * 8e-3) * np.exp(-1j * np.pi * f * 8e-3))
+    text = rendered("chain: {differentiator: ‹› ms}", fitted(desk, FREE)[1])
+    robot = desk.folder / "robot.yml"
+    robot.write_text(f"{robot.read_text()}{text}\n")
+    time = load_robot(robot).chain.differentiator
+    assert time is not None
+    assert abs(time / 8e-3 - 1) < 0.02
 
 
 @case("fit/diagnosis/hypotheses.py", "estimator.friction: auto")

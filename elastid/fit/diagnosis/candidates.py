@@ -66,3 +66,6 @@ def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, st
         word = family.partition(" ")[0]
         for joint in robot.driven:
             yield f"{word}_{joint.name}", family, [f"{word}_{joint.name}@{posture}" for posture in postures]
+    yield "torques", "torques by posture", [f"torques@{posture}" for posture in postures]
+    for joint in robot.driven:
+        yield f"angles_{joint.name}", "angles by posture", [f"angle_{joint.name}@{posture}" for posture in postures]

@@ -28,6 +28,7 @@ from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.part import Part
+from elastid.fit.result import largest_by_chance
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Prior
 
@@ -64,7 +65,9 @@ _Split: TypeAlias = tuple[list[ElasticFit], list[FloatArray], float]
 def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     """Notes on configurations unlike the others; else on two groups of them; else on foreign ones."""
     result, fit, x = evidence.result, evidence.optimum.fit, evidence.optimum.end.x
-    if evidence.best_share >= LIMITS.explained_share:
+    # What a cause leaves may be chance where V is little above the noise.
+    left, by_chance = result.cost - evidence.best_drop, largest_by_chance(result.cost_dof) * result.cost_expected
+    if evidence.best_share >= LIMITS.explained_share or (evidence.best_drop and left < by_chance):
         return ()
     unlike = find_unlike_configurations(fit, x) if result.model_error > 1 else ()
     if unlike or not evidence.is_unexplained:

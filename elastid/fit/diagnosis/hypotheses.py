@@ -51,7 +51,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     ),
     Hypothesis(
         "time",
-        ("delay", "low", "hold"),
+        ("delay", "low", "hold", "difference"),
         LATE,
         False,
         phrases.late,
@@ -61,12 +61,12 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     ),
     Hypothesis(
         "images",
-        ("unfiltered",),
-        Size(1.0, 2.0, unit="1"),
+        ("unfiltered", "fast"),
+        Size(1.0, 2.0, unit="1", grows=True),
         is_common=True,
         phrase=phrases.images,
-        advice="log accelerations through a filter below half the rate at which the torque is renewed, or at a higher "
-        "rate, or keep to lines below a tenth of it",
+        advice="log angles, or motions through a filter below half the rate at which the torque is renewed, or at a "
+        "higher rate, or keep to lines below a tenth of it",
         columns=unfiltered,
         is_stated=False,
     ),
@@ -78,6 +78,15 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         advice="check time stamps and start of its files",
         is_stated=False,
     ),
+    Hypothesis(
+        "torques of one posture",
+        ("torques@",),
+        Size(0.03, math.log(2), unit="1"),
+        phrase=phrases.torques_of_one,
+        advice=phrases.WARM,
+        is_stated=False,
+    ),
+    Hypothesis("torques by posture", ("torques",), phrase=phrases.torques, advice=phrases.WARM, is_stated=False),
     Hypothesis("time", ("torque", "sensor", "differentiator"), Size(0.3, math.log(10), True)),
     Hypothesis(
         "gear ratio", ("ratio",), RATIO, True, advice="check the ratios in the robot's file", columns=gear_ratios
@@ -90,8 +99,14 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         advice="check the zero of the axis, and the angles that the configurations have",
         columns=posture_angles,
     ),
+    Hypothesis(
+        "angles by posture",
+        ("angles",),
+        phrase=phrases.angles,
+        advice="check the angles that the configurations have; does its brake hold, and does its encoder slip?",
+    ),
     # The robot's file.
-    Hypothesis("motor inertia", ("Jm",), Size(0.05, math.log(3), True), is_common=True),
+    Hypothesis("motor inertia", ("Jm",), phrases.INERTIA, True, advice=phrases.inertia_advice),
     Hypothesis("mass", ("m",), Size(0.05, math.log(3), True)),
     Hypothesis("centre of mass", ("c",), Size(0.01, 0.3)),
     Hypothesis("centre of mass", ("a",), Size(0.05, 0.5)),
@@ -203,6 +218,11 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         phrase=phrases.scale,
         advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of the robot",
         search=find_misreading,
+    ),
+    Hypothesis(
+        "far rate",
+        phrase=lambda index: index.name,
+        advice="check rate_hz and period of the logs, and whether they hold every sample",
     ),
     # What the robot's file lacks.
     Hypothesis(

@@ -223,6 +223,11 @@ class Evidence:
         """The share of the excess of V that the first cause explains."""
         return next((index.share for index in self.result.indices), 0.0)
 
+    @property
+    def best_drop(self) -> float:
+        """Its drop of V, 0 where no cause is known."""
+        return next((index.drop for index in self.result.indices), 0.0)
+
 
 def explanations(evidence: Evidence) -> tuple[Note, ...]:
     """A note on each index of the sequence that explains enough, and one where none does."""

@@ -16,6 +16,7 @@ from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis, explanations
+from elastid.fit.diagnosis.other_robots import find_missing_gravity
 from elastid.fit.diagnosis.ranking import modification_indices
 from elastid.fit.diagnosis.rigid_parts import find_elastic_base, find_rigid_parts
 from elastid.fit.diagnosis.scoring import score
@@ -71,6 +72,7 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
         # A cause that explains all explains bounds and residuals, too; their own advice would be another.
         estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
     undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
+    undetectable = (*undetectable, *find_missing_gravity(evidence))
     if result.status == "converged":
         undetectable = (*undetectable, *find_hidden_tool(evidence))
     static = (*static_notes(result), *tool_notes(result))

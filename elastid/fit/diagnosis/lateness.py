@@ -3,15 +3,17 @@ r"""Lateness of a channel, or of all: a delay, a low pass, a hold, which differ 
 .. math:: D = e^{-j \omega T}, \qquad L = \frac{1}{1 + j \omega T}, \qquad
           H = e^{-j \omega T / 2}\, \frac{\sin \omega T / 2}{\omega T / 2}
 
-To first order all are a delay. T follows by a search in one dimension, the parameters of the fit by one Gauss-Newton
-step at each. A hold is that of a torque between its samples; a negative T is a hold that was taken out where none is.
+H is that of velocities, too, which are differences of positions over T: what is meant where the study says that torques
+are held. To first order all are a delay. T follows by a search in one dimension, the parameters of the fit by one
+Gauss-Newton step at each. A hold is that of a torque between its samples; a negative T is one that was taken out where
+none is.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
@@ -26,6 +28,8 @@ from elastid.fit.result import ModificationIndex
 from elastid.robot import gain_name
 
 OF_POSTURE = "@"  # role of a delay of all channels in one configuration
+# Roles of channels, "" for all, that may have the form H by its name.
+HELD_ROLES = {"hold": ("", "u"), "difference": ("", "y"), "": ("",)}
 Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]
 
 
@@ -101,26 +105,30 @@ def late_name(form: str, role: str, place: str) -> str:
 
 def as_delay(name: str) -> str:
     """The delay that a form of lateness is to first order; any other name as it is."""
-    form = next((form for form in ("low_pass", "hold") if name.startswith(form)), "")
+    form = next((form for form in ("low_pass", "hold", "difference") if name.startswith(form)), "")
     return f"delay{name.removeprefix(form)}" if form else name
 
 
 @dataclass(frozen=True, eq=False)
 class LatenessSearch:
-    """Configurations evaluated at x (n_x,).  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow."""
+    """Configurations evaluated at x (n_x,).  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow.
+
+    held: the name of H for a positive T, `hold` or `difference`; none where a study with held torques has angles.
+    """
 
     x: FloatArray
     evaluated: Sequence[Evaluated]
     prior: FloatArray
     free: BoolArray
+    held: str = "hold"
 
     def best_forms(self, role: str, place: str, start: float) -> Iterator[Late]:
         """The best T of each form of an output (y), input (u), a posture (@) or all (""), near a delay of `start`."""
         forms: list[tuple[str, Factor, float]] = [("delay", delay, start)]
         forms += [("low_pass", low_pass, start)] if role != OF_POSTURE else []
-        forms += [("hold", hold, 2.0 * start)] if role in ("", "u") else []
+        forms += [("hold", hold, 2.0 * start)] if role in HELD_ROLES[self.held] else []
         for form, factor, T in forms:
-            yield self._between(form, factor, role, place, (0.3 * T, 2.0 * T))
+            yield from self._named(self._between(form, factor, role, place, (0.3 * T, 2.0 * T)))
 
     def best_filters(self, delay_is_free: bool = False) -> Iterator[Late]:
         """The best hold of all torques, and the best low pass; a hold next to a free delay by its amplitude alone."""
@@ -131,7 +139,15 @@ class LatenessSearch:
         )
         for form, factor, phases in forms:
             ends = [(0.2 * phase / self._edge_hz, 2 * phase / self._edge_hz) for phase in phases]
-            yield min((self._between(form, factor, "", "", pair) for pair in ends), key=lambda late: late.cost)
+            every = [late for pair in ends for late in self._named(self._between(form, factor, "", "", pair))]
+            yield min(every, key=lambda late: late.cost)
+
+    def _named(self, late: Late) -> Iterator[Late]:
+        """The form by the name that it has in this study; none where the study says that already."""
+        if late.form != "hold" or late.time <= 0:
+            yield late
+        elif self.held:
+            yield replace(late, form=self.held)
 
     @property
     def _edge_hz(self) -> float:
@@ -173,7 +189,8 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     # Far out ln p has no slope that leads back: what the data barely constrain is at its start, too.
     weak = ~(np.sqrt(np.diag(result.covariance)) < LIMITS.std) & np.array([p.log for p in fit.parameters.free])
     points = (x, np.where(weak, fit.parameters.x, x)) if weak.any() else (x,)
-    searches = [LatenessSearch(p, evaluate(fit, p), optimum.fit.prior_slopes, ~result.at_bound) for p in points]
+    prior, held = optimum.fit.prior_slopes, _name_of_hold(fit)
+    searches = [LatenessSearch(p, evaluate(fit, p), prior, ~result.at_bound, held) for p in points]
     if not searches[0].evaluated:
         return indices
     cost = predict(AS_READ, searches[0].evaluated, searches[0].prior, searches[0].free).cost
@@ -224,6 +241,14 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
         if drop > max(scores.significant[1], LIMITS.share * (cost - noise), explained):
             extended += [index(late, None, equal, search) for late in equal]
     return extended
+
+
+def _name_of_hold(fit: ElasticFit) -> str:
+    """`hold` where no torque is said to be held, `difference` where motions may be, none of angles sampled with it."""
+    holds = [part.kernel.model.hold for part in fit.parts]
+    if any(stated is None for stated in holds):
+        return "hold"
+    return "" if all(stated is not None and all(stated.sampled) for stated in holds) else "difference"
 
 
 def _channel(name: str, fit: ElasticFit) -> tuple[str, str]:

@@ -26,7 +26,7 @@ from elastid.base.errors import ElastidError
 from elastid.base.note import Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores
-from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, thinned
+from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, start_distance, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
@@ -40,6 +40,7 @@ class Limits:
     """Thresholds of the judgement of readings.  False alarms of 300 clean logs: modification-index 2."""
 
     exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
+    alone: int = 2  # configurations that fit worst, of which one alone may be read otherwise
     followed: int = 3  # readings
     predicted_ratio: float = 1.5  # V over that of the fit up to which readings are followed
     iterations: int = 60  # of a solution from the study's start
@@ -53,6 +54,7 @@ class Limits:
 
 
 LIMITS = Limits()
+OF_ONE = ("sign", "direction", "exchanged channels")  # families that may be of one configuration alone
 
 
 def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -68,7 +70,8 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         for start, free in ((x, ~result.at_bound), (fit.parameters.x, every))
         for evaluated in (evaluate(fit, start),)
         for hypothesis in evidence.hypotheses
-        for reading in (hypothesis.changes(evaluated, costs) if hypothesis.changes is not None else ())
+        for common in (hypothesis.changes(evaluated, costs) if hypothesis.changes is not None else ())
+        for reading in (common, *_of_one(common, evaluated, costs))
     ]
     followed: dict[str, tuple[float, FloatArray, Reading]] = {}
     for cost, reading, start in sorted(predicted, key=lambda trial: trial[0]):
@@ -92,7 +95,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
                 there, start = _from_the_file(reading, evidence)
                 trials = (followed[name], (*settle(reading, there, start, every), reading))
                 followed[name] = min(trials, key=lambda trial: trial[0])
-    if not any(explains(cost) for cost, _, _ in followed.values()):
+    if not any(explains(cost, LIMITS.whole) for cost, _, _ in followed.values()):
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
             followed[name] = (cost, x_end, Reading(name, SCALE, lambda _, values: values))
     good = sorted((trial for trial in followed.values() if explains(trial[0])), key=lambda trial: trial[0])
@@ -103,7 +106,8 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     share, none = (as_read - cost) / excess, np.zeros(0)
     drop = share * max(scores.cost - scores.noise, 0.0)
     index = ModificationIndex(best.name, best.family, (), none, (), (), none, math.nan, drop, share, x_end - x, equal)
-    return [*indices, index]
+    occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
+    return [*indices, replace(index, occam=occam)]
 
 
 def _from_the_file(reading: Reading, evidence: Evidence) -> tuple[ElasticFit, FloatArray]:
@@ -132,6 +136,19 @@ def _read(reading: Reading, fit: ElasticFit, x: FloatArray) -> ElasticFit:
         measured, gain = undo(e, source.measured), np.abs(reading.change(e, source.gain.astype(np.complex128)))
         parts.append(replace(e.part, measured=measured, gain=gain, whitening=None, compressed=None))
     return replace(fit, parts=tuple(parts))
+
+
+def _of_one(reading: Reading, evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Reading]:
+    """The reading of one of the configurations alone that fit worst, of several."""
+    if reading.family not in OF_ONE or len(evaluated) < 2:
+        return
+    for i in np.argsort(-costs)[: LIMITS.alone].tolist():
+        name = evaluated[i].part.configuration
+        yield Reading(f"{reading.name} in configuration {name} alone", reading.family, partial(_alone, reading, name))
+
+
+def _alone(reading: Reading, name: str, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+    return reading.change(evaluated, values) if evaluated.part.configuration == name else values
 
 
 def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:

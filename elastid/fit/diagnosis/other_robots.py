@@ -9,29 +9,27 @@ the file.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
+from elastid.base.note import Note
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.hypothesis import Evidence, Scores
+from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
+from elastid.fit.diagnosis.other_readings import read_otherwise
 from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.ranking import temper
 from elastid.fit.diagnosis.scoring import at_file, score
 from elastid.fit.diagnosis.swinging_part import find_swinging_part
+from elastid.fit.diagnosis.variants import Variant, about, against, best, named, of_robot
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, ParameterSet, Prior
-from elastid.robot import Payload, Robot
-
-Variant: TypeAlias = tuple[ModificationIndex, Assembly]
+from elastid.robot import Payload
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class Limits:
     explained_share: float = 0.9  # of the excess; where something else explains more, no other robot is tried
     whole: float = 0.99  # of it; where something else explains more, nor is another reading of the study
     share: float = 0.3  # of the excess that another robot explains
-    cost_ratio: float = 1.1  # of V, below which those mounted otherwise cannot be distinguished
+    discrete_share: float = 0.8  # the same of one that is mounted or read otherwise, which is so or is not
     slope: float = 0.1  # tangent of the tilts of a base that are tried
     slope_excess: float = 1.5  # of V over the noise's, from which on it is sought: it takes six fits
     steepest: float = 0.5  # of one that is found
@@ -53,33 +51,44 @@ class Limits:
     mass_std: float = 1.0  # of the logarithm of its mass about its linear step
     inertia_std: float = 1.5  # of that of its inertia about the start
     place_std: float = 0.5  # m
-    residuals: int = 2_000  # of a study that is read otherwise
     enough: float = 0.5  # of V as read, below which a fit needs no further start
 
 
 LIMITS = Limits()
+EARTH = 9.81  # m/s^2
 
 
 def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """The indices with other robots that explain a part, in place of their linear steps, where nothing explains all."""
     explained = max((index.share for index in indices), default=0.0)
-    if not evidence.is_unexplained or explained > LIMITS.whole:
+    if not evidence.is_unexplained or (explained > LIMITS.whole and not any(i.group == SCALE for i in indices)):
         return indices
-    found = list[ModificationIndex]()
-    for search in (
-        _read_otherwise,
-        _with_load,
-        _mounted_otherwise,
-        _on_a_slope,
-        _with_springs,
-        _with_swinging_part,
-    ):  # by their time
-        if search is _read_otherwise or explained <= LIMITS.explained_share:
-            found += search(evidence, scores)
-            explained = max((explained, *(index.share for index in found)))
-    by_name = {index.name: index for index in found if index.share > LIMITS.share}
+    found = read_otherwise(evidence, scores) if evidence.is_suspect or explained <= LIMITS.explained_share else []
+    searches = (_with_load, _mounted_otherwise, _on_a_slope, _with_springs, _with_swinging_part)  # by their time
+    # V that the file's own robot reaches from the starts of the others is no merit of theirs.
+    own = (
+        _judged((named("", ""), evidence.assembly), evidence, scores)[0]
+        if explained <= LIMITS.explained_share
+        else None
+    )
+    for search in searches:
+        if max((explained, *(index.share for index in found))) <= LIMITS.explained_share:
+            found += [_beyond(own, index) for index in search(evidence, scores)]
+    by_name = {index.name: index for index in found if index.share > _least_share(index)}
     better = {name for name, index in by_name.items() if index.share > _share_of(name, indices)}
     return [*(index for index in indices if index.name not in better), *(by_name[name] for name in better)]
+
+
+def _least_share(index: ModificationIndex) -> float:
+    """Of the excess; a direction of gravity or another reading has no size by which it could be a part of the cause."""
+    return LIMITS.share if index.members or index.occam else LIMITS.discrete_share
+
+
+def _beyond(own: ModificationIndex | None, index: ModificationIndex) -> ModificationIndex:
+    """The index with its drop of V below that of the file's own robot from the same starts."""
+    if own is None or own.drop <= 0:
+        return index
+    return replace(index, drop=index.drop - own.drop, share=index.share - own.share)
 
 
 def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -105,7 +114,7 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
         log=tuple(n.log for n in members), steps=steps_of(members, p), std=math.nan, drop=0.0, share=0.0,
         effects=np.zeros(0),
     )  # fmt: skip
-    return [_against(index, cost, x, evidence, scores)]
+    return [against(index, cost, x, evidence, scores)]
 
 
 def _loads(scores: Scores) -> dict[str, Load]:
@@ -150,7 +159,7 @@ def _carrying(
             before, cost = cost, assembly.at(x, criterion).evaluate(x).cost
             if not cost < LIMITS.settled * before:
                 break
-    except ElastidError:
+    except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
         return None
     values = dict(zip(parameters.free_names, x.tolist(), strict=True))
     p = np.array([math.exp(values["m_payload"]), *(values.get(name, 0.0) for name in names)])
@@ -165,7 +174,7 @@ def _with_springs(evidence: Evidence, scores: Scores) -> list[ModificationIndex]
     scores_there = score(of_file)
     for spring in find_missing_springs([], of_file, scores_there):
         cost = min(of_file.optimum.end.cost, scores_there.cost) - spring.drop
-        found.append(_against(spring, cost, of_file.result.x + spring.effects, evidence, scores))
+        found.append(against(spring, cost, of_file.result.x + spring.effects, evidence, scores))
     return found
 
 
@@ -176,10 +185,10 @@ def _with_swinging_part(evidence: Evidence, scores: Scores) -> list[Modification
     if part is None:
         return []
     name = f"swing_{part.body}"
-    index = replace(_named(name, "swinging part"), members=(name,), values=np.zeros(1), units=("Hz",), log=(False,),
+    index = replace(named(name, "swinging part"), members=(name,), values=np.zeros(1), units=("Hz",), log=(False,),
                     steps=np.array([part.freq_hz]), occam=part.occam)  # fmt: skip
     lines = thinned(there.optimum.fit).n_residuals / max(evidence.optimum.fit.n_residuals, 1)
-    return [_against(index, part.cost / lines, part.x, evidence, scores)]
+    return [against(index, part.cost / lines, part.x, evidence, scores)]
 
 
 def _share_of(name: str, indices: list[ModificationIndex]) -> float:
@@ -189,20 +198,45 @@ def _share_of(name: str, indices: list[ModificationIndex]) -> float:
 def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """By other directions of gravity and without the file's payload; the best, with those that equal it."""
     robot, parameters = evidence.assembly.linearisation.model.robot, evidence.assembly.parameters
-    size = float(np.linalg.norm(robot.gravity)) or 9.81
+    size = float(np.linalg.norm(robot.gravity)) or EARTH
     directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
                   for axis, row in zip("xyz", np.eye(3), strict=True) for sign in "+-"}  # fmt: skip
     variants: list[Variant] = [
-        (_named(name, "gravity"), _of_robot(evidence, replace(robot, gravity=tuple(gravity.tolist())), parameters))
+        (named(name, "gravity"), of_robot(evidence, replace(robot, gravity=tuple(gravity.tolist())), parameters))
         for name, gravity in (directions | {"no gravity": np.zeros(3)}).items()
         if not np.allclose(gravity, robot.gravity, atol=0.1 * size)
     ]
     if robot.payload is not None and robot.payload.mass > 0:
         numbers = {n: v for n, (v, _) in robot.parameters().items() if n == "m_payload" or n.startswith("I_payload")}
         left = {name: LIMITS.left * value for name, value in numbers.items()}
-        name = _named("the payload of the file not carried", "payload of the file")
-        variants.append((name, _of_robot(evidence, robot.with_parameters(left), _about(parameters, left))))
-    return _best(_judged(variant, evidence, scores) for variant in variants)
+        name = named("the payload of the file not carried", "payload of the file")
+        variants.append((name, of_robot(evidence, robot.with_parameters(left), about(parameters, left))))
+    return best(_judged(variant, evidence, scores) for variant in variants)
+
+
+def find_missing_gravity(evidence: Evidence) -> tuple[Note, ...]:
+    """A note where the file has no gravity, and that of the earth along -z would move a number by more than its std."""
+    own, result, x = evidence.assembly, evidence.result, evidence.optimum.end.x
+    robot = own.linearisation.model.robot
+    if any(robot.gravity) or result.status not in ("converged", "at_bound"):
+        return ()
+    try:
+        assembly = of_robot(evidence, replace(robot, gravity=(0.0, 0.0, -EARTH)), own.parameters)
+        end = solve(assembly.at(x, own.spec.criterion).problem, x, ROUGH, LIMITS.iterations).x
+    except (ElastidError, np.linalg.LinAlgError):  # no robot stands there
+        return ()
+    n = len(result.parameters.asked)
+    std = np.sqrt(np.diag(result.covariance)[:n])
+    moved = np.divide((end - x)[:n], std, out=np.zeros(n), where=np.isfinite(std) & (std > 0))
+    worst = int(np.argmax(np.abs(moved)))
+    if not abs(moved[worst]) > 1:
+        return ()
+    text = (
+        f"the robot's file has no gravity: with {EARTH} m/s^2 along -z of its base {own.parameters.free[worst].name} "
+        f"would move by {abs(moved[worst]):.2g} standard deviations, and no residual shows it; give gravity in the "
+        "robot's file"
+    )
+    return (Note("no-gravity", text),)
 
 
 def _on_a_slope(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -219,7 +253,7 @@ def _on_a_slope(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
         along /= np.linalg.norm(along)
         name = f"gravity along ({', '.join(f'{v:.2g}' for v in along + 0.0)}) of the base"
         tilted = replace(robot, gravity=tuple((size * along).tolist()))
-        variant = _named(name, "gravity"), _of_robot(evidence, tilted, evidence.assembly.parameters)
+        variant = named(name, "gravity"), of_robot(evidence, tilted, evidence.assembly.parameters)
         return _judged(variant, evidence, scores)
 
     h, V = LIMITS.slope, scores.cost
@@ -235,113 +269,6 @@ def _on_a_slope(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     return [replace(index, occam=float(narrowed + 2 * np.sum(np.log1p(slopes**2))))]
 
 
-def _best(judged: Iterable[tuple[ModificationIndex, float]]) -> list[ModificationIndex]:
-    """The index of least V, with the names of those that cannot be distinguished from it."""
-    by_cost = sorted(judged, key=lambda trial: trial[1])
-    equal = (index.name for index, V in by_cost[1:] if LIMITS.cost_ratio * by_cost[0][1] > V)
-    return [replace(by_cost[0][0], alike=tuple(equal))] if by_cost else []
-
-
-def _of_robot(evidence: Evidence, robot: Robot, parameters: ParameterSet) -> Assembly:
-    own = evidence.assembly
-    return Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
-
-
-def _read_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """By angles of all configurations, inertias of motors or places of encoders that the study does not mean so."""
-    if not evidence.is_suspect:
-        return []
-    variants = (*_angles(evidence), *_motor_inertias(evidence), *_encoders(evidence))
-    return _best(_settled(variant, evidence, scores) for variant in variants)
-
-
-def _angles(evidence: Evidence) -> Iterator[Variant]:
-    """The study with the angles of its configurations in the other unit, direction or order."""
-    own = evidence.assembly
-    driven = own.linearisation.model.robot.driven
-    turns, n = np.array([not joint.slides for joint in driven]), len(driven)
-    degree = math.radians(1)
-    changes = {
-        "angles of all configurations in degrees, read as radians": np.diag(np.where(turns, degree, 1.0)),
-        "angles of all configurations in radians, read as degrees": np.diag(np.where(turns, 1 / degree, 1.0)),
-    }
-    for i, joint in enumerate(driven):
-        counted = f"angle of axis {joint.name} counted in the other direction in all configurations"
-        changes[counted] = np.diag([-1.0 if j == i else 1.0 for j in range(n)])
-    for i, (first, second) in enumerate(pairwise(driven)):
-        order = [*range(i), i + 1, i, *range(i + 2, n)]
-        changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
-    stated = np.array([G.configuration.angles for G in own.responses])
-    for name, change in changes.items():
-        stood = stated @ change.T
-        if not np.allclose(stood, stated):
-            places = [replace(G.configuration, angles=row) for G, row in zip(own.responses, stood, strict=True)]
-            responses = (replace(G, configuration=place) for G, place in zip(own.responses, places, strict=True))
-            yield _named(name, "postures"), replace(own, responses=tuple(responses))
-
-
-def _motor_inertias(evidence: Evidence) -> Iterator[Variant]:
-    """The robot with an inertia of its file, of one motor or of all, that is referred to the link side of the gear."""
-    own = evidence.assembly
-    robot = own.linearisation.model.robot
-    given = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
-    every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in given.items()}
-    groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
-    for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
-        index = _named(f"{name} given on the link side, or in kg cm^2", "side of the gear")
-        yield index, _of_robot(evidence, robot.with_parameters(numbers), _about(own.parameters, numbers))
-
-
-def _encoders(evidence: Evidence) -> Iterator[Variant]:
-    """The study with encoders of an axis, or of all axes, on the other side of the elastic gear."""
-    own = evidence.assembly
-    elastic = [joint.name for joint in own.linearisation.model.robot.driven if joint.is_flexible]
-    for side, now, then in (("behind", "motor", "joint"), ("before", "joint", "motor")):
-        moved = {f"{now} {name}": f"{then} {name}" for name in elastic}
-        read = [place for place in moved if any(place in G.outputs for G in own.responses)]
-        for places in (*([place] for place in read), *([read] if len(read) > 1 else ())):
-            whose = f"encoder of axis {places[0].partition(' ')[2]}" if len(places) == 1 else "encoders of all axes"
-            outputs = {place: moved[place] for place in places}
-            responses = tuple(
-                replace(G, outputs=tuple(outputs.get(place, place) for place in G.outputs)) for G in own.responses
-            )
-            yield _named(f"{whose} {side} the gear", "side of the encoder"), replace(own, responses=responses)
-
-
-def _settled(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
-    """The index of another study, and V of all lines at the optimum that a few steps reach from the start."""
-    index, assembly = variant
-    cost, x = math.inf, assembly.parameters.x
-    try:
-        fit = thinned(assembly.at(x, assembly.spec.criterion), LIMITS.residuals)
-        cost, x = settle(AS_READ, fit, x, np.ones(len(x), dtype=bool))
-        cost *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
-    except ElastidError:  # no robot stands there
-        pass
-    return _against(index, cost, x, evidence, scores), cost
-
-
-def _named(name: str, family: str) -> ModificationIndex:
-    none = np.zeros(0)
-    return ModificationIndex(name, family, (), none, (), (), none, math.nan, 0.0, 0.0, none)
-
-
-def _about(parameters: ParameterSet, numbers: Mapping[str, float]) -> ParameterSet:
-    """The same with tolerances about other numbers."""
-
-    def moved(p: Parameter) -> Parameter:
-        if p.name not in numbers or not (p.tolerated or p.tie is not None or not p.free):
-            return p
-        value = numbers[p.name]
-        if p.tie is not None:
-            return replace(p, tie=replace(p.tie, factor=value), value=value)
-        by = value / p.value if p.log else 0.0
-        lower, upper = (p.lower * by, p.upper * by) if p.log else (p.lower + value - p.value, p.upper + value - p.value)
-        return replace(p, value=value, lower=lower, upper=upper, prior=p.prior and replace(p.prior, mean=value))
-
-    return replace(parameters, parameters=tuple(map(moved, parameters)))
-
-
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
     """The index of another robot, and V of its fit on thinned lines, from the optimum's parameters and the study's."""
     index, assembly = variant
@@ -351,19 +278,10 @@ def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[Modif
         try:
             fit = thinned(assembly.at(start, assembly.spec.criterion))
             end = solve(fit.problem, start, ROUGH, LIMITS.iterations)
-        except ElastidError:
+        except (ElastidError, np.linalg.LinAlgError):
             continue
         lines = fit.n_residuals / max(evidence.optimum.fit.n_residuals, 1)
         cost, x = min((cost, x), (end.cost / lines, end.x), key=lambda each: each[0])
         if cost < LIMITS.enough * scores.cost:
             break
-    return _against(index, cost, x, evidence, scores), cost
-
-
-def _against(
-    index: ModificationIndex, cost: float, x: FloatArray, evidence: Evidence, scores: Scores
-) -> ModificationIndex:
-    """The index where V (cost) and x (n_x,) are those of a fit with it."""
-    drop = scores.cost - cost if math.isfinite(cost) else 0.0
-    share = drop / max(scores.cost - scores.noise, drop, 1e-300)
-    return replace(index, drop=drop, share=share, effects=x - evidence.result.x)
+    return against(index, cost, x, evidence, scores), cost

@@ -10,7 +10,12 @@ from elastid.fit.diagnosis.hypothesis import CHECK_OR_PRIOR, Size, relative
 from elastid.fit.result import FitResult, ModificationIndex
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
+INERTIA = Size(0.05, math.log(3), True)  # of a motor
 POSTURES = 3  # that a phrase names
+WARM = (
+    "torque constants fall while motors warm up: measure all configurations at one temperature, or leave out those of "
+    "another"
+)
 DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
 
 
@@ -31,6 +36,13 @@ def gain_advice(index: ModificationIndex, _: FitResult) -> str:
     return text.replace("check it", "check torque constants, units and scales of the channels", 1)
 
 
+def inertia_advice(index: ModificationIndex, _: FitResult) -> str:
+    """Check of a motor's inertia, or a prior of one that is not beyond any."""
+    if abs(float(index.steps[0])) > INERTIA.limit:
+        return "check its unit and side: the file takes rotor, brake and input of the gear, in kg*m^2 of the motor"
+    return CHECK_OR_PRIOR.format(name=index.name, usual=INERTIA.usual)
+
+
 def angle(index: ModificationIndex) -> str:
     """Offset of an axis, in one configuration or in all."""
     axis, _, configuration = index.name.partition("_")[2].partition("@")
@@ -38,6 +50,16 @@ def angle(index: ModificationIndex) -> str:
     if index.units[0] == "m":
         return f"a position of axis {axis} {1e3 * float(index.steps[0]):+.2g} mm {where}"
     return f"an angle of axis {axis} {math.degrees(float(index.steps[0])):+.2g} deg {where}"
+
+
+def angles(index: ModificationIndex) -> str:
+    """Offsets of an axis that differ between configurations, the largest first."""
+    by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda each: -abs(each[0]))
+    slides = index.units[0] == "m"
+    sizes = [f"{1e3 * step:+.2g} mm" if slides else f"{math.degrees(step):+.2g} deg" for step, _ in by_size[:POSTURES]]
+    named = (member.partition("@")[2] for _, member in by_size)
+    where = ", ".join(f"{size} in {name}" for size, name in zip(sizes, named, strict=False))
+    return f"{'positions' if slides else 'angles'} of axis {axis(index)} that are off by {where}"
 
 
 def rate(index: ModificationIndex) -> str:
@@ -83,11 +105,13 @@ def payload(index: ModificationIndex) -> str:
 def late(index: ModificationIndex) -> str:
     """Delay, low pass or hold of a channel or of all, with its time."""
     T = float(index.steps[0])
-    form = next(form for form in ("delay", "low_pass", "hold") if index.name.startswith(form))
+    form = next(form for form in ("delay", "low_pass", "hold", "difference") if index.name.startswith(form))
     role, _, place = index.name.removeprefix(form).lstrip("_").partition("_")
     on = f" of {role} at {place.replace('_', ' ')}" if role else ""
     if form == "delay":
         return f"a delay of {T / 1e-3:.3g} ms{on}"
+    if form == "difference":
+        return f"velocities{on} that are differences of positions over {T / 1e-3:.3g} ms"
     if form == "low_pass":
         size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
         if T > 0:
@@ -104,12 +128,15 @@ def late_advice(index: ModificationIndex, result: FitResult) -> str:
     """Keys that give a delay, a hold or a lag to the model, or the filter to check."""
     delay, names = "free delay (fit.parameters: {delay: {}})", (index.name, *index.alike)
     hold = next((i for i in result.indices if i.name == "hold" and i.name in names), None)
+    if index.name.startswith("difference"):
+        return f"where a drive makes them of its encoder, {_differentiator(index)}"
     if hold is not None and hold.steps[0] < 0:
         return "leave hold: zero-order out where u was measured, and check the delay"
     if hold is not None:
         text = (
             f"where u is a command that the drive holds, a sample at {1 / float(hold.steps[0]):.4g} Hz, say hold: "
-            "zero-order in experiment.recorded (with rate_hz in experiment.responses)"
+            "zero-order in experiment.recorded (with rate_hz in experiment.responses); where y are velocities that it "
+            f"makes of its encoder, {_differentiator(hold)}"
         )
         return f"{text}; where the torque loop or a log delays it, {delay}" if "delay" in names else text
     if index.name == "delay":
@@ -121,10 +148,16 @@ def late_advice(index: ModificationIndex, result: FitResult) -> str:
     return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
 
 
+def _differentiator(index: ModificationIndex) -> str:
+    return f"give the robot's file chain: {{differentiator: {1e3 * float(index.steps[0]):.4g} ms}}"
+
+
 def images(index: ModificationIndex) -> str:
-    """Images of the held torque in accelerations."""
-    where = index.name.split("_", 2)[-1]
-    places = "all accelerometers" if where == "*" else where.replace("_", " ")
+    """Images of the held torque in accelerations, or in velocities."""
+    kind, role, where = index.name.partition("_y_")
+    places = "all accelerometers" if not role else where.replace("_", " ")
+    if kind.startswith("fast"):
+        places = f"the velocity of {places}" if role else "all velocities"
     share = f"{100 * float(index.steps[0]):.0f} %"
     return f"images of the held torque in unfiltered samples of {places} ({share} of those without any filter)"
 
@@ -205,6 +238,16 @@ def reference(index: ModificationIndex) -> str:
     gains = [float(step) for name, step in zip(index.members, index.steps, strict=True) if name.startswith("gain")]
     times = f", times {math.exp(-gains[0]):.3g}" if gains and abs(gains[0]) > GAIN_U.usual else ""
     return f"the reference of a controller{times} that was logged instead of the torque"
+
+
+def torques_of_one(index: ModificationIndex) -> str:
+    """Factor of the torques of one configuration."""
+    return f"torques of configuration {posture(index)} alone that read {100 * float(index.steps[0]):+.2g} %"
+
+
+def torques(index: ModificationIndex) -> str:
+    """Factors of the torques by configuration."""
+    return f"torques of all channels that read differently between configurations ({by_posture(index)})"
 
 
 def payload_of_one(index: ModificationIndex) -> str:

@@ -17,11 +17,13 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.part import Part
+from elastid.parameters import ParameterSet
 
 Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
 # Standard deviation of the prior of ln p that keeps a step near, for residuals of the size of the misfit.
 STEP_STD = 0.5
+STIFFNESS_STD = 0.5  # of ln k about a study's start
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +89,12 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
     return evaluated
 
 
+def start_distance(parameters: ParameterSet, x: FloatArray) -> float:
+    """-2 ln of the prior of stiffnesses that end at x (n_x,) about where the study starts them, as `ranking` has it."""
+    asked = (i for i, p in enumerate(parameters.free) if not p.tolerated and p.log and p.stands_for.startswith("k_"))
+    return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STIFFNESS_STD) ** 2) for i in asked)
+
+
 def squares(evaluated: Sequence[Evaluated]) -> list[float]:
     """V of each configuration."""
     return [float(e.residual @ e.residual) for e in evaluated]
@@ -119,7 +127,7 @@ def settle(
     def predict_at(problem: ElasticFit, x: FloatArray, std: float) -> Prediction:
         return predict(reading, evaluate(problem, x), fit.prior_slopes, free, std)
 
-    for problem in (replace(fit, parts=tuple(map(_logarithmic, fit.parts))), fit):
+    for problem in (replace(fit, parts=tuple(map(logarithmic, fit.parts))), fit):
         std, now = STEP_STD, predict_at(problem, x, STEP_STD)
         for _ in range(12):
             x_next = np.clip(x + now.step, *fit.parameters.x_bounds)
@@ -135,7 +143,7 @@ def settle(
     return now.before, x
 
 
-def _logarithmic(part: Part) -> Part:
+def logarithmic(part: Part) -> Part:
     """The part with the logarithmic criterion, element by element, no line with a weight above 10."""
     gain = np.minimum(part.gain * np.abs(part.measured), 10.0)
     return replace(part, criterion="log", gain=gain, whitening=None)

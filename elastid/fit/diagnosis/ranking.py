@@ -97,7 +97,8 @@ def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex
     before, further, test = first, list[ModificationIndex](), scores.test
     for place in range(2, RANKING.sequence + 1):
         linear = as_delay(before.name)
-        if linear not in by_name or before.group == "compliance":  # a further resonance is no linear change
+        # Further resonances, and what a fit of its own has found, are no linear changes.
+        if linear not in by_name or before.group == "compliance" or math.isnan(before.std):
             break
         test = test.freed(by_name[linear])
         best = ranked(test, scores, place, 1)[:1]

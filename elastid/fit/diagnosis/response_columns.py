@@ -49,25 +49,33 @@ def channel_delays(response: HeldResponse) -> dict[str, ComplexArray]:
 
 
 def unfiltered(response: HeldResponse) -> dict[str, ComplexArray]:
-    r"""Derivatives to the part, 0 to 1, of the images of held torques in accelerations that the model has filtered.
+    r"""Derivatives to the part, 0 to 1, of the images of held torques in motions that the model has filtered.
 
-    .. math:: \sum_{m \ne 0} \frac{x}{x + m}\, G(\omega + m \omega_s), \qquad x = \omega / \omega_s
+    .. math:: \sum_{m \ne 0} \Big(\frac{x}{x + m}\Big)^n G(\omega + m \omega_s), \qquad x = \omega / \omega_s
+
+    n = 1 of accelerations, unfiltered_y_...; n = 2 of velocities, fast_y_...
     """
     model, freq_hz, hold = response.model, response.freq_hz, response.model.hold
     if hold is None or all(hold.sampled):
         return {}
-    plant, total, rates = replace(model, quantity="acceleration", hold=None), np.zeros_like(response.G), hold.rates_hz
+    plant, rates = replace(model, quantity="acceleration", hold=None), hold.rates_hz
+    totals = {"unfiltered": np.zeros_like(response.G), "fast": np.zeros_like(response.G)}
     for rate_hz in {rate for rate in rates if rate}:
         held = np.equal(rates, rate_hz)
         for m in (*range(-IMAGES, 0), *range(1, IMAGES + 1)):
             image_hz = freq_hz + m * rate_hz
             G = frequency_response(plant, response.theta, np.abs(image_hz))
-            G = G if m > 0 else G.conj()
-            total += held * (freq_hz / image_hz)[:, None, None] * G
-    total *= (2j * np.pi * freq_hz[:, None, None]) ** (MOTION_ORDER[model.quantity] - 2)
+            image = held * (G if m > 0 else G.conj())
+            for n, total in enumerate(totals.values(), start=1):
+                total += ((freq_hz / image_hz) ** n)[:, None, None] * image
+    as_quantity = (2j * np.pi * freq_hz[:, None, None]) ** (MOTION_ORDER[model.quantity] - 2)
     filtered = {place: i for i, place in enumerate(model.outputs) if not hold.sampled[i]}
     row = np.eye(len(model.outputs))
-    return {gain_name("y", p).replace("gain", "unfiltered", 1): row[i][:, None] * total for p, i in filtered.items()}
+    return {
+        gain_name("y", p).replace("gain", word, 1): row[i][:, None] * total * as_quantity
+        for word, total in totals.items()
+        for p, i in filtered.items()
+    }
 
 
 def gear_ratios(response: HeldResponse) -> dict[str, ComplexArray]:
@@ -93,15 +101,16 @@ def posture_angles(response: HeldResponse) -> dict[str, ComplexArray]:
 def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
     """Derivatives to what differs in this configuration alone.
 
-    delay@c1 of all its channels, s; friction_1@c1: ln fm_1; transmission_1@c1: ln of the effective ratio, which a
-    transmission error changes by its slope at the posture's angle; reading_1@c1: ln of the motion that is read per
-    motion of the motor; spring_1@c1: ln k_1; m_fore@c1 ...: the numbers of the last body, which carries a load.  None
-    of a single configuration.
+    delay@c1 of all its channels, s; torques@c1: ln of the torques that are read per torque; friction_1@c1: ln fm_1;
+    transmission_1@c1: ln of the effective ratio, which a transmission error changes by its slope at the posture's
+    angle; reading_1@c1: ln of the motion that is read per motion of the motor; spring_1@c1: ln k_1; m_fore@c1 ...: the
+    numbers of the last body, which carries a load.  None of a single configuration.
     """
     name, robot, last = response.model.configuration.name, response.robot, response.robot.bodies[-1]
     if len(response.loads) < 2:
         return {}
     columns = {f"{DELAY}@{name}": -2j * np.pi * response.freq_hz[:, None, None] * response.G}
+    columns[f"torques@{name}"] = -response.G
     for ratio, column in gear_ratios(response).items():
         columns[f"{ratio.replace('ratio', 'transmission')}@{name}"] = column
     for joint in robot.driven:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,12 +14,14 @@ from scipy.linalg import expm
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.identify import identify
+from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.statespace import state_space
 from elastid.model.formulation import serial
 from elastid.record import Configuration, HeldTorque, zero_order_hold
 from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Chain, Robot
 
 HOSE, LOSS, SOFT = 1e-3, 0.05, 0.95
 
@@ -87,37 +90,75 @@ def test_a_cause_is_named_first_with_its_size(fault: Callable[[Case], Case], nam
         assert index.steps[0] == pytest.approx(step, rel=0.2)
 
 
-def of_unfiltered_accelerometer(rate_hz: float, freq_hz: FloatArray) -> FrequencyResponse:
-    """Of samples of a load's acceleration under a held torque: exact, by the discrete system of the hold."""
+def of_samples(of: str, rate_hz: float, freq_hz: FloatArray, place: str = "body load z") -> FrequencyResponse:
+    """Of samples of a motion under a held torque: exact, by the discrete system of the hold."""
     robot, configuration = plant(), Configuration("c1", [0.0])
     model = serial(robot)
-    linear = Linearisation.of(model).at(configuration, model.theta, ("body load z",), "position")
+    linear = Linearisation.of(model).at(configuration, model.theta, (place,), "position")
     system = state_space(linear, linear.theta_ref)
     A, B, n = system.A, system.B, len(system.A)
     block = expm(np.block([[A, B], [np.zeros((1, n + 1))]]) / rate_hz)
     x = freq_hz / rate_hz
     z = np.exp(2j * np.pi * x)[:, None, None]
     states = np.linalg.solve(z * np.eye(n) - block[:n, :n], np.tile(block[:n, n:], (len(x), 1, 1)))
-    G = system.C @ A @ A @ states / zero_order_hold(x)[:, None, None]  # the load's jerk is finite: no torque in C A B
+    s = 2j * np.pi * freq_hz[:, None, None]
+    sampled = {
+        "accelerations": system.C @ A @ A @ states,  # the load's jerk is finite: no torque in C A B
+        "velocities": s * (system.C @ A @ states),
+        "differences": s * (system.C @ states) * (1 - 1 / z) * rate_hz,
+    }
+    G = sampled[of] / zero_order_hold(x)[:, None, None]
     std = 0.003 * np.abs(G) + 1e-5 * np.abs(G).max()
-    places = ("motor 1",), ("body load z",)
+    places = ("motor 1",), (place,)
     hold = HeldTorque((rate_hz,), (False,))
     noise = Covariance(std**2, np.inf)
     return FrequencyResponse(freq_hz, G, *places, "acceleration", configuration, noise=noise, hold=hold)
 
 
+def fit_of_samples(response: FrequencyResponse, robot: Robot | None = None) -> FitResult:
+    """The fit of the response with its noise."""
+    rng = np.random.default_rng(0)
+    assert response.noise is not None
+    noise = np.sqrt(response.noise.variance / 2) * (rng.standard_normal((*response.G.shape, 2)) @ [1, 1j])
+    spec = FitSpec(starts=1, parameters={name: ParameterSpec() for name in ("k_1", "d_1", "Jm_1", "I_load")})
+    return identify([replace(response, G=response.G + noise)], robot or plant(), spec)
+
+
+def causes_of(result: FitResult) -> list[str]:
+    """Sentences on causes."""
+    return [note.text for note in result.notes if note.code == "modification-index"]
+
+
 @pytest.mark.parametrize(("rate_hz", "is_named"), [(200.0, True), (4000.0, False)])
 def test_images_in_unfiltered_accelerations_are_named(rate_hz: float, is_named: bool) -> None:
     """A held torque at 200 Hz, lines to 80 Hz: they are all of what the residuals have; at 4 kHz there are none."""
-    response = of_unfiltered_accelerometer(rate_hz, np.arange(4.0, 80.0))
-    rng = np.random.default_rng(0)
-    assert response.noise is not None
-    noise = np.sqrt(response.noise.variance / 2) * (rng.standard_normal((76, 1, 1, 2)) @ [1, 1j])
-    spec = FitSpec(starts=1, parameters={name: ParameterSpec() for name in ("k_1", "d_1", "Jm_1", "I_load")})
-    result = identify([replace(response, G=response.G + noise)], plant(), spec)
-    causes = [note.text for note in result.notes if note.code == "modification-index"]
+    result = fit_of_samples(of_samples("accelerations", rate_hz, np.arange(4.0, 80.0)))
     if is_named:
-        assert "images of the held torque in unfiltered samples of body load z (1" in causes[0]
+        assert "images of the held torque in unfiltered samples of body load z (1" in causes_of(result)[0]
         assert result.indices[0].steps[0] == pytest.approx(1.0, rel=0.1)
     else:
-        assert causes == []
+        assert causes_of(result) == []
+
+
+@pytest.mark.parametrize(("rate_hz", "is_named"), [(1000.0, True), (20_000.0, False)])
+def test_images_in_ideal_velocities_are_named(rate_hz: float, is_named: bool) -> None:
+    """Of a motor whose torque is held at 1 kHz, lines to 120 Hz; at 20 kHz there are none to be seen."""
+    result = fit_of_samples(of_samples("velocities", rate_hz, np.arange(4.0, 120.0), "motor 1"))
+    if is_named:
+        assert "images of the held torque in unfiltered samples of the velocity of motor 1 (1" in causes_of(result)[0]
+        assert result.indices[0].steps[0] == pytest.approx(1.0, rel=0.15)
+    else:
+        assert causes_of(result) == []
+
+
+def test_velocities_by_differences_are_named_where_the_hold_is_stated() -> None:
+    """Over 1 ms to 2 %, and with the differentiator in the robot's file nothing is left."""
+    response = of_samples("differences", 1000.0, np.arange(4.0, 120.0), "motor 1")
+    (said,) = causes_of(fit_of_samples(response))
+    assert "velocities that are differences of positions over" in said
+    advised = re.search(r"chain: {differentiator: (\S+) ms}", said)
+    assert advised is not None
+    assert float(advised[1]) == pytest.approx(1.0, rel=0.02)
+    cured = fit_of_samples(response, replace(plant(), chain=Chain(differentiator=1e-3 * float(advised[1]))))
+    assert causes_of(cured) == []
+    assert cured.values["k_1"] == pytest.approx(100, rel=2e-3)
