@@ -12,7 +12,8 @@ again until nothing moves. Where springs are nonlinear the search itself lineari
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -83,23 +84,23 @@ def identify(
     execution = execution or Execution()
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution, parameters, loads)
     try:
-        found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
-        fit = None  # of a thousand configurations some hundred MB
-        assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
-        evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+        with _standing():
+            found = _with_found_floor(assembly, spec, fit, starts, hits, execution.quiet)
+            fit = None  # of a thousand configurations some hundred MB
+            assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
+            evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, _notes(assembly, optimum))
             result = add_intervals(result, optimum, spec, execution)
             helpful = (*_contradicted_priors(result), *measurements_that_help(result))
             return replace(result, notes=(*result.notes, *helpful))
-    except (FitError, StudyError) as error:
-        failed = error if isinstance(error, FitError) else NoRestError(error)
-        if not (isinstance(failed, NoRestError) and robot.tolerances is not None):
+    except FitError as error:
+        if not isinstance(error, NoRestError) or robot.tolerances is None:
             if not loads:
-                raise failed from None
+                raise
             fit_parameters(responses, robot, spec, model=model)  # raises its own where load tests are not to blame
             raise FitError(
-                f"{failed}; the responses alone can be fitted: check units, signs and directions of the load tests"
+                f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
             ) from None
     except KeyboardInterrupt:
         raise Interrupted(starts) from None
@@ -108,6 +109,15 @@ def identify(
         responses, replace(robot, tolerances=None), spec, model=model, execution=execution, hypotheses=hypotheses,
         parameters=parameters, loads=loads,
     )  # fmt: skip
+
+
+@contextmanager
+def _standing() -> Iterator[None]:
+    """NoRestError for the StudyError of a robot that finds no rest on the way."""
+    try:
+        yield
+    except StudyError as error:
+        raise NoRestError(error) from None
 
 
 def fit_parameters(

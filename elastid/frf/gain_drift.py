@@ -61,7 +61,7 @@ def gain_drift(deviations: ComplexArray, U: ComplexArray, G: ComplexArray) -> Ga
     parts = [share <= 0.5, share > 0.5]
     halves = np.array([np.sum(product * part, axis=0) / np.maximum(np.sum(power * part, axis=0), 1e-300)
                        for part in parts])  # fmt: skip
-    total = np.maximum(power.sum(axis=0), 1e-300)
+    total = np.maximum(power.sum(axis=0), 1e-150)  # its square is a variance's
     kappa = product.sum(axis=0) / total
     left = np.abs(S - kappa * U) ** 2
     return GainDrift(kappa, np.sum(power * left, axis=0) / (2 * total**2), halves, P)

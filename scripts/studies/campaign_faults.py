@@ -49,8 +49,9 @@ from elastid.store.results import read_fit
 
 MAX_SILENT = 3.0
 SHOWS = re.compile(r"up to (\S+) % of (\S+) shows in no residual")
-# Factors of held numbers, relative, that no response of the motors can show.
-STATED = {"torque constants of both +5 %": ("gain_u_*", math.log(1.05))}
+NO_GRAVITY = re.compile(r"has no gravity: .* would move by (\S+) standard deviations")
+# What no response of the motors can show: factors of held numbers, relative; standard deviations that gravity moves.
+STATED = {"torque constants of both +5 %": ("gain_u_*", math.log(1.05)), "gravity left out": ("gravity", MAX_SILENT)}
 QUICK = ("none", "torque constant of motor 1 +20 %")
 
 
@@ -98,8 +99,9 @@ def _stated(folder: Path, log: str) -> dict[str, float]:
     """The number of which so much shows in no residual, as log and summary both say; none where they do not."""
     path = folder / "run" / "summary.json"
     summary = path.read_text(encoding="utf-8") if path.is_file() else ""
-    found = [set(SHOWS.findall(text)) for text in (log, summary)]
-    return {name: float(percent) / 100 for percent, name in found[0] & found[1]}
+    factors, gravity = ([set(said.findall(text)) for text in (log, summary)] for said in (SHOWS, NO_GRAVITY))
+    stated = {name: float(percent) / 100 for percent, name in factors[0] & factors[1]}
+    return stated | {"gravity": max(map(float, gravity[0] & gravity[1]), default=0.0)}
 
 
 def command(arguments: list[str]) -> tuple[int, str]:

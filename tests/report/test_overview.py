@@ -220,3 +220,13 @@ def test_a_reading_that_explains_a_wrong_model_is_named_before_any_check():
     reading = ModificationIndex("y exchanged", "order", (), none, (), (), none, 0.1, 9.0, 0.97, effects, (), 1)
     assert "y exchanged" in next_steps(replace(result, indices=(reading,)), rows_of(result))[0].what
     assert "channels" in next_steps(replace(result, indices=()), rows_of(result))[0].what
+
+
+def test_a_fit_that_converged_a_little_beyond_the_noise_is_not_told_of_missing_joints():
+    """Distortion by the arm's own swing leaves so much in right models; a misfit without a cause is told to search."""
+    beyond = replace(fit_result(), status="converged", cost_dof=200.0, indices=())
+    beyond = replace(beyond, cost=1.5 * beyond.cost_expected)
+    assert beyond.exceeds_noise
+    assert next_steps(beyond, rows_of(beyond))[0].what.startswith("Measure at half the torque")
+    misfit = replace(beyond, status="misfit", message="misfit")
+    assert "compare STUDY --search" in next_steps(misfit, rows_of(misfit))[0].text

@@ -236,7 +236,7 @@ def find_missing_gravity(evidence: Evidence) -> tuple[Note, ...]:
         f"would move by {abs(moved[worst]):.2g} standard deviations, and no residual shows it; give gravity in the "
         "robot's file"
     )
-    return (Note("no-gravity", text),)
+    return (Note("no-gravity", text, severity="information"),)
 
 
 def _on_a_slope(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
