@@ -7,7 +7,8 @@ r"""Derivatives of a response to numbers that need no model of their own: the `c
           + 2 \Big( J_m \frac{\partial G}{\partial J_m} + f_m \frac{\partial G}{\partial f_m} + \ldots \Big),
           \qquad \dot S = E^{-1} e_i e_i^T E
 
-since torque and angle were referred to the link side by the wrong ratio.
+since torque and angle were referred to the link side by the wrong ratio.  A rotor that rides on a body turns by n q'
+plus that body's turn w q': to its terms of first order in n the factor 2 is one too many (`_of_carried_rotor`).
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from elastid.robot import Body, Robot, gain_name
 LOAD_RATIO = 0.97
 # Of the largest torque, below which a gear carries none.
 NO_LOAD = 0.01
+# Part of a rotor's inertia, below which nothing rides on a body; and the step over which its derivative is taken.
+RIDING = 1e-4
 # Images to either side of a line that are taken for all.
 IMAGES = 8
 
@@ -88,8 +91,33 @@ def gear_ratios(response: HeldResponse) -> dict[str, ComplexArray]:
         left, right = (_between(turn, robot, places) for places in (model.outputs, model.inputs))
         scaled = [f"{letters}_{joint.name}" for letters in ("Jm", "fm", "km", "dm")]
         moved = sum((2 * values[name] * slopes[name] for name in scaled if name in slopes), np.zeros_like(G))
+        moved += _of_carried_rotor(response, i)
         columns[f"ratio_{joint.name}"] = left @ G + G @ right.T + moved
     return columns
+
+
+def _of_carried_rotor(response: HeldResponse, i: int) -> ComplexArray | float:
+    r"""dG (F, n_y, n_u) by what dM / d ln n of the rotor of driven joint i is beyond 2 J_m dM / dJ_m.
+
+    .. math:: M = p p^T, \quad p = \sqrt{J_m} (n e + w), \qquad dM / d \ln n = \sqrt{J_m}\, n\, (e p^T + p e^T)
+
+    e (n,): turn of the motor by the coordinates.  0 where it does not ride on a body (w = 0), or is no input.
+    """
+    robot, model, name = response.robot, response.model, f"Jm_{response.robot.driven[i].name}"
+    slope = model.slopes[name].M if name in model.slopes else None
+    if slope is None or set(robot.motor_locations) - set(model.inputs):
+        return 0.0
+    e = model.B[:, [model.inputs.index(place) for place in robot.motor_locations]] @ robot.mixing[i]
+    own = response.value(name) * slope
+    along = float(e @ own @ e) / float(e @ e)
+    p = own @ e / max(along * float(e @ e), 1e-300) ** 0.5
+    turn = np.outer(e, p) * float(e @ p) / float(e @ e)
+    beyond = turn + turn.T - 2 * own
+    if not along > 0 or np.abs(beyond).max() < RIDING * np.abs(own).max():
+        return 0.0
+    G = [frequency_response(replace(model, M=model.M + h * beyond), response.theta, response.freq_hz)
+         for h in (RIDING, -RIDING)]  # fmt: skip
+    return np.asarray((G[0] - G[1]) / (2 * RIDING))
 
 
 def posture_angles(response: HeldResponse) -> dict[str, ComplexArray]:

@@ -13,10 +13,15 @@ from plants.held_torque import plant
 from scipy.linalg import expm
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.fit.diagnosis.response_columns import gear_ratios
+from elastid.fit.diagnosis.sensitivities import HeldResponse
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
+from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import frequency_response
 from elastid.linear.statespace import state_space
 from elastid.model.formulation import serial
 from elastid.record import Configuration, HeldTorque, zero_order_hold
@@ -24,6 +29,7 @@ from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Chain, Robot
 
 HOSE, LOSS, SOFT = 1e-3, 0.05, 0.95
+AXIS = (0.0, 0.6, 0.8)  # of a rotor that rides on the upper arm
 
 
 def with_stiffness(case: Case, further: Callable[[float, FloatArray, FloatArray], ComplexArray]) -> Case:
@@ -88,6 +94,31 @@ def test_a_cause_is_named_first_with_its_size(fault: Callable[[Case], Case], nam
     if step is not None:
         index = next(each for each in result.indices if each.name == name)
         assert index.steps[0] == pytest.approx(step, rel=0.2)
+
+
+@pytest.mark.parametrize("carrier", ["", "upper"])
+def test_the_slope_to_a_ratio_is_that_between_robots_of_two_ratios(carrier: str) -> None:
+    """Also of a rotor that turns with the body that it rides on; logs are on the link side by the ratio of the file."""
+    step, turns, carried = 1e-4, np.diag([0.0, 1.0]), true_case().truth
+
+    def linear(ratio: float) -> tuple[Robot, LinearModel]:
+        joint = carried.bodies[1].joints[0]
+        motor = replace(joint.motor, inertia=0.1, ratio=5 * ratio, on=carrier, axis=AXIS if carrier else None)
+        fore = replace(carried.bodies[1], joints=(replace(joint, motor=motor), *carried.bodies[1].joints[1:]))
+        robot = replace(carried, bodies=(carried.bodies[0], fore, *carried.bodies[2:]))
+        model = serial(robot)
+        at = Linearisation.of(model).at(Configuration("c", [0.6, -0.7]), model.theta, robot.motor_locations, "position")
+        return robot, at
+
+    (robot, model), theta = linear(1.0), linear(1.0)[1].theta_ref
+    kernel = Kernel(model, FREQ_HZ, tuple(name for name in model.parameters if name in model.slopes))
+    G, dG = kernel.evaluate(theta)
+    held = HeldResponse(robot, model, theta, FREQ_HZ, G, dict(zip(kernel.wanted, dG, strict=True)))
+    logs = [(np.eye(2) + sign * step * turns) @ frequency_response(linear(1 + sign * step)[1], theta, FREQ_HZ)
+            @ (np.eye(2) + sign * step * turns) for sign in (1, -1)]  # fmt: skip
+    np.testing.assert_allclose(
+        gear_ratios(held)["ratio_2"], (logs[0] - logs[1]) / (2 * step), rtol=1e-4, atol=1e-4 * np.abs(G).max()
+    )
 
 
 def of_samples(of: str, rate_hz: float, freq_hz: FloatArray, place: str = "body load z") -> FrequencyResponse:
