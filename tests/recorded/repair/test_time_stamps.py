@@ -111,6 +111,17 @@ def test_white_noise_grows_little() -> None:
     assert 0.85 < on_grid(t, noise, 1000.0, LOG).signals[100:-100].std() < 1.2
 
 
+def test_noise_grows_little_at_the_ends() -> None:
+    """Jitter of a fiftieth of a sample; undamped, the ends of 9 in 40 logs are off by up to 42 times the signal."""
+    rng, worst = np.random.default_rng(0), 0.0
+    for _ in range(40):
+        t = np.arange(400) / 1000 + 2e-5 * rng.standard_normal(400)
+        x = waves(t, 150.0) / 4 + 1e-3 * rng.standard_normal((400, 2))
+        found = on_grid(t, x, 1000.0, LOG).signals
+        worst = max(worst, float(np.abs(found - waves(t[0] + np.arange(len(found)) / 1000, 150.0) / 4).max()))
+    assert worst < 0.05
+
+
 def test_gaps_and_missing_values_among_uneven_times_stay_missing() -> None:
     """What lies beside them is exact to 3 %, what is far to 1e-4."""
     t = np.arange(5000) / 1000 + np.random.default_rng(2).uniform(-4e-5, 4e-5, 5000)
