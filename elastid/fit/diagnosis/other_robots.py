@@ -39,7 +39,7 @@ class Limits:
     explained_share: float = 0.9  # of the excess; where something else explains more, no other robot is tried
     whole: float = 0.99  # of it; where something else explains more, nor is another reading of the study
     share: float = 0.3  # of the excess that another robot explains
-    discrete_share: float = 0.8  # the same of one that is mounted or read otherwise, which is so or is not
+    discrete_share: float = 0.5  # the same of one that is mounted or read otherwise, which is so or is not
     slope: float = 0.1  # tangent of the tilts of a base that are tried
     slope_excess: float = 1.5  # of V over the noise's, from which on it is sought: it takes six fits
     steepest: float = 0.5  # of one that is found
