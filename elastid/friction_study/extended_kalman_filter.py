@@ -204,7 +204,7 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     ignored = cross[:, [i for i, name in enumerate(joint.held) if name not in WEIGHED]]
     towards = spread[:, 0] - ignored @ ignored[0, :].T
     S = towards[0] + noise[0]
-    gain = _where_it_shows(joint, predicted, towards / S)
+    gain = towards / S
     e = y - predicted[0]
     left = ca.SX.eye(n)
     left[:, 0] -= gain
@@ -213,18 +213,6 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
         "filter_step", [x, P, u, g, y, noise], [predicted + gain * e, ca.horzcat(joseph, left @ cross), e, S],
         ["x", "P", "u", "g", "y", "noise"], ["x_next", "P_next", "innovation", "variance"], {"cse": True},
     )  # fmt: skip
-
-
-def _where_it_shows(joint: FollowedJoint, x: ca.SX, gain: ca.SX) -> ca.SX:
-    """The gain, 0 for viscous friction at samples where that is below VISCOUS_SHARE of Coulomb friction.
-
-    There the velocity changes by the angle's noise alone, and f would rise until no slope of friction is left: up to
-    fourteen times where Stribeck's falls.
-    """
-    state = {name: x[i] for i, name in enumerate(joint.states)}
-    coulomb = ca.exp(state["Fc"]) if "Fc" in state else joint.coulomb
-    shows = ca.fabs(joint._viscous(state, state["v_m"])) > VISCOUS_SHARE * coulomb
-    return ca.vertcat(*(shows if name in ("f", "f+", "f-") else 1.0 for name in joint.states)) * gain
 
 
 def _process_noise(
@@ -251,8 +239,6 @@ def _symmetric(A: ca.SX) -> ca.SX:
 
 # A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
 COUNT_OVER_STD, MOVING = math.sqrt(12), 0.2
-# Of Coulomb friction, below which a sample shows no viscous friction.
-VISCOUS_SHARE = 0.1
 # Samples that one call of the compiled loop takes.
 PIECE = 1000
 # Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.

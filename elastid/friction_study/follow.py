@@ -283,7 +283,7 @@ def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray)
     i, j = np.unravel_index(np.argmax(np.abs(correlations)), correlations.shape)
     correlation = float(correlations[i, j])  # the largest; 0 for a single number
     if held:
-        text = f"the motion does not identify {', '.join(held)}, held where it began: move both ways, also fast"
+        text = f"the motion does not identify {', '.join(held)}, held where it began: move both ways, at several speeds"
         yield Note("not-excited", text, place)
     elif weakest.ratio > FILTER.weak_std_ratio:
         text = f"{weakest.words} is known to {weakest.ratio:.0%} of what it was before: {REVERSALS}"

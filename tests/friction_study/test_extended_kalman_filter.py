@@ -62,14 +62,6 @@ def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) 
     assert judged.is_white
 
 
-def test_a_slow_constant_speed_teaches_no_viscous_friction(kalman: KalmanFilter) -> None:
-    """Of 0.04 of Coulomb friction, where Stribeck's falls: with all of the gain f doubles, at a stated 50 %."""
-    slow = np.concatenate([np.linspace(0, 4, 300), np.full(3000, 4.0), np.linspace(4, -4, 600), np.full(3000, -4.0)])
-    track = followed(kalman, simulate(slow, 1))
-    assert track.values("f")[-1] == pytest.approx(kalman.joint.viscous, rel=1e-6)
-    assert track.values("Fc")[-1] == pytest.approx(kalman.joint.coulomb, abs=0.1)
-
-
 @pytest.mark.slow
 def test_a_bristle_taken_for_certain_is_seen_at_stops() -> None:
     """Without the slip's noise a filter that is sure of all else is many std off: its innovations at stops say so."""
