@@ -16,8 +16,7 @@ joints of 0.3 to 200 Nm, with bristles that a step resolves, and their false ala
 Two draws: 16 of the 24 rows hold the truth all of the time and are honest; F_c by angle and all together hold it 66 to
 80 % and are not, nor is cogging under reversals, with 100 %. Of 100 clean logs 95 hold F_c 90 % of the time and all but
 two are honest, where 99 are asked for: numbers 32 and 35, with 79 and 47 %; 8, 14 and 92 hold it 90, 80 and 85 % and
-are called honest. Without the slow samples' share in f 79 and 55 %, and 88, 77 and 85 %; one draw of the 24 rows with
-the same verdicts.
+are called honest.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
