@@ -172,7 +172,7 @@ def _postures(run: Run, result: FitResult, choice: Choice) -> tuple[Configuratio
     # Each posture costs as much time as the others.
     path = region_postures(family.robot, family.frame, choice.path, choice.random or 1, 40, run.study.seed or 0)
     for words in path.remarks:
-        run.console.warn(f"loops: {words}")
+        run.console.warn(words)
     kind = "random" if choice.path is None else "path"
     return tuple(Configuration(f"{kind} {i + 1}", each) for i, each in enumerate(path.angles))
 

@@ -3,7 +3,7 @@ r"""C code of friction: a function for each joint that follows it, and its compe
 A sample is one call: states and covariance are replaced, nothing else is kept, no memory is asked for. Numbers of the
 joint and of the noise are inside; all torques and angles are on the link side, SI.
 
-Export of friction compensation: the torque of each motor's friction at a velocity, as C and as a table.
+The compensation is the torque of each motor's friction at a velocity, as C and as a table,
 
 .. math:: u_f(v) = g(v) \tanh(v / v_s) + \alpha_3 v |v| + \alpha_2 v
 

@@ -2,9 +2,8 @@ r"""Accelerations of an elastic model, by Baumgarte's method under constraints, 
 
 .. math:: \ddot q = M(q)^{-1} [B u - P \tau_f(P^T \dot q, z) - f(q, \dot q)], \qquad \dot z = \Omega(P^T \dot q, z)
 
-Niglis & Oberg (2015), eqs. (2.10), (2.14); under constraints (2.35) to (2.40). Link side, SI.
-
-Motion under constraints: accelerations with Baumgarte's terms, and projection onto the closed loops.
+Niglis & Oberg (2015), eqs. (2.10), (2.14). Link side, SI. Under constraints accelerations have Baumgarte's terms, and
+motions are projected onto the closed loops:
 
 .. math:: \begin{bmatrix} M & \Phi^T \\ \Phi & 0 \end{bmatrix} \begin{bmatrix} \ddot q \\ \lambda \end{bmatrix} =
           \begin{bmatrix} \tau - f \\ -\dot\Phi \dot q - \alpha \Phi \dot q - \beta \varphi \end{bmatrix}, \qquad

@@ -20,7 +20,7 @@ from elastid.study.reference import StudyKey, list_keys, names_in, words_in
 PACKAGE = Path(__file__).parents[2] / "elastid"
 GAP = "‹›"  # stands for what a message fills in
 # Files whose texts are no messages: studies that `elastid new` writes are run by tests of their own.
-NO_MESSAGES = ("app/from_log.py", "app/from_robot.py", "app/templates")
+NO_MESSAGES = ("app/from_log.py", "app/templates")
 COMMANDS = "new check explain inspect run design measure estimate fit validate compare predict report export levels"
 
 _SETTING = re.compile(
@@ -110,7 +110,8 @@ def messages() -> Iterator[tuple[str, str]]:
     for path in sorted(PACKAGE.rglob("*.py")):
         module = path.relative_to(PACKAGE).as_posix()
         if not module.startswith(NO_MESSAGES):
-            yield from ((module, text) for text in _texts(ast.parse(path.read_text("utf-8"))))
+            texts = _texts(ast.parse(path.read_text("utf-8")))
+            yield from ((module, text) for text in texts if not text.startswith("  "))  # a line of a file
 
 
 def _texts(tree: ast.Module) -> Iterator[str]:
