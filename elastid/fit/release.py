@@ -87,7 +87,10 @@ def release(
         if best[1].cost <= RELEASE.cost_ratio * fit.problem.dof:
             break
     if best is None:
-        raise FitError(f"no robot within the tolerances of its file stands at any of {RELEASE.attempts} starts")
+        raise FitError(
+            f"no robot within the tolerances of its file stands at any of {RELEASE.attempts} starts; check rate_hz, "
+            "units, signs and order of the channels, and the angles of the configurations"
+        )
     return assembly, best[0], (best[1], *starts[1:])
 
 
