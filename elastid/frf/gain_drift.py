@@ -36,7 +36,7 @@ GAIN_DRIFT = "gain-drift"
 
 @dataclass(frozen=True)
 class GainDrift:
-    """Of one record: kappa (n_u,), its variance (n_u,), that of the lower and of the upper lines (2, n_u), periods."""
+    """kappa (n_u,) of one record, its variance (n_u,), halves (2, n_u): kappa of the lower and of the upper lines."""
 
     kappa: FloatArray
     variance: FloatArray

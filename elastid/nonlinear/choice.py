@@ -52,8 +52,9 @@ class Limits:
     near: float = 1.1  # over and below the speed at which the chosen signs turn in the mean
     # Steps of near^2 down from there, of a turn that the samples blurred: to an eighth.
     ladder: int = 11
-    # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.0 to 2.4 in the mean of six
-    # logs, at rest and on a carrier, from 3e-7 to 3e-6 rad of noise, with friction that jumps and sticks.
+    # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.25 of a motor that never
+    # sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes levels right in
+    # scripts/studies/outside_coverage.py, at rest and on a carrier.
     blur: float = 2.0
     spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
     # Std of a motor's levels, all as one factor, by what no shape has.  Calibrated, not derived, on one outside rig of

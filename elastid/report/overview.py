@@ -297,7 +297,7 @@ def _of_residuals(result: FitResult) -> Action | None:
         return Action(f"Free {first.name}, with a prior of {percent(ADVICE.prior_std)}.", excess, text)
     if not result.exceeds_noise:
         return None
-    if result.status == "converged":  # distortion by the arm's own swing leaves 1.02 to 1.12 times the noise
+    if result.status == "converged":  # distortion by the arm's own swing leaves a little more than the noise
         gain = "Residuals that the arm's own swing leaves fall with its square; those of a missing joint stay."
         return Action("Measure at half the torque, too, to learn what the residuals are.", gain)
     advice = "Declare further joints as elastic, and let the search find those that the data show."

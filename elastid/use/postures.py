@@ -174,14 +174,12 @@ class JointPath:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is to be said of rows that are left out, or kept beyond the limits."""
+        """Sentences on rows that are left out, and on rows that are kept beyond the limits."""
         unreached = "are out of reach of the frame within the limits of the joints, and left out"
-        said = (
-            (self.unreached, unreached),
-            (self.beyond, "are beyond the limits of the joints, and kept"),
-        )
+        said = ((self.unreached, unreached), (self.beyond, "are beyond the limits of the joints, and kept"))
         return tuple(
-            f"{len(rows)} postures of the path (row {', '.join(map(str, rows[:5]))}{', ...' * (len(rows) > 5)}) {words}"
+            f"{len(rows)} of the path's postures "
+            f"(row {', '.join(map(str, rows[:5]))}{', ...' * (len(rows) > 5)}) {words}"
             for rows, words in said
             if rows
         )

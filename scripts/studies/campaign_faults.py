@@ -60,7 +60,7 @@ class Outcome:
     """How a fault ended: exit code of the last command, status of the fit, words, and the worst stiffness' distance.
 
     lists_held: True if the fit lists what it takes as exact, and how exactly.  stated: by name, how much of a held
-    number it says to show in no residual, relative.
+    number it says to show in no residual, relative; of gravity, the standard deviations that a number would move.
     """
 
     code: int

@@ -16,12 +16,10 @@ false_alarms.py are. The last line is one JSON object.
 
 300 sets, of an earlier state: a coarse encoder of 2^16 counts left the ways there and back without common positions
 in 2. The first 80 of them raise nothing today but in the filter. Of the eight kinds up to number 80 that are followed,
-each simulated by itself, three have warnings of the filter: numbers 16, 32 and 72, whose bands hold F_c for 22 to 43 %
-of the time. The law has the stiction of 16 and 32, whose passes are not slower than 0.9 v_s, and says that slower ones
-are missing; neither it nor the inertia is the cause, since the warnings stay with the true ones. At slow constant speed
-the noise of the angle is taken for viscous friction, which rises up to fourteen times while F_c falls. Samples with f v
-below 0.1 F_c that teach f nothing were tried and taken back: F_c was then held for 64 to 79 % of the time, without a
-warning, and a real axis ended 3 deviations from its filter by direction.
+each simulated by itself, three have warnings of the filter: numbers 16, 32 and 72. The law has the stiction of 16 and
+32, whose passes are not slower than 0.9 v_s, and says that slower ones are missing; neither it nor the inertia is the
+cause, since the warnings stay with the true ones. At slow constant speed the noise of the angle is taken for viscous
+friction, which rises while F_c falls, so that the warnings are true.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

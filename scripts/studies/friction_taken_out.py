@@ -20,7 +20,8 @@ each law below.
     cogging         no friction but a torque that repeats with the motor's turn: left alone
     coarse encoder  4096 counts in a turn of a motor with a ratio of 6: left alone
 
-Found, 24 data sets. coulomb: scatter 0.07 to 0.16 of that of `none`, 97 % of the intervals hold the truth (`none` 95
+Found with `--case coulomb "no carrier" --sets 12`: 100 and 94.4 % of the intervals hold, levels 0.999 of the true ones,
+all in their intervals. Of an earlier code, 24 data sets. coulomb: scatter 0.07 to 0.16 of that of `none`, 97 % of the intervals hold the truth (`none` 95
 %), bias at most 0.5 of the stated deviation, of k_1, levels 0.9985 and 0.9995 of the true ones, 98 % of their
 intervals hold them. The bias of k_1 is that of the posture, which the carrier moves: 0.0045 +- 0.001 % without
 friction or noise, 0.0003 % without a carrier. lugre: bias at most 0.012 % of stiffness and 0.07 % of damping and 0.6

@@ -12,10 +12,10 @@ Coulomb's; the note `friction-differs` for each motor under load, and for none w
 a level holds that of each posture, and the note's F_c without load and share of the gear's torque are within 3 of their
 stated deviations of the truth.
 
-Found with --sets 2, of motor 1 and 2: F_c -0.3 and +0.2 % of the truth without stiction at a stated 0.7 %; -0.9 and
-+0.2 % with it, -0.2 and +0.2 % under LuGre's law, at 1.6 %; viscous coefficients in 4 of 4 intervals in every case.
-Under load the levels are 89 and 11 % above those without at a stated 6 and 4 %; the note says 9.0 and 4.79 Nm without
-it and 4.2 and 4.0 % of the gear's torque, for 9.6, 4.8 and 4. The worst k or d is 2.1 stated deviations off.
+Found, of motor 1 and 2: F_c -0.1 and +0.2 % off without stiction, -0.9 and +0.6 % with it, +0.2 and -0.3 % under
+LuGre's law, at most 0.6 of the stated deviations; viscous coefficients in all intervals, under load in 7 of 8. Under
+load the levels are 88 and 11 % above those without; the note says 9.5 +- 0.9 and 4.77 +- 0.09 Nm without it and 4.0 and
+4.2 % of the gear's torque, for 9.6, 4.8 and 4. The worst k or d is 2.4 stated deviations off.
 
 The last line is one JSON object.
 """

@@ -101,7 +101,7 @@ def test_of_rivals_one_is_chosen_and_none_is_an_alternative_beside_it() -> None:
 
 
 def test_a_stribeck_curve_is_not_chosen_alone() -> None:
-    """A Stribeck curve that hardly falls fits the friction alone but has no F_c: Coulomb friction is chosen with it."""
+    """A nearly flat Stribeck curve fits the friction alone but has no F_c: Coulomb friction is chosen with it."""
     equations, rivals = regression(0.25, 0, (0.0, F_C, 0.0)), np.array([1])
     folds = replace(equations, A=np.repeat(equations.A, 2, axis=0), b=np.repeat(equations.b, 2, axis=0),
                     c=np.repeat(equations.c, 2, axis=0))  # fmt: skip

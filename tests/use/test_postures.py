@@ -40,7 +40,7 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
     path.write_text("x,y,z\n1.0,0,0\n9,0,0\n0.9,0,-0.2\n", encoding="utf-8")
     poses = read_path(path, robot(), "tool")
     assert poses.unreached == (2,)
-    assert "1 postures of the path (row 2) are out of reach" in poses.remarks[0]
+    assert "1 of the path's postures (row 2) are out of reach" in poses.remarks[0]
     there = frame_poses(robot(), followed(robot(), poses.angles), "tool").position
     np.testing.assert_allclose(there, [[1, 0, 0], [0.9, 0, -0.2]], atol=2e-6)
 

@@ -218,7 +218,7 @@ def find_missing_gravity(evidence: Evidence) -> tuple[Note, ...]:
     """A note where the file has no gravity, and that of the earth along -z would move a number by more than its std."""
     own, result, x = evidence.assembly, evidence.result, evidence.optimum.end.x
     robot = own.linearisation.model.robot
-    if any(robot.gravity) or result.status not in ("converged", "at_bound"):
+    if any(robot.gravity) or evidence.is_unexplained:  # residuals have words of their own
         return ()
     try:
         assembly = of_robot(evidence, replace(robot, gravity=(0.0, 0.0, -EARTH)), own.parameters)

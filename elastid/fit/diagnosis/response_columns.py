@@ -13,6 +13,7 @@ plus that body's turn w q': to its terms of first order in n the factor 2 is one
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import permutations
 
@@ -109,11 +110,13 @@ def _of_carried_rotor(response: HeldResponse, i: int) -> ComplexArray | float:
         return 0.0
     e = model.B[:, [model.inputs.index(place) for place in robot.motor_locations]] @ robot.mixing[i]
     own = response.value(name) * slope
-    along = float(e @ own @ e) / float(e @ e)
-    p = own @ e / max(along * float(e @ e), 1e-300) ** 0.5
+    along = float(e @ own @ e)
+    if not along > 0:
+        return 0.0
+    p = own @ e / math.sqrt(along)
     turn = np.outer(e, p) * float(e @ p) / float(e @ e)
     beyond = turn + turn.T - 2 * own
-    if not along > 0 or np.abs(beyond).max() < RIDING * np.abs(own).max():
+    if np.abs(beyond).max() < RIDING * np.abs(own).max():
         return 0.0
     G = [frequency_response(replace(model, M=model.M + h * beyond), response.theta, response.freq_hz)
          for h in (RIDING, -RIDING)]  # fmt: skip

@@ -24,8 +24,8 @@ GAPS = "samples missing in time"
 # Knots that are solved for together, and those beyond either end that are solved for and not used.
 _KNOTS, _OVERLAP = 16384, 4 * HALF_WIDTH
 _TOLERANCE = 1e-8  # below the noise of any sensor
-# Damping of what is solved for: knots beyond the ends, which hardly any sample knows, would make noise of 1e-3 a
-# thousand times as large in the last samples. Within the record it costs 1e-6 of a signal.
+# Damping of the least squares: knots beyond the ends are barely constrained by any sample, and noise of 1e-3 would
+# become more than the signal in the last samples. Within the record it costs the square of it, 1e-6 of a signal.
 _DAMPING = 1e-3
 
 
