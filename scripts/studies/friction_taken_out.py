@@ -21,18 +21,18 @@ each law below.
     coarse encoder  4096 counts in a turn of a motor with a ratio of 6: left alone
 
 Found with `--case coulomb "no carrier" --sets 12`: 100 and 94.4 % of the intervals hold, levels 0.999 of the true ones,
-all in their intervals. Of an earlier code, 24 data sets. coulomb: scatter 0.07 to 0.16 of that of `none`, 97 % of the intervals hold the truth (`none` 95
-%), bias at most 0.5 of the stated deviation, of k_1, levels 0.9985 and 0.9995 of the true ones, 98 % of their
-intervals hold them. The bias of k_1 is that of the posture, which the carrier moves: 0.0045 +- 0.001 % without
-friction or noise, 0.0003 % without a carrier. lugre: bias at most 0.012 % of stiffness and 0.07 % of damping and 0.6
-of the stated deviation, 97 % of the intervals (90 % where the choice between shapes that fit nearly as well does not
-count in them), levels 1.0005 and 0.9996 of the true ones, 90 % of their intervals. sticking, 3 data sets: rms errors
-of k 0.01 % with friction taken out and 9 to 16 % with `none`, of d 0.1 to 0.8 %, 16 of 18 intervals. maxwell slip, 4:
-bias of damping from -1.8 and -3.0 to 0.05 and -0.02 %, rms errors 0.02 to 0.2 of those of `none`, 24 of 24. no
-friction, 7: nothing is taken out. Before the choice between shapes counted: no carrier 0.05 to 0.14, 95 %; maxwell
-slip, 12 data sets, 0.09 to 0.21, 96 %; the others (12, cogging 4) are left alone. behind gears, 8 data sets: left
-alone, k_1 9.3 % too small beside a stated deviation of 2.1 % and k_2 2.9 % beside 1.8 %, 83 % of the intervals; a note
-of each response says that its distortion is no friction of the motors.
+all in their intervals. Of an earlier code, 24 data sets. coulomb: scatter 0.07 to 0.16 of that of `none`, 97 % of the
+intervals hold the truth (`none` 95 %), bias at most 0.5 of the stated deviation, of k_1, levels 0.9985 and 0.9995 of
+the true ones, 98 % of their intervals hold them. The bias of k_1 is that of the posture, which the carrier moves:
+0.0045 +- 0.001 % without friction or noise, 0.0003 % without a carrier. lugre: bias at most 0.012 % of stiffness and
+0.07 % of damping and 0.6 of the stated deviation, 97 % of the intervals (90 % where the choice between shapes that fit
+nearly as well does not count in them), levels 1.0005 and 0.9996 of the true ones, 90 % of their intervals. sticking, 3
+data sets: rms errors of k 0.01 % with friction taken out and 9 to 16 % with `none`, of d 0.1 to 0.8 %, 16 of 18
+intervals. maxwell slip, 4: bias of damping from -1.8 and -3.0 to 0.05 and -0.02 %, rms errors 0.02 to 0.2 of those of
+`none`, 24 of 24. no friction, 7: nothing is taken out. Before the choice between shapes counted: no carrier 0.05 to
+0.14, 95 %; maxwell slip, 12 data sets, 0.09 to 0.21, 96 %; the others (12, cogging 4) are left alone. behind gears, 8
+data sets: left alone, k_1 9.3 % too small beside a stated deviation of 2.1 % and k_2 2.9 % beside 1.8 %, 83 % of the
+intervals; a note of each response says that its distortion is no friction of the motors.
 
 The last line is one JSON object.
 """
