@@ -82,7 +82,8 @@ def _feedback(
     drive = np.stack([_amplitudes(record, record.u, order)[1:] for record in records])
     injected = [record.r for record in records if record.r is not None]
     if len(injected) == len(records):
-        drive = drive - np.stack([_amplitudes(record, r, order)[1:] for r, record in zip(injected, records, strict=True)])
+        of_r = [_amplitudes(record, r, order)[1:] for r, record in zip(injected, records, strict=True)]
+        drive = drive - np.stack(of_r)
         lines = np.flatnonzero(moving)
     else:
         lines = np.setdiff1d(np.arange(excited[0], excited[-1]), excited)
