@@ -123,7 +123,6 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "wrong-sign": "sigmas passive_lines lines",
         "refused": "clock_difference",
     },
-    "frf.gain_drift.Limits": {"gain-drift": "*"},
     "frf.local.least_squares.Limits": {"local-false-peak": "log_gain"},
     "frf.local.response.Limits": {
         "local-refused": "dof margin_dof input_snr excited_share",
