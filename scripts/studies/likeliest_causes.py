@@ -2,7 +2,7 @@
 
     python scripts/studies/likeliest_causes.py [--quick] [--only WORD] [--clean 50] [--seed 0] [--jobs 2]
 
-Causes of injected_causes.py, further_causes.py and workshop_causes.py are injected one by one into exact responses of
+Causes of `causes`.py, `causes`.py and `causes`.py are injected one by one into exact responses of
 robots of two, three and six axes and of a linkage, on some 40 lines with 0.5 % of noise; of the last every other robot
 is off its file as CAD and data sheets are.  The fit takes the robot's file with its common tolerances, or as exact
 where the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain
@@ -49,10 +49,8 @@ from fnmatch import fnmatch
 from functools import cache, partial
 
 import numpy as np
+from causes import FURTHER, INJECTIONS, exact, noisy, workshop
 from data_sheet_robots import PLANTS, Plant, drawn
-from further_causes import FURTHER
-from injected_causes import INJECTIONS, exact, noisy
-from workshop_causes import workshop
 
 from elastid.base.execution import Execution, ordered
 from elastid.fit.diagnosis.hypothesis import LIMITS

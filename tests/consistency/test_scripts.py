@@ -16,17 +16,7 @@ RUNNABLE = sorted(
     path
     for folder in FOLDERS
     for path in folder.glob("*.py")
-    if path.stem
-    not in (
-        "study_plants",
-        "clean_logs",
-        "fast_rig",
-        "timing",
-        "fit_peers",
-        "injected_causes",
-        "further_causes",
-        "workshop_causes",
-    )
+    if path.stem not in ("study_plants", "timing", "fit_peers", "causes")
 )
 
 
