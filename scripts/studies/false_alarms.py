@@ -142,7 +142,6 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "fit.diagnosis.hypothesis.Limits": {"modification-index": "*"},
     "fit.diagnosis.missing_springs.Limits": {"modification-index": "*"},
     "fit.diagnosis.ranking.RankingLimits": {"modification-index": "*"},
-    "fit.diagnosis.other_readings.Limits": {"modification-index": "*"},
     "fit.diagnosis.other_robots.Limits": {"modification-index": "*"},
     "fit.diagnosis.lateness.Limits": {"modification-index": "*"},
     "fit.diagnosis.status.MisfitLimits": {"status-misfit": "*"},
