@@ -19,7 +19,7 @@ from elastid.record import Record
 
 @dataclass(frozen=True)
 class HitLimits:
-    """Judgement of hits.  False alarms of 100 clean logs of hits: 0 of each (`scripts/studies/hammer_faults.py`)."""
+    """Judgement of hits.  False alarms of 100 clean logs of hits: 0 of each (`scripts/studies/results.csv`)."""
 
     beyond: float = 0.1  # of the largest sample, where a pulse begins
     share: float = 0.02  # of samples of a hammer's force in pulses, at most

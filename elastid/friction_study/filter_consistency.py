@@ -37,7 +37,7 @@ class FilterThresholds:
     False alarms of 8 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
     coloured-innovations 0, inconsistent-filter 1, moves-beyond-band 3, repeats-at-stops 2.
     All three move at slow constant speeds, where noise of the angle is taken for viscous friction.  Of 100 clean logs
-    of scripts/studies/filter_honesty.py two have a note, and hold F_c for 47 and 79 % of the time.
+    two have a note, and hold F_c for 47 and 79 % of the time (scripts/studies/results.csv).
     """
 
     nis_band: tuple[float, float] = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift

@@ -80,7 +80,7 @@ class WarmUp:
 
 @dataclass(frozen=True)
 class WarmUpLimits:
-    """Limits of warm-ups.  False alarms of 12 logs (rest_and_warm_up.py): no note on a short warm-up."""
+    """Limits of warm-ups.  False alarms of 12 logs: no note on a short warm-up."""
 
     best_thermometer: float = 0.05  # K, std of its readings at least
     max_share: float = 1.2  # of s: a little above 1 stands for further nodes on the way to a thermometer

@@ -23,7 +23,7 @@ from elastid.recorded.repair.converter import step
 
 @dataclass(frozen=True)
 class WarmUpLogLimits:
-    """Limits of logs of warm-ups.  False alarms of 12 logs (rest_and_warm_up.py): 0 refusals."""
+    """Limits of logs of warm-ups.  False alarms of 12 logs: 0 refusals."""
 
     step_s: float = 10.0  # of constant power, at least: several cycles of a motion
     max_steps: int = 500  # of one log

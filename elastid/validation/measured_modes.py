@@ -31,7 +31,7 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class Limits:
-    """Judgement of measured modes.  False alarms of 150 right models: 1 (`scripts/studies/missing_modes.py`)."""
+    """Judgement of measured modes.  False alarms of 150 right models: 1 (`scripts/studies/results.csv`)."""
 
     distance: float = 0.1  # relative, of frequencies of one mode
     mac: float = 0.5  # of one mode, where frequencies are further apart than the smaller half width

@@ -2,7 +2,7 @@
 
     python scripts/studies/false_alarms.py [--quick] [--logs 300] [--seed 0] [--jobs 1] [--rig PATH]
 
-Sets of clean logs of many kinds (clean_logs.py) are read, repaired, estimated, as a study does it and by a local method
+Sets of clean logs of many kinds (plants.clean_logs) are read, repaired, estimated, as a study does, by a local method
 (codes that begin with `local-`), fitted by the true robot's file with the diagnosis, and validated. An alarm is a
 repair, a warning, a refusal, a status that is not `converged`, friction that is taken out of a robot without any, a
 peak too many or without a partner in the model, or an excess of the cost; each counts once in a set. What is true of a
@@ -52,8 +52,10 @@ from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
-from clean_logs import PERIOD, RATE_HZ, Kind
 from scipy.stats import beta
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+from plants.clean_logs import PERIOD, RATE_HZ, Kind
 
 import elastid
 from elastid.base.errors import ElastidError
@@ -140,7 +142,6 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     "fit.diagnosis.hypothesis.Limits": {"modification-index": "*"},
     "fit.diagnosis.missing_springs.Limits": {"modification-index": "*"},
     "fit.diagnosis.ranking.RankingLimits": {"modification-index": "*"},
-    "fit.diagnosis.other_readings.Limits": {"modification-index": "*"},
     "fit.diagnosis.other_robots.Limits": {"modification-index": "*"},
     "fit.diagnosis.lateness.Limits": {"modification-index": "*"},
     "fit.diagnosis.status.MisfitLimits": {"status-misfit": "*"},

@@ -1,52 +1,19 @@
-"""Error of `estimator.method: auto` relative to the best method, over ten kinds of record of a known system.
+"""Records of many kinds of an elastic axis whose response of samples is known in closed form."""
 
-    python scripts/studies/automatic_method.py [--quick]
-
-The system: a motor and two inertias behind springs, torque to motor velocity, with its first antiresonance at 2.45 Hz,
-integrated exactly for torques that are held between samples (matrix exponential), so that the response of the samples
-is known in closed form.  Noise on the output of 10, 30 and 50 dB.  Every method that accepts a record is a candidate.
-
-A wide window averages more noise than a narrow one without a better response.  So errors count at one resolution, the
-widest of the candidates (spacing of the lines times those that are correlated): of each band of that width
-
-    error = min(1, |mean over the band of (G_estimated / G - 1)|)
-
-with G_estimated interpolated between its lines, so that an antiresonance between two lines is lost.  Bands are averaged
-by the geometric mean, the squared mean root and the root mean square; by each of them the error of auto, in the median
-over draws, is at most 1.5 times that of the best candidate.  Its CPU time is at most 3 times that of the chosen method
-and 0.2 s for a preview.
-
-Coverage of H1: share of lines with a thousandth of the highest input power, at 30 and 50 dB, whose 95 % regions
-hold the truth, by the coherence alone (`noise`) and with the leakage of windows and the leverage of segments (`total`):
-noise 94 -> 95 %, hammer 94 -> 96, binary 93 -> 95; with a start from rest or single sines in each segment chirp 91 ->
-98, sweep 94 -> 96, three repeats 89 -> 94, stepped sine 82 -> 96; with noise in the loop 89 -> 90, where the error is a
-bias that no covariance knows.  The last line is one JSON object.
-"""
-
-import argparse
-import json
-import time
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from scipy.linalg import expm
 from scipy.signal import chirp
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import ElastidError
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record
-from elastid.response import FrequencyResponse
 
 RATE_HZ = 100.0
 BAND_HZ = (0.6, 38.0)
 PERIOD = 1024
-METHODS = ("arithmetic", "h1", "h2", "hv", "joint", "local_polynomial", "local_rational")
-# Of H1 where it has an error that is no leakage, noise in the loop.
-MIN_COVERAGE = {"operating closed loop": 0.87}
-MAX_RATIO, MAX_CPU_RATIO, PREVIEW_S = 1.5, 3.0, 0.2
 
 
 class ElasticAxis:
@@ -181,31 +148,6 @@ KINDS: dict[str, Callable[[float, np.random.Generator], list[Record]]] = {
 }
 
 
-def estimates(records: Sequence[Record]) -> dict[str, tuple[FrequencyResponse, float]]:
-    """G and CPU time of `auto` and of every method that accepts the records."""
-    results = {}
-    for method in ("auto", *METHODS):
-        begin = time.process_time()
-        try:
-            spec = EstimatorSpec(method=method, quantity="velocity", band_hz=BAND_HZ)  # type: ignore[arg-type]
-            results[method] = estimate(records, spec), time.process_time() - begin
-        except ElastidError:
-            continue
-    return results
-
-
-def errors_of(response: FrequencyResponse, width_hz: float) -> FloatArray:
-    """Geometric mean, squared mean root and RMS over bands of the relative error of their means, of which 1 counts."""
-    freq_hz = np.arange(*BAND_HZ, min(0.02, width_hz / 8))
-    G = response.G[:, 0, 0]
-    interpolated = np.interp(freq_hz, response.freq_hz, G.real) + 1j * np.interp(freq_hz, response.freq_hz, G.imag)
-    band = ((freq_hz - BAND_HZ[0]) / width_hz).astype(int)
-    deviation = interpolated / AXIS.G(freq_hz) - 1
-    real, imaginary = (np.bincount(band, part) / np.bincount(band) for part in (deviation.real, deviation.imag))
-    error = np.minimum(1.0, np.hypot(real, imaginary))
-    return np.array([np.exp(np.mean(np.log(error))), np.mean(np.sqrt(error)) ** 2, np.sqrt(np.mean(error**2))])
-
-
 def h1_coverage(kind: str, draws: int) -> dict[str, float]:
     """Shares of lines whose 95 % regions by `noise` and by `total` hold the truth."""
     holds: dict[str, list[float]] = {"noise": [], "total": []}
@@ -220,44 +162,3 @@ def h1_coverage(kind: str, draws: int) -> dict[str, float]:
                 inside = square < -np.log(0.05) * getattr(response, name).variance[:, 0, 0]
                 shares.append(float(np.mean(inside[power > 1e-3 * power.max()])))
     return {name: round(float(np.mean(shares)), 3) for name, shares in holds.items()}
-
-
-def draw(kind: str, snr_db: float, seed: int) -> tuple[dict[str, FloatArray], dict[str, float], str]:
-    """Errors and CPU time of each method in one draw, and the method that auto took."""
-    results = estimates(KINDS[kind](snr_db, np.random.default_rng(seed)))
-    width_hz = max(r.correlated_lines * float(np.median(np.diff(r.freq_hz))) for r, _ in results.values())
-    notes = " ".join(note.text for note in results["auto"][0].notes if note.code == "method-chosen")
-    choice = next((method for method in METHODS if f"takes {method}:" in notes), "arithmetic")
-    errors = {method: errors_of(response, width_hz) for method, (response, _) in results.items()}
-    return errors, {method: cpu for method, (_, cpu) in results.items()}, choice
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="one draw at 30 dB")
-    quick = parser.parse_args().quick
-    estimate(periodic(30.0, np.random.default_rng(0)), EstimatorSpec(method="h1"))  # loads what is slow to load
-    table: dict[str, Any] = {}
-    for kind in KINDS:
-        for snr_db in (30.0,) if quick else (10.0, 30.0, 50.0):
-            draws = [draw(kind, snr_db, seed) for seed in range(1 if quick else 3)]
-            errors = {m: np.median([e[m] for e, _, _ in draws], axis=0) for m in draws[0][0]}
-            best = np.min([e for m, e in errors.items() if m != "auto"], axis=0)
-            ratios, taken = errors["auto"] / best, sorted({choice for *_, choice in draws})
-            print(f"{kind:<26}{snr_db:3g} dB  auto {100 * errors['auto'][1]:7.2f} % ({', '.join(taken)}), best "
-                  f"{100 * best[1]:.2f} %, ratios {' '.join(f'{r:.2f}' for r in ratios)}", flush=True)  # fmt: skip
-            assert np.all(ratios <= MAX_RATIO), (kind, snr_db, ratios)
-            for _, cpu, choice in draws:
-                assert cpu["auto"] <= MAX_CPU_RATIO * cpu[choice] + PREVIEW_S, (kind, snr_db, choice)
-            table[f"{kind}, {snr_db:g} dB"] = {"ratios": ratios.round(3).tolist(), "taken": taken}
-    for kind in list(KINDS)[2:]:  # without a period
-        coverage = h1_coverage(kind, 1 if quick else 4)
-        print(f"{kind:<26}h1 holds the truth: {coverage}", flush=True)
-        assert coverage["total"] >= coverage["noise"], kind
-        assert quick or coverage["total"] > MIN_COVERAGE.get(kind, 0.93), (kind, coverage)
-        table[f"{kind}, h1"] = coverage
-    print(json.dumps(table))
-
-
-if __name__ == "__main__":
-    main()

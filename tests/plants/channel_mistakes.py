@@ -1,20 +1,4 @@
-"""Mistakes about the channels of a log that `elastid check` reports, and its false reports on logs without one.
-
-    python scripts/studies/wrong_channels.py [--quick] [--rigs 150] [--seed 0]
-
-Logs of two kinds are drawn. Half are motions of a planar arm of two links with gravity, friction and elastic gears,
-whose torques are computed here from its equations of motion: passes there and back, or sums of sines; motor torques,
-motor angles and speeds and, in half of them, angles of the links and the time are logged. The others are the
-multisine logs of clean_logs.py. Encoders, noise, rates and all numbers are drawn. A right study of each must be
-accepted; a study with one mistake must be refused at the line of that mistake. Mistakes are of names, columns, rate,
-time, period, length, units, side, quantity, sign and order.
-
-The last line is one JSON object: mistakes reported, and clean logs with a false report.
-
-Half of the motions are logged in radians, without a unit in the study.
-150 rigs: no false report, and 166 of 167 mistakes reported. Missed is an angle in radians that is stated in degrees,
-where it is the only motion of its joint: the inertia is 57 times as large then, which links have behind small motors.
-"""
+"""Rigs with logs, and mistakes about their channels that `check` reports."""
 
 # One BLAS thread must be asked for before NumPy is loaded.
 # ruff: noqa: E402
@@ -23,23 +7,19 @@ import os
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
-import argparse
-import json
 import re
-import tempfile
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
-from clean_logs import RATIO, Kind
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.robot import Robot
 from elastid.study import load_with_logs
+from plants.clean_logs import RATIO, Kind
 
 ARM_RATIO = (100.0, 80.0)
 ARM = """name: arm
@@ -153,35 +133,6 @@ OF_RESPONSES = (
     Mistake("position as velocity, alone", POSITION, "quantity: velocity, unit: deg/s, side: motor}"),
     Mistake("file of no numbers", "path: log.h5", "path: robot.yml"),
 )
-
-
-def main() -> None:
-    """All rigs, with the mistakes of each."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--rigs", type=int, default=150)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    alarms: list[str] = []
-    made, reported = Counter[str](), Counter[str]()
-    n = 4 if options.quick else options.rigs
-    for number in range(n):
-        with tempfile.TemporaryDirectory() as folder:
-            mistakes = write_rig(Path(folder), number, options.seed)
-            if said := complaint(Path(folder), None):
-                alarms.append(f"rig {number}: {said}")
-            for mistake in mistakes if number < max(6, n // 10) else ():
-                made[mistake.name] += 1
-                is_reported = is_at_line(complaint(Path(folder), mistake), Path(folder), mistake)
-                reported[mistake.name] += is_reported
-                if not is_reported:
-                    print(f"rig {number}, {mistake.name}: {complaint(Path(folder), mistake) or 'accepted'}")
-    print("\n".join(alarms))
-    share = sum(reported.values()) / sum(made.values())
-    assert len(alarms) <= 0.01 * n, alarms
-    assert share > 0.97, {name: (reported[name], made[name]) for name in made if reported[name] < made[name]}
-    print(json.dumps({"rigs": n, "false alarms": len(alarms), "mistakes": sum(made.values()), "reported": share,
-                      "kinds": len(made)}))  # fmt: skip
 
 
 def complaint(folder: Path, mistake: Mistake | None) -> str:
@@ -343,7 +294,3 @@ def robot_file(robot: Robot) -> str:
             f"    inertia: {list(body.inertia)[:3]}",
         ]
     return "\n".join(lines) + "\n"
-
-
-if __name__ == "__main__":
-    main()

@@ -1,33 +1,14 @@
-"""What static load tests add to a fit of frequency responses, on a six-axis robot with equations of its own.
-
-    python scripts/studies/load_tests.py [--quick] [--fits 10] [--clean 100]
-
-The measured robot is not elastid's model: the equations of `prediction_anywhere` (homogeneous transforms, Jacobians,
-Newton's method) give the responses of five postures, noise of known covariance, and the deflections of its flange
-under loads. Springs start 10 % off.  20 tests, as in a hall: forces of 200 to 500 N at a lever on the flange, one
-posture in five each; 10 with a tracker (10 um), 10 with a dial gauge (3 um).
-
-1. Standard deviations of all springs without and with the load tests, and the share of 95 % intervals that hold.
-2. Clean tests: how often they are said to contradict the responses, of 100 fits; the spread of the ratio over its std.
-3. Tests with a fault: gears 10 % softer at rest, 40 um of hysteresis in each, a base of 5 N/um under the stand of the
-   gauge; how often it is found, and named.
-
-Of 5 clean fits (--clean 5 --fits 1) the standard deviations of k_4, k_5 and k_6 fell from 4.4, 2.4 and 16 % to 0.64,
-0.58 and 1.3 %, no test was said to contradict, and each fault was found and named.
-"""
+"""A six-axis robot with equations of its own, its responses, and load tests on its flange."""
 
 from __future__ import annotations
 
-import argparse
-import json
-
 import numpy as np
-from prediction_anywhere import Joint, Outside
 
 import elastid as ei
 from elastid.fit.identify import fit_parameters
 from elastid.fit.load_tests import LoadTest
 from elastid.fit.problem.static_loads import placed_tests
+from plants.outside_arm import Joint, Outside
 
 LINES = np.linspace(2, 60, 40)
 NOISE = 2e-2  # of the largest element of a row on a line
@@ -37,7 +18,6 @@ ANGLES = np.radians([
 ])  # fmt: skip
 LEVER = (0.25, 0.15, 0.12)  # of the hook on the flange
 NAMES = tuple(f"p{i}" for i in range(len(ANGLES)))
-WRIST = ("k_4", "k_5", "k_6")
 # Axis, place (m), k (N m/rad), motor inertia and ratio; mass (kg), centre of mass, inertia of the body behind it.
 AXES = (
     ("z", (0, 0, 0.4), 9e5, 5e-3, 150, 160, (0.05, 0, 0.2), (8, 8, 6)),
@@ -114,7 +94,6 @@ FAULTS = {
     "hysteresis": lambda y, force: y + 40e-6 * y / np.linalg.norm(y),
     "base": lambda y, force: y + force / 5e6,
 }
-WORDS = {"factor": "all springs are softer", "hysteresis": "whatever the load", "base": "base moved"}
 
 
 def load_tests(robot: Outside, rng: np.random.Generator, changed=lambda y, force: y) -> list[LoadTest]:
@@ -150,55 +129,3 @@ def one_fit(seed: int, fault: str = "") -> tuple[ei.FitResult, ei.FitResult | No
     )  # fmt: skip
     with_loads = fit_parameters(measured, robot, spec, loads=tests)
     return with_loads, None if fault else fit_parameters(measured, robot, spec), numbers
-
-
-def main() -> None:
-    """All three parts, and one JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="one clean fit and one of one fault, to see that it runs")
-    parser.add_argument("--fits", type=int, default=10, help="of each fault")
-    parser.add_argument("--clean", type=int, default=100, help="with clean load tests")
-    options = parser.parse_args()
-    clean, count, faults = options.clean, options.fits, list(FAULTS)
-    if options.quick:
-        clean, count, faults = 1, 1, faults[:1]
-    springs = [f"k_{i}" for i in range(1, 7)]
-    std, inside, z, alarms = [], [], [], 0
-    for seed in range(clean):
-        both, alone, truth = one_fit(seed)
-        pairs = [[each.std[name] / each.values[name] for each in (alone, both)] for name in springs]
-        std.append(pairs)
-        inside.append([both.interval(name)[0] < truth[name] < both.interval(name)[1] for name in springs])
-        z.append((both.static.ratio - 1) / both.static.ratio_std)
-        alarms += both.static.disagrees
-        if seed % 5 == 4:
-            print(f"  {seed + 1} clean fits, {alarms} alarms", flush=True)
-    mean = np.mean(std, axis=0)
-    summary = {
-        "fits": clean,
-        "std alone %": dict(zip(springs, (100 * mean[:, 0]).round(3).tolist(), strict=True)),
-        "std with loads %": dict(zip(springs, (100 * mean[:, 1]).round(3).tolist(), strict=True)),
-        "inside %": round(100 * float(np.mean(inside)), 1),
-        "alarms": alarms,
-        "spread of the ratio over its std": round(float(np.sqrt(np.mean(np.square(z)))), 2),
-    }
-    for fault in faults:
-        results = [one_fit(seed, fault)[0].static for seed in range(count)]
-        summary[fault] = {
-            "found": sum(each.disagrees for each in results),
-            "named": sum(WORDS[fault] in each.cause for each in results),
-            "of": count,
-        }
-        print(fault, summary[fault], results[0].words, "|", results[0].cause, flush=True)
-    print(json.dumps(summary))
-    for i, name in enumerate(springs):
-        assert name not in WRIST or mean[i, 1] < mean[i, 0] / 2, (name, mean[i])
-    assert alarms <= max(1, clean / 100)
-    chance = 300 * np.sqrt(0.95 * 0.05 / np.size(inside))  # three standard deviations, in %
-    assert options.quick or abs(summary["inside %"] - 95) < chance, summary["inside %"]
-    for fault in faults:
-        assert summary[fault]["named"] >= 0.8 * count, summary[fault]
-
-
-if __name__ == "__main__":
-    main()

@@ -1,7 +1,7 @@
 """Logs of robots with nothing wrong, of many kinds: other rigs, periods, grids, noise, encoders, wander, steps.
 
-For the studies beside this file; it does nothing by itself. Half of the logs are of the simulated rig. The others come
-from equations of their own, which share nothing with it: masses on elastic gears under a sampled controller,
+Half of the logs are of the simulated rig. The others come from equations of their own, which share nothing with it:
+masses on elastic gears under a sampled controller,
 
     x_k+1 = e^(A h) x_k + A^-1 (e^(A h) - 1) B (u_k + w_k),     u = r + K_p e + K_d (e - e_k-1) / h,    e = c - q_m,
 

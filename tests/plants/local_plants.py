@@ -1,18 +1,5 @@
-"""What the local methods reach: leakage, six axes from one experiment, and whether their variances are true.
+"""Plants whose responses are known exactly, measured in one experiment, and the errors of local methods on them."""
 
-    python scripts/studies/local_methods.py [--quick] [--repeats]
-
-Leakage: SISO, two modes of 1 % damping at lines 82 and 250, started from rest, lines 6 to 600, noise that leaves one
-settled period an error of -82 dB; relative error of all lines.  Six axes: one experiment of six random-phase torques
-in closed loop, modes from 7.3 to 24.1 Hz with 4.4 to 7.2 % damping, 1 to 60 Hz; relative error of a line, Frobenius
-norm.  Variances: mean squared error over mean predicted variance.  Repeats (alone with --repeats): one record and
-three of the same sine sweep from rest, in open and closed loop; median relative error of a line, and mean over lines
-of squared error over total variance.  Three records must be no worse than one, and that mean at most 2 from 30 dB on.
-The last line is one JSON object with the numbers of the tables.
-"""
-
-import argparse
-import json
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,9 +13,6 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.response import FrequencyResponse
 
-# Squared error over total variance of repeats, at most, unless their noise is higher.
-_MAX_RATIO = 2.0
-_LOW_SNR_DB = 30.0
 LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
 LRM = EstimatorSpec(method="local_rational", quantity="velocity")
 
@@ -204,22 +188,6 @@ def repeats(runs: int, gain: float, snr_db: float, spec: EstimatorSpec) -> dict[
     return found
 
 
-def print_repeats(quick: bool) -> dict[str, dict[int, tuple[float, float]]]:
-    """The table of repeats."""
-    print("repeats of one sweep: median relative error, mean error^2 / total    1 record           3 records")
-    found = {}
-    for loop, gain in (("open loop", 0.0), ("closed loop", 2.0)):
-        for spec in (LPM, LRM):
-            for snr_db in (30.0,) if quick else (20.0, 30.0, 50.0, 80.0):
-                name = f"{loop}, {spec.method}, {snr_db:g} dB"
-                found[name] = repeats(1 if quick else 20, gain, snr_db, spec)
-                print(f"{name:<62}" + "".join(f"{100 * e:9.4f} %, {q:6.2f}" for e, q in found[name].values()))
-                (error, ratio), (error_of_3, ratio_of_3) = found[name].values()
-                assert error_of_3 <= error, name
-                assert snr_db < _LOW_SNR_DB or max(ratio, ratio_of_3) <= _MAX_RATIO, name
-    return found
-
-
 def decibels(estimate: ComplexArray, truth: ComplexArray) -> float:
     """Relative error of all lines."""
     return float(20 * np.log10(np.linalg.norm(estimate - truth) / np.linalg.norm(truth)))
@@ -251,61 +219,3 @@ def six_axes(
         for spec in (LPM, LRM):
             found[spec.method].append(plant.errors(local_response([taken], spec, plant.lines(period_s, step))))
     return {name: (float(np.median(errors)), float(np.max(errors))) for name, errors in found.items()}
-
-
-def variances(runs: int, snr_db: float) -> dict[str, dict[str, float]]:
-    """Squared error over predicted variance (total and noise) of two modes of 4 % from rest, P = 4."""
-    plant = TwoModes(N=2048, zeta=0.04, lines=(6, 400))
-    G = plant.G()
-    result = {}
-    for spec in (LPM, LRM):
-        squares, total, noise = [], [], []
-        for seed in range(runs):
-            taken = plant.from_rest(4, snr_db, np.random.default_rng(seed))
-            response = local_response([taken], spec, plant.excited)
-            squares.append(np.abs(response.G[:, 0, 0] - G) ** 2)
-            assert response.total is not None
-            assert response.noise is not None
-            total.append(response.total.variance[:, 0, 0])
-            noise.append(response.noise.variance[:, 0, 0])
-        result[spec.method] = {
-            "error^2 / total": float(np.mean(np.mean(squares, axis=0) / np.mean(total, axis=0))),
-            "error^2 / noise": float(np.mean(np.mean(squares, axis=0) / np.mean(noise, axis=0))),
-        }
-    return result
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="fewer plants and runs")
-    parser.add_argument("--repeats", action="store_true", help="the table of repeats alone")
-    arguments = parser.parse_args()
-    quick = arguments.quick
-    if arguments.repeats:
-        print(json.dumps({"repeats": print_repeats(quick)}))
-        return
-    leak = {P: leakage(P) for P in (2, 4, 8)}
-    print("leakage, relative error in dB" + "".join(f"{f'P = {P}':>10}" for P in leak))
-    for name in leak[2]:
-        print(f"{name:<29}" + "".join(f"{leak[P][name]:10.1f}" for P in leak))
-    six = {}
-    print("\nsix axes from one experiment: median / worst relative error    local_polynomial   local_rational")
-    for period_s, step in ((10.0, 2), (10.0, 1), (40.0, 1))[: 1 if quick else None]:
-        for P, settle in ((1, 1), (1, 0), (2, 0))[: 1 if quick else None]:
-            for snr_db in (np.inf, 40.0):
-                grid, start = "odd" if step == 2 else "full", "steady state" if settle else "from rest"
-                noise = "no noise" if np.isinf(snr_db) else f"{snr_db:g} dB"
-                name = f"{period_s:g} s, {grid}, {P} period{'s' if P > 1 else ''}, {start}, {noise}"
-                six[name] = six_axes(1 if quick else 4, period_s, step, P, settle, snr_db)
-                print(f"{name:<62}" + "".join(f"{m:10.4f} / {w:.4f}" for m, w in six[name].values()))
-    truth = variances(5 if quick else 200, 40.0)
-    print("\nmean squared error over predicted variance")
-    for method, ratios in truth.items():
-        print(f"{method:<20}" + "".join(f"{name}: {ratio:.3f}   " for name, ratio in ratios.items()))
-    print()
-    again = print_repeats(quick)
-    print(json.dumps({"leakage_db": leak, "six_axes": six, "variance_ratio": truth, "repeats": again}))
-
-
-if __name__ == "__main__":
-    main()
