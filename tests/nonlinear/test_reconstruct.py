@@ -88,7 +88,8 @@ def test_a_torque_that_is_not_held_leaves_the_motion_as_it_is() -> None:
 def test_the_net_record_is_that_of_a_held_torque_without_friction() -> None:
     """At high lines its angle is that of the plant under the net torque, images included.
 
-    To 1.5 % of friction's part, as of a mass without the spring, which moves it little there.  The angle that was logged is off by a fifth of that: friction has other images than a held torque.
+    To 1.5 % of friction's part, as of a mass without the spring, which moves it little there.  The angle that was
+    logged is off by a fifth of that: friction has other images than a held torque.
     """
     record, _ = simulated()
     n = record.n_samples
