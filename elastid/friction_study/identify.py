@@ -83,8 +83,8 @@ def _joint(
         numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     return JointFriction(
-        name, levels.slides, passes, levels.motion, static, before.presliding, before.loops, before.at_rest,
-        before.bristles, thermal, warm_up, friction, viscous, tuple(numbers.values()), held, levels.example,
+        name, levels.slides, passes, levels.motion, static, before.presliding, before.at_rest,
+        before.bristles, thermal, friction, viscous, tuple(numbers.values()), held,
         (*levels.notes, *before.notes, *notes, *refused),
     )  # fmt: skip
 
@@ -195,9 +195,8 @@ def _lugre(shot: LuGreFit | None, rest: AtRest | None, coulomb: float) -> LuGre 
 
 @dataclass(frozen=True)
 class BeforeSliding:
-    """loops: the log of `presliding`.  bristles: a LuGre law by shooting.  notes: on what failed."""
+    """bristles: a LuGre law by shooting.  notes: on what failed."""
 
-    loops: Loops | None = None
     presliding: Presliding | None = None
     at_rest: AtRest | None = None
     bristles: LuGreFit | None = None
@@ -220,9 +219,9 @@ def find_before_sliding(
     log = _loops(loops[0], spec)
     if law.presliding == "lugre":
         bristles = _bristles(robot, loops[0], log.frequency_hz, levels, static, at_rest, notes)
-        return BeforeSliding(log, None, at_rest, bristles, tuple(notes))
+        return BeforeSliding(None, at_rest, bristles, tuple(notes))
     try:
-        return BeforeSliding(log, fit_presliding(log, law.elements), at_rest, None, tuple(notes))
+        return BeforeSliding(fit_presliding(log, law.elements), at_rest, None, tuple(notes))
     except DataError as error:
         notes.append(Note("no-presliding", str(error), f"record {loops[0].name}"))
         return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
