@@ -20,7 +20,6 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.levels import PassLevels
-from elastid.friction_study.lugre_shooting import LuGreFit
 from elastid.friction_study.motion import MotionFriction, RigidBody
 from elastid.friction_study.presliding import Loops, Presliding
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
@@ -74,7 +73,7 @@ class JointLevels:
 class JointFriction:
     """Friction of one joint, link side; None where it was not measured or cannot be identified.
 
-    loops: the log of `presliding`.  bristles: the LuGre law by shooting.  warm_up: the data of `thermal`.
+    loops: the log of `presliding`.  warm_up: the data of `thermal`.
     friction, viscous: the law as a whole, with the ranges in which it was measured.
     numbers: the table.  held: parts without numbers, with reasons.
     """
@@ -87,7 +86,6 @@ class JointFriction:
     presliding: Presliding | None = None
     loops: Loops | None = None
     at_rest: AtRest | None = None
-    bristles: LuGreFit | None = None
     thermal: ThermalModel | None = None
     warm_up: WarmUp | None = None
     friction: Friction | None = None
@@ -214,14 +212,6 @@ def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Ite
     for key, value, std in zip(("stiffness", "damping"), (rest.sigma_0, rest.sigma_1), stds, strict=True):
         term = TERMS[f"lugre.{key}"]
         yield _number(joint, term, term.unit_at(slides), (value, std, *_ends(value, std)), learnt, truth)
-
-
-def numbers_of_bristles(joint: str, fit: LuGreFit, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
-    """The same by multiple shooting."""
-    for key, name in (("stiffness", "sigma_0"), ("damping", "sigma_1")):
-        value, ends, term = fit.values[name], fit.interval(name), TERMS[f"lugre.{key}"]
-        row = (value, value * math.log(ends[1] / value) / QUANTILE_95, *ends)
-        yield _number(joint, term, term.unit_at(slides), row, "loops, by multiple shooting", truth)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
