@@ -114,7 +114,7 @@ def friction_result() -> FrictionResult:
     """Both joints."""
     (log, presliding), (campaign, thermal) = loops(), warm_up()
     elbow = JointFriction(
-        "elbow", False, pass_levels(), None, law(), presliding, log, at_rest(), None, thermal, campaign,
+        "elbow", False, pass_levels(), None, law(), presliding, log, at_rest(), thermal, campaign,
         numbers=(number("Fc_melbow", "F_c", 9.02, 0.03, 9.0), number("f_melbow", "f", 6.3, 0.1, 6.0)),
         held=(Held("stribeck", "no speed below nu_s / 3"), Held("quadratic", "not asked for")),
         example=example(), notes=(Note("stick-slip", "it sticks", "pass 1"),),
