@@ -90,7 +90,7 @@ def number(name: str, symbol: str, value: float, std: float, truth: float | None
 def friction_result() -> FrictionResult:
     """Both joints."""
     elbow = JointFriction(
-        "elbow", False, pass_levels(), None, law(), presliding(), at_rest(), None, thermal(),
+        "elbow", False, pass_levels(), None, law(), presliding(), at_rest(), thermal(),
         numbers=(number("Fc_melbow", "F_c", 9.02, 0.03, 9.0), number("f_melbow", "f", 6.3, 0.1, 6.0)),
         held=(Held("stribeck", "no speed below nu_s / 3"), Held("quadratic", "not asked for")),
         notes=(Note("stick-slip", "it sticks", "pass 1"),),
