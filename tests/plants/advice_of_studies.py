@@ -42,11 +42,6 @@ from plants.two_axes import ROBOT, STUDY
 AT_CHECK: dict[tuple[str, str], tuple[Sequence[str], str, Sequence[str]]] = {
     ("excitation/spec.py", "grid: full"): (
         ["excitation.phases=prbs", "experiment.realisations=1", "excitation.grid=odd-odd"], "excitation.", []),
-    ("excitation/spec.py", "flat: information"): (
-        ["excitation.least=0.2", "experiment.simulated.noise={torque_std: 1}"], "excitation.", []),
-    ("excitation/spec.py", "phases: ‹›"): (
-        ["excitation.phases=prbs", "excitation.flat=information", "experiment.realisations=1",
-         "experiment.simulated.noise={torque_std: 1}"], "", ["excitation.phases=random"]),
     ("excitation/spec.py", "experiment.realisations: 1"): (
         ["excitation.phases=schroeder", "experiment.realisations=2"], "", []),
     ("excitation/spec.py", "phases: random"): (
