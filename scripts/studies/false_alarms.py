@@ -129,7 +129,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "local-repeats-averaged": "difference correlation",
     },
     "nonlinear.choice.Limits": {
-        "friction-taken-out": "nonlinear_share part_of_sign shape_gain left_share weight near spread",
+        "friction-taken-out": "nonlinear_share part_of_sign shape_gain left_share near spread",
         "unexplained-distortion": "unexplained",
     },
     "nonlinear.places.Limits": {"friction-sticks": "*"},
