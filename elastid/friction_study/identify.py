@@ -79,8 +79,8 @@ def _joint(
         numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     return JointFriction(
-        name, levels.slides, passes, levels.motion, static, before.presliding, before.loops, before.at_rest,
-        thermal, warm_up, friction, viscous, tuple(numbers.values()), held, levels.example,
+        name, levels.slides, passes, levels.motion, static, before.presliding, before.at_rest,
+        thermal, friction, viscous, tuple(numbers.values()), held,
         (*levels.notes, *before.notes, *notes, *refused),
     )  # fmt: skip
 
@@ -186,9 +186,8 @@ def _lugre(rest: AtRest | None, coulomb: float) -> LuGre | None:
 
 @dataclass(frozen=True)
 class BeforeSliding:
-    """loops: the log of `presliding`.  notes: on what failed."""
+    """notes: on what failed."""
 
-    loops: Loops | None = None
     presliding: Presliding | None = None
     at_rest: AtRest | None = None
     notes: tuple[Note, ...] = ()
@@ -214,9 +213,9 @@ def find_before_sliding(
                 "maxwell_slip"
             )
             notes.append(Note("no-bristles", text, f"record {loops[0].name}"))
-        return BeforeSliding(log, None, at_rest, tuple(notes))
+        return BeforeSliding(None, at_rest, tuple(notes))
     try:
-        return BeforeSliding(log, fit_presliding(log, law.elements), at_rest, tuple(notes))
+        return BeforeSliding(fit_presliding(log, law.elements), at_rest, tuple(notes))
     except DataError as error:
         notes.append(Note("no-presliding", str(error), f"record {loops[0].name}"))
         return BeforeSliding(at_rest=at_rest, notes=tuple(notes))

@@ -21,9 +21,8 @@ from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.levels import PassLevels
 from elastid.friction_study.motion import MotionFriction, RigidBody
-from elastid.friction_study.presliding import Loops, Presliding
+from elastid.friction_study.presliding import Presliding
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
-from elastid.record import FrictionRecord
 from elastid.robot import Friction, Robot, gain_name
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 
@@ -56,15 +55,13 @@ class FrictionNumber:
 class JointLevels:
     """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both.
 
-    example: a pass with the torque that the regression gives it, for the figure over the angle.  gain: of the drive,
-    torque logged over torque, and its std.
+    gain: of the drive, torque logged over torque, and its std.
     """
 
     joint: str
     slides: bool
     levels: PassLevels | None = None
     motion: MotionFriction | None = None
-    example: FrictionRecord | None = None
     notes: tuple[Note, ...] = ()
     gain: tuple[float, float] | None = None
 
@@ -73,7 +70,6 @@ class JointLevels:
 class JointFriction:
     """Friction of one joint, link side; None where it was not measured or cannot be identified.
 
-    loops: the log of `presliding`.  warm_up: the data of `thermal`.
     friction, viscous: the law as a whole, with the ranges in which it was measured.
     numbers: the table.  held: parts without numbers, with reasons.
     """
@@ -84,15 +80,12 @@ class JointFriction:
     motion: MotionFriction | None = None
     static: StaticLaw | None = None
     presliding: Presliding | None = None
-    loops: Loops | None = None
     at_rest: AtRest | None = None
     thermal: ThermalModel | None = None
-    warm_up: WarmUp | None = None
     friction: Friction | None = None
     viscous: float | None = None
     numbers: tuple[FrictionNumber, ...] = ()
     held: tuple[Held, ...] = ()
-    example: FrictionRecord | None = None
     notes: tuple[Note, ...] = ()
 
     @property
