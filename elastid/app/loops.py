@@ -54,13 +54,17 @@ class Choice:
 def loops_study(run: Run, choice: Choice) -> None:
     """All results of the study's fit; StudyError without a current one, FitError where no gains keep the limit."""
     if choice.delay is not None and choice.delay > MAX_DELAY_SAMPLES:
-        raise StudyError(f"--delay {choice.delay}: a controller answers within {MAX_DELAY_SAMPLES} samples")
+        raise StudyError(
+            "options/invalid", f"a controller answers within {MAX_DELAY_SAMPLES} samples", f"--delay {choice.delay}"
+        )
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
         own_hz = _own_rate(run)
         rate_hz = choice.rate_hz or own_hz
         if rate_hz is None:
-            raise StudyError(f"{run.loaded.path}: the study states no rate of the controller; give --rate")
+            raise StudyError(
+                "options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path
+            )
         measured = _measured(run, result, rate_hz)
         today = _today(run, own_hz or rate_hz, measured)
         delay = choice.delay if choice.delay is not None else _own_delay(run, measured)

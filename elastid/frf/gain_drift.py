@@ -22,7 +22,7 @@ from elastid.base.note import Note
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of a drift.  False alarms of 300 clean logs: gain-drift 0."""
+    """Thresholds of a drift."""
 
     lines: int = 12  # from which on a half of the band shows the same
     sigmas: float = 6.0  # of kappa beyond its standard deviation
@@ -31,7 +31,7 @@ class Limits:
 
 
 LIMITS = Limits()
-GAIN_DRIFT = "gain-drift"
+GAIN_DRIFT = "frf/gain-drift"
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def _law(
             law[0].check_passive(law[1], levels.slides)
     except ValueError as error:
         text = f"its numbers make no law for a robot's file: {error}; more or quieter levels narrow them"
-        return None, None, (Note("no-law", text, f"joint {levels.joint}"),)
+        return None, None, (Note("friction/law", text, f"joint {levels.joint}"),)
     return (*(law or (None, None)), ())
 
 
@@ -133,7 +133,7 @@ def _heat(
         thermal = fit_warm_up(warm_up, level_over_heat(static, warm_up))
         return warm_up, thermal, warm_up_note(thermal, warm_up, f"warm-up of joint {joint}")
     except (DataError, FitError) as error:
-        return None, None, (Note("no-warm-up", str(error), f"warm-up of joint {joint}"),)
+        return None, None, (Note("friction/warm-up", str(error), f"warm-up of joint {joint}"),)
 
 
 def _first_numbers(joint: JointFriction) -> str:
@@ -224,7 +224,7 @@ def find_before_sliding(
     try:
         return BeforeSliding(log, fit_presliding(log, law.elements), at_rest, None, tuple(notes))
     except DataError as error:
-        notes.append(Note("no-presliding", str(error), f"record {loops[0].name}"))
+        notes.append(Note("friction/presliding", str(error), f"record {loops[0].name}"))
         return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
 
 
@@ -259,7 +259,7 @@ def _at_rest(
         spring = held_spring(robot, records[0])
         return fit_at_rest(f"joint {joint}", rest_responses(records), spring, viscous)
     except (DataError, FitError) as error:
-        notes.append(Note("nothing-at-rest", str(error), f"record {records[0].name}"))
+        notes.append(Note("friction/at-rest", str(error), f"record {records[0].name}"))
         return None
 
 
@@ -285,7 +285,7 @@ def _bristles(
             "a LuGre law by shooting takes passes, a joint with a linear spring of its own and the resolution of its "
             "encoder; give what is missing, or take law.presliding: maxwell_slip"
         )
-        notes.append(Note("no-bristles", text, f"record {record.name}"))
+        notes.append(Note("friction/presliding", text, f"record {record.name}"))
         return None
     prior = Prior.of(static.values, static.covariance)
     if rest is not None:
@@ -310,5 +310,5 @@ def _bristles(
     try:
         return fit_lugre(log, spring, start, prior, exponent=static.fit.values.get("exponent", 2.0))
     except (FitError, DataError) as error:
-        notes.append(Note("no-bristles", str(error), f"record {record.name}"))
+        notes.append(Note("friction/presliding", str(error), f"record {record.name}"))
         return None

@@ -93,9 +93,11 @@ def fit_lugre(
     cost = best.system.cost
     if not cost < 2.0 * dof:
         raise FitError(
-            f"friction of {log.place}: the best LuGre law leaves {cost / dof:.2g} times what the noise explains; start "
+            "friction/law",
+            f"the best LuGre law leaves {cost / dof:.2g} times what the noise explains; start "
             "nearer (passes give the static numbers), check inertia and stiffness of the joint and the stds of torque "
-            "and angle, or take Maxwell slip"
+            "and angle, or take Maxwell slip",
+            f"friction of {log.place}",
         )
     covariance = best.system.covariance() * max(1.0, cost / dof)
     return LuGreFit(dict(zip(FRICTION, np.exp(best.p).tolist(), strict=True)), covariance, cost, dof, best.iterations)
@@ -183,7 +185,11 @@ class _Problem:
         """The intervals of a log; FitError where they are too few."""
         K = len(log.angle) // INTERVAL
         if K < 10:
-            raise FitError(f"friction of {log.place}: {len(log.angle)} samples are too few; record seconds of motion")
+            raise FitError(
+                "friction/law",
+                f"{len(log.angle)} samples are too few; record seconds of motion",
+                f"friction of {log.place}",
+            )
         x, lnp, u = ca.SX.sym("x", len(STATES)), ca.SX.sym("p", len(FRICTION)), ca.SX.sym("u", INTERVAL)
         state, angles = x, []
         for i in range(INTERVAL):

@@ -101,7 +101,9 @@ def fit_state_space(
         keep &= (response.freq_hz >= band_hz[0]) & (response.freq_hz <= band_hz[1])
     response = response.lines(keep)
     if response.n_lines < MIN_LINES:
-        raise DataError(f"{response.n_lines} lines above 0 Hz are too few; take {MIN_LINES} or more, or a wider band")
+        raise DataError(
+            "modal/lines", f"{response.n_lines} lines above 0 Hz are too few; take {MIN_LINES} or more, or a wider band"
+        )
     most = min(MAX_ORDER, response.n_lines // 4)
     if order is not None and not 1 <= order <= most:
         raise ValueError(f"order is {order}; {response.n_lines} lines determine orders of 1 to {most}")

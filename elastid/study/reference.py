@@ -216,7 +216,7 @@ def explain(asked: str) -> str:
     keys = list(_matching(asked))
     if not keys:
         owner = "a fleet" if asked.startswith("fleet.") else "a study"
-        raise StudyError(f"{owner} has no key {asked}; {_nearest(asked)}")
+        raise StudyError("study/unknown-key", f"{owner} has no key {asked}; {_nearest(asked)}")
     return "\n\n".join(_explanation(key) for key in keys)
 
 

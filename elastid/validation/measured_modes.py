@@ -80,7 +80,7 @@ class MeasuredModes:
         """A note on each mode that the model lacks."""
         return tuple(
             Note(
-                "missing-mode",
+                "validation/missing-mode",
                 f"a mode at {number(self.freq_hz[i], 3)} {self.frequency_unit}, {percent(self.zeta[i], 2)} damping, "
                 f"seen at {self.seen[i]}, is in the measured response and not in the model: something on a spring of "
                 "its own, of the structure, the base or the tool, is missing in the robot's file; give it a joint "

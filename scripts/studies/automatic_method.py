@@ -226,7 +226,7 @@ def draw(kind: str, snr_db: float, seed: int) -> tuple[dict[str, FloatArray], di
     """Errors and CPU time of each method in one draw, and the method that auto took."""
     results = estimates(KINDS[kind](snr_db, np.random.default_rng(seed)))
     width_hz = max(r.correlated_lines * float(np.median(np.diff(r.freq_hz))) for r, _ in results.values())
-    notes = " ".join(note.text for note in results["auto"][0].notes if note.code == "method-chosen")
+    notes = " ".join(note.text for note in results["auto"][0].notes if note.code == "frf/method")
     choice = next((method for method in METHODS if f"takes {method}:" in notes), "arithmetic")
     errors = {method: errors_of(response, width_hz) for method, (response, _) in results.items()}
     return errors, {method: cpu for method, (_, cpu) in results.items()}, choice

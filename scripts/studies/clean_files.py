@@ -324,11 +324,11 @@ FORMS: Mapping[str, Callable[[int], Files]] = {
 
 # What is true of a form, and said.
 TRUE: Mapping[str, Mapping[str, str]] = {
-    "within a period": {"incomplete-period": "the end of the log is left out"},
+    "within a period": {"records/incomplete-period": "the end of the log is left out"},
     "torque at 1000 Hz": {"channels-brought-to-another-rate": "they are"},
-    "rest before": {"rest-left-out": "it is", "transient-left-out": "the robot begins to move from rest"},
-    "counter of a turn": {"unwrapped-angle": "it does start again"},
-    "counter of 16 bits": {"unwrapped-angle": "it does start again"},
+    "rest before": {"rest-left-out": "it is", "frf/transient-left-out": "the robot begins to move from rest"},
+    "counter of a turn": {"records/unwrapped": "it does start again"},
+    "counter of 16 bits": {"records/unwrapped": "it does start again"},
     "rounded": {"quantised-channels": "steps of 0.3 Nm are noise"},
 }
 

@@ -90,7 +90,7 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
     },
     "recorded.repair.clock.ClockLimits": {
         "samples-resampled": "max_error min_shift max_remaining_share",
-        "late-torque": "min_correlation",
+        "records/torque": "min_correlation",
     },
     "recorded.repair.converter.ConverterLimits": {
         "quantised-channels": "min_noise_share min_repeats step_tolerance",
@@ -99,65 +99,65 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "refused": "max_clipped_share",
     },
     "recorded.drive_notes.DriveLimits": {
-        "mirrored-torque": "main_power_share min_correlation_gain",
-        "late-torque": "min_reported_lag main_power_share max_left_by_lag",
-        "same-signal": "max_difference",
+        "records/torque": "main_power_share min_correlation_gain",
+        "records/torque": "min_reported_lag main_power_share max_left_by_lag",
+        "records/same-signal": "max_difference",
     },
     "recorded.periodicity.RepetitionLimits": {"refused": "*"},
     "frf.period_selection.Limits": {
-        "transient-left-out": "relative_error groups lines_in_group asymmetry negligible_distance spread scatter lines "
+        "frf/transient-left-out": "relative_error groups lines_in_group asymmetry negligible_distance spread scatter lines "
         "neighbours weighed",
-        "periods-left-out": "periods negligible_distance spread scatter lines",
+        "frf/periods-left-out": "periods negligible_distance spread scatter lines",
     },
     "frf.quality.Limits": {
-        "input-barely-excited": "input_snr weak_share",
-        "output-barely-moved": "weak_share",
-        "inputs-move-together": "condition",
+        "frf/barely-excited": "input_snr weak_share",
+        "frf/barely-excited": "weak_share",
+        "frf/inputs-together": "condition",
     },
     "frf.checks.Limits": {
-        "lines-left-out": "power_ratio",
-        "same-phases": "phase_difference lines",
-        "exchanged-channels": "highest_share relative_gain mean_gain",
-        "wrong-sign": "sigmas passive_lines lines",
+        "frf/lines-left-out": "power_ratio",
+        "frf/inputs-together": "phase_difference lines",
+        "frf/exchanged-channels": "highest_share relative_gain mean_gain",
+        "frf/wrong-sign": "sigmas passive_lines lines",
         "refused": "clock_difference",
     },
-    "frf.gain_drift.Limits": {"gain-drift": "*"},
+    "frf.gain_drift.Limits": {"frf/gain-drift": "*"},
     "frf.local.least_squares.Limits": {"local-false-peak": "log_gain"},
     "frf.local.response.Limits": {
         "local-refused": "dof margin_dof input_snr excited_share",
         "local-repeats-averaged": "difference correlation",
     },
     "nonlinear.choice.Limits": {
-        "friction-taken-out": "nonlinear_share part_of_sign shape_gain left_share weight near spread",
-        "unexplained-distortion": "unexplained",
+        "nonlinear/friction-taken-out": "nonlinear_share part_of_sign shape_gain left_share weight near spread",
+        "nonlinear/unexplained": "unexplained",
     },
-    "nonlinear.places.Limits": {"friction-sticks": "*"},
+    "nonlinear.places.Limits": {"nonlinear/friction-left": "*"},
     "nonlinear.gear.straightness.Limits": {"gear-not-straight": "*"},
     "fit.diagnosis.configurations.Limits": {
-        "unlike-configuration": "residual_ratio",
-        "two-groups": "removed_share removed_alone cost_ratio cost_ratio_alone difference",
+        "fit/unlike-responses": "residual_ratio",
+        "fit/unlike-responses": "removed_share removed_alone cost_ratio cost_ratio_alone difference",
     },
-    "fit.diagnosis.misreadings.Limits": {"modification-index": "*"},
-    "fit.diagnosis.hypothesis.Limits": {"modification-index": "*"},
-    "fit.diagnosis.missing_springs.Limits": {"modification-index": "*"},
-    "fit.diagnosis.ranking.RankingLimits": {"modification-index": "*"},
-    "fit.diagnosis.other_readings.Limits": {"modification-index": "*"},
-    "fit.diagnosis.other_robots.Limits": {"modification-index": "*"},
-    "fit.diagnosis.lateness.Limits": {"modification-index": "*"},
+    "fit.diagnosis.misreadings.Limits": {"fit/likely-cause": "*"},
+    "fit.diagnosis.hypothesis.Limits": {"fit/likely-cause": "*"},
+    "fit.diagnosis.missing_springs.Limits": {"fit/likely-cause": "*"},
+    "fit.diagnosis.ranking.RankingLimits": {"fit/likely-cause": "*"},
+    "fit.diagnosis.other_readings.Limits": {"fit/likely-cause": "*"},
+    "fit.diagnosis.other_robots.Limits": {"fit/likely-cause": "*"},
+    "fit.diagnosis.lateness.Limits": {"fit/likely-cause": "*"},
     "fit.diagnosis.status.MisfitLimits": {"status-misfit": "*"},
-    "fit.diagnosis.bounds.Limits": {"at-bound": "near", "bound-in-most-starts": "starts"},
+    "fit.diagnosis.bounds.Limits": {"fit/at-bound": "near", "fit/at-bound": "starts"},
     "fit.diagnosis.status.Limits": {
-        "weakly-determined": "interval_factor",
+        "fit/weakly-determined": "interval_factor",
         "correlated": "correlation",
         "undetermined": "singular_value part_of_direction",
-        "weakest-combination": "singular_value part_of_direction",
-        "model-error": "model_error",
+        "fit/undetermined": "singular_value part_of_direction",
+        "fit/model-error": "model_error",
         "status-model_error": "model_error explained_share",
     },
     "validation.results.PeakLimits": {"peak-without-partner": "*"},
     "validation.agreement.ExcessLimits": {"excess-of-cost": "*"},
 }
-START = {"transient-left-out": "the logs of the outside rig begin with its start"}
+START = {"frf/transient-left-out": "the logs of the outside rig begin with its start"}
 TABLE = re.compile(r"^class \w*(Limits|Thresholds)\b", re.MULTILINE)
 QUOTED = re.compile(r"False alarms of (\d+) clean (?:logs|postures): ([\w\s,-]+)")
 
@@ -187,15 +187,15 @@ def true_of(kind: Kind) -> dict[str, str]:
     """Alarms that are true of a kind, and why."""
     true: dict[str, str] = {}
     if kind.step:
-        true |= dict.fromkeys(("periods-left-out", "transient-left-out"), "the period with the step differs")
+        true |= dict.fromkeys(("frf/periods-left-out", "frf/transient-left-out"), "the period with the step differs")
     if kind.carrier and kind.axes > 1 and not kind.has_reference:
-        true["lines-left-out"] = "at the line of a carrier that no reference shows the inputs move together"
+        true["frf/lines-left-out"] = "at the line of a carrier that no reference shows the inputs move together"
     if kind.coulomb:
-        true["friction-taken-out"] = "there is friction"
+        true["nonlinear/friction-taken-out"] = "there is friction"
     if kind.source == "simulated" and kind.axes > 1:
-        true["elements-left-out"] = "axes at right angles barely move each other"
+        true["fit/weights"] = "axes at right angles barely move each other"
         if kind.realisations == 1 and kind.carrier:
-            distorted = ("modification-index", "model-error", "status-misfit", "excess-of-cost")
+            distorted = ("fit/likely-cause", "fit/model-error", "status-misfit", "excess-of-cost")
             true |= dict.fromkeys(distorted, "one realisation does not show how a carrier through postures distorts")
     return true
 
@@ -239,12 +239,16 @@ def _local(records: list[Record], robot: Robot) -> dict[str, str]:
         responses = Response.estimate(records, robot, method="local_rational", friction="none")
     except ElastidError as error:
         return {"refused": str(error)}
-    repeats = {note.code: str(note) for each in responses for note in each.notes if note.code == "repeats-averaged"}
+    repeats = {note.code: str(note) for each in responses for note in each.notes if note.code == "frf/window"}
     return _of_responses(responses) | repeats
 
 
 def _codes(notes: Iterable[Note]) -> dict[str, str]:
-    return {note.code: str(note) for note in notes if note.severity == "warning" or note.code == "friction-taken-out"}
+    return {
+        note.code: str(note)
+        for note in notes
+        if note.severity == "warning" or note.code == "nonlinear/friction-taken-out"
+    }
 
 
 def read(kind: Kind, folder: Path) -> list[Record]:

@@ -72,31 +72,31 @@ JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
         "samples-missing-in-time": "min_gap",
     },
     "friction_study.pass_checks.PassThresholds": {
-        "clipped-pass": "clipped_run clipped_share constant_share min_values",
-        "moved-offset": "step_chance step_share same_load",
-        "large-gravity": "large_gravity",
-        "friction-by-angle": "min_pairs min_cover min_change",
+        "friction/passes": "clipped_run clipped_share constant_share min_values",
+        "friction/passes": "step_chance step_share same_load",
+        "friction/passes": "large_gravity",
+        "friction/by-angle": "min_pairs min_cover min_change",
     },
     "friction_study.passes.PlateauLimits": {
-        "one-direction": "steady_share shortest_s rest_share same_speed steady_hz turn_share end_share windows "
+        "friction/passes": "steady_share shortest_s rest_share same_speed steady_hz turn_share end_share windows "
         "line_share",
-        "not-evaluated": "other_speed same_speed common_share",
+        "friction/no-record": "other_speed same_speed common_share",
     },
-    "friction_study.levels.LevelLimits": {"level-unknown": "*"},
+    "friction_study.levels.LevelLimits": {"friction/levels": "*"},
     "friction_study.joint_levels.SideLimits": {"levels-refused": "min_ratio min_stds close_factor"},
     "friction_study.at_rest.RestLimits": {
-        "nothing-at-rest": "max_condition min_counts same_amplitude min_lines",
-        "large-slip": "max_slip",
+        "friction/at-rest": "max_condition min_counts same_amplitude min_lines",
+        "friction/at-rest": "max_slip",
     },
     FOLLOWED: {
         "not-excited": "max_std_ratio",
-        "weakly-excited": "weak_std_ratio",
-        "not-distinguished": "distinct_correlation",
+        "filter/not-excited": "weak_std_ratio",
+        "filter/not-excited": "distinct_correlation",
         "diverged": "diverged_stds",
-        "coloured-innovations": "max_correlation",
-        "inconsistent-filter": "nis_band around_a_stop_s standing_share least_moving",
-        "moves-beyond-band": "lags_s max_movement",
-        "repeats-at-stops": "max_before_stops max_square_before_stops max_after_stops repeating_stds least_events",
+        "filter/inconsistent": "max_correlation",
+        "filter/inconsistent": "nis_band around_a_stop_s standing_share least_moving",
+        "filter/inconsistent": "lags_s max_movement",
+        "filter/at-stops": "max_before_stops max_square_before_stops max_after_stops repeating_stds least_events",
     },
 }
 
@@ -331,7 +331,7 @@ def judged(kind: Kind, measured: Signals) -> dict[str, str]:
 def _codes(notes: Iterable[Note], free: str) -> dict[str, str]:
     """Without what is true: crests of sines are steady, and not each has its like in the other direction."""
     return {
-        note.code: str(note) for note in notes if not (note.code == "one-direction" and note.place.startswith(free))
+        note.code: str(note) for note in notes if not (note.code == "friction/passes" and note.place.startswith(free))
     }
 
 

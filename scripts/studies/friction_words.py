@@ -88,7 +88,7 @@ def judged(rig: Any, study: Path, seed: int, case: str) -> dict[str, Any]:
         "levels": [(f - true) / std for (f, std), true in zip(levels, COULOMB.values(), strict=True)],
         "relative": [f / true - 1 for (f, _), true in zip(levels, COULOMB.values(), strict=True)],
         "stribeck": [int(any(s.kind == "stribeck" for s, _ in taken.taken_shapes(place))) for place in taken.places],
-        "differs": [dependence(str(note)) for note in taken.notes if note.code == "friction-differs"],
+        "differs": [dependence(str(note)) for note in taken.notes if note.code == "nonlinear/friction-differs"],
         "holds_postures": [
             all(abs(f - F_c - SHARE * load) < QUANTILE_95 * std for load in loads)
             for (f, std), F_c, loads in zip(levels, COULOMB.values(), held_up(rig), strict=True)

@@ -23,7 +23,7 @@ from elastid.record import Configuration, Record
 
 RATE_HZ = 5120.0
 FAULTS = {
-    "double": "double-hit", "force": "overload", "answer": "overload", "trigger": "wrong-trigger", "drift": "drift",
+    "double": "frf/hits", "force": "overload", "answer": "overload", "trigger": "frf/hits", "drift": "drift",
 }  # fmt: skip
 
 

@@ -96,7 +96,7 @@ def test_lugre_from_slow_loops_with_dither(tmp_path: Path) -> None:
     lugre_rig.write_rest_log(tmp_path / "loops.csv", lugre_rig.slow_loops(rng), rng)
     run = study(tmp_path, "{path: passes.csv}", "{path: loops.csv, purpose: loops}", presliding="lugre")
     joint = result_of(run).at("1")
-    assert not [note for note in joint.notes if note.code == "no-bristles"]
+    assert not [note for note in joint.notes if note.code == "friction/presliding"]
     assert joint.bristles is not None
     assert joint.bristles.values["sigma_0"] == pytest.approx(lugre_rig.SIGMA_0, rel=0.05)
     assert joint.bristles.values["sigma_1"] == pytest.approx(lugre_rig.SIGMA_1, rel=0.15)

@@ -61,7 +61,7 @@ def test_friction_that_is_not_there_is_not_taken_out() -> None:
     configurations, lines = measured((0.0, 0.0))
     result = find_friction(configurations, AUTO, lines)
     assert result.shapes == ()
-    assert {note.code for note in result.notes} == {"friction-left"}
+    assert {note.code for note in result.notes} == {"nonlinear/friction-left"}
     record = configurations[0][0]
     assert net_record(record, result) is record
 
@@ -209,7 +209,7 @@ def test_what_a_level_contains_is_found_or_said(monkeypatch: pytest.MonkeyPatch)
         area = sum(v_s * more for v_s, more in curves)
         assert area == pytest.approx(stiction * 0.01, rel=0.15)
         assert area / sum(more for _, more in curves) == pytest.approx(0.01, rel=0.4)
-    said = [str(note) for note in taken["load"].notes if note.code == "friction-differs"]
+    said = [str(note) for note in taken["load"].notes if note.code == "nonlinear/friction-differs"]
     assert [text.partition(":")[0] for text in said] == ["motor 1", "motor 2"]
     assert "in a and" in said[0]
     for text, coulomb in zip(said, (9.6, 4.8), strict=True):
@@ -219,5 +219,5 @@ def test_what_a_level_contains_is_found_or_said(monkeypatch: pytest.MonkeyPatch)
     for place, coulomb, loads in zip(taken["load"].places, (9.6, 4.8), words.held_up(rig), strict=True):
         level, std = taken["load"].sliding_level(place)
         assert all(abs(coulomb + 0.04 * load - level) < 2 * std for load in loads)
-    assert "friction-differs" not in {note.code for note in taken["stribeck"].notes}
+    assert "nonlinear/friction-differs" not in {note.code for note in taken["stribeck"].notes}
     assert any("near standstill (Stribeck" in str(note) for note in taken["stribeck"].notes)

@@ -30,7 +30,7 @@ def taken_friction(bristle: bool = True) -> FrictionTakenOut:
         highest_hz=np.array([30.0, 30.0]),
         above=np.zeros((2, 2, 6)),
         notes=(
-            Note("friction-taken-out", "friction was taken out", "motor 1", "information"),
-            Note("friction-left", LEFT, "motor 2", "information"),
+            Note("nonlinear/friction-taken-out", "friction was taken out", "motor 1", "information"),
+            Note("nonlinear/friction-left", LEFT, "motor 2", "information"),
         ),
     )

@@ -27,7 +27,7 @@ from elastid.record import MOTION_ORDER
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the search for another reading of the study.  False alarms of 300 clean logs: modification-index 2.
+    """Thresholds of the search for another reading of the study.
 
     rates: factors of a sampling rate, and their inverses, from which a linear step leads to any other.
     """

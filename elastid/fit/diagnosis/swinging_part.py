@@ -156,7 +156,7 @@ def find_hidden_tool(evidence: Evidence) -> tuple[Note, ...]:
         f"the intervals from {LIMITS.hidden_ratio * end_hz * math.sqrt(over[place, axis]):.2g} Hz on; excite up to its "
         "resonance, or give it a body with a spring in the robot's file"
     )
-    return (Note("tool-as-rigid", text, severity="information"),)
+    return (Note("fit/undetectable", text, severity="information"),)
 
 
 def _scale(robot: Robot, body: Body) -> FloatArray:

@@ -88,7 +88,7 @@ def in_runs(flags: BoolArray, least: int) -> BoolArray:
 
 @dataclass(frozen=True)
 class DriftLimits:
-    """Limits of the finding on drift.  False alarms of 300 clean logs: drifting-channels 0."""
+    """Limits of the finding on drift."""
 
     # A line is excited where the drivers have this part of the power of their strongest line.
     min_excited_share: float = 1e-3

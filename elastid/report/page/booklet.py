@@ -152,7 +152,7 @@ def friction_text(friction: FrictionTakenOut | None) -> Iterator[str]:
     if len(table) > 1:
         yield from columns(table)
     for note in friction.notes:
-        if note.code != "friction-taken-out":
+        if note.code != "nonlinear/friction-taken-out":
             yield from wrapped(str(note), "  ")
 
 

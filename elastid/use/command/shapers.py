@@ -128,7 +128,9 @@ def region_modes(
                 own = replace(family, asked=replace(asked, controller=gains))
             rows += [(*row, mass) for row in _modes(own.at(posture))]
     if not rows:
-        raise StudyError(f"no mode of the region vibrates: all have a damping ratio above {MAX_ZETA}; nothing to shape")
+        raise StudyError(
+            "use/move", f"no mode of the region vibrates: all have a damping ratio above {MAX_ZETA}; nothing to shape"
+        )
     return RegionModes(*np.array(rows).T)
 
 
@@ -213,8 +215,9 @@ def robust_shaper(freq_hz: FloatArray, zeta: FloatArray) -> tuple[FloatArray, Fl
             high, best = middle, (found, step * np.arange(middle + 1))
     if best is None:
         raise FitError(
+            "use/move",
             f"no shaper of {_LONGEST * slowest:.3g} s keeps the modes from {freq_hz.min():.3g} to "
-            f"{freq_hz.max():.3g} Hz below 5 %; take a smaller region"
+            f"{freq_hz.max():.3g} Hz below 5 %; take a smaller region",
         )
     amplitude, time_s = best
     kept = amplitude > 1e-6

@@ -169,7 +169,9 @@ def _sprung(modes: tuple[PlantMode, ...], posture: str) -> tuple[PlantMode, ...]
     kept = tuple(mode for mode in modes if mode.share >= 0.5)
     if not kept:
         raise StudyError(
-            f"posture {posture}: no spring of the robot swings behind its motors, so that none limits them"
+            "use/gains",
+            "no spring of the robot swings behind its motors, so that none limits them",
+            f"posture {posture}",
         )
     return kept
 
@@ -245,5 +247,5 @@ def _of_posture(
         try:
             run = simulate(plant.loop, gains, Commands(position, none, torque, none, none), point.q)
         except DataError as error:
-            raise StudyError(f"posture {posture.name}, a step of axis {joint.name}: {error}") from error
+            raise StudyError("use/gains", f"posture {posture.name}, a step of axis {joint.name}: {error}") from error
         yield ((run.q @ model.B)[:, i] - rest[i]) / size

@@ -60,7 +60,7 @@ def test_a_tool_that_swings_is_named_first() -> None:
     first = result.indices[0]
     assert first.group == "swinging part"
     assert first.share > 0.6
-    sentence = next(note.text for note in result.notes if note.code == "modification-index")
+    sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
     assert first.steps[0] == pytest.approx(FREQ_HZ, rel=0.05)
     assert sentence.startswith(f"a part of fore that swings at {first.steps[0]:.3g} Hz")
 
@@ -82,7 +82,7 @@ def test_a_tool_beyond_the_band_has_a_word_with_its_size(freq_hz: float) -> None
     data = drawn(replace(case, responses=exact(truth)), np.random.default_rng(0))
     result = identify(data, replace(rigid, tolerances=Tolerances()), SPEC)
     assert result.status == "converged"
-    (note,) = [note.text for note in result.notes if note.code == "tool-as-rigid"]
+    (note,) = [note.text for note in result.notes if note.code == "fit/undetectable"]
     stated = float(note.split("makes errors of ")[1].split(" % in k_2")[0]) / 100
     error = 1 - result.values["k_2"] / truth.parameters()["k_2"][0]
     assert stated * (120 / freq_hz) ** 2 == pytest.approx(error, abs=0.3 * stated + 2 * result.std["k_2"] / 1.8e5)
