@@ -40,7 +40,7 @@ class AutomaticLimits:
     """Limits of the choice.
 
     With them `auto` has at most 1.5 times the error of the best method on ten kinds of record, at 10 to 50 dB
-    (`scripts/studies/automatic_method.py`).
+    (`scripts/studies/results.csv`).
     """
 
     lines: int = 128  # of the preview of a local method, for its time

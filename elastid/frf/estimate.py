@@ -27,7 +27,6 @@ from elastid.frf.covariance import (
 )
 from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error, friction_bias
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
-from elastid.frf.gain_drift import GAIN_DRIFT, drift_notes
 from elastid.frf.hits import hit_notes
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.local.response import local_response
@@ -142,10 +141,8 @@ def _with_period(
         mean = response
         preview = partial(local_response, records, replace(spec, method="local_rational"), None, AUTOMATIC.lines)
         method, reason = choose_by_error(method, lambda: mean, preview, AUTOMATIC.margin)
-    drifts = () if response is None else tuple(note for note in response.notes if note.code == GAIN_DRIFT)
     if response is None or method in LOCAL:
         response = local_response(records, replace(spec, method=method), planned_lines)
-        response = replace(response, notes=(*drifts, *response.notes))
     return replace(response, notes=(*reason, *response.notes))
 
 
@@ -177,7 +174,7 @@ def _by_periods(
             "to inputs"
         )
         notes.append(left_out_note(lines[~usable], first, why))
-    notes += [*same_phases_notes(data.blocks, groups), *drift_notes(data.drifts, first.inputs)]
+    notes += same_phases_notes(data.blocks, groups)
     lines = lines[usable]
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     quality = measured_quality(freq_hz, data, fitted.G)

@@ -11,7 +11,6 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.kernels import call, is_compiled
 from elastid.base.note import Note
-from elastid.frf.gain_drift import GainDrift, gain_drift
 from elastid.frf.matrices import added_cross_products, adjoint, inverse, squared_magnitude
 from elastid.frf.period_selection import TotalError, trusted
 from elastid.frf.spec import EstimatorSpec
@@ -149,8 +148,7 @@ class MeanSpectra:
     """A block for each realisation, the scatter of all their periods, and notes on the periods left out.
 
     S_Z (F, n_y + n_u, n_y + n_u): sum over periods of (Z - mean)(Z - mean)^H, Z = [Y; U], of expectation dof C_Z.
-    scatter: the Z - mean (P, F, n_y + n_u) of each record of one realisation, where memory holds them.  drifts: of the
-    inputs in each record, where its realisation has a response of its own.
+    scatter: the Z - mean (P, F, n_y + n_u) of each record of one realisation, where memory holds them.
     """
 
     blocks: tuple[Block, ...]
@@ -158,7 +156,6 @@ class MeanSpectra:
     dof: int
     notes: tuple[Note, ...] = ()
     scatter: tuple[ComplexArray, ...] = ()
-    drifts: tuple[GainDrift, ...] = ()
 
     @cached_property
     def U(self) -> tuple[ComplexArray, ...]:
@@ -236,17 +233,15 @@ def gather_spectra(
     blocks: list[Block] = []
     notes: list[Note] = []
     scatter: list[ComplexArray] = []
-    drifts: list[GainDrift] = []
     for group in realisations:
         power, dof, n_y = sums.power(), sums.dof, len(group[0].record.outputs)
         Z, periods = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128), np.zeros(len(group))
-        deviations: list[ComplexArray] = []
         for i, spectra in enumerate(group):
             used, mean, every = _mean(spectra, lines, excited, spec, total, sums)
             notes += used.notes
             periods[i], Z[i] = len(used.periods), mean.T
-            deviations += [every.z * every.scale - mean] if every is not None else []
-        scatter += deviations if len(realisations) == 1 else []
+            if every is not None and len(realisations) == 1:
+                scatter.append(every.z * every.scale - mean)
         R = [reference_spectrum(spectra, lines) for spectra in group] if with_reference else []
         known = [spectrum for spectrum in R if spectrum is not None]
         block = Block(
@@ -258,21 +253,7 @@ def gather_spectra(
             dof=sums.dof - dof,
         )
         blocks.append(block)
-        drifts += _drifts(block.on(excited), [each[:, excited] for each in deviations])
-    return MeanSpectra(tuple(blocks), sums.collected(), sums.dof, tuple(notes), tuple(scatter), tuple(drifts))
-
-
-def _drifts(block: Block, deviations: Sequence[ComplexArray]) -> list[GainDrift]:
-    """Of the inputs in each record of a realisation; none where its records do not separate them."""
-    _, n_u, E = block.U.shape
-    if len(deviations) < E or n_u > E:
-        return []
-    try:
-        G = block.Y @ block.W
-        found = [gain_drift(each, block.U[:, :, i], G) for i, each in enumerate(deviations)]
-    except np.linalg.LinAlgError:
-        return []
-    return [drift for drift in found if drift is not None]
+    return MeanSpectra(tuple(blocks), sums.collected(), sums.dof, tuple(notes), tuple(scatter))
 
 
 def _mean(

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.frf.matrices import adjoint, squared_magnitude
 from elastid.record import MOTION_ORDER, Record
 from elastid.response import FrequencyResponse, MotorMotion
 
 # Lines with less than this part of the motion's power are noise, or move no posture.
 _LEAST_SHARE = 1e-5
+_LEAST_RECORDS = 6  # that show the motion, where there are more
 _MOST_LINES = 128  # that are kept, or from which the feedback is found
 # Part of the power of u - r that the feedback must explain; noise alone is explained by less.
 _EXPLAINED = 0.5
@@ -26,6 +28,7 @@ _EXPLAINED = 0.5
 
 def motor_motion(records: Sequence[Record], response: FrequencyResponse) -> MotorMotion | None:
     """Of the motors among the outputs of all records of one configuration; None without any, or without a rate."""
+    records = _representative(records)
     first = records[0]
     columns = [i for i, place in enumerate(first.outputs) if place.startswith("motor ")]
     if not columns or not first.rate_is_known or not first.is_periodic:
@@ -34,32 +37,36 @@ def motor_motion(records: Sequence[Record], response: FrequencyResponse) -> Moto
     s = (2j * np.pi * first.rate_hz / N * np.arange(1, N // 2)).astype(np.complex128)
     orders = [MOTION_ORDER[first.quantities[i]] for i in columns]
     over = np.stack([s**-order for order in orders], axis=1)
-    q = np.stack([_amplitudes(record, record.y, columns) * over for record in records])
+    y = np.stack([_amplitudes(record, record.y, columns) for record in records])
+    q = y[:, 1:] * over
     lines = np.rint(response.freq_hz * N / first.rate_hz).astype(np.int64)
     excited = lines[lines < N // 2] - 1
-    power = np.einsum("ekm,ekm->k", q, q.conj()).real
+    power = np.sum(squared_magnitude(q), axis=(0, 2))
     moving = power > _LEAST_SHARE * power[excited].sum()
     moving[excited] = True
-    spectra = np.einsum("ekm,ekn->kmn", q[:, moving], q[:, moving].conj()) / (2 * len(records))
+    of_lines = q[:, moving].transpose(1, 2, 0)
+    spectra = of_lines @ adjoint(of_lines) / (2 * len(records))
     motors = tuple(first.outputs[i] for i in columns)
     has_all = set(motors) == set(first.inputs) and not first.input_units
     feedback = _feedback(records, motors, q, s, excited, moving) if has_all else None
-    means = np.mean([_mean_period(record, record.y, columns).mean(axis=0) for record in records], axis=0)
-    mean = np.where([order == 0 for order in orders], means, np.nan)
+    mean = np.where([order == 0 for order in orders], y[:, 0].real.mean(axis=0) / 2, np.nan)
     return MotorMotion(motors, s.imag[moving] / (2 * np.pi), spectra, mean, feedback).grouped(_MOST_LINES)
 
 
+def _representative(records: Sequence[Record]) -> list[Record]:
+    """Whole realisations, until all inputs have moved: further ones move the robot as far, with other phases."""
+    first, by_realisation = records[0], sorted(records, key=lambda record: record.realisation)
+    least = min(max(_LEAST_RECORDS, len(first.inputs)), len(records))
+    last = by_realisation[least - 1].realisation
+    return [record for record in by_realisation if record.realisation <= last]
+
+
 def _amplitudes(record: Record, signals: FloatArray, columns: list[int]) -> ComplexArray:
-    """Complex amplitudes (N // 2 - 1, c) of the mean period of some signals, without their mean."""
-    N = record.period_samples
-    return np.asarray(rfft(_mean_period(record, signals, columns), axis=0)[1 : N // 2] * (2 / N))
-
-
-def _mean_period(record: Record, signals: FloatArray, columns: list[int]) -> FloatArray:
-    """The mean period (N, c) in the second half of a record."""
+    """Complex amplitudes (N // 2, c) of the mean period of some signals in the second half of a record; twice at 0."""
     N, P = record.period_samples, record.n_periods
     used = [p for p in range(P // 2, P) if p not in record.left_out] or [P - 1]
-    return np.asarray(sum(signals[p * N : (p + 1) * N][:, columns] for p in used) / len(used))
+    mean = np.asarray(sum(signals[p * N : (p + 1) * N] for p in used))[:, columns]
+    return np.asarray(rfft(mean, axis=0)[: N // 2] * (2 / N / len(used)))
 
 
 def _feedback(
@@ -72,10 +79,11 @@ def _feedback(
 ) -> FloatArray | None:
     """(3, n_m, n_m) from motors' angles q (E, K, n_m) at s (K,); None where they do not explain the torques."""
     order = [records[0].inputs.index(motor) for motor in motors]
-    drive = np.stack([_amplitudes(record, record.u, order) for record in records])
+    drive = np.stack([_amplitudes(record, record.u, order)[1:] for record in records])
     injected = [record.r for record in records if record.r is not None]
     if len(injected) == len(records):
-        drive = drive - np.stack([_amplitudes(record, r, order) for r, record in zip(injected, records, strict=True)])
+        of_r = [_amplitudes(record, r, order)[1:] for r, record in zip(injected, records, strict=True)]
+        drive = drive - np.stack(of_r)
         lines = np.flatnonzero(moving)
     else:
         lines = np.setdiff1d(np.arange(excited[0], excited[-1]), excited)

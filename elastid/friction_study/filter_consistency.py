@@ -34,7 +34,7 @@ from elastid.friction_study.extended_kalman_filter import Track
 class FilterThresholds:
     """Thresholds of the judgement of a filter.
     All three move at slow constant speeds, where noise of the angle is taken for viscous friction.  Of 100 clean logs
-    of scripts/studies/filter_honesty.py two have a note, and hold F_c for 47 and 79 % of the time.
+    two have a note, and hold F_c for 47 and 79 % of the time (scripts/studies/results.csv).
     """
 
     nis_band: tuple[float, float] = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift

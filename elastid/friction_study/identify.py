@@ -138,7 +138,7 @@ def _heat(
 
 def _first_numbers(joint: JointFriction) -> str:
     numbers = ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
-    return numbers or next((note.text for note in joint.notes if note.code.startswith("no")), "nothing was found")
+    return numbers or next((note.text for note in joint.notes if note.severity == "warning"), "nothing was found")
 
 
 def joint_law(

@@ -63,7 +63,7 @@ RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset", "delay")
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """Limits of the judgement of a motion (scripts/studies/friction_from_motion.py)."""
+    """Limits of the judgement of a motion (scripts/studies/results.csv)."""
 
     narrow: float = 0.25  # of the passband, in which a true model has the same numbers
     max_shift: float = 2.8  # of a number between both bands, over its std, that counts as an error of the model

@@ -1,11 +1,11 @@
 r"""The temperature of a joint from the power that friction and motor turn into heat, and friction that follows it.
 
-.. math:: C \dot T = P - h (T - T_a), \quad P = \tau_f v + r u^2, \qquad
+. math:: C \dot T = P - h (T - T_a), \quad P = \tau_f v + r u^2, \qquad
           T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
 
 exact over a step of constant power. A gear that warms with its motor is a second node, P shared between them:
 
-.. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad
+. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad
           w_1 = \frac{s}{1 - T_2 / T_1}, \quad w_2 = 1 - w_1
 
 with s = 0 to 1 for any place of the joint: where P enters both w are positive, and a place that is warmed through the
@@ -82,7 +82,7 @@ class WarmUp:
 
 @dataclass(frozen=True)
 class WarmUpLimits:
-    """Limits of warm-ups.  False alarms of 12 logs (rest_and_warm_up.py): no note on a short warm-up."""
+    """Limits of warm-ups.  False alarms of 12 logs: no note on a short warm-up."""
 
     best_thermometer: float = 0.05  # K, std of its readings at least
     max_share: float = 1.2  # of s: a little above 1 stands for further nodes on the way to a thermometer
@@ -314,7 +314,7 @@ def _heat(warm_up: WarmUp, constants: FloatArray, shares: FloatArray) -> FloatAr
     steps, total = np.diff(warm_up.time_s), np.zeros(len(warm_up.time_s))
     for T_i, w in zip(constants, shares, strict=True):
         decay = np.exp(-steps / T_i)
-        recursion = np.array([np.ones(len(total)), np.append(-decay, 0.0)])  # theta_k+1 - decay_k theta_k = ...
+        recursion = np.array([np.ones(len(total)), np.append(-decay, 0.0)])  # theta_k+1 - decay_k theta_k = ..
         total += w * solve_banded((1, 0), recursion, np.append(0.0, warm_up.power * (1 - decay)), check_finite=False)
     return total
 

@@ -56,7 +56,7 @@ class Limits:
     spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
     # Std of a motor's levels, all as one factor, by what no shape has.  Calibrated, not derived, on one outside rig of
     # two motors with F_c of a sixth of the rms torque: of signs alone F_c was up to 1 % off where noise says 0.4 %, and
-    # with curves or bristles among them up to 2.5 %; two draws of friction_words.py have up to 0.3 and 0.9 %.
+    # with curves or bristles among them up to 2.5 %; two draws of an outside rig have up to 0.3 and 0.9 %.
     sign_error: float = 0.005
     shape_error: float = 0.015
     # Chance at which friction of one level is said to differ between configurations, of normal levels.

@@ -24,7 +24,7 @@ _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
 COARSE, COUNT = 0.1, 0.025
 # Of the motion, from which on a difference of the periods is told, and above which nothing is looked for. It counts as
 # noise: of motor and link, unsettled by 1.7 to 7.5 %, k was at most 0.05 % and 1.7 std off, levels 1.2 std; of 23 clean
-# sets, which wander by up to 6.6 % (scripts/studies/gear_clean.py), none had a wrong effect.
+# sets, which wander by up to 6.6 % (scripts/studies/results.csv), none had a wrong effect.
 DIFFERS, UNSETTLED = 1e-2, 0.1
 # Names of modification indices that make a channel late.
 _LATE = ("delay", "low_pass", "hold", "difference", "torque_lag", "sensor_lag")

@@ -15,7 +15,7 @@ from elastid.nonlinear.gear.effects import GearEffect
 from elastid.robot import Robot
 
 # Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit: 5 right models leave
-# at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/gear_misfits.py).
+# at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
 EXPLAINED = 0.25
 # Code of the note on a gear that is no straight spring, of which nothing was found.
 BENT_STILL = "gears/still-bent"

@@ -31,7 +31,7 @@ from elastid.robot import Joint, Robot
 
 @dataclass(frozen=True)
 class DoubtLimits:
-    """Limits of doubts about channels.  In scripts/studies/wrong_channels.py 150 clean logs raise none."""
+    """Limits of doubts about channels.  150 clean logs raise none (scripts/studies/results.csv)."""
 
     # Correlation of two motions that are one, and of one with the other as another quantity than stated.
     min_correlation: float = 0.98

@@ -1,6 +1,6 @@
 r"""Logs of a warm-up as heat: power and temperature in steps of seconds, and the test passes that the motion contains.
 
-.. math:: P_k = \frac{1}{\Delta t} \int_k^{k+1} u\, dq
+. math:: P_k = \frac{1}{\Delta t} \int_k^{k+1} u\, dq
 
 The work of the torque over a step is kept whatever its length: inertia and gravity store energy and give it back, so
 that over a motion to and fro friction alone is left, and of hours a few hundred steps say all that a joint feels.
@@ -23,7 +23,7 @@ from elastid.recorded.repair.converter import step
 
 @dataclass(frozen=True)
 class WarmUpLogLimits:
-    """Limits of logs of warm-ups.  False alarms of 12 logs (rest_and_warm_up.py): 0 refusals."""
+    """Limits of logs of warm-ups.  False alarms of 12 logs: 0 refusals."""
 
     step_s: float = 10.0  # of constant power, at least: several cycles of a motion
     max_steps: int = 500  # of one log

@@ -55,7 +55,7 @@ class SpreadLimits:
     """Knowledge of spreads beforehand, in place of further robots.
 
     Of 200 fleets of 8 good robots that differ by 1.5 % 4 have a finding with three dates and 9 with one; a gear that is
-    10 % soft is named in 192 and 196 (scripts/studies/fleet.py; among 64 robots in all, with a finding in 8).
+    10 % soft is named in 192 and 196 (scripts/studies/results.csv; among 64 robots in all, with a finding in 8).
     """
 
     # New gears of one type differ by 1 to 3 % in stiffness: worth so many degrees of freedom.

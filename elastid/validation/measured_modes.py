@@ -3,7 +3,7 @@ r"""Modes of the measured responses of a robot beside those of its identified mo
 A measured mode belongs to the model's mode of near frequency, within 10 % or the smaller half width, and like shape,
 each to one; their shapes at the outputs, psi of the measurement and C phi of the model, are compared by
 
-.. math:: \mathrm{MAC} = \frac{|\psi^H C \phi|^2}{\psi^H \psi\; (C \phi)^H C \phi}
+. math:: \mathrm{MAC} = \frac{|\psi^H C \phi|^2}{\psi^H \psi\; (C \phi)^H C \phi}
 
 A mode without one is lacking where the model also misses the response there: at the line of its peak by more than half
 of the height of the peak |R| / (zeta omega), which itself is more than eight standard deviations.  Friction bends
@@ -31,7 +31,7 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class Limits:
-    """Judgement of measured modes.  False alarms of 150 right models: 1 (`scripts/studies/missing_modes.py`)."""
+    """Judgement of measured modes.  False alarms of 150 right models: 1 (`scripts/studies/results.csv`)."""
 
     distance: float = 0.1  # relative, of frequencies of one mode
     mac: float = 0.5  # of one mode, where frequencies are further apart than the smaller half width

@@ -4,9 +4,7 @@
 
 The KR 300 with twelve springs (18 coordinates) in ten postures: 120 records of 8 s at 500 Hz with Coulomb friction, a
 carrier and noise, 116 lines, 30 unknowns from 20 starts, one posture left out, by one process. CPU time of its children
-is included. Other studies are timed where they stand: a friction study by friction.py, a large log by large_record.py,
-a map by map.py, a fleet by scripts/studies/fleet.py, a tuned move by scripts/studies/tuned_moves.py. The last line is
-one JSON object; last_run.json has that of the last run.
+is included. The last line is one JSON object; last_run.json has that of the last run.
 
 Measured, in CPU seconds on two cores: 94 (all_s) in all; design 18 (design_s), measure 12 (measure_s), estimate 33
 (estimate_s), fit 16 (fit_s), validate 8 (validate_s), report 7 (report_s).

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.mjcf_arm import ARM as CRANE
 
 from elastid.app import cli
 from elastid.app.cli import run_command
 from elastid.study import load_with_logs
-from tests.app.test_from_mjcf import ARM as CRANE
 from tests.app.test_from_robot import ARM
 
 

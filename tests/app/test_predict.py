@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants import rigid_axis as axis
 from plants.moving_arm import motion
-from plants.studies import study as script
 
 from elastid.app import cli
 
@@ -34,7 +34,6 @@ experiment:
 @pytest.fixture(scope="module")
 def study_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """The study of a log of a rigid axis with J = 6 kg*m^2, f = 20 N*m*s/rad and a Coulomb friction."""
-    axis = script("uneven_clocks")
 
     def made(name: str, seed: int, coulomb: float) -> Path:
         folder = tmp_path_factory.mktemp(name)

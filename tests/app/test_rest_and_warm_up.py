@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants import lugre_rig, warm_rig
-from plants.studies import study as script
+from plants.warm_ups import predicted
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all, run_stage
@@ -218,6 +218,6 @@ def test_keys_that_do_not_fit_a_purpose_are_refused(file: str, words: str, tmp_p
 @pytest.mark.slow
 def test_a_housing_that_follows_its_gear_quickly_has_its_node(tmp_path: Path) -> None:
     """Its share is 6 % of the temperature, and without it the second hour is predicted 3 % off."""
-    predicted = script("rest_and_warm_up").predicted(10, tmp_path)
-    assert predicted["temperature"] < 0.1
-    assert predicted["level"] < 0.3
+    found = predicted(10, tmp_path)
+    assert found["temperature"] < 0.1
+    assert found["level"] < 0.3

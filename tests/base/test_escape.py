@@ -9,8 +9,8 @@ from xml.etree import ElementTree as ET
 
 import h5py
 import pytest
-import yaml
 from plants.hostile_names import HOSTILE, REFUSED
+from ruamel.yaml import YAML
 
 from elastid.base import escape
 from elastid.base.display import Display
@@ -25,7 +25,7 @@ def test_a_text_stays_in_its_place(text: str) -> None:
     assert escape.one_line(text).isprintable()
     comment = escape.c_comment([text, f"{text}*", text])
     assert comment.count("*/") == comment.count("/*") == 1
-    assert yaml.safe_load(escape.comment_lines(text) + "a: 1\n") == {"a": 1}
+    assert YAML(typ="safe").load(escape.comment_lines(text) + "a: 1\n") == {"a": 1}
     assert ET.fromstring(f"<r><!-- {escape.xml_comment(text)} --><a/></r>").find("a") is not None
     assert json.loads(escape.embedded_json({text: text})) == {text: text}
     assert "<" not in escape.embedded_json([text])

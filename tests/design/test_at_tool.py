@@ -1,12 +1,11 @@
 """The forecast of load tests and taps against fits of a robot with equations of its own that has them."""
 
 import re
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plants import tapped_arm, weighed_arm
 
 from elastid.design.at_tool import study_tests, tool_notes
 from elastid.design.prospect import ExpectedResponse, expected_fit
@@ -20,18 +19,14 @@ from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.robot import Frame
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "studies"))
-import load_tests
-import tool_side
-
 
 def forecasts(seed: int, tests: tuple[PlacedTest, ...]) -> tuple[dict[str, str], list]:
     """Text of each note by its code, for responses as the study measures them, and the fits that it makes of them."""
-    study = load_tests if tests else tool_side
+    study = weighed_arm if tests else tapped_arm
     with_both, alone, _ = study.one_fit(seed) if tests else study.one_fit(seed, also_alone=True)
-    robot = load_tests.nominal()
-    true = load_tests.outside(robot.with_parameters({n: alone.values[n] for n in alone.parameters.free_names}))
-    measured = load_tests.responses(true, np.random.default_rng(3))
+    robot = weighed_arm.nominal()
+    true = weighed_arm.outside(robot.with_parameters({n: alone.values[n] for n in alone.parameters.free_names}))
+    measured = weighed_arm.responses(true, np.random.default_rng(3))
     fitted, spec = FittedRobot.of(alone, robot, measured), FitSpec(weights=WeightSpec(floor=0.0))
     parameters = alone.parameters.with_means(alone.x)
     expected = [
@@ -55,11 +50,11 @@ def percent(text: str, name: str) -> tuple[float, float]:
 def test_the_load_tests_of_a_study_bring_what_is_forecast() -> None:
     """Standard deviations of the wrist within 30 % of those of the fit that has the tests."""
     # The draws of the study's first fit.
-    robot, rng = load_tests.nominal(), np.random.default_rng([0, 0])
+    robot, rng = weighed_arm.nominal(), np.random.default_rng([0, 0])
     springs = {n: v * np.exp(0.1 * rng.standard_normal()) for n, (v, _) in robot.parameters().items() if n[0] in "kd"}
-    true = load_tests.outside(robot.with_parameters(springs))
-    where = {G.configuration.name: G.configuration for G in load_tests.responses(true, rng)}
-    tests = placed_tests(load_tests.load_tests(true, rng), where)
+    true = weighed_arm.outside(robot.with_parameters(springs))
+    where = {G.configuration.name: G.configuration for G in weighed_arm.responses(true, rng)}
+    tests = placed_tests(weighed_arm.load_tests(true, rng), where)
     notes, (both, alone) = forecasts(0, tests)
     for name in ("k_4", "k_5", "k_6"):
         before, after = percent(notes["forecast-loads"], name)
@@ -81,9 +76,9 @@ def test_typical_taps_and_load_tests_are_offered_for_a_wrist() -> None:
 
 def test_a_frame_that_does_not_move_brings_nothing() -> None:
     """On the base: no note, and no error."""
-    robot = replace(load_tests.nominal(), frames=(Frame("tool", "base"),))
-    true = load_tests.outside(load_tests.nominal())
-    measured = load_tests.responses(true, np.random.default_rng(0))[:1]
+    robot = replace(weighed_arm.nominal(), frames=(Frame("tool", "base"),))
+    true = weighed_arm.outside(weighed_arm.nominal())
+    measured = weighed_arm.responses(true, np.random.default_rng(0))[:1]
     parameters, spec = choose(FitSpec(), robot), FitSpec()
     linear = linear_model(Linearisation.of_robot(robot), measured[0], parameters.expand(parameters.x))
     expected = [ExpectedResponse(measured[0], linear, weigh(measured[0], spec), parameters, spec)]

@@ -12,8 +12,8 @@ from xml.etree import ElementTree as ET
 import casadi as ca
 import numpy as np
 import pytest
-import yaml
 from plants.hostile_names import HOSTILE, hostile_model
+from ruamel.yaml import YAML
 from scipy.io import loadmat
 
 from elastid.app.identified_robot import robot_of_fit
@@ -59,7 +59,9 @@ def test_robot_file_reads_back_in_both_versions_of_yaml(model: FittedRobot, tmp_
     path = tmp_path / "robot.yml"
     path.write_text(robot_of_fit(model.name, model.robot, None, interval_lines(model)), encoding="utf-8")
     assert load_robot(path) == model.robot
-    older = yaml.safe_load(path.read_text(encoding="utf-8"))
+    reader = YAML(typ="safe", pure=True)
+    reader.version = (1, 1)
+    older = reader.load(path)
     assert set(older) <= {"name", "bodies", "gravity", "source", "frames"}
     assert older["bodies"][0]["name"] == model.robot.bodies[0].name
     assert older["bodies"][0]["joints"][0]["name"] == model.robot.joints[0].name

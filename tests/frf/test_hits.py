@@ -52,8 +52,8 @@ def test_a_double_hit_is_named_with_its_dips() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "code"), [("force", "overload"), ("answer", "overload"), ("begin", "frf/hits"),
-                        ("end", "frf/hits"), ("drift", "drift")],
+    ("fault", "code"), [("force", "frf/overload"), ("answer", "frf/overload"), ("begin", "frf/hits"),
+                        ("end", "frf/hits"), ("drift", "frf/hits")],
 )  # fmt: skip
 def test_faults_are_named(fault: str, code: str) -> None:
     u, y = hits()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.elastic_axis import h1_coverage
 from plants.noise_record import H1, MIX, RATE, noise_record, truth
 from plants.notes import said
 from scipy.signal import coherence, csd, lfilter
@@ -17,9 +16,6 @@ from elastid.frf import segments
 from elastid.frf.estimate import estimate
 from elastid.frf.segments import Segments, make_segments
 from elastid.frf.spec import EstimatorSpec, Method
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "studies"))
-from automatic_method import h1_coverage
 
 
 @pytest.mark.parametrize("window", ["hann", "hamming", "boxcar"])

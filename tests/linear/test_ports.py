@@ -1,11 +1,10 @@
 """Forces at frames as inputs of a linear model: equations of their own, and derivatives by differences."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.outside_arm import outside_of
 
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import kernel_of, linear_model
@@ -18,9 +17,6 @@ from elastid.model.formulation import EXACT
 from elastid.record import Configuration, JointLoop, Motors
 from elastid.response import FrequencyResponse
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring, Tolerances
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "studies"))
-from prediction_anywhere import outside_of
 
 LINES = np.linspace(3, 60, 30)
 TOOL = (0.5, 0.1, 0.05)

@@ -1,13 +1,10 @@
 """Friction at the motors is found in the multisine's own records, and responses without it scatter far less."""
 
-import importlib
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from plants.dry_friction import COULOMB, measured, measured_bristles
-from plants.studies import study
 
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -189,35 +186,3 @@ def test_a_structure_without_motors_has_no_word_of_friction() -> None:
     structure = [[replace(r, inputs=("point 1", "point 2")) for r in records] for records in configurations]
     assert find_friction(structure, AUTO, lines).notes == ()
     assert len(find_friction(structure, EstimatorSpec(friction="curve"), lines).notes) == 1
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not study("friction_words").RIGS.exists(), reason="the outside rig is in ../shared")
-def test_what_a_level_contains_is_found_or_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An outside rig: stiction as a Stribeck curve beside F_c, friction by load as levels that differ by posture."""
-    words = study("friction_words")
-    monkeypatch.syspath_prepend(str(words.RIGS))
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    rig = importlib.import_module("two_axis_arm")
-    spec, lines = replace(AUTO, transient_periods=0), np.array(rig.LINES)
-    taken = {case: find_friction(words.groups(rig, 5000, case), spec, lines) for case in ("stribeck", "load")}
-    for place, coulomb, stiction in zip(taken["stribeck"].places, (9.6, 4.8), (3.36, 1.68), strict=True):
-        level, std = taken["stribeck"].sliding_level(place)
-        assert abs(level - coulomb) < 2 * std < 0.1 * coulomb
-        curves = [(s.threshold, f) for s, f in taken["stribeck"].taken_shapes(place) if s.kind == "stribeck"]
-        # What they do to a motion through standstill is their height times their width.
-        area = sum(v_s * more for v_s, more in curves)
-        assert area == pytest.approx(stiction * 0.01, rel=0.15)
-        assert area / sum(more for _, more in curves) == pytest.approx(0.01, rel=0.4)
-    said = [str(note) for note in taken["load"].notes if note.code == "nonlinear/friction-differs"]
-    assert [text.partition(":")[0] for text in said] == ["motor 1", "motor 2"]
-    assert "in a and" in said[0]
-    for text, coulomb in zip(said, (9.6, 4.8), strict=True):
-        f_0, std, share, of_share = words.dependence(text)
-        assert abs(f_0 - coulomb) < 3 * std
-        assert abs(share - 4.0) < 3 * of_share
-    for place, coulomb, loads in zip(taken["load"].places, (9.6, 4.8), words.held_up(rig), strict=True):
-        level, std = taken["load"].sliding_level(place)
-        assert all(abs(coulomb + 0.04 * load - level) < 2 * std for load in loads)
-    assert "nonlinear/friction-differs" not in {note.code for note in taken["stribeck"].notes}
-    assert any("near standstill (Stribeck" in str(note) for note in taken["stribeck"].notes)

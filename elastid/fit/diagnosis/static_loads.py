@@ -37,7 +37,7 @@ from elastid.parameters import ParameterSet
 
 @dataclass(frozen=True)
 class LoadLimits:
-    """Thresholds of a disagreement: each test errs once in 700 fits; scripts/studies/load_tests.py counts them."""
+    """Thresholds of a disagreement: each test errs once in 700 fits (scripts/studies/results.csv)."""
 
     tail: float = 1 / 700  # probability of T, and of the ratio, by chance
     linear: float = 0.1  # of the largest deflection, above which a std of the prediction is not one of first order

@@ -39,7 +39,7 @@ from elastid.response import BENT, NOT_STRAIGHT
 
 @dataclass(frozen=True)
 class MisfitLimits:
-    """Thresholds of a misfit, far beyond what fits of true models reach (scripts/studies/misfit.py).
+    """Thresholds of a misfit, far beyond what fits of true models reach (scripts/studies/results.csv).
 
     Measured there: V 1.13 of its expectation, and the disagreement of blocks, whose noise is less well known than that
     of all lines together, 1.4; of 330 true models, some with a variance of two degrees of freedom, no number reached a

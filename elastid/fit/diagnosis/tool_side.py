@@ -35,7 +35,7 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class ToolLimits:
-    """Thresholds of a disagreement: each test errs once in 700 fits; scripts/studies/tool_side.py counts them."""
+    """Thresholds of a disagreement: each test errs once in 700 fits (scripts/studies/results.csv)."""
 
     tail: float = 1 / 700  # probability of T, and of the factor, by chance
     unreached: float = 30.0  # std of x in a direction that the motors' responses do not reach

@@ -45,7 +45,8 @@ def find_gear_effects(
     if not elastic_joints(linearisation):
         raise DataError(
             "robot/no-spring",
-            f"robot {robot.name} has no driven joint with a spring in its gear: what gears do is found by their springs",
+            f"robot {robot.name} has no driven joint with a spring in its gear: what gears do is found by "
+            "their springs",
         )
     data = [gather_lines(tuple(records), spec, planned) for records in measured]
     drives = [

@@ -15,6 +15,13 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.note import Note
 
+_CODES = {  # of findings that mend nothing
+    "drifting channels": "records/drift",
+    "quantised channels": "records/quantised",
+    "samples at a limit": "records/clipped",
+    "stops": "records/stopped",
+}
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -26,7 +33,7 @@ class Finding:
 
     def note(self, place: str) -> Note:
         """The finding as a note on a record."""
-        return Note(self.kind.replace(" ", "-"), self.text, place)
+        return Note(_CODES.get(self.kind, "records/repaired"), self.text, place)
 
 
 @dataclass(frozen=True)

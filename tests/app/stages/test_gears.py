@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from plants.two_mass_gear import LINES, Gear, records, robot
+from ruamel.yaml import YAML
 
 from elastid.app import cli
 from elastid.app.stages.gears import on_straight_springs
@@ -140,7 +140,7 @@ def test_exports_say_what_they_leave_out(folder: Path, capfd: pytest.CaptureFixt
     assert (folder / "export" / "mujoco" / "robot.xml").read_text().count("frictionloss") == 4
     assert cli.run_command(["export", str(STUDY), "--run", str(folder), "--to", "draws", "--count", "2"]) == 0
     paths = [folder / "export" / "robot" / "robot.yml", folder / "export" / "draws" / "robots" / "robot_1.yml"]
-    found, drawn = (yaml.safe_load(path.read_text())["bodies"][1]["joints"][0]["gear"] for path in paths)
+    found, drawn = (YAML(typ="safe").load(path)["bodies"][1]["joints"][0]["gear"] for path in paths)
     assert drawn == found
 
 

@@ -55,7 +55,7 @@ def test_friction_that_depends_on_the_posture_is_no_second_robot() -> None:
     case = rubbing_by_posture(true_case())
     result = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
     assert result.indices[0].name.startswith("friction_2")
-    assert {note.code for note in result.notes} & {"fit/unlike-responses", "fit/unlike-responses"} == set()
+    assert {note.code for note in result.notes} & {"fit/unlike-responses"} == set()
     sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
     assert sentence.startswith("friction of motor 2 that depends on the posture (")
     assert "in c2" in sentence

@@ -1,21 +1,18 @@
 """Taps on the tool of a six-axis robot with equations of its own, beside the responses of its motors."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.tapped_arm import FAULTS, WRIST, one_fit, taps
+from plants.weighed_arm import nominal, outside
 
 import elastid as ei
 from elastid.base.errors import DataError
 from elastid.fit.checks import check_responses
 from elastid.fit.identify import identify
 from elastid.record import JointLoop
-
-sys.path.insert(0, str(Path(__file__).parents[3] / "scripts" / "studies"))
-from load_tests import nominal, outside
-from tool_side import FAULTS, WRIST, one_fit, taps
 
 
 @pytest.mark.slow

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants import studies
+from plants import local_plants as study
 from scipy.stats import kstest
 
 from elastid.frf.local import least_squares
 from elastid.frf.local.least_squares import WindowTerms, fit_ladder, fitted_transient, window_power, windows
 from elastid.frf.local.response import local_response
-
-study = studies.study("local_methods")
 
 
 @given(count=st.integers(3, 60), n_w=st.integers(1, 40), line=st.integers(0, 200), seed=st.integers(0, 10**6))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants import studies
+from plants import local_plants as study
 from plants.noise_record import noise_record
 from plants.notes import said
 
@@ -30,9 +30,6 @@ LRM = EstimatorSpec(method="local_rational", quantity="velocity")
 SWEEP = EstimatorSpec(method="local_rational", quantity="velocity", lines="full", band_hz=(2.0, 35.0))
 LINES = np.arange(10, 131)
 FREQ = LINES * RATE / N
-
-
-study = studies.study("local_methods")
 
 
 def _record(

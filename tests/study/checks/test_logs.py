@@ -1,19 +1,16 @@
 """`check` opens the logs: each mistake about a channel is reported at its line, and a right study has none."""
 
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.channel_mistakes import Mistake, complaint, is_at_line, write_rig
 
 from elastid.app import cli
 from elastid.base.errors import StudyError
 from elastid.study import load, load_with_logs
 from elastid.study.checks.logs import is_time
-
-sys.path.insert(0, str(Path(__file__).parents[3] / "scripts" / "studies"))
-from wrong_channels import Mistake, complaint, is_at_line, write_rig
 
 # Rigs with encoders of the links and a time, with speeds, with motor angles alone, and a multisine log.
 RIGS = (0, 2, 4, 1)

@@ -1,0 +1,221 @@
+"""Plants whose responses are known exactly, measured in one experiment, and the errors of local methods on them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.signal import chirp
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.excitation.multisine import synthesise
+from elastid.frf.local.response import local_response, settled_spectra
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Configuration, Motion, Record
+from elastid.response import FrequencyResponse
+
+LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
+LRM = EstimatorSpec(method="local_rational", quantity="velocity")
+
+
+def record(
+    u: FloatArray, y: FloatArray, r: FloatArray | None, rate_hz: float, N: int, quantity: Motion = "velocity"
+) -> Record:
+    """A record of one experiment, motors in and out."""
+    inputs = tuple(f"motor {i + 1}" for i in range(u.shape[1]))
+    outputs = tuple(f"joint {i + 1}" for i in range(y.shape[1]))
+    quantities = (quantity,) * y.shape[1]
+    return Record("c-r0-e0", Configuration("c", np.zeros(1)), 0, 0, rate_hz, N, inputs, outputs, quantities, u, y, r)
+
+
+@dataclass(frozen=True)
+class TwoModes:
+    """SISO, band-limited torque; the exact response from rest is steady state less its initial state's free motion."""
+
+    N: int = 4096
+    rate_hz: float = 1000.0
+    zeta: float = 0.01
+    at_lines: tuple[float, ...] = (82.0, 250.0)
+    lines: tuple[int, int] = (6, 600)
+
+    @property
+    def excited(self) -> IntArray:
+        """Lines, 595 of them."""
+        return np.arange(self.lines[0], self.lines[1] + 1)
+
+    def _mode(self, omega_0: float, omega: FloatArray) -> ComplexArray:
+        response: ComplexArray = omega_0**2 / (omega_0**2 - omega**2 + 2j * self.zeta * omega_0 * omega)
+        return response
+
+    def G(self) -> ComplexArray:
+        """The truth at the excited lines."""
+        omega = 2 * np.pi * self.excited * self.rate_hz / self.N
+        modes = [self._mode(2 * np.pi * k * self.rate_hz / self.N, omega) for k in self.at_lines]
+        return np.sum(modes, axis=0)
+
+    def from_rest(self, P: int, snr_db: float, rng: np.random.Generator) -> Record:
+        """P periods from rest, output noise snr_db below the output."""
+        unit = self.rate_hz / self.N
+        omega, t = 2 * np.pi * self.excited * unit, np.arange(P * self.N) / self.rate_hz
+        U = np.exp(2j * np.pi * rng.random(len(omega)))
+        u, y = (np.tile(synthesise(self.excited, X[:, None], self.N), (P, 1)) for X in (U, self.G() * U))
+        for k in self.at_lines:
+            omega_0 = 2 * np.pi * k * unit
+            decay, omega_d = self.zeta * omega_0, omega_0 * np.sqrt(1 - self.zeta**2)
+            X = self._mode(omega_0, omega) * U
+            x, v = np.sum(X).real, np.sum(1j * omega * X).real
+            free = x * np.cos(omega_d * t) + (v + decay * x) / omega_d * np.sin(omega_d * t)
+            y[:, 0] -= np.exp(-decay * t) * free
+        y += rng.normal(size=y.shape) * np.std(y[-self.N :]) * 10 ** (-snr_db / 20)
+        return record(u, y, None, self.rate_hz, self.N)
+
+
+class SixAxes:
+    """Six motors on six modes and a rigid body, torque to velocity, under decentralised velocity feedback."""
+
+    rate_hz = 250.0
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        n = self.n = 6
+        omega = 2 * np.pi * np.linspace(7.3, 24.1, n)
+        zeta = rng.permutation(np.linspace(0.044, 0.072, n))
+        Phi, rigid = rng.normal(size=(n, n)), np.eye(n) + rng.normal(size=(n, n)) / 3
+        zero = np.zeros((n, n))
+        A = np.block(
+            [
+                [-0.5 * np.eye(n), zero, zero],
+                [zero, zero, np.eye(n)],
+                [zero, -np.diag(omega**2), -np.diag(2 * zeta * omega)],
+            ]
+        )
+        B = np.vstack([rigid @ rigid.T, zero, Phi.T])
+        step = expm(np.block([[A, B], [np.zeros((n, 4 * n))]]) / self.rate_hz)
+        self.A, self.B, self.C = step[: 3 * n, : 3 * n], step[: 3 * n, 3 * n :], np.hstack([np.eye(n), zero, Phi])
+        self.gain = 2 * np.pi * 3.0 * 0.15
+
+    def G(self, freq_hz: FloatArray) -> ComplexArray:
+        """The truth: of the samples of y to those of u."""
+        z = np.exp(2j * np.pi * freq_hz / self.rate_hz)[:, None, None]
+        G: ComplexArray = self.C @ np.linalg.solve(z * np.eye(len(self.A)) - self.A, self.B.astype(np.complex128))
+        return G
+
+    def measured(
+        self, period_s: float, step: int, P: int, rng: np.random.Generator, snr_db: float = np.inf, settle: int = 0
+    ) -> Record:
+        """One experiment from rest, `settle` periods before it; every step-th line; sensor noise on the record of y."""
+        N = round(period_s * self.rate_hz)
+        lines = self.lines(period_s, step)
+        U = np.exp(2j * np.pi * rng.random((len(lines), self.n)))
+        r = np.tile(synthesise(lines, U, N), (P + settle, 1))
+        u, y, x = np.zeros(r.shape), np.zeros(r.shape), np.zeros(len(self.A))
+        for k in range(len(r)):
+            y[k] = self.C @ x
+            u[k] = r[k] - self.gain * y[k]
+            x = self.A @ x + self.B @ u[k]
+        y += rng.normal(size=y.shape) * y.std(axis=0) * 10 ** (-snr_db / 20)
+        u, y, r = (signal[settle * N :] for signal in (u, y, r))
+        return record(u, y, r, self.rate_hz, N)
+
+    def lines(self, period_s: float, step: int) -> IntArray:
+        """1 to 60 Hz; odd lines for step 2."""
+        lines = np.arange(round(period_s), round(60 * period_s) + 1)
+        return lines[lines % 2 == 1] if step == 2 else lines
+
+    def errors(self, response: FrequencyResponse) -> FloatArray:
+        """Relative error (F,) of every line."""
+        G = self.G(response.freq_hz)
+        errors: FloatArray = np.linalg.norm(response.G - G, axis=(1, 2)) / np.linalg.norm(G, axis=(1, 2))
+        return errors
+
+
+class SweptAxis:
+    """One motor, a rigid body and two modes of 3 %, torque to velocity; a sine sweep of 20 s from rest to its end."""
+
+    rate_hz = 200.0
+    n_samples = 4000
+    band_hz = (2.0, 35.0)
+
+    def __init__(self) -> None:
+        A, B, self.C = np.zeros((6, 6)), np.zeros(6), np.zeros(5)
+        A[0, 0], B[0], self.C[0] = -0.5, 1.0, 1.0
+        for i, f in ((1, 6.0), (3, 15.0)):
+            omega = 2 * np.pi * f
+            A[i, i + 1], A[i + 1, i : i + 2] = 1.0, (-(omega**2), -0.06 * omega)
+            B[i + 1] = self.C[i + 1] = 1.0
+        A[:, 5] = B
+        step = expm(A / self.rate_hz)
+        self.A, self.B = step[:5, :5], step[:5, 5]
+
+    def G(self, freq_hz: FloatArray) -> ComplexArray:
+        """The truth (F,): of the samples of y to those of u."""
+        z = np.exp(2j * np.pi * freq_hz / self.rate_hz)[:, None, None]
+        states = np.linalg.solve(z * np.eye(5) - self.A, self.B[:, None].astype(np.complex128))
+        return np.asarray(states[:, :, 0] @ self.C)
+
+    def measured(
+        self, repeats: int, gain: float, snr_db: float, rng: np.random.Generator, gains: tuple[float, ...] = ()
+    ) -> list[Record]:
+        """Records of the same sweep under velocity feedback of this gain; 0 is open loop, without a reference."""
+        t = np.arange(self.n_samples) / self.rate_hz
+        r = chirp(t, 1.0, t[-1], 40.0, phi=-90)
+        u, y, x = np.zeros(len(t)), np.zeros(len(t)), np.zeros(5)
+        for k in range(len(t)):
+            y[k] = self.C @ x
+            u[k] = r[k] - gain * y[k]
+            x = self.A @ x + self.B * u[k]
+        found = []
+        for m, c in enumerate(gains or (1.0,) * repeats):
+            noise = rng.normal(size=len(t)) * y.std() * 10 ** (-snr_db / 20)
+            signals = (c * u[:, None], (c * y + noise)[:, None], c * r[:, None] if gain else None)
+            found.append(replace(record(*signals, self.rate_hz, len(t)), name=f"c-r{m}-e0", realisation=m))
+        return found
+
+
+def repeats(runs: int, gain: float, snr_db: float, spec: EstimatorSpec) -> dict[int, tuple[float, float]]:
+    """Median relative error, and mean squared error over total variance, of 1 and 3 records of the same sweep."""
+    plant, spec = SweptAxis(), replace(spec, lines="full", band_hz=SweptAxis.band_hz)
+    found = {}
+    for count in (1, 3):
+        errors, ratios = [], []
+        for seed in range(runs):
+            response = local_response(plant.measured(count, gain, snr_db, np.random.default_rng(seed)), spec)
+            G = plant.G(response.freq_hz)
+            error = np.abs(response.G[:, 0, 0] - G)
+            assert response.total is not None
+            errors.append(error / np.abs(G))
+            ratios.append(error**2 / response.total.variance[:, 0, 0])
+        found[count] = float(np.median(errors)), float(np.mean(ratios))
+    return found
+
+
+def decibels(estimate: ComplexArray, truth: ComplexArray) -> float:
+    """Relative error of all lines."""
+    return float(20 * np.log10(np.linalg.norm(estimate - truth) / np.linalg.norm(truth)))
+
+
+def leakage(P: int, seed: int = 0) -> dict[str, float]:
+    """Relative error in dB of what others do and of what elastid does."""
+    plant = TwoModes()
+    taken, lines, G = plant.from_rest(P, 77.0, np.random.default_rng(seed)), plant.excited, plant.G()
+    U, Y = (np.fft.rfft(x.reshape(P, plant.N), axis=1)[:, lines] for x in (taken.u, taken.y))
+    settled = settled_spectra(taken, lines, "velocity")
+    return {
+        "mean of all periods": decibels(Y.mean(axis=0) / U[0], G),
+        "last period only": decibels(Y[-1] / U[-1], G),
+        "local_polynomial": decibels(local_response([taken], LPM, lines).G[:, 0, 0], G),
+        "transient removed, then Y / U": decibels((settled.Y / settled.U)[:, 0], G),
+        "local_rational": decibels(local_response([taken], LRM, lines).G[:, 0, 0], G),
+    }
+
+
+def six_axes(
+    seeds: int, period_s: float, step: int, P: int, settle: int, snr_db: float
+) -> dict[str, tuple[float, float]]:
+    """Median and worst relative error of both methods, over plants."""
+    found: dict[str, list[FloatArray]] = {"local_polynomial": [], "local_rational": []}
+    for seed in range(seeds):
+        plant = SixAxes(seed)
+        taken = plant.measured(period_s, step, P, np.random.default_rng(seed), snr_db, settle)
+        for spec in (LPM, LRM):
+            found[spec.method].append(plant.errors(local_response([taken], spec, plant.lines(period_s, step))))
+    return {name: (float(np.median(errors)), float(np.max(errors))) for name, errors in found.items()}
