@@ -249,19 +249,19 @@ def _falls(model: _Model, shared: Optimum, own: Optimum) -> bool:
 
 def _notes(place: str, points: tuple[RestPoint, ...], falls: bool, slip: float) -> tuple[Note, ...]:
     first, last = points[0], points[-1]
-    texts = {}
+    texts = []
     if falls:
-        texts["friction/at-rest"] = (
+        texts.append(
             f"stiffness falls from {first.stiffness:.4g} at {first.torque:.3g} to {last.stiffness:.4g} at "
             f"{last.torque:.3g} of torque, more than one bristle explains: friction is Maxwell slip, which has no "
             "amplitude below which it is linear; sigma_0 holds for the smallest torque only: measure loops (presliding)"
         )
     if slip > REST.max_slip:
-        texts["friction/at-rest"] = (
+        texts.append(
             f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {REST.max_slip:g} the expansion "
             "over amplitude does not hold: lower the torque at rest"
         )
-    return tuple(Note(code, text, f"{place} at rest") for code, text in texts.items())
+    return tuple(Note("friction/at-rest", text, f"{place} at rest") for text in texts)
 
 
 @frozen_value

@@ -314,7 +314,7 @@ def _heat(warm_up: WarmUp, constants: FloatArray, shares: FloatArray) -> FloatAr
     steps, total = np.diff(warm_up.time_s), np.zeros(len(warm_up.time_s))
     for T_i, w in zip(constants, shares, strict=True):
         decay = np.exp(-steps / T_i)
-        recursion = np.array([np.ones(len(total)), np.append(-decay, 0.0)])  # theta_k+1 - decay_k theta_k = ..
+        recursion = np.array([np.ones(len(total)), np.append(-decay, 0.0)])  # theta_k+1 - decay_k theta_k = .
         total += w * solve_banded((1, 0), recursion, np.append(0.0, warm_up.power * (1 - decay)), check_finite=False)
     return total
 

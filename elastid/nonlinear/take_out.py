@@ -25,7 +25,7 @@ from elastid.frf.period_selection import settled
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.choice import LIMITS
 from elastid.nonlinear.places import on_links, on_shafts
-from elastid.nonlinear.reconstruct import hold_of, net_samples, over_whole_periods, sharp_motion
+from elastid.nonlinear.reconstruct import motion_under, net_samples, over_whole_periods
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import MOTION_ORDER, Record
@@ -167,10 +167,9 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
     if not friction.shapes:
         return record
     record = over_whole_periods(record)
-    u, y, hold = record.u.copy(), record.y.copy(), hold_of(record)
+    u, y = record.u.copy(), record.y.copy()
     for place in friction.taken_places():
-        motion = sharp_motion(record, place, friction)
-        torque, images = net_samples(record, place, motion, friction, hold)
+        torque, images = net_samples(record, place, motion_under(record, place, friction), friction)
         u[:, record.inputs.index(place)] -= torque
         y[:, record.outputs.index(place)] += images
     return replace(record, u=u, y=y)

@@ -43,7 +43,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import h5py
 import numpy as np
@@ -154,8 +154,7 @@ def _local(records: list[Record], robot: Robot) -> dict[str, str]:
         responses = Response.estimate(records, robot, method="local_rational", friction="none")
     except ElastidError as error:
         return {"refused": str(error)}
-    repeats = {note.code: str(note) for each in responses for note in each.notes if note.code == "frf/window"}
-    return _of_responses(responses) | repeats
+    return _of_responses(responses)
 
 
 def _codes(notes: Iterable[Note]) -> dict[str, str]:
@@ -243,9 +242,6 @@ def covered(kinds: Sequence[Kind], alarms: Sequence[Alarms]) -> dict[str, tuple[
         sets.update(names)
         raised.update(names if each.codes else ())
     return {name: (sets[name], raised[name]) for name in sorted(sets)}
-
-
-
 
 
 def rates(totals: Mapping[str, int], sets: int) -> dict[str, tuple[int, int, float, float]]:

@@ -28,8 +28,9 @@ def followed(run: WarmRun, joint: FollowedJoint = FOLLOWED, noise: FilterNoise =
 
 
 def notes(found: FollowedFriction) -> dict[str, str]:
-    """By their codes."""
-    return {note.code: note.text for note in found.notes}
+    """Their texts by code."""
+    codes = {note.code for note in found.notes}
+    return {code: "; ".join(note.text for note in found.notes if note.code == code) for code in codes}
 
 
 def test_constant_speed_says_what_it_cannot_know() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -15,15 +15,7 @@ from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.variants import Variant, about, against, best, named, of_robot
 from elastid.fit.result import ModificationIndex
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Of the search for another reading of the study."""
-
-    residuals: int = 2_000
-
-
-LIMITS = Limits()
+MOST_RESIDUALS = 2_000  # of the fit of another reading
 
 
 def read_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -95,7 +87,7 @@ def _settled(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[Modi
     index, assembly = variant
     cost, x = math.inf, assembly.parameters.x
     try:
-        fit = thinned(assembly.at(x, assembly.spec.criterion), LIMITS.residuals)
+        fit = thinned(assembly.at(x, assembly.spec.criterion), MOST_RESIDUALS)
         cost, x = settle(AS_READ, fit, x, np.ones(len(x), dtype=bool))
         cost *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
     except ElastidError:  # no robot stands there
