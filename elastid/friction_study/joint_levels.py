@@ -82,8 +82,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     passes = [each for record in records if record.load == records[0].load for each in passes_of(record)]
     by_angle = angle_note(passes, levels.shared.get("inertia", (0.0, 0.0))[0])
     notes += [*levels.notes, *([] if by_angle is None else [by_angle])]
-    example = sorted(records, key=lambda record: record.speed or 0.0)[len(records) // 2]
-    return JointLevels(joint.name, joint.slides, levels, friction, example, tuple(notes), motion.gain)
+    return JointLevels(joint.name, joint.slides, levels, friction, tuple(notes), motion.gain)
 
 
 def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> PassLevels:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import csv
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -255,15 +255,6 @@ def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
             path,
         )
     return JointPath(angles[reached], tuple((np.flatnonzero(~reached) + 1).tolist()))
-
-
-def region_postures(robot: Robot, frame: str, path: Path | None, count: int, most: int, seed: int) -> JointPath:
-    """At most so many postures along a path, or without one `count` random ones."""
-    if path is None:
-        return JointPath(random_postures(robot, count, seed))
-    whole = read_path(path, robot, frame)
-    kept = np.unique(np.linspace(0, len(whole.angles) - 1, most).astype(int))
-    return replace(whole, angles=whole.angles[kept])
 
 
 def read_table(path: Path) -> Table:

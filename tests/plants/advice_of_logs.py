@@ -25,7 +25,7 @@ from elastid.recorded.friction_logs import read_friction_logs
 from elastid.recorded.link_side import to_joints
 from elastid.recorded.responses.table import ResponseTable
 from elastid.recorded.rig import RecordedRig
-from plants import friction_logs, lab_logs
+from plants import lab_logs
 from plants.advice import Desk, case, pasted, refusal, rendered, value_of
 from plants.friction_logs import SPEEDS, THERMOMETER_LINE, sliding_torque, trapezoids, write_log, write_study
 from plants.lab_logs import N, measured, save_csv, study_of, write_matlab
@@ -377,22 +377,3 @@ def motion_one_way(desk: Desk) -> None:
     assert (
         refusal(lambda: found(value_of(rendered("files[].purpose: run_down", refusal(lambda: found("motion")))))) == ""
     )
-
-
-@case("friction_study/identify.py", "law.presliding: maxwell_slip", slow=True)
-def bristles_without_a_spring(desk: Desk) -> None:
-    """Loops before sliding of a joint that has no spring: the note is there, and Maxwell's elements have none."""
-    q = trapezoids(SPEEDS)
-    write_log(desk.folder / "log.csv", q, sliding_torque(q))
-    t = np.arange(10_000) / friction_logs.RATE
-    bent = 1e-3 * np.sin(2 * np.pi * 0.5 * t) * (1 + t) / 20
-    write_log(desk.folder / "loops.csv", bent, 8e3 * bent)
-    write_study(desk.folder, ("{path: log.csv}", "{path: loops.csv, purpose: loops}"))
-
-    def said(*overrides: str) -> str:
-        words = [word for override in overrides for word in ("--set", override)]
-        study, run = str(desk.folder / "study.yml"), str(desk.folder / "run")
-        return desk.said("run", study, "--run", run, "--jobs", "1", *words)[1]
-
-    text = rendered("law.presliding: maxwell_slip", said("friction.law.presliding=lugre"))
-    assert "a LuGre law by shooting takes" not in said(pasted(text, "friction."))
