@@ -274,14 +274,14 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
                 "was found in the records and taken out of the torque; "
                 f"{share:.2g} % of the power of distortion and noise is left"
             )
-            notes.append(Note("friction-taken-out", text, severity="information"))
+            notes.append(Note("nonlinear/friction-taken-out", text, severity="information"))
         else:
             text = (
                 f"{place}: no friction was taken out of the torque, since levels found in some realisations leave "
                 f"{share:.3g} % of the power of distortion and noise in the others; it may be small, or no friction "
                 "of this motor"
             )
-            notes.append(Note("friction-left", text, severity="information"))
+            notes.append(Note("nonlinear/friction-left", text, severity="information"))
     return tuple(notes)
 
 
@@ -317,7 +317,7 @@ def _with_dependence(
             C += (Q - len(data) + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(own, own)
             level, unit = result.sliding_level(place)[0], result.place_units[i]
             text = _dependence(level * factor, level * stds[:, i], loads[:, i], unit, result.configurations)
-            notes.append(Note("friction-differs", f"{place}: {text.format(level=level)}"))
+            notes.append(Note("nonlinear/friction-differs", f"{place}: {text.format(level=level)}"))
     result = replace(result, covariance=C)
     return replace(result, notes=(*_notes(result), *notes))
 
@@ -375,7 +375,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
     """No friction; the reason, where it is not empty, is a warning if the study asks for friction by name."""
     n_m = len(first.inputs)
     severity: Severity = "information" if wanted == "auto" else "warning"
-    note = Note("friction-left", f"friction is not taken out of the torque: {why}", severity=severity)
+    note = Note("nonlinear/friction-left", f"friction is not taken out of the torque: {why}", severity=severity)
     return FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,

@@ -186,7 +186,7 @@ def amplitude_that_stiffens_a_spring(desk: Desk) -> None:
     def said(part: float) -> str:
         excitation = replace(PROBLEM.excitation, torque_rms=(5.0 / part, 2.0 / part))
         problem = replace(PROBLEM, robot=robot, experiment=experiment, excitation=excitation, design=None)
-        return " ".join(str(note) for note in design(problem).forecast.notes if note.code == "stiffened-spring")
+        return " ".join(str(note) for note in design(problem).forecast.notes if note.code == "design/forecast")
 
     by = float(re.findall(r"by a factor of ([\d.]+) or more", said(1.0))[0])
     assert rendered("lower excitation.torque_rms", said(1.0))
@@ -277,7 +277,7 @@ def optimum_that_one_start_reached(desk: Desk) -> None:
 
     def said(**keys: Any) -> str:
         spec = FitSpec(parameters=free, seed=0, log_first=False, **keys)
-        return " ".join(str(note) for note in identify(responses, far, spec).notes if note.code == "one-hit")
+        return " ".join(str(note) for note in identify(responses, far, spec).notes if note.code == "fit/starts")
 
     once = said(starts=2, start_factor=3.0)
     assert rendered("raise fit.starts", once)
