@@ -45,7 +45,6 @@ from elastid.response import Covariance as Covariance, FrequencyResponse as Freq
 from elastid.modal.estimate import estimate_modes as estimate_modes
 from elastid.modal.modes import Modes as Modes
 from elastid.modal.modes import mac as mac
-from elastid.modal.state_space import StateSpace as StateSpace, fit_state_space as fit_state_space
 from elastid.model.spec import ModelSpec as ModelSpec
 from elastid.model.formulation import formulate as formulate, serial as serial
 from elastid.linear.linearise import linearise as linearise

@@ -28,7 +28,7 @@ from elastid.app.options import (
     study_argument,
 )
 from elastid.app.stage_table import helps
-from elastid.app.use_commands import loops, map_command, shape, tune
+from elastid.app.use_commands import loops, map_command, tune
 from elastid.base.errors import ElastidError, StudyError
 from elastid.base.escape import printable
 
@@ -147,15 +147,14 @@ def add_stage_commands(group: click.Group) -> None:
 def _stage_command(name: str, text: str) -> click.Command:
     @study_argument
     @stage_options
-    def work(study: Path, png: bool = False, pdf: bool = False, **options: Any) -> None:
-        formats = ", ".join(kind for kind, is_asked in (("png", png), ("pdf", pdf)) if is_asked)
-        overrides = (*options["overrides"], *([f"report.formats=[{formats}]"] if formats else []))
+    def work(study: Path, png: bool = False, **options: Any) -> None:
+        overrides = (*options["overrides"], *["report.formats=[png]"] * png)
         asked = run_of(study, options | {"overrides": overrides})
         from elastid.app.run import run_stage
 
         run_stage(asked, name)
 
-    return click.command(name, help=text)(options_of(*["png", "pdf"] * (name == "report"))(work))
+    return click.command(name, help=text)(options_of(*["png"] * (name == "report"))(work))
 
 
 add_stage_commands(cli)
@@ -211,7 +210,7 @@ def predict(study: Path, source: Path, logs: tuple[Path, ...], **options: Any) -
     predicting.predict(run_of(study, predicting.on_logs(study, logs, options)), source)
 
 
-for command in (map_command, tune, loops, shape):
+for command in (map_command, tune, loops):
     cli.add_command(command)
 
 
@@ -355,7 +354,7 @@ def explained(error: Exception) -> int:
 
 
 # Commands that write at their end alone.
-WITHOUT_PARTS = {"map", "tune", "loops", "shape", "export", "check", "inspect", "new", "predict"}
+WITHOUT_PARTS = {"map", "tune", "loops", "export", "check", "inspect", "new", "predict"}
 
 
 def interrupted(arguments: Sequence[str]) -> int:

@@ -88,7 +88,7 @@ def _rise(start: NDArray[Any]) -> str:
 
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest", "")
 # Files of a run folder that hold no signals.
-_WITHOUT_SIGNALS = (".html", ".pdf", ".png", ".svg", ".yml")
+_WITHOUT_SIGNALS = (".html", ".png", ".svg", ".yml")
 _OBJECTS = (
     "timetables, timeseries and Simulink outputs are objects, which cannot be read outside MATLAB; save their "
     "arrays: t = seconds(T.Time); x = T.Variables; save('log.mat', 't', 'x', '-v7')"

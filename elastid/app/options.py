@@ -55,8 +55,7 @@ _OPTIONS: dict[str, Decorator] = {
         help="A log that takes the place of those of the study, with the same channels; give it again for more.",
     ),
     "dask": click.option("--dask", metavar="ADDRESS", default="", help="Work on this Dask scheduler's machines."),
-    "png": click.option("--png", is_flag=True, help="All figures as PNG too, in figures/."),
-    "pdf": click.option("--pdf", is_flag=True, help="All figures as PDF too, and on paper: report.pdf."),
+    "png": click.option("--png", is_flag=True, help="Its figures as PNG too, in figures/."),
     "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
     "quiet": click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors."),
 }  # fmt: skip

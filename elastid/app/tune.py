@@ -1,4 +1,4 @@
-"""tune, shape: references of the motors along a move, and shapers of references, of the fitted robot."""
+"""tune: references of the motors along a move of the fitted robot."""
 
 from __future__ import annotations
 
@@ -14,21 +14,16 @@ from elastid.experiment.simulated.plant import true_robot
 from elastid.export.fmu import write_move_fmu
 from elastid.export.move import write_move
 from elastid.fit.posture import Asked
-from elastid.report.figures.use import shaper_figure
-from elastid.report.page.page_of_use import write_figure, write_page_of_move
+from elastid.report.page.page_of_use import write_page_of_move
 from elastid.robot import Robot
 from elastid.store.files import keep_checksums, write_rows
 from elastid.store.measured import read_friction
-from elastid.store.results import read_fit, write_shapers, write_tune
+from elastid.store.results import read_fit, write_tune
 from elastid.use.command.moves import read_move
-from elastid.use.command.shapers import RegionModes, Shaper, ranked_shapers, region_modes
 from elastid.use.command.tune import Given, TunedMove, tune_move
 from elastid.use.draws import draw_robots, estimated_robot
-from elastid.use.postures import region_postures
 
 RESULTS = ("tune.h5", "tune.csv", "tune.html", "tune.png")
-SHAPERS = ("shapers.h5", "shapers.csv", "shapers.png")
-POSTURES = 20  # of a region whose modes are shaped
 
 
 @dataclass(frozen=True)
@@ -60,55 +55,6 @@ def tune_study(run: Run, asked: Command) -> None:
         if tuned.advice:
             run.console.warn(f"tune: {tuned.advice}")
         warn_of_distrust(run, "tune", result)
-
-
-@dataclass(frozen=True)
-class Region:
-    """Postures and payloads in kg whose modes are shaped; bandwidth_hz: None for motors that are held."""
-
-    path: Path | None
-    random: int | None
-    payloads: tuple[float, ...]
-    frame: str | None
-    bandwidth_hz: float | None
-
-
-def shape_study(run: Run, region: Region) -> None:
-    """shapers.h5, shapers.csv and shapers.png of the study's fit; StudyError without a current one."""
-    result = current_fit(run)
-    with logged_in(run.folder, run.jobs, run.console):
-        family = result.family(Asked(frame=region.frame))
-        count = region.random or POSTURES
-        path = region_postures(family.robot, family.frame, region.path, count, POSTURES, run.study.seed or 0)
-        for words in path.remarks:
-            run.console.warn(f"shape: {words}")
-        modes = region_modes(result, path.angles, region.bandwidth_hz, region.payloads, region.frame)
-        shapers = ranked_shapers(modes)
-        write_shapers(run.folder / SHAPERS[0], modes, shapers, run.stamps["fit"])
-        rows = [(each.name, t, A) for each in shapers for t, A in zip(each.time_s, each.amplitude, strict=True)]
-        write_rows(run.folder / SHAPERS[1], [("shaper", "t", "amplitude"), *rows])
-        write_figure(run.folder / SHAPERS[2], shaper_figure(run.study.name, modes, shapers))
-        keep_checksums(run.folder, SHAPERS)
-        run.console.table(shaper_table(shapers))
-        for line in (_region_words(modes, shapers), *(str(run.folder / name) for name in SHAPERS)):
-            run.console.say(f"shape: {line}")
-
-
-def shaper_table(shapers: tuple[Shaper, ...]) -> list[list[str]]:
-    """A line for each shaper, the best first."""
-    rows = [["shaper", "impulses", "delay ms", "worst vibration %", "mean vibration %", "frequencies may be off by %"]]
-    for own in shapers:
-        figures = (1e3 * own.delay_s, 100 * own.worst, 100 * own.mean, 100 * own.robustness)
-        rows.append([own.name, str(len(own.time_s)), *(number(value, 3) for value in figures)])
-    return rows
-
-
-def _region_words(modes: RegionModes, shapers: tuple[Shaper, ...]) -> str:
-    low, high, best = modes.freq_hz.min(), modes.freq_hz.max(), shapers[0]
-    return (
-        f"{len(modes.freq_hz)} modes from {number(low, 3)} to {number(high, 3)} Hz; {best.name} leaves "
-        f"{100 * best.worst:.2g} % of the vibration at most and costs {1e3 * best.delay_s:.0f} ms"
-    )
 
 
 def _given(run: Run, asked: Command) -> Given:

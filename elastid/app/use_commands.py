@@ -1,4 +1,4 @@
-"""Commands that put an identified robot to work: map, tune, loops, shape."""
+"""Commands that put an identified robot to work: map, tune, loops."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from elastid.app.options import POSITIVE, Finite, run_of, stage_options, study_argument
+from elastid.app.options import POSITIVE, run_of, stage_options, study_argument
 
 
 @click.command(name="map")
@@ -118,29 +118,3 @@ def loops(study: Path, path: Path | None, random: int | None, rate_hz: float | N
     from elastid.app import loops as designing
 
     designing.loops_study(asked, designing.Choice(path, random, rate_hz, delay, draws))
-
-
-@click.command()
-@study_argument
-@click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
-@click.option("--random", type=click.IntRange(min=1), metavar="N", help="Random postures (20 if nothing is given).")
-@click.option("--payload", "payloads", type=Finite(min=0), multiple=True, metavar="KG",
-    help="At the frame, again for more; 0 for none, too.")  # fmt: skip
-@click.option("--frame", metavar="NAME", help="Frame of the robot (default: tool, else the last one).")
-@click.option("--bandwidth", "bandwidth_hz", type=POSITIVE, default=4.0,
-    show_default=True, metavar="HZ", help="Of the drives' position loops, which move the modes.")  # fmt: skip
-@click.option("--held", is_flag=True, help="Modes of a robot whose motors are held, as by very stiff drives.")
-@stage_options
-def shape(study: Path, path: Path | None, random: int | None, payloads: tuple[float, ...], frame: str | None,
-    bandwidth_hz: float, held: bool, **options: Any) -> None:  # fmt: skip
-    """Rank input shapers for the modes of a region: shapers.csv, shapers.h5, shapers.png.
-
-    ZV, ZVD, EI and the shortest robust one, with their residual vibration over the modes of all postures and payloads
-    and the intervals of their frequencies, delay, and the error of the frequencies that they bear.
-    """
-    asked = run_of(study, options)
-    from elastid.app import tune as tuning
-
-    if path is not None and random is not None:
-        raise click.UsageError("--path and --random exclude one another; give one of them")
-    tuning.shape_study(asked, tuning.Region(path, random, payloads, frame, None if held else bandwidth_hz))

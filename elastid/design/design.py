@@ -29,7 +29,6 @@ from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import ExpectedResponse, Prospect, expected_fit
 from elastid.design.spec import DesignSpec, robot_time_refusal, room
-from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
@@ -142,12 +141,11 @@ def _tangents(model: ElasticModel, joints: Sequence[str]) -> ca.Function:
 
 @dataclass(frozen=True)
 class Design:
-    """A plan within the robot's limits, its forecast, its use of the limits, and its run nearest to one of them."""
+    """A plan within the robot's limits, its forecast, and its use of the limits."""
 
     plan: Plan
     forecast: Forecast
     limit_use: LimitUse
-    nearest: Rehearsal
 
 
 def design(problem: DesignProblem, execution: Execution | None = None) -> Design:
@@ -186,8 +184,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
         *at_tool,
     )
     expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
-    nearest = next(run for run in plan.experiments if run.name == limit_use.nearest)
-    return Design(plan, expected, limit_use, problem.rig(plan).rehearse(nearest))
+    return Design(plan, expected, limit_use)
 
 
 def with_friction_damping(problem: DesignProblem) -> DesignProblem:

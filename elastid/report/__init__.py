@@ -1,1 +1,1 @@
-"""The report of a study: figures, the page, the booklet."""
+"""The report of a study: figures and the page."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -14,7 +13,6 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
 from elastid.base.note import Note, NoteGroup, grouped
 from elastid.design.forecast import Forecast, LimitUse
-from elastid.experiment.plan.movement import Rehearsal
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import FitResult
@@ -41,7 +39,7 @@ class ReportContent:
 
     verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
-    here; forecast, limit_use and nearest_run (to a limit) belong to it, and robot is drawn in its configurations.
+    here; forecast and limit_use belong to it, and robot is drawn in its configurations.
     friction: what was taken out of the responses.  contents: of viscous coefficients, what they contain in words.
     twin: the motors' torque part by part, and the model simulated along a record.  gears: None where not asked for.
     model_std: for each of frf the standard deviation (F, n_y, n_u) of the model, due to that of its parameters.
@@ -62,7 +60,6 @@ class ReportContent:
     forecast: Forecast | None = None
     robot: Robot | None = None
     limit_use: LimitUse | None = None
-    nearest_run: Rehearsal | None = None
     comparison: Comparison | None = None
     model_std: tuple[FloatArray, ...] = ()
     dense: tuple[tuple[FrequencyResponse, FloatArray], ...] = ()
@@ -106,11 +103,6 @@ class ResponsesContent:
         """Those of the modes and responses; the same from many places once, with a count."""
         own = [note for modes in self.modes for note in modes.notes]
         return grouped((*own, *(note for response in self.responses for note in response.notes)))
-
-    @property
-    def has_modal_section(self) -> bool:
-        """True where the study has a section `modal`, to which a line can be added."""
-        return re.search(r"^modal *:", self.study_text, re.MULTILINE) is not None
 
     @property
     def mode_rows(self) -> tuple[ModeRow, ...]:

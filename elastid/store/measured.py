@@ -14,7 +14,7 @@ from elastid.base.errors import DataError, check_kind
 from elastid.base.escape import csv_cell
 from elastid.base.units import of_translation
 from elastid.experiment.plan.friction import PassReference
-from elastid.experiment.plan.movement import Reference, Rehearsal
+from elastid.experiment.plan.movement import Reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.record import Record
@@ -39,13 +39,12 @@ def write_plan(
     references: tuple[Reference, ...] = (),
     peaks: LimitUse | None = None,
     forecast: Forecast | None = None,
-    nearest: Rehearsal | None = None,
 ) -> None:
     """plan.h5: the plan and further results of its design.
 
-    references: of each configuration.  peaks: of the rehearsal.  nearest: the run that comes closest to a limit.
+    references: of each configuration.  peaks: of the rehearsal.
     """
-    further = {"peaks": (peaks, None), "forecast": (forecast, None), "rehearsal": (nearest, None)}
+    further = {"peaks": (peaks, None), "forecast": (forecast, None)}
     parts = {"plan": (plan, Plan), "references": (references, tuple[Reference, ...]), **further}
     write_artefact(path, PLAN, stamp, parts)
 
@@ -60,11 +59,6 @@ def read_peaks(path: Path | str) -> LimitUse:
     from elastid.design.forecast import LimitUse  # brings the fit, which a reader of the plan does not need
 
     return read_part(path, PLAN, "peaks", LimitUse)
-
-
-def read_rehearsal(path: Path | str) -> Rehearsal:
-    """The run in plan.h5 that comes closest to a limit."""
-    return read_part(path, PLAN, "rehearsal", Rehearsal)
 
 
 def read_forecast(path: Path | str) -> Forecast | None:

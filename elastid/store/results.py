@@ -1,4 +1,4 @@
-"""fit.h5, gears.h5, validation.h5, compare.json, map.h5, tune.h5, shapers.h5, loops.h5: results of a study."""
+"""fit.h5, gears.h5, validation.h5, compare.json, map.h5, tune.h5, loops.h5: results of a study."""
 
 from __future__ import annotations
 
@@ -25,12 +25,11 @@ from elastid.validation.results import Validation
 from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
-    from elastid.use.command.shapers import RegionModes, Shaper
     from elastid.use.command.tune import TunedMove
     from elastid.use.loops.result import Loops
 
 FIT, GEARS, VALIDATION, MAP = "fit", "gears", "validation", "map"
-TUNE, SHAPERS, LOOPS = "tune", "shapers", "loops"
+TUNE, LOOPS = "tune", "loops"
 # Version of the form of compare.json.
 _SCHEMA = 1
 
@@ -143,14 +142,6 @@ def read_tune(path: Path | str) -> TunedMove:
     from elastid.use.command.tune import TunedMove
 
     return read_part(path, TUNE, "tune", TunedMove)
-
-
-def write_shapers(path: Path | str, modes: RegionModes, shapers: tuple[Shaper, ...], stamp: Stamp = NO_STAMP) -> None:
-    """shapers.h5: modes of a region, and shapers for them in their rank."""
-    from elastid.use.command.shapers import RegionModes, Shaper
-
-    parts = {"modes": (modes, RegionModes)} | {shaper.name: (shaper, Shaper) for shaper in shapers}
-    write_artefact(path, SHAPERS, stamp, parts)
 
 
 def write_loops(path: Path | str, loops: Loops, stamp: Stamp = NO_STAMP) -> None:

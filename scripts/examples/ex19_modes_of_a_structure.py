@@ -3,12 +3,12 @@ Modes of a structure
 ====================
 
 Three masses on springs, shaken at two of them: natural frequencies, dampings and shapes with 95 % intervals from a
-response with noise, and the same response as a small state-space model.
+response with noise.
 """
 
 import numpy as np
 
-from elastid import Configuration, Covariance, FrequencyResponse, estimate_modes, fit_state_space, mac
+from elastid import Configuration, Covariance, FrequencyResponse, estimate_modes, mac
 from elastid.experiment.simulated.structure import true_modes, true_response
 
 freq_hz = np.arange(20, 480) / 8
@@ -27,15 +27,10 @@ modes = estimate_modes(response)
 omega, zeta, shapes = true_modes()
 agreement = np.diag(mac(modes.shapes, shapes))
 
-# %%
-# A state-space model follows the same response with few states.
-model = fit_state_space(response)
-
 if __name__ == "__main__":
     from matplotlib.figure import Figure
 
     print(modes)
-    print(model)
     figure = Figure(figsize=(7, 3.5), layout="constrained")
     axes = figure.add_subplot()
     axes.semilogy(freq_hz, np.abs(response.G[:, 0, 0]), ".", ms=2, label="measured")

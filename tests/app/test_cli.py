@@ -83,9 +83,7 @@ def test_a_stage_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyP
     assert run.study.fit.starts == 3
 
 
-@pytest.mark.parametrize(
-    ("options", "formats"), [([], ()), (["--png"], ("png",)), (["--png", "--pdf"], ("png", "pdf"))]
-)
+@pytest.mark.parametrize(("options", "formats"), [([], ()), (["--png"], ("png",))])
 def test_files_of_figures_are_drawn_on_demand(
     tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], formats: tuple[str, ...]
 ) -> None:

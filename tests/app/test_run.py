@@ -86,7 +86,7 @@ def edit(path: Path, old: str, new: str) -> None:
     ("overrides", "expected"),
     [
         ([], []),
-        (["report.formats=[pdf]"], ["report"]),
+        (["report.formats=[png]"], ["report"]),
         (["validation.folds=2"], ["validate", "report"]),
         (["compare.folds=2"], ["report"]),
         (["validation.left_out=[b]"], ["design", "fit", "validate", "report"]),  # the plan's forecast, no measurement

@@ -426,7 +426,6 @@ def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[st
     assert json.loads((run / "summary.json").read_text())["status"] == "converged"
     page = (run / "report.html").read_text()
     assert "chosen among" in page
-    assert (run / "figures" / "configurations.png").is_file()
     assert (run / "figures" / "information.png").is_file()
     # The next design adds to this run.
     more = path.with_name("more.yml")

@@ -35,9 +35,8 @@ from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.report.figures.design import limit_use as limit_use_figure
-from elastid.report.figures.design import nearest_run_signals
 from elastid.robot import Limits, Robot
-from elastid.store.measured import read_peaks, read_plan, read_rehearsal, write_plan
+from elastid.store.measured import read_peaks, read_plan, write_plan
 
 
 def within(
@@ -140,15 +139,12 @@ def test_power_costs_are_squared_peaks_in_the_room_of_each_limit() -> None:
 def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
     """plan.h5 holds plan, references and the use of the limits."""
     plan, limit_use, _ = within(CARRIERS[1], grid="odd-random")
-    rig = SimulatedRig(arm(), experiment(CARRIERS[1]), plan, 1)
-    run = rig.rehearse(next(run for run in rig.experiments if run.name == limit_use.nearest))
     path, torque = tmp_path / "plan.h5", feed_forward_of(serial(arm()))
     write_plan(
         path,
         plan,
         references=tuple(reference(plan, CARRIERS[1], torque, each) for each in plan.configurations),
         peaks=limit_use,
-        nearest=run,
     )
     again, found = read_plan(tmp_path / "plan.h5"), read_peaks(tmp_path / "plan.h5")
     for name in ("lines", "detection", "R", "ramp_samples", "hold_samples"):
@@ -156,25 +152,17 @@ def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
     for name in ("peak", "limit", "factor"):
         np.testing.assert_array_equal(getattr(found, name), getattr(limit_use, name))
     assert found.closest == limit_use.closest
-    assert (found.nearest, read_rehearsal(path).experiment.name) == (limit_use.nearest, limit_use.nearest)
-    np.testing.assert_array_equal(read_rehearsal(path).signals, run.signals)
+    assert found.nearest == limit_use.nearest
     assert len(QUANTITIES) == found.peak.shape[1]
 
 
-def test_the_run_nearest_to_a_limit_is_drawn_between_the_limits() -> None:
-    """Its largest signal is the largest peak of the plan; the panels show it whole, with limits on both sides."""
+def test_the_run_nearest_to_a_limit_has_the_largest_peak_of_the_plan() -> None:
+    """The figure of the peaks has all of them in per cent of the limits."""
     plan, limit_use, _ = within(CARRIERS[0])
     rig = SimulatedRig(arm(), experiment(CARRIERS[0]), plan, 1)
     run = rig.rehearse(next(run for run in rig.experiments if run.name == limit_use.nearest))
     used = np.abs(run.signals).max(axis=1) / limit_use.limit[0, :4]
     assert used.max() == pytest.approx(limit_use.used.max(), rel=1e-9)
-    panels = np.reshape(nearest_run_signals(run, limit_use, plan).axes, (2, 4))
-    for (i, kind), axes in np.ndenumerate(panels):
-        signal, *limits = axes.get_lines()
-        drawn = np.asarray(signal.get_ydata())
-        assert np.abs(drawn).max() == pytest.approx(used[kind, i] * limit_use.limit[0, kind, i])
-        assert [abs(line.get_ydata()[0]) for line in limits] in ([], [limit_use.limit[0, kind, i]] * 2)
-        assert bool(limits) == (used[kind, i] > 0.2)
     texts = [text.get_text() for axes in limit_use_figure(limit_use).axes for text in axes.texts]
     assert texts == [f"{100 * value:.0f}" for kind in limit_use.used[0, :4] for value in kind]
 

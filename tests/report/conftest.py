@@ -1,4 +1,4 @@
-"""A browser, and a report written once with its page, its figures and its booklet."""
+"""A browser, and a report written once with its page, and its figures."""
 
 import shutil
 from collections.abc import Callable, Iterator
@@ -58,9 +58,9 @@ def visit(browser: Any) -> Iterator[Callable[..., Any]]:
 
 @pytest.fixture(scope="session")
 def report_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The report of two configurations of a two-axis robot in both formats."""
+    """The report of two configurations of a two-axis robot with files of its figures."""
     folder = tmp_path_factory.mktemp("report")
-    write_report(report_content(), folder, ("png", "pdf"))
+    write_report(report_content(), folder, ("png",))
     return folder
 
 

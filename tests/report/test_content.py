@@ -14,7 +14,6 @@ from elastid.nonlinear.gear_result import ARCMIN, ARCSEC, GearNumber, GearResult
 from elastid.parameters import Parameter, ParameterSet
 from elastid.report.content import gear_line, gear_table, parameter_rows, seen_words
 from elastid.report.figures.fit import hysteresis
-from elastid.report.page.booklet import front_pages
 from elastid.report.page.page import html
 
 LOGS = tuple(Note("late-log", f"{20 + i} samples late", f"log {i}") for i in range(108))
@@ -38,18 +37,15 @@ def test_findings_of_the_fit_come_first_and_the_same_note_of_108_logs_is_one():
     assert len(content.notes[-1].places) == 108
 
 
-def test_page_and_booklet_show_it_in_one_line_with_a_count():
-    """Warnings are counted apart from remarks; both keep the order of the content."""
+def test_the_page_shows_it_in_one_line_with_a_count():
+    """Warnings are counted apart from remarks; they keep the order of the content."""
     content = many_notes()
-    page, paper = html(content, []), "\n".join(figure.texts[0].get_text() for figure in front_pages(content))
+    page = html(content, [])
     line = "log 0 and 107 more: 20 samples late"
-    for text in (page, paper):
-        assert text.count(line) == text.count("samples late") == 1
-        assert text.index(str(content.notes[0])) < text.index(REMARK.text) < text.index(line)
+    assert page.count(line) == page.count("samples late") == 1
+    assert page.index(str(content.notes[0])) < page.index(REMARK.text) < page.index(line)
     assert "<strong>2 warnings, 1 remark</strong>" in page
     assert f'<li class="information">{REMARK}</li>' in page
-    assert f"! {line}" in paper
-    assert f"- {REMARK}" in paper
 
 
 def test_remarks_alone_are_no_warning():

@@ -17,9 +17,7 @@ from elastid.model.formulation import formulate
 from elastid.model.kinematics import frame_poses, stick_figure
 from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
-from elastid.report.figures.modes import mode_sketches
 from elastid.report.modes import SWING, ModeRow, load_name, mode_drawing, shares_in_words, spring_names
-from elastid.report.page.page import rendered
 from elastid.response import FrequencyResponse
 from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Motor, Placement, Robot, Rod, Spring
 
@@ -165,7 +163,6 @@ def test_where_nothing_is_seen_to_move_nothing_is_drawn() -> None:
     assert one is not None
     assert np.abs(one.moved[:, :, 0]).max() > 0.1
     assert not one.moved[:, :, 1].any()
-    rendered(mode_sketches(ModeRow("c", np.ones(2), np.ones(2)), one, "c", True), "png")
 
 
 def test_a_slide_moves_along_its_axis() -> None:

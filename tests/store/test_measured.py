@@ -16,7 +16,7 @@ from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 import elastid.base.arrays as base_arrays
 from elastid.base.note import Note
 from elastid.design.forecast import Forecast, LimitUse
-from elastid.experiment.plan.movement import Reference, Rehearsal
+from elastid.experiment.plan.movement import Reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.elastic import elastic_fit
@@ -33,7 +33,6 @@ from elastid.store.measured import (
     read_peaks,
     read_plan,
     read_records,
-    read_rehearsal,
     read_responses,
     write_movement,
     write_plan,
@@ -72,7 +71,7 @@ def test_a_plan_comes_back_to_the_last_bit(tmp_path_factory, data):
     assert same(read_plan(path), plan)
 
 
-def test_limits_rehearsal_and_forecast_come_back_to_the_last_bit(tmp_path):
+def test_limits_and_forecast_come_back_to_the_last_bit(tmp_path):
     """Beside the plan; without them only the forecast may be asked for."""
     limits = np.full((2, 5, 2), np.inf)
     use = LimitUse(
@@ -86,7 +85,6 @@ def test_limits_rehearsal_and_forecast_come_back_to_the_last_bit(tmp_path):
         "a/way-r0-e1",
         ("motor 2",),
     )
-    run = Rehearsal(Experiment(AWAY, 0, 1), 8.0, 2, np.arange(20.0).reshape(10, 2), np.ones((10, 2)))
     forecast = Forecast(
         ("k_1", "k_2"),
         ("N*m/rad", "N/m"),
@@ -101,11 +99,10 @@ def test_limits_rehearsal_and_forecast_come_back_to_the_last_bit(tmp_path):
         "by D-optimality",
     )
     path = tmp_path / "plan.h5"
-    write_plan(path, some_plan(), STAMP, (some_reference(),), use, forecast, run)
+    write_plan(path, some_plan(), STAMP, (some_reference(),), use, forecast)
     assert same(read_plan(path), some_plan())
     assert same(read_peaks(path), use)
     assert same(read_forecast(path), forecast)
-    assert same(read_rehearsal(path), run)
     write_plan(path, some_plan())
     assert read_forecast(path) is None
 

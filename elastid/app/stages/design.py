@@ -98,7 +98,7 @@ def design(
             console.say(f"design: {_second_amplitude(plan)}")
 
     def write(path: Path, stamp: Stamp) -> None:
-        write_plan(path, plan, stamp, movements, limit_use, forecast, designed.nearest)
+        write_plan(path, plan, stamp, movements, limit_use, forecast)
 
     return Artefacts({"references": partial(_write_references, plan, movements, work), "plan.h5": write}, report)
 

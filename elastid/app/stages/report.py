@@ -20,7 +20,7 @@ from elastid.modal.spec import ModalSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.content import ReportContent, dense_models
-from elastid.report.page.page import FigureFormat, write_report
+from elastid.report.page.page import write_report
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.measured import (
@@ -28,7 +28,6 @@ from elastid.store.measured import (
     read_friction,
     read_peaks,
     read_plan,
-    read_rehearsal,
     read_responses,
     write_modes,
 )
@@ -67,7 +66,6 @@ def report(
         plan=read_plan(design_file) if design_file is not None else None,
         forecast=read_forecast(design_file) if design_file is not None else None,
         limit_use=read_peaks(design_file) if design_file is not None else None,
-        nearest_run=read_rehearsal(design_file) if design_file is not None else None,
         robot=robot,
         comparison=None if compare is None else read_comparison(compare, read_stamp(estimate_file) or Stamp()),
         model_std=fitted.response_std,
@@ -83,7 +81,7 @@ def report(
 
 
 def page_artefacts(
-    write_page: Callable[[Any, Path, Collection[FigureFormat], Execution], Path],
+    write_page: Callable[[Any, Path, Collection[str], Execution], Path],
     content: Any,
     spec: ReportSpec,
     work: Work,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -18,8 +18,7 @@ from elastid.report.figures import design, fit, friction, modes, responses, vali
 from elastid.report.modes import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.validation.predicted import PredictedResponse
-from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, TORQUE, Prediction, TwinFindings, TwinRun
+from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
 
 if TYPE_CHECKING:
     from elastid.friction_study.follow import FollowedFriction
@@ -51,17 +50,10 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     if rows:
         caption = "Start, estimate and 95 % interval of every parameter."
         yield Drawing("parameters", "parameters", caption, partial(fit.forest, rows), on_page=False)
-    judged = [np.concatenate([a.rms_log_db.ravel(), a.rms_sigma.ravel()]) for a in content.validation.configurations]
-    if any(np.isfinite(values).any() for values in judged):
-        caption = "Error of the model by configuration (down) and element (across); 1 sigma and less is noise."
-        yield Drawing(
-            "errors", "validation", caption, partial(validation.model_errors, content.validation), on_page=False
-        )
     if content.twin.balances:
         worst = max(content.twin.balances, key=lambda balance: balance.left)
         caption = f"{worst.place}, {worst.log}: {validation.TORQUE_CAPTION}"
         yield Drawing("torque", "torque", caption, partial(validation.torque_balance_figure, worst), on_page=False)
-    yield from twin_drawings(content.twin.runs)
     yield from friction_drawings(content.friction, content.robot)
     if content.gears is not None and content.gears.sheets:
         caption = (
@@ -69,7 +61,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
             "95 % band, and the stiffness at zero torque alone."
         )
         yield Drawing("gears", "gears", caption, partial(fit.hysteresis, content.gears, content.robot))
-    yield from (replace(drawing, on_page=False) for drawing in _configurations(content))
+    yield from _configurations(content)
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
         caption = "Error of every model on each configuration when it was left out of the fit."
         yield Drawing("comparison", "comparison", caption, partial(validation.left_out_errors, content.comparison))
@@ -85,17 +77,6 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("modification_indices", "why", caption, partial(fit.modification_shares, content.result))
     yield from _plan(content)
     yield from _limits(content)
-    if content.plan is not None:
-        caption = "Torque injected in the first experiment."
-        yield Drawing("excitation", "excitation", caption, partial(design.excitation, content.plan), on_page=False)
-
-
-def twin_drawings(runs: Iterable[TwinRun]) -> Iterator[Drawing]:
-    """Of each run that was not lost, the motor whose torque is furthest off."""
-    for i, run in enumerate(run for run in runs if run.signals):
-        motor = max(run.of(TORQUE), key=lambda signal: signal.error).place
-        caption = f"{run.log}, {motor}: {validation.RUN_CAPTION}"
-        yield Drawing(f"twin-{i + 1}", "twin", caption, partial(validation.twin_run_figure, run, motor), on_page=False)
 
 
 def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
@@ -110,62 +91,24 @@ def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = 
 
 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:
-    mode_rows = {row.configuration: row for row in content.modes if row.coordinates and len(row.frequency_hz)}
-    replays = {replay.configuration: replay for replay in content.validation.replays}
-    left_out = {agreement.configuration for agreement in content.validation.left_out}
-    model_std = content.model_std or (None,) * len(content.frf)
     for i, each in enumerate(content.validation.at_tool, start=1):
-        yield from predicted_drawings(f"tool-{i}", each)
-    dense = content.dense or (None,) * len(content.frf)
+        caption = f"{each.words}; band of two standard deviations of the prediction."
+        draw = partial(responses.bode, each.measured, each.predicted, each.std)
+        yield Drawing(f"tool-{i}", "why", caption, draw)
     files = file_names([measured.configuration.name for measured, _ in content.frf], "frf")
-    for file, (measured, modelled), std, model in zip(files, content.frf, model_std, dense, strict=True):
-        name = measured.configuration.name
-        title = responses.configuration_title(measured, name in left_out)
-        yield from response_drawings(file, measured, modelled, title, std, model)
-        if name in replays:
-            caption = (
-                "the record with the worst fit, and the model under the measured torque; right: enlarged where the "
-                "error is largest."
-            )
-            yield of_configuration(name, f"{file}-replay", caption, partial(validation.replay_signals, replays[name]))
-        if name in mode_rows:
-            yield _modes_drawing(file, mode_rows[name], title, measured.rate_is_known)
-        yield from quality_drawings(file, measured, title)
+    models = content.dense or [(modelled, None) for _, modelled in content.frf]
+    for file, (measured, _), model in zip(files, content.frf, models, strict=True):
+        yield response_drawing(file, measured, *model)
 
 
-def predicted_drawings(file: str, each: PredictedResponse) -> Iterator[Drawing]:
-    """A record at the tool, which was not fitted, and its prediction, both with their bands."""
-    title = f"{each.configuration}, motors {each.motors}: measured at the tool, and predicted"
-    caption = f"{each.words}; bands of one standard deviation of either."
-    draw = partial(responses.frf_magnitude, each.measured, each.predicted, title, each.std)
-    yield Drawing(f"{file}-magnitude", "why", caption, draw)
-    phase = partial(responses.frf_phase, each.measured, each.predicted, title)
-    yield Drawing(
-        f"{file}-phase", "why", f"phase of {each.configuration}, measured and predicted.", phase, on_page=False
-    )
-
-
-def response_drawings(
-    file: str,
-    measured: FrequencyResponse,
-    modelled: FrequencyResponse | None,
-    title: str,
-    std: FloatArray | None = None,
-    dense: tuple[FrequencyResponse, FloatArray] | None = None,
-) -> Iterator[Drawing]:
-    """Magnitude, phase and singular values; std: of the model; dense: model and std on lines of its own."""
+def response_drawing(
+    file: str, measured: FrequencyResponse, modelled: FrequencyResponse | None, std: FloatArray | None = None
+) -> Drawing:
+    """Magnitude and phase of a response and of a model, on its lines."""
     compared = "" if modelled is None else ", measured and modelled"
-    model = modelled if dense is None else dense[0]
-    magnitude = partial(responses.frf_magnitude, measured, modelled, title, std, dense)
-    phase, singular = (
-        partial(draw, measured, model, title) for draw in (responses.frf_phase, responses.singular_values)
-    )
-    for kind, quantity, draw in (
-        ("magnitude", "magnitude of the frequency responses", magnitude),
-        ("phase", "phase of the frequency responses", phase),
-        ("singular-values", "singular values of the response matrix", singular),
-    ):
-        yield of_configuration(measured.configuration.name, f"{file}-{kind}", f"{quantity}{compared}.", draw, False)
+    caption = f"magnitude and phase of the frequency responses{compared}."
+    draw = partial(responses.bode, measured, modelled, std)
+    return of_configuration(measured.configuration.name, file, caption, draw, False)
 
 
 def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
@@ -176,7 +119,7 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
     for file, response, own, model, row in rows:
         title = responses.configuration_title(response, left_out=False)
         yield from measured_mode_drawings(file, own, row, title)
-        yield from response_drawings(file, response, model, title)
+        yield response_drawing(file, response, model)
         yield from quality_drawings(file, response, title)
 
 
@@ -206,20 +149,6 @@ def of_configuration(
     return Drawing(name, f"{CONFIGURATION}{configuration}", f"{configuration}: {caption}", draw, on_page)
 
 
-def _modes_drawing(file: str, row: ModeRow, title: str, rate_is_known: bool) -> Drawing:
-    """As sketches of the robot; as bars where it has no extent, or none of its points moves."""
-    if row.drawing is None:
-        caption = "shapes of the modes of the identified model, motors free."
-        draw = partial(modes.mode_shapes, row, title, rate_is_known)
-    else:
-        caption = (
-            "the modes of the identified model, motors free. Grey: at rest; blue and orange: the two ends of the "
-            "swing, enlarged to one size; motors, behind their gears, are not drawn."
-        )
-        draw = partial(modes.mode_sketches, row, row.drawing, title, rate_is_known)
-    return of_configuration(row.configuration, f"{file}-modes", caption, draw)
-
-
 def quality_drawings(file: str, measured: FrequencyResponse, title: str) -> Iterator[Drawing]:
     """Levels and coherence of a measurement that has them."""
     name, quality = measured.configuration.name, measured.quality
@@ -235,13 +164,6 @@ def _plan(content: ReportContent) -> Iterator[Drawing]:
     if content.forecast is not None:
         caption = "Expected information: by configuration and frequency, and by configuration and parameter."
         yield Drawing("information", "plan", caption, partial(design.information, content.forecast))
-    if content.robot is not None and content.plan is not None:
-        configurations = content.plan.configurations
-        angles = [", ".join(f"{a:.0f}°" for a in np.degrees(c.angles)) for c in configurations]
-        counts = [f"{angle}; {M} realisations" for angle, M in zip(angles, content.plan.realisations, strict=True)]
-        caption = "The robot in each configuration; driven joints' angles."
-        draw = partial(design.configuration_sketches, content.robot, configurations, counts)
-        yield Drawing("configurations", "plan", caption, draw, on_page=False)
 
 
 def _limits(content: ReportContent) -> Iterator[Drawing]:
@@ -249,13 +171,6 @@ def _limits(content: ReportContent) -> Iterator[Drawing]:
         return
     caption = "Largest value of any run in the rehearsal, in % of the motor's limit."
     yield Drawing("peaks", "plan", caption, partial(design.limit_use, content.limit_use))
-    if content.nearest_run is not None:
-        caption = (
-            f"The run that comes closest to a limit, on the nominal robot (dashed: limit; "
-            f"shaded: the {content.limit_use.margin:.0%} of it that are kept free; grey: not measured)."
-        )
-        draw = partial(design.nearest_run_signals, content.nearest_run, content.limit_use, content.plan)
-        yield Drawing("limits", "plan", caption, draw, on_page=False)
 
 
 # Begins the section of a figure of one joint.
@@ -270,8 +185,7 @@ def friction_study_drawings(
     twin: TwinFindings = NO_TWIN,
     left_out: Prediction = NO_PREDICTION,
 ) -> Iterator[Drawing]:
-    """The figures of all joints, of the twin along their logs, and of logs that were left out, to be drawn."""
-    yield from twin_drawings(twin.runs)
+    """The figures of all joints, and of logs that were left out, to be drawn."""
     if left_out.twin.balances:
         caption = "torque that is left of logs that were left out, as a part of its rms in each octave."
         octaves = partial(validation.octaves_figure, left_out.twin.balances, left_out.own)

@@ -1,1 +1,1 @@
-"""The page with its explorer of responses and its mode viewer, and the booklet for paper."""
+"""The page with its explorer of responses and its mode viewer."""

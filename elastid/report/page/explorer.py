@@ -21,7 +21,7 @@ from elastid.response import FrequencyResponse
 from elastid.validation.residual_tests import smoothed_std
 
 if TYPE_CHECKING:
-    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+    pass  # brings SciPy's linear algebra
 
 
 def asset(*path: str) -> str:
@@ -124,33 +124,6 @@ def _packed(values: FloatArray | ComplexArray) -> str:
     """(n, n_y, n_u) as 32-bit floats, element by element, real before imaginary part, little end first, in base64."""
     single = "<c8" if np.iscomplexobj(values) else "<f4"
     return base64.b64encode(np.ascontiguousarray(values.transpose(1, 2, 0)).astype(single).tobytes()).decode("ascii")
-
-
-def pole_picker(modes: Sequence[Modes], has_section: bool) -> str:
-    """Data of the poles over orders of each response as JSON; empty where none has any.
-
-    has_section: the study has a section `modal`, to which the line of poles is added.
-    """
-    rows = [_poles(own, has_section) for own in modes if len(own.diagram.order)]
-    colors = {"weak": style.WEAK, "stable": style.MEASURED, "taken": style.FITTED}
-    return embedded_json({"colors": colors, "rows": rows}) if rows else ""
-
-
-def _poles(own: Modes, has_section: bool) -> Mapping[str, Any]:
-    """Poles within the band, the modes, and the largest singular value as a share of its span in dB."""
-    diagram, f = own.diagram, own.at_hz
-    inside = (diagram.freq_hz >= f[0]) & (diagram.freq_hz <= f[-1])
-    every = np.unique(np.linspace(0, len(f) - 1, 500).astype(int))
-    level = np.log(np.maximum(own.indicators[every, 0], np.finfo(float).tiny))
-    share = (level - level.min()) / max(float(np.ptp(level)), 1e-9)
-    return {
-        "unit": own.frequency_unit, "has_section": has_section, "band": [float(f[0]), float(f[-1])],
-        "taken": [float(f"{each:.6g}") for each in own.freq_hz],
-        "order": diagram.order[inside].tolist(), "stable": diagram.stable[inside].tolist(),
-        "freq": [float(f"{each:.6g}") for each in diagram.freq_hz[inside]],
-        "zeta": [float(f"{each:.4g}") for each in diagram.zeta[inside]],
-        "at": [float(f"{each:.6g}") for each in f[every]], "level": share.round(3).tolist(),
-    }  # fmt: skip
 
 
 def mode_viewer(rows: Sequence[ModeRow], rate_is_known: bool) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import base64
 import io
+import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -28,15 +29,13 @@ from elastid.report.content import ReportContent, ResponsesContent, gear_line, g
 from elastid.report.figures import style
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings, drawings_of_responses
 from elastid.report.figures.style import own_style
-from elastid.report.page import booklet
-from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, pole_picker, script_policy
+from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
 from elastid.response import FrequencyResponse
 
 if TYPE_CHECKING:
     from elastid.validation.fleet import Finding, FleetValue, Spread  # brings SciPy's statistics
 
-FigureFormat: TypeAlias = Literal["png", "pdf"]
 
 DPI = 110
 # Beyond this, the largest figures are links to files. With the data of 20 configurations of a six-axis robot the page
@@ -56,53 +55,43 @@ class EmbeddedFigure:
 
 
 def write_report(
-    content: ReportContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
+    content: ReportContent, folder: Path, formats: Collection[str], execution: Execution | None = None
 ) -> Path:
     """Write folder/report.html, and folder/figures/* in the given formats; returns the path of the page.
 
-    With pdf among the formats also folder/report.pdf: verdict, notes, parameters and modes, and all figures.
     Every file appears whole or not at all, the page last. The same content gives the same bytes, whatever `execution`.
     """
-    page, front = partial(html, content), booklet.front_pages(content)
-    return write_page(content.title, page, drawings(content), front, folder, formats, execution)
+    return write_page(partial(html, content), drawings(content), folder, formats, execution)
 
 
 @own_style()
 def write_page(
-    title: str,
     page: Callable[[list[EmbeddedFigure]], str],
     drawn: Iterable[Drawing],
-    front: Iterable[Figure],
     folder: Path,
-    formats: Collection[FigureFormat],
+    formats: Collection[str],
     execution: Execution | None = None,
     name: str = "report.html",
 ) -> Path:
-    """The figures and the front pages of one content as folder/`name` and, with pdf, as folder/report.pdf.
-
-    page(figures): its HTML.  folder/figures/* are replaced.
-    """
-    figures, paper = clear_folder(folder, "figures"), folder / "report.pdf"
-    paper.unlink(missing_ok=True)
+    """The page of one content as folder/`name`; page(figures): its HTML.  folder/figures/* are replaced."""
+    figures = clear_folder(folder, "figures")
     figures.mkdir(parents=True)
     todo = [drawing for drawing in drawn if drawing.on_page or formats]
-    write = partial(_written, figures, tuple(formats))
+    write = partial(_written, figures if formats else None)
     embedded = (execution or Execution()).ordered(write, todo)
-    if "pdf" in formats:
-        write_whole(paper, booklet.bound(title, front, todo))
     write_whole(folder / name, page(within(embedded, MAX_FIGURE_BYTES)).encode("utf-8"))
     return folder / name
 
 
 @own_style()
-def _written(figures: Path, formats: Sequence[FigureFormat], drawing: Drawing) -> EmbeddedFigure:
+def _written(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
     with rc_context({"axes.titley": 1.0}):  # where matplotlib seeks room for titles, it places all ticks twice
         figure = drawing.draw()
-    png = rendered(figure, "png") if drawing.on_page or "png" in formats else b""
-    for kind in formats:
-        write_whole(figures / f"{drawing.name}.{kind}", png if kind == "png" else rendered(figure, kind))
+    png, name = rendered(figure), f"{drawing.name}.png"
+    if figures is not None:
+        write_whole(figures / name, png)
     text = base64.b64encode(png).decode("ascii") if drawing.on_page else ""
-    file = f"figures/{drawing.name}.{'png' if 'png' in formats else 'pdf'}" if formats else ""
+    file = "" if figures is None else f"figures/{name}"
     return EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text, file)
 
 
@@ -152,7 +141,7 @@ def render(
 ) -> str:
     """A page of a template of this package; curves: data of the explorer, values: further names."""
     names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts} | values
-    names = {"mode_viewer": "", "pole_picker": ""} | names
+    names = {"mode_viewer": ""} | names
     return _environment().get_template(template).render(names, asset=asset, policy=script_policy(scripts))
 
 
@@ -175,13 +164,11 @@ def _coded(sentence: str) -> Markup:
     return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts))
 
 
-def rendered(figure: Figure, kind: FigureFormat) -> bytes:
-    """The figure as the bytes of a file."""
+def rendered(figure: Figure) -> bytes:
+    """The figure as the bytes of a PNG file; a letter that the font lacks is a box, without a warning."""
     buffer = io.BytesIO()
-    with booklet.missing_glyphs_allowed():
-        if kind == "pdf":
-            figure.savefig(buffer, format=kind, metadata=booklet.PDF_METADATA)
-            return buffer.getvalue()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure.savefig(buffer, format="rgba", dpi=DPI)
     width, height = (int(inches * DPI) for inches in figure.get_size_inches())
     image = Image.frombytes("RGBA", (width, height), buffer.getvalue())
@@ -193,22 +180,19 @@ def rendered(figure: Figure, kind: FigureFormat) -> bytes:
 
 
 def write_page_of_responses(
-    content: ResponsesContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
+    content: ResponsesContent, folder: Path, formats: Collection[str], execution: Execution | None = None
 ) -> Path:
-    """folder/report.html and folder/figures/*, with pdf among the formats folder/report.pdf; the path of the page."""
-    page, front = partial(html_of_responses, content), booklet.front_pages_of_responses(content)
-    return write_page(content.title, page, drawings_of_responses(content), front, folder, formats, execution)
+    """folder/report.html and folder/figures/*; the path of the page."""
+    page = partial(html_of_responses, content)
+    return write_page(page, drawings_of_responses(content), folder, formats, execution)
 
 
 def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
     responses = explorer(list(zip(content.responses, content.synthesised, strict=True)))
     viewer = mode_viewer(content.mode_rows, content.rate_is_known)
-    picker = pole_picker(content.modes, content.has_modal_section)
-    further = [asset(name) for data, name in ((viewer, "mode_viewer.js"), (picker, "pole_picker.js")) if data]
-    scripts = (*curve_scripts(), *further)
+    scripts = (*curve_scripts(), asset("mode_viewer.js")) if viewer else curve_scripts()
     names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
-    names |= {"pole_picker": picker, "has_modal_section": content.has_modal_section}
     names["questions"] = overview.questions_of_responses(content)
     return render("responses.html.j2", content, figures, responses, scripts, **names)
 
@@ -342,8 +326,7 @@ class FleetContent:
 def write_page_of_fleet(content: FleetContent, folder: Path) -> Path:
     """folder/fleet.html and folder/figures/*.png; the path of the page."""
     page = partial(render, "fleet.html.j2", content)
-    formats: tuple[FigureFormat, ...] = ("png",)
-    return write_page(content.title, page, _fleet_drawings(content), (), folder, formats, name="fleet.html")
+    return write_page(page, _fleet_drawings(content), folder, ("png",), name="fleet.html")
 
 
 def _fleet_drawings(content: FleetContent) -> Iterator[Drawing]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,8 @@ from elastid.report.figures import style
 from elastid.report.figures.drawings import JOINT, friction_study_drawings
 from elastid.report.figures.friction import DIRECTIONS, Condition, law_band, law_directions, units
 from elastid.report.friction_content import NUMBER_HEADINGS, FrictionContent, number_cells, refusals
-from elastid.report.page.booklet import columns, heading, pages_of, twin_text, wrapped
 from elastid.report.page.explorer import curve_scripts
-from elastid.report.page.page import EmbeddedFigure, FigureFormat, render, write_page
+from elastid.report.page.page import EmbeddedFigure, render, write_page
 
 # Key and label of a direction.
 NAMES = {0.0: ("", ""), 1.0: ("_ahead", ", positive direction"), -1.0: ("_back", ", negative direction")}
@@ -100,12 +99,11 @@ SHARED = {
 
 
 def write_page_of_friction(
-    content: FrictionContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
+    content: FrictionContent, folder: Path, formats: Collection[str], execution: Execution | None = None
 ) -> Path:
-    """folder/report.html and folder/figures/*, with pdf among the formats folder/report.pdf; the path of the page."""
-    front = pages_of(content.title, content.answers, content.provenance, _text(content))
+    """folder/report.html and folder/figures/*; the path of the page."""
     drawn = friction_study_drawings(content.result, content.filters, content.twin, content.left_out)
-    return write_page(content.title, partial(html_of_friction, content), drawn, front, folder, formats, execution)
+    return write_page(partial(html_of_friction, content), drawn, folder, formats, execution)
 
 
 def html_of_friction(content: FrictionContent, figures: Collection[EmbeddedFigure]) -> str:
@@ -131,17 +129,3 @@ def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...
             words = SHARED[kind] + (f" ({load})" if load else "")
             rows.append((words, number(value), number(std, 2), units.get(name, torque)))
     return tuple(rows)
-
-
-def _text(content: FrictionContent) -> Iterator[str]:
-    yield from heading(content.title, content.notes)
-    for sentence in content.answers:
-        yield from wrapped(sentence)
-    yield ""
-    if content.result.numbers:
-        yield from columns([NUMBER_HEADINGS, *map(number_cells, content.result.numbers)])
-    yield from twin_text(content.twin)
-    for words in content.left_out.words:
-        yield from ("", *wrapped(f"Left out: {words}"))
-    for refusal in refusals(content.result):
-        yield from wrapped(f"- joint {', '.join(refusal.joints)}, no {refusal.part}: {refusal.reason}", "  ")

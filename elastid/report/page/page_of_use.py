@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import degrees, number, percent
@@ -132,7 +131,7 @@ def write_page_of_map(workspace: WorkspaceMap, folder: Path, provenance: Mapping
     """folder/map.html and folder/map.png; the path of the page."""
     content = MapContent(workspace, f"Map of {workspace.name}", provenance)
     page = render("map.html.j2", content, (), scripts=(asset("map.js"),), map_data=map_data(workspace))
-    return _written(folder / "map.html", page, rendered(workspace_figure(workspace), "png"))
+    return _written(folder / "map.html", page, rendered(workspace_figure(workspace)))
 
 
 def _written(path: Path, page: str, picture: bytes) -> Path:
@@ -201,17 +200,10 @@ class MoveContent:
 @own_style()
 def write_page_of_move(move: TunedMove, folder: Path, provenance: Mapping[str, str]) -> Path:
     """folder/tune.html and folder/tune.png; the path of the page."""
-    picture = rendered(move_figure(move), "png")
+    picture = rendered(move_figure(move))
     figure = base64.b64encode(picture).decode("ascii")
     page = render("move.html.j2", MoveContent(move, f"Move of {move.name}", provenance, figure), ())
     return _written(folder / "tune.html", page, picture)
-
-
-@own_style()
-def write_figure(path: Path, figure: Figure) -> Path:
-    """A figure as PNG."""
-    write_whole(path, rendered(figure, "png"))
-    return path
 
 
 @dataclass(frozen=True)
@@ -258,7 +250,7 @@ def _with_low(value: float, low: float) -> str:
 @own_style()
 def write_page_of_loops(loops: Loops, snippet: str, folder: Path, provenance: Mapping[str, str]) -> Path:
     """folder/loops.html and folder/loops.png; the path of the page."""
-    picture = rendered(loops_figure(loops), "png")
+    picture = rendered(loops_figure(loops))
     figure = base64.b64encode(picture).decode("ascii")
     content = LoopContent(loops, f"Joint loops of {loops.name}", provenance, figure, snippet)
     return _written(folder / "loops.html", render("loops.html.j2", content, ()), picture)

@@ -1,1 +1,1 @@
-"""Commands that keep the tool on its path: motor references, torque feedforward, shapers, friction compensation."""
+"""Commands that keep the tool on its path: motor references, torque feedforward, friction compensation."""

@@ -73,7 +73,7 @@ def test_the_forest_plot_takes_the_estimate_as_reference_where_no_truth_is_known
     np.testing.assert_allclose(lines_of(ratio)["estimate"].get_xdata(), [1, 1, 1])
     assert "estimate" in ratio.get_xlabel()
     zero = replace(result, x=np.array([0.0, 0.0, 0.0, 0.0]))
-    rendered(forest(parameter_rows(zero, {"x_c": 0.0})), "png")
+    rendered(forest(parameter_rows(zero, {"x_c": 0.0})))
 
 
 def test_an_estimate_that_is_far_off_is_marked_at_the_edge_of_the_percent_axis():

@@ -15,7 +15,6 @@ from elastid.modal.modes import without_modes
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ResponsesContent
 from elastid.report.figures.drawings import drawings
-from elastid.report.page.booklet import front_pages
 from elastid.report.page.page import html, html_of_responses
 
 
@@ -64,12 +63,8 @@ def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
 
 
 def test_numbers_are_marked_with_what_they_contain() -> None:
-    """On the page below the table, and on paper."""
+    """Below the table."""
     content = report_content(contents={"d_1": "viscous friction alone"}, friction=taken_friction())
     page = html(content, [])
     assert "at its bound</td>" in page
     assert '<p class="note">d_1: viscous friction alone.</p>' in page
-    paper = "\n".join(figure.texts[0].get_text() for figure in front_pages(content))
-    assert "viscous friction alone" in paper
-    assert "4.06 … 4.94" in paper
-    assert paper.count(LEFT[:40]) == 1
