@@ -71,21 +71,38 @@ _TARGETS = [
 ]
 
 
-class InOrderOfWork(click.Group):
-    """A group whose help lists the commands as they are added, each with its first sentence in full."""
+# Groups of commands, in the order of the help; all others are single stages.
+_GROUPS = {
+    "Start": ("demo", "new", "check", "run"),
+    "Look": ("inspect", "explain", "compare", "predict"),
+    "Use": ("map", "tune", "loops", "export"),
+    "Campaign": ("live", "fleet"),
+}
+
+
+class InGroups(click.Group):
+    """A group whose help lists the commands by what they are for, each with its first sentence in full."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order in which they were added."""
-        return list(self.commands)
+        """Names in the order of the help."""
+        return [name for names in self._grouped.values() for name in names]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Names and first sentences, wrapped and not cut."""
-        helps = ((name, (command.help or "").split("\n\n")[0]) for name, command in self.commands.items())
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, " ".join(text.split())) for name, text in helps])
+        for group, names in self._grouped.items():
+            helps = [(name, (self.commands[name].help or "").split("\n\n")[0]) for name in names]
+            with formatter.section(group):
+                formatter.write_dl([(name, " ".join(text.split())) for name, text in helps])
+
+    @property
+    def _grouped(self) -> dict[str, list[str]]:
+        shown = [name for name, command in self.commands.items() if not command.hidden]
+        groups = {group: [name for name in names if name in shown] for group, names in _GROUPS.items()}
+        rest = [name for name in shown if not any(name in names for names in groups.values())]
+        return groups | {"Single stages of `run`": rest}
 
 
-@click.group(cls=InOrderOfWork, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=InGroups, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="elastid")
 def cli() -> None:
     """Identify the elasticity of industrial robots from frequency responses, with honest intervals."""
@@ -299,6 +316,8 @@ def inspect(file: Path) -> None:
 def explain(key: str | None) -> None:
     """Say what a key of a study means and when to change it: `elastid explain fit.criterion`; without KEY, list all.
 
+    Of the code of an error or note (`elastid explain records/clock`) it says what it means.
+
     The list has the sections of a study, in its order. Of a word that is no key (`elastid explain coherence`) it lists
     the keys, and the arrays in results, that have it in their text.
     """
@@ -312,7 +331,7 @@ def explain(key: str | None) -> None:
         click.echo(printable(found))
 
 
-@cli.command()
+@cli.command(hidden=True)
 def schema() -> None:
     """Print the JSON Schema of a study, for editors."""
     import json
@@ -332,7 +351,7 @@ def explained(error: Exception) -> int:
     """The exit code of an error that has a message for the user; any other is a bug and raised again."""
     match error:
         case ElastidError():
-            return _ended(str(error), error.exit_code)
+            return _ended(f"{error} [{error.code}]", error.exit_code)
         case click.exceptions.Exit():
             return error.exit_code
         case click.ClickException():

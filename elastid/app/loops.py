@@ -3,36 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from elastid.app.identified_robot import with_found_friction
 from elastid.app.run import Run, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
 from elastid.base.display import columns, number
 from elastid.base.errors import StudyError
-from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.experiment.specs.simulated import MAX_DELAY_SAMPLES
-from elastid.fit.posture import Asked as Ports
 from elastid.fit.result import FitResult
-from elastid.record import Configuration
 from elastid.report.page.page_of_use import write_page_of_loops
-from elastid.robot import Robot
 from elastid.simulation.controller import Gains
 from elastid.store.files import keep_checksums, write_rows, write_text
-from elastid.store.measured import read_friction, read_records
+from elastid.store.measured import read_records
 from elastid.store.results import write_loops
 from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
-from elastid.use.draws import estimated_robot
 from elastid.use.loops.assess import LoopState
 from elastid.use.loops.measured import MeasuredLoops, measured_loops, refusal
 from elastid.use.loops.result import Asked, Loops, Today, design_loops, inertias, with_delay
 from elastid.use.loops.sensitivity import LIMIT_DB
-from elastid.use.postures import region_postures
 
 NAME = "loops"
 RESULTS = ("loops.h5", "loops.yml", "loops.csv", "loops.html", "loops.png")
@@ -40,33 +31,27 @@ _GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")
 _POOR = 0.9  # explained part of a measured controller, below which its numbers are not used
 
 
-@dataclass(frozen=True)
-class Choice:
-    """Loops as the command line asks for them; rate_hz and delay None for those of the study."""
+def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws: int) -> None:
+    """All results of the study's fit; StudyError without a current one, FitError where no gains keep the limit.
 
-    path: Path | None
-    random: int | None
-    rate_hz: float | None
-    delay: int | None
-    draws: int
-
-
-def loops_study(run: Run, choice: Choice) -> None:
-    """All results of the study's fit; StudyError without a current one, FitError where no gains keep the limit."""
-    if choice.delay is not None and choice.delay > MAX_DELAY_SAMPLES:
-        raise StudyError(f"--delay {choice.delay}: a controller answers within {MAX_DELAY_SAMPLES} samples")
+    asked_hz, asked_delay: None for those of the study.
+    """
+    if asked_delay is not None and asked_delay > MAX_DELAY_SAMPLES:
+        raise StudyError(
+            "options/invalid", f"a controller answers within {MAX_DELAY_SAMPLES} samples", f"--delay {asked_delay}"
+        )
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
         own_hz = _own_rate(run)
-        rate_hz = choice.rate_hz or own_hz
+        rate_hz = asked_hz or own_hz
         if rate_hz is None:
-            raise StudyError(f"{run.loaded.path}: the study states no rate of the controller; give --rate")
+            raise StudyError(
+                "options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path
+            )
         measured = _measured(run, result, rate_hz)
         today = _today(run, own_hz or rate_hz, measured)
-        delay = choice.delay if choice.delay is not None else _own_delay(run, measured)
-        robot, name = _judge(run, result)
-        postures = _postures(run, result, choice)
-        asked = Asked(postures, rate_hz, delay, choice.draws, run.study.seed or 0, robot, name)
+        delay = asked_delay if asked_delay is not None else _own_delay(run, measured)
+        asked = Asked(rate_hz, delay, draws, run.study.seed or 0)
         loops = design_loops(
             run.study.name, result, asked, today, measured, lambda words: run.console.detail(f"{NAME}: found {words}")
         )
@@ -155,28 +140,6 @@ def _stated(cascade: CascadeSpec, n_u: int) -> Gains:
     return Gains(position * kd, np.asarray(kd, float), np.full(n_u, ki))
 
 
-def _judge(run: Run, result: FitResult) -> tuple[Robot, str]:
-    """The robot on which steps are simulated."""
-    study = run.study
-    if study.experiment.simulated is not None:
-        return true_robot(study.as_robot(), study.experiment.simulated.truth), "twin with the true numbers"
-    friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
-    return with_found_friction(estimated_robot(result), friction), "twin with the identified numbers"
-
-
-def _postures(run: Run, result: FitResult, choice: Choice) -> tuple[Configuration, ...]:
-    """Those that were fitted, of a path, or at random."""
-    if choice.path is None and choice.random is None:
-        return tuple(linear.configuration for linear in result.linear)
-    family = result.family(Ports())
-    # Each posture costs as much time as the others.
-    path = region_postures(family.robot, family.frame, choice.path, choice.random or 1, 40, run.study.seed or 0)
-    for words in path.remarks:
-        run.console.warn(words)
-    kind = "random" if choice.path is None else "path"
-    return tuple(Configuration(f"{kind} {i + 1}", each) for i, each in enumerate(path.angles))
-
-
 def _write(run: Run, loops: Loops) -> None:
     write_loops(run.folder / RESULTS[0], loops, run.stamps["fit"])
     write_text(run.folder / RESULTS[1], snippet(loops))
@@ -239,11 +202,7 @@ def sentences(loops: Loops) -> tuple[str, ...]:
     if loops.count:
         kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
         lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures")
-    if loops.steps is None:
-        return (*lines, f"steps are not simulated: {loops.no_steps}")
-    overshoot, settled, end = loops.steps.overshoot.max(), loops.steps.settled_s.max(), loops.steps.time_s[-1]
-    words = f"settled in {settled:.2g} s" if settled < end else f"not settled after {end:.2g} s"
-    return (*lines, f"steps on the {loops.steps.judge}: {100 * overshoot:.0f} % of overshoot at most, {words}")
+    return tuple(lines)
 
 
 def unstable(state: LoopState) -> list[str]:

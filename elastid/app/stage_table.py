@@ -161,7 +161,7 @@ MOTIONS = (*values("seed", "robot", "friction_joints", "experiment"), Value("fri
 # Keys of `fit` for its search and its intervals, which no plan depends on: a longer search needs no other plan.
 SEARCH = (
     "log_first", "starts", "start_factor", "continuation", "solver", "profile",
-    "bootstrap", "bootstrap_kind", "seed",
+    "bootstrap", "seed",
 )  # fmt: skip
 
 

@@ -95,26 +95,21 @@ def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_m
 
 @click.command()
 @study_argument
-@click.option("--path", type=click.Path(path_type=Path), metavar="FILE", help="CSV of joint angles, or of poses.")
-@click.option("--random", type=click.IntRange(min=1), metavar="N", help="Random postures.")
 @click.option("--rate", "rate_hz", type=POSITIVE, metavar="HZ", help="Of the controller (default: the study's).")
 @click.option("--delay", type=click.IntRange(min=0), metavar="N",
     help="Samples from reading to torque (default: the study's, or as its records show it).")  # fmt: skip
 @click.option("--draws", type=click.IntRange(min=0), default=200, show_default=True, metavar="N",
     help="Robots drawn from the fit, of which 95 % keep the limit.")  # fmt: skip
 @stage_options
-def loops(study: Path, path: Path | None, random: int | None, rate_hz: float | None, delay: int | None, draws: int,
-    **options: Any) -> None:  # fmt: skip
+def loops(study: Path, rate_hz: float | None, delay: int | None, draws: int, **options: Any) -> None:
     """Margins of the joint controllers, and gains for the fitted robot: loops.html, loops.csv and a section to paste.
 
     Of today's controller, as the study states it and as its records show it, sensitivity peak, bandwidths and margins;
     and gains of position and velocity, notches and low passes with the largest bandwidth whose sensitivity stays below
-    6 dB in all postures, by default those of the study, and on 95 % of the robots drawn from the fit. The gains are
-    written as the section `controller` of a study, too.
+    6 dB in all postures of the study, and on 95 % of the robots drawn from the fit. The gains are written as the
+    section `controller` of a study, too.
     """
-    if path is not None and random is not None:
-        raise click.UsageError("--path and --random exclude one another; give one of them")
     asked = run_of(study, options)
     from elastid.app import loops as designing
 
-    designing.loops_study(asked, designing.Choice(path, random, rate_hz, delay, draws))
+    designing.loops_study(asked, rate_hz, delay, draws)

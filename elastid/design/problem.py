@@ -279,9 +279,11 @@ def _best(
     E, n_u = first.R.shape[1], first.R.shape[3]
     if n_u > E:
         raise StudyError(
-            f"excitation.flat: information needs as many experiments as motors, and there are {E} for {n_u}: with "
+            "excitation/power",
+            f"information needs as many experiments as motors, and there are {E} for {n_u}: with "
             "fewer the inputs are separated by neighbouring lines, which must all be strong; take another flat, or "
-            "leave experiment.experiments out"
+            "leave experiment.experiments out",
+            "excitation.flat",
         )
     sources = [[prospect.source(c, guess, M) for guess in x] for prospect, c, M in measurements]
     even = even_powers(cost)

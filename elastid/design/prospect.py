@@ -78,10 +78,12 @@ def variance_like(
         known = response.uncertainty
         if response.inputs != inputs or response.outputs != outputs or known is None:
             raise StudyError(
-                f"design.noise.frf: configuration {response.configuration.name} was measured from "
+                "excitation/power",
+                f"configuration {response.configuration.name} was measured from "
                 f"{', '.join(response.inputs)} to {', '.join(response.outputs)}"
                 f"{' without a variance' if known is None else ''}; needed are {', '.join(inputs)} to "
-                f"{', '.join(outputs)} with one"
+                f"{', '.join(outputs)} with one",
+                "design.noise.frf",
             )
         # The logarithm of a variance from few degrees of freedom lies too low: E ln(v~/v) = psi(dof) - ln dof.
         shortfall = np.log(known.dof) - digamma(known.dof) if np.isfinite(known.dof) else 0.0
@@ -172,8 +174,10 @@ class Prospect:
         """
         if self.level.absolute is not None or self.variance is not None:
             raise StudyError(
-                "excitation.flat: information needs the noise of the simulated rig: with design.noise.absolute or frf "
-                "the variance is the same whatever is injected; drop it, or take another flat"
+                "excitation/power",
+                "information needs the noise of the simulated rig: with design.noise.absolute or frf "
+                "the variance is the same whatever is injected; drop it, or take another flat",
+                "excitation.flat",
             )
         M = realisations or self.realisations
         _, G, motion = self._local(configuration, x)
@@ -184,8 +188,9 @@ class Prospect:
         used = expected.weights.used
         if not np.all(error > 0):
             raise StudyError(
-                "excitation.flat: information needs the expected noise; set experiment.simulated.noise, or take "
-                "another flat"
+                "excitation/power",
+                "information needs the expected noise; set experiment.simulated.noise, or take another flat",
+                "excitation.flat",
             )
         spread = np.abs(np.linalg.inv(sensitivity)) ** 2
         fixed = (expected.weights.floor**2 + self.level.distortion**2 / M) * np.abs(G) ** 2

@@ -17,10 +17,8 @@ The bootstrap repeats the fit on data that are drawn again about its optimum:
 
 .. math:: \hat G^{(b)} = G(\hat\theta) + e^{(b)}
 
-parametric: e is drawn from the measured covariance, or where none is known from the weights. residual: the whitened
-residuals of a configuration are drawn with replacement, in blocks as long as neighbouring lines are correlated, with a
-random phase each. (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, 6.5, 8.6.) Numbers of the robot's file
-are drawn within their tolerances, too.
+e is drawn from the measured covariance, or where none is known from the weights (Efron and Tibshirani, An Introduction
+to the Bootstrap, 1993, 6.5). Numbers of the robot's file are drawn within their tolerances, too.
 """
 
 from __future__ import annotations
@@ -29,7 +27,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
@@ -40,9 +37,8 @@ from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.assembly import RelinearisedOptimum
-from elastid.fit.line_sums import autocovariance, correlation_length
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.least_squares import RESIDUALS, Ending, Evaluation, LeastSquares, LocalOptimum, held_by_bounds
+from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares, LocalOptimum, held_by_bounds
 from elastid.fit.problem.part import Part
 from elastid.fit.problem.weights import Weights, vec
 from elastid.fit.result import FitResult
@@ -57,7 +53,6 @@ def bootstrap(
     weights: Sequence[Weights],
     x: FloatArray,
     repetitions: int,
-    kind: Literal["parametric", "residual"] = "parametric",
     seed: int = 0,
     execution: Execution | None = None,
 ) -> FloatArray:
@@ -66,8 +61,8 @@ def bootstrap(
     Each repetition has its own random numbers, so that the result does not depend on the execution.
     """
     draws = np.random.SeedSequence(seed).spawn(repetitions)
-    source = _parametric if kind == "parametric" else _residual
-    sources = tuple(source(part, weight, fit.theta(part, x)) for part, weight in zip(fit.parts, weights, strict=True))
+    pairs = zip(fit.parts, weights, strict=True)
+    sources = tuple(_source(part, weight, fit.theta(part, x)) for part, weight in pairs)
     static = None if fit.loads is None else fit.loads.predicted(fit.parameters, x)[0]
     names = [f"bootstrap-{i}" for i in range(repetitions)]
     ends = in_order((execution or Execution()).resumed(partial(_repeat, fit, sources, static, x), draws, names))
@@ -103,36 +98,24 @@ def _off_file(parameter: Parameter, x: float, rng: np.random.Generator) -> Param
 
 @dataclass(frozen=True)
 class _Source:
-    """The distribution of a measured response: the model's G (F, n_y, n_u), and errors in blocks of lines.
+    """The distribution of a measured response: the model's G (F, n_y, n_u), and errors root z, row by row, of white z.
 
-    root (F, m, m): the errors of G, row by row, are root z; z is white noise where residual is None, else drawn from
-    residual (F, m) in blocks.
+    root (F, m, m).  used: elements that the fit sees.
     """
 
     G: ComplexArray
     root: ComplexArray
     used: BoolArray
-    residual: ComplexArray | None
-    block: int
-    logarithmic: bool
 
     def draw(self, rng: np.random.Generator) -> ComplexArray:
         """A measured response."""
         F, m = self.root.shape[:2]
-        if self.residual is None:
-            z = (rng.standard_normal((F, m)) + 1j * rng.standard_normal((F, m))) / np.sqrt(2)
-        else:
-            starts = rng.integers(0, F, math.ceil(F / self.block))
-            lines = (starts[:, None] + np.arange(self.block)).ravel()[:F] % F
-            turns = np.repeat(np.exp(2j * np.pi * rng.random(len(starts))), self.block)[:F]
-            z = self.residual[lines] * turns[:, None]
+        z = (rng.standard_normal((F, m)) + 1j * rng.standard_normal((F, m))) / np.sqrt(2)
         e = (self.root @ z[:, :, None])[:, :, 0].reshape(self.G.shape)
-        with np.errstate(over="ignore", invalid="ignore"):
-            drawn = self.G * np.exp(e) if self.logarithmic else self.G + e
-        return np.where(self.used, drawn, self.G)
+        return np.where(self.used, self.G + e, self.G)
 
 
-def _parametric(part: Part, weights: Weights, theta: FloatArray) -> _Source:
+def _source(part: Part, weights: Weights, theta: FloatArray) -> _Source:
     G, used = part.kernel.response(theta), part.gain > 0
     C = weights.noise_covariance()
     F, n_y, n_u = G.shape
@@ -143,20 +126,7 @@ def _parametric(part: Part, weights: Weights, theta: FloatArray) -> _Source:
         C = C[:, row_by_row[:, None], row_by_row]
         values, vectors = np.linalg.eigh(C)
         root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    return _Source(G, root.astype(complex), used, None, 1, False)
-
-
-def _residual(part: Part, weights: Weights, theta: FloatArray) -> _Source:
-    G, used = part.kernel.response(theta), part.gain > 0
-    F = len(G)
-    e = np.where(used, RESIDUALS[part.criterion](part.measured, G)[0], 0.0)
-    r = np.where(used, part.gain * np.where(used, e, 0.0), 0.0).reshape(F, -1)
-    gain = np.where(used, part.gain, 1.0).reshape(F, -1)
-    mixing = part.mixing
-    whiten = gain[:, None, :] * (np.eye(r.shape[1]) if mixing is None else mixing)
-    r = r if mixing is None else (mixing @ r[:, :, None])[:, :, 0]
-    block = min(F, math.ceil(correlation_length([autocovariance(r)], 2 * int(np.count_nonzero(r)))))
-    return _Source(G, np.linalg.inv(whiten).astype(complex), used, r, block, part.criterion == "log")
+    return _Source(G, root.astype(complex), used)
 
 
 MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
@@ -324,7 +294,7 @@ def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec
         text += (
             f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile" if left else ""
         )
-        notes += [Note("profiled-interval", text, severity="information")] if names else []
+        notes += [Note("fit/profile", text, severity="information")] if names else []
     else:
         names = match_names(spec.profile, result.parameters)
     if names:
@@ -332,12 +302,11 @@ def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec
             ends = profile_ends(problem, x, variance, names, alone)
         result = replace(result, profile95=_natural(result.parameters, ends))
     if spec.bootstrap:
-        kind, weights = spec.bootstrap_kind, optimum.weights
-        draws = bootstrap(optimum.fit, weights, x, spec.bootstrap, kind, spec.seed or 0, execution)
+        draws = bootstrap(optimum.fit, optimum.weights, x, spec.bootstrap, spec.seed or 0, execution)
         good = np.isfinite(draws).all(axis=1)
         if np.mean(~good) > 0.05:
             text = f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out"
-            notes.append(Note("bootstrap-failures", text))
+            notes.append(Note("fit/bootstrap", text))
         ends = np.quantile(draws[good], [0.025, 0.975], axis=0).T if good.any() else np.full((len(x), 2), np.nan)
         result = replace(result, bootstrap95=_natural(result.parameters, ends))
     return replace(result, notes=tuple(notes))
@@ -369,7 +338,9 @@ def match_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str,
     for pattern in patterns:
         names = matching(pattern, free)
         if not names:
-            raise StudyError(f"fit.profile: {pattern} is no free parameter; {did_you_mean(pattern, list(free))}")
+            raise StudyError(
+                "fit/parameters", f"{pattern} is no free parameter; {did_you_mean(pattern, list(free))}", "fit.profile"
+            )
         chosen.update(names)
     return tuple(name for name in free if name in chosen)
 

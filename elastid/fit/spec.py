@@ -248,9 +248,6 @@ class FitSpec:
     bootstrap: Annotated[int, Key("Number of bootstrap repetitions, fits of data that are drawn again: 0 or at least "
         "40.", "200 where an interval must not rest on the covariance, as near a bound; the time is that of as many "
         "local searches.")] = 0
-    bootstrap_kind: Annotated[Literal["parametric", "residual"], Key("Kind of the bootstrap: `parametric`, from the "
-        "measured covariance, or `residual` where that one is not known.", "`residual` where the measured covariance "
-        "is not known, or not believed; it then contains the model error as if that were noise.")] = "parametric"
     seed: Annotated[int | None, Key("Seed of the starts and of the bootstrap (default: that of the study).", "another "
         "one, with the same data, shows what depends on the draws: the optimum should not.")] = None
     # fmt: on

@@ -1,8 +1,8 @@
 """Levels and records of a friction study -> the friction of each joint: law, presliding, warm-up, table of numbers.
 
 The law of a joint as a whole, as a robot's file has it, has sliding from passes or a motion, and before it Maxwell slip
-from loops, bristles from responses at rest, or LuGre friction by multiple shooting. A part that fails leaves a
-note instead: the rest of the friction does not depend on it.
+from loops or LuGre's bristles from responses at rest. A part that fails leaves a note instead: the rest of the
+friction does not depend on it.
 """
 
 from __future__ import annotations
@@ -12,13 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
 from elastid.friction_study.laws import StaticLaw
-from elastid.friction_study.levels import PassLevels
-from elastid.friction_study.lugre_shooting import INTERVAL, JointLog, LuGreFit, Prior, fit_lugre
 from elastid.friction_study.motion import MotionFriction
 from elastid.friction_study.presliding import Loops, Presliding, fit_presliding
 from elastid.friction_study.result import (
@@ -30,7 +27,6 @@ from elastid.friction_study.result import (
     Truth,
     number_of_gain,
     numbers_at_rest,
-    numbers_of_bristles,
     numbers_of_heat,
     numbers_of_law,
     numbers_of_motion,
@@ -74,7 +70,7 @@ def _joint(
             curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
         static = StaticLaw.of(curve, spec.law)
     loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
-    before = find_before_sliding(robot, loops, rest, passes, static, spec)
+    before = find_before_sliding(robot, loops, rest, static, spec)
     warm_up, thermal, notes = _heat(name, measured, static)
     friction, viscous, refused = _law(levels, static, before, spec)
     true = {} if truth is None else true_numbers(truth, name, static)
@@ -83,8 +79,8 @@ def _joint(
         numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     return JointFriction(
-        name, levels.slides, passes, levels.motion, static, before.presliding, before.loops, before.at_rest,
-        before.bristles, thermal, warm_up, friction, viscous, tuple(numbers.values()), held, levels.example,
+        name, levels.slides, passes, levels.motion, static, before.presliding, before.at_rest,
+        thermal, friction, viscous, tuple(numbers.values()), held,
         (*levels.notes, *before.notes, *notes, *refused),
     )  # fmt: skip
 
@@ -99,7 +95,7 @@ def _law(
             law[0].check_passive(law[1], levels.slides)
     except ValueError as error:
         text = f"its numbers make no law for a robot's file: {error}; more or quieter levels narrow them"
-        return None, None, (Note("no-law", text, f"joint {levels.joint}"),)
+        return None, None, (Note("friction/law", text, f"joint {levels.joint}"),)
     return (*(law or (None, None)), ())
 
 
@@ -117,8 +113,6 @@ def _numbers(
         yield number_of_gain(levels.joint, *levels.gain)
     if before.at_rest is not None:
         yield from numbers_at_rest(levels.joint, before.at_rest, levels.slides, truth)
-    if before.bristles is not None:
-        yield from numbers_of_bristles(levels.joint, before.bristles, levels.slides, truth)
 
 
 def _heat(
@@ -133,7 +127,7 @@ def _heat(
         thermal = fit_warm_up(warm_up, level_over_heat(static, warm_up))
         return warm_up, thermal, warm_up_note(thermal, warm_up, f"warm-up of joint {joint}")
     except (DataError, FitError) as error:
-        return None, None, (Note("no-warm-up", str(error), f"warm-up of joint {joint}"),)
+        return None, None, (Note("friction/warm-up", str(error), f"warm-up of joint {joint}"),)
 
 
 def _first_numbers(joint: JointFriction) -> str:
@@ -154,7 +148,7 @@ def joint_law(
     if before.presliding is not None:
         return replace(friction, maxwell_slip=before.presliding.few.to_maxwell_slip()), viscous
     if spec.presliding in ("auto", "lugre"):
-        return replace(friction, lugre=_lugre(before.bristles, before.at_rest, friction.coulomb)), viscous
+        return replace(friction, lugre=_lugre(before.at_rest, friction.coulomb)), viscous
     return friction, viscous
 
 
@@ -180,14 +174,11 @@ def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
     ), viscous  # fmt: skip
 
 
-def _lugre(shot: LuGreFit | None, rest: AtRest | None, coulomb: float) -> LuGre | None:
+def _lugre(rest: AtRest | None, coulomb: float) -> LuGre | None:
     """sigma_0 and sigma_1, the damping falling with velocity so that the law supplies no energy."""
-    if shot is not None:
-        stiffness, damping = shot.values["sigma_0"], shot.values["sigma_1"]
-    elif rest is not None and rest.sigma_0 > 0:
-        stiffness, damping = rest.sigma_0, max(0.0, rest.sigma_1)
-    else:
+    if rest is None or rest.sigma_0 <= 0:
         return None
+    stiffness, damping = rest.sigma_0, max(0.0, rest.sigma_1)
     # Nine tenths of the largest damping velocity with which a LuGre law is passive.
     falling = 0.9 * MAX_DAMPING_VELOCITY_RATIO * coulomb / damping if damping > 0 else None
     return LuGre(stiffness, damping, falling)
@@ -195,12 +186,10 @@ def _lugre(shot: LuGreFit | None, rest: AtRest | None, coulomb: float) -> LuGre 
 
 @dataclass(frozen=True)
 class BeforeSliding:
-    """loops: the log of `presliding`.  bristles: a LuGre law by shooting.  notes: on what failed."""
+    """notes: on what failed."""
 
-    loops: Loops | None = None
     presliding: Presliding | None = None
     at_rest: AtRest | None = None
-    bristles: LuGreFit | None = None
     notes: tuple[Note, ...] = ()
 
 
@@ -208,30 +197,28 @@ def find_before_sliding(
     robot: Robot,
     loops: Sequence[FrictionRecord],
     rest: Sequence[FrictionRecord],
-    levels: PassLevels | None,
     static: StaticLaw | None,
     spec: FrictionSpec,
 ) -> BeforeSliding:
-    """Bristles and elements from the records of one joint; levels, static: results of its passes."""
+    """Bristles and elements from the records of one joint; static: the law of its passes."""
     notes, law = list[Note](), spec.law
     at_rest = _at_rest(robot, rest, static, notes) if rest else None
     if not loops or law.presliding == "no":
         return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
     log = _loops(loops[0], spec)
     if law.presliding == "lugre":
-        bristles = _bristles(robot, loops[0], log.frequency_hz, levels, static, at_rest, notes)
-        return BeforeSliding(log, None, at_rest, bristles, tuple(notes))
+        if at_rest is None:
+            text = (
+                "loops do not identify the damping of bristles; give responses at rest, or take law.presliding: "
+                "maxwell_slip"
+            )
+            notes.append(Note("friction/presliding", text, f"record {loops[0].name}"))
+        return BeforeSliding(None, at_rest, tuple(notes))
     try:
-        return BeforeSliding(log, fit_presliding(log, law.elements), at_rest, None, tuple(notes))
+        return BeforeSliding(fit_presliding(log, law.elements), at_rest, tuple(notes))
     except DataError as error:
-        notes.append(Note("no-presliding", str(error), f"record {loops[0].name}"))
+        notes.append(Note("friction/presliding", str(error), f"record {loops[0].name}"))
         return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
-
-
-def _largest_stiffness(torque: FloatArray, position: FloatArray, period: int) -> float:
-    """Travel of torque over that of the joint in the stiffest loop: of a log that slides in others, or at its end."""
-    loops = range(0, max(1, len(torque) - period + 1), period)
-    return max(float(np.ptp(torque[i : i + period]) / max(np.ptp(position[i : i + period]), 1e-12)) for i in loops)
 
 
 def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:
@@ -259,7 +246,7 @@ def _at_rest(
         spring = held_spring(robot, records[0])
         return fit_at_rest(f"joint {joint}", rest_responses(records), spring, viscous)
     except (DataError, FitError) as error:
-        notes.append(Note("nothing-at-rest", str(error), f"record {records[0].name}"))
+        notes.append(Note("friction/at-rest", str(error), f"record {records[0].name}"))
         return None
 
 
@@ -267,48 +254,3 @@ def held_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
     """The joint with its spring, the others held; None for a rigid one."""
     angles = np.zeros(len(robot.driven)) if record.configuration is None else record.configuration.angles
     return held_joint(robot, record.joint, angles)
-
-
-def _bristles(
-    robot: Robot,
-    record: FrictionRecord,
-    frequency_hz: float,
-    levels: PassLevels | None,
-    static: StaticLaw | None,
-    rest: AtRest | None,
-    notes: list[Note],
-) -> LuGreFit | None:
-    """LuGre by multiple shooting through the joint's spring, with passes and responses at rest as prior knowledge."""
-    spring = held_spring(robot, record)
-    if spring is None or static is None or levels is None or record.resolution <= 0:
-        text = (
-            "a LuGre law by shooting takes passes, a joint with a linear spring of its own and the resolution of its "
-            "encoder; give what is missing, or take law.presliding: maxwell_slip"
-        )
-        notes.append(Note("no-bristles", text, f"record {record.name}"))
-        return None
-    prior = Prior.of(static.values, static.covariance)
-    if rest is not None:
-        at_rest = {"sigma_0": rest.sigma_0, "sigma_1": rest.sigma_1}
-        prior = prior.with_other(Prior.of(at_rest, rest.covariance))
-    q, shared = record.position, levels.shared
-    cos, sin, offset = (shared.get(name, (0.0, 0.0))[0] for name in ("gravity.cos", "gravity.sin", "offset"))
-    torque = record.torque - np.asarray(cos * np.cos(q) + sin * np.sin(q) + offset)
-    white_std = float(np.std(np.diff(torque, 2)) / np.sqrt(6))  # of white noise on a slow signal
-    torque_std = max(levels.residual_rms, white_std, 1e-12)
-    # Torque noise moves the motor within an interval, of which its states at both ends leave some twentieth.
-    wander = torque_std / spring.motor_inertia / record.rate_hz**2 * INTERVAL**1.5 / 20
-    log = JointLog(
-        f"joint {record.joint}", record.rate_hz, torque[:-1], record.position[1:] - record.position[0], torque_std,
-        max(record.resolution / np.sqrt(12), wander),
-    )  # fmt: skip
-    stiffness = _largest_stiffness(torque, record.position, max(1, round(record.rate_hz / frequency_hz)))
-    damping = 0.3 * np.sqrt(stiffness * spring.motor_inertia)
-    start = {"sigma_0": stiffness, "sigma_1": damping, "coulomb": static.values["coulomb"], "viscous": static.viscous}
-    start |= {"stiction": static.values.get("stiction", static.values["coulomb"])}
-    start |= {"stribeck_velocity": static.values.get("stribeck_velocity", float(static.levels.speed.max()))}
-    try:
-        return fit_lugre(log, spring, start, prior, exponent=static.fit.values.get("exponent", 2.0))
-    except (FitError, DataError) as error:
-        notes.append(Note("no-bristles", str(error), f"record {record.name}"))
-        return None

@@ -20,11 +20,9 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.levels import PassLevels
-from elastid.friction_study.lugre_shooting import LuGreFit
 from elastid.friction_study.motion import MotionFriction, RigidBody
-from elastid.friction_study.presliding import Loops, Presliding
+from elastid.friction_study.presliding import Presliding
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
-from elastid.record import FrictionRecord
 from elastid.robot import Friction, Robot, gain_name
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 
@@ -57,15 +55,13 @@ class FrictionNumber:
 class JointLevels:
     """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both.
 
-    example: a pass with the torque that the regression gives it, for the figure over the angle.  gain: of the drive,
-    torque logged over torque, and its std.
+    gain: of the drive, torque logged over torque, and its std.
     """
 
     joint: str
     slides: bool
     levels: PassLevels | None = None
     motion: MotionFriction | None = None
-    example: FrictionRecord | None = None
     notes: tuple[Note, ...] = ()
     gain: tuple[float, float] | None = None
 
@@ -74,7 +70,6 @@ class JointLevels:
 class JointFriction:
     """Friction of one joint, link side; None where it was not measured or cannot be identified.
 
-    loops: the log of `presliding`.  bristles: the LuGre law by shooting.  warm_up: the data of `thermal`.
     friction, viscous: the law as a whole, with the ranges in which it was measured.
     numbers: the table.  held: parts without numbers, with reasons.
     """
@@ -85,16 +80,12 @@ class JointFriction:
     motion: MotionFriction | None = None
     static: StaticLaw | None = None
     presliding: Presliding | None = None
-    loops: Loops | None = None
     at_rest: AtRest | None = None
-    bristles: LuGreFit | None = None
     thermal: ThermalModel | None = None
-    warm_up: WarmUp | None = None
     friction: Friction | None = None
     viscous: float | None = None
     numbers: tuple[FrictionNumber, ...] = ()
     held: tuple[Held, ...] = ()
-    example: FrictionRecord | None = None
     notes: tuple[Note, ...] = ()
 
     @property
@@ -214,14 +205,6 @@ def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Ite
     for key, value, std in zip(("stiffness", "damping"), (rest.sigma_0, rest.sigma_1), stds, strict=True):
         term = TERMS[f"lugre.{key}"]
         yield _number(joint, term, term.unit_at(slides), (value, std, *_ends(value, std)), learnt, truth)
-
-
-def numbers_of_bristles(joint: str, fit: LuGreFit, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
-    """The same by multiple shooting."""
-    for key, name in (("stiffness", "sigma_0"), ("damping", "sigma_1")):
-        value, ends, term = fit.values[name], fit.interval(name), TERMS[f"lugre.{key}"]
-        row = (value, value * math.log(ends[1] / value) / QUANTILE_95, *ends)
-        yield _number(joint, term, term.unit_at(slides), row, "loops, by multiple shooting", truth)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:

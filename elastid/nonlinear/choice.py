@@ -37,10 +37,7 @@ from elastid.record import Record
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the choice of shapes.
-
-    False alarms of 300 clean logs: friction-taken-out 0, unexplained-distortion 0.
-    """
+    """Thresholds of the choice of shapes."""
 
     # Of the power of a shape, at least: a sign in a multisine has 0.36 to 0.6, a stop longer than the motion 0.  Beside
     # slow lines of great power, such as those of a carrier, a sign has 0.02 and less: then this part of what it has.

@@ -15,7 +15,6 @@ from elastid.base.note import Note, Severity
 from elastid.base.statistics import QUANTILE_95, chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
-from elastid.nonlinear.accelerance import upper_accelerance, with_inertial_accelerance
 from elastid.nonlinear.choice import (
     LIMITS,
     Choice,
@@ -67,9 +66,8 @@ def find_friction(
     if isinstance(survey, FrictionTakenOut):
         return survey
     levels, equations = find_levels(survey.data, survey.choice.motor_of, survey.choice.taken)
-    inertial = upper_accelerance(survey.data, levels, survey.choice.motor_of, spec.quantity)
-    result = _result(survey, survey.choice, levels, inertial, equations)
-    result = with_inertial_accelerance(result, survey.last, execution)
+    accelerance = upper_accelerance(survey.data, levels, survey.choice.motor_of, spec.quantity)
+    result = _result(survey, survey.choice, levels, accelerance, equations)
     found = _Found(result, survey.choice, levels, survey.data)
     for number in range(_PASSES if len(survey.choice.taken) else 0):
         gather = partial(gather_configuration, spec=spec, planned=planned, noise=number > 0)
@@ -122,21 +120,34 @@ def _along_its_motion(
     choice, kept = narrowed(choice, levels, noise)
     data = [spectra.with_shapes(kept, np.zeros(len(kept))) for spectra in data]
     levels, equations = find_levels(data, choice.motor_of, choice.taken)
-    accelerance, above = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
-    inertial = np.where(accelerance > 0, accelerance, found.result.accelerance), above
-    result = _result(survey, choice, levels, inertial, equations)
-    return _Found(with_inertial_accelerance(result, survey.last, execution), choice, levels, data)
+    accelerance = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
+    accelerance = np.where(accelerance > 0, accelerance, found.result.accelerance)
+    return _Found(_result(survey, choice, levels, accelerance, equations), choice, levels, data)
+
+
+def upper_accelerance(
+    data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray, quantity: Quantity
+) -> FloatArray:
+    """Acceleration per torque (n_m,) of motors at the highest excited lines, friction being `levels`."""
+    tops = []
+    for configuration in data:
+        on = np.flatnonzero(configuration.excited)
+        on = on[-max(1, len(on) // 20) :]
+        friction = taken(levels, configuration.Phi[on], motor_of, configuration.U.shape[1])
+        G = configuration.Y[on] @ np.linalg.pinv(configuration.U[on] - friction)
+        s = 2j * np.pi * configuration.freq_hz[on]
+        tops.append((np.diagonal(G, axis1=1, axis2=2) * s[:, None] ** (2 - MOTION_ORDER[quantity])).real)
+    return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
 
 
 @dataclass(frozen=True)
 class _Survey:
     """Choice by the sampled motion: spectra of each configuration and the shapes that were chosen.
 
-    first: a record.  last: those of the last configuration.  limits: notes on motors whose friction cannot be found.
+    first: a record.  limits: notes on motors whose friction cannot be found.
     """
 
     first: Record
-    last: Sequence[Record]
     names: tuple[str, ...]
     data: Sequence[ConfigurationSpectra]
     choice: Choice
@@ -187,7 +198,7 @@ def _survey(
     data += [configuration.data.with_shapes(every, rates) for configuration in later if configuration.data is not None]
     names = tuple(configuration.name for configuration in (*surveyed, *later))
     limits = {note.text: note for configuration in (*surveyed, *later) for note in configuration.limits}
-    return _Survey(first, tuple(measured[-1]), names, data, choice, tuple(limits.values()))
+    return _Survey(first, names, data, choice, tuple(limits.values()))
 
 
 def _surveyed(
@@ -230,11 +241,10 @@ def _result(
     survey: _Survey,
     choice: Choice,
     levels: FloatArray,
-    inertial: tuple[FloatArray, FloatArray],
+    accelerance: FloatArray,
     equations: NormalEquations,
 ) -> FrictionTakenOut:
     first = survey.first
-    accelerance, above = inertial
     left = shares(equations, len(first.inputs), choice.motor_of, choice.taken)
     result = FrictionTakenOut(
         places=first.inputs,
@@ -247,10 +257,7 @@ def _result(
         after=equations.level,
         kept_share=np.where(np.isin(np.arange(len(first.inputs)), choice.motor_of), left, choice.kept_share),
         accelerance=accelerance,
-        series=np.zeros((len(first.inputs), 4)),
-        from_hz=np.zeros(len(first.inputs)),
         highest_hz=np.array([spectra.freq_hz[spectra.excited][-1] for spectra in survey.data]),
-        above=above,
     )
     return replace(result, notes=_notes(result))
 
@@ -267,14 +274,14 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
                 "was found in the records and taken out of the torque; "
                 f"{share:.2g} % of the power of distortion and noise is left"
             )
-            notes.append(Note("friction-taken-out", text, severity="information"))
+            notes.append(Note("nonlinear/friction-taken-out", text, severity="information"))
         else:
             text = (
                 f"{place}: no friction was taken out of the torque, since levels found in some realisations leave "
                 f"{share:.3g} % of the power of distortion and noise in the others; it may be small, or no friction "
                 "of this motor"
             )
-            notes.append(Note("friction-left", text, severity="information"))
+            notes.append(Note("nonlinear/friction-left", text, severity="information"))
     return tuple(notes)
 
 
@@ -310,7 +317,7 @@ def _with_dependence(
             C += (Q - len(data) + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(own, own)
             level, unit = result.sliding_level(place)[0], result.place_units[i]
             text = _dependence(level * factor, level * stds[:, i], loads[:, i], unit, result.configurations)
-            notes.append(Note("friction-differs", f"{place}: {text.format(level=level)}"))
+            notes.append(Note("nonlinear/friction-differs", f"{place}: {text.format(level=level)}"))
     result = replace(result, covariance=C)
     return replace(result, notes=(*_notes(result), *notes))
 
@@ -368,7 +375,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
     """No friction; the reason, where it is not empty, is a warning if the study asks for friction by name."""
     n_m = len(first.inputs)
     severity: Severity = "information" if wanted == "auto" else "warning"
-    note = Note("friction-left", f"friction is not taken out of the torque: {why}", severity=severity)
+    note = Note("nonlinear/friction-left", f"friction is not taken out of the torque: {why}", severity=severity)
     return FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
@@ -380,9 +387,6 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
         after=np.zeros((0, n_m)),
         kept_share=np.ones(n_m),
         accelerance=np.zeros(n_m),
-        series=np.zeros((n_m, 4)),
-        from_hz=np.zeros(n_m),
         highest_hz=np.zeros(0),
-        above=np.zeros((0, n_m, 6)),
         notes=(note,) if why else (),
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.nonlinear.shapes import Shape
@@ -26,10 +26,7 @@ class FrictionTakenOut:
     median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
     of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
     accelerance (n_m,): acceleration per torque a of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
-    series (n_m, 4): c_i, in 1 / s^i, of its acceleration per torque a (1 + c_1 / s + c_2 / s^2 + ..), which a damper
-    and a spring behind it make, from from_hz (n_m,) on; 0 where that is known above half the rate alone.
-    highest_hz (C,): the highest excited line; above (C, n_m, 6): a, b, c, e, alpha, beta of the acceleration per torque
-    (a s^2 + b s + c + e / s^2) / (s^2 + alpha s + beta) from there to from_hz, or on where that is 0; 0 where unknown.
+    highest_hz (C,): the highest excited line, above which a motor moves so.
     notes: what was taken out of which motor, or why nothing was.
     """
 
@@ -43,12 +40,7 @@ class FrictionTakenOut:
     after: FloatArray = labelled("the same with friction taken out", "N*m", "configurations places")
     kept_share: FloatArray = labelled("share of its power left in other realisations", "", "places")
     accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
-    series: FloatArray = labelled("of that acceleration, over s, s^2, s^3 and s^4", "", "places terms")
-    from_hz: FloatArray = labelled("from where on the motor moves so, 0: half the rate", "Hz", "places")
     highest_hz: FloatArray = labelled("highest excited line", "Hz", "configurations")
-    above: FloatArray = labelled(
-        "a, b, c, e, alpha, beta of acceleration per torque above it", "", "configurations places numbers"
-    )
     notes: tuple[Note, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -56,8 +48,7 @@ class FrictionTakenOut:
         n_m, n_f, C = len(self.places), len(self.shapes), len(self.configurations)
         expected: dict[str, tuple[int, ...]] = {"levels": (n_f,), "covariance": (n_f, n_f)}
         expected |= {"before": (C, n_m), "after": (C, n_m), "highest_hz": (C,)}
-        expected |= {"above": (C, n_m, 6), "series": (n_m, 4)}
-        of_motors = ("kept_share", "accelerance", "from_hz")
+        of_motors = ("kept_share", "accelerance")
         for name, shape in (expected | dict.fromkeys(of_motors, (n_m,))).items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"friction: {name} has shape {getattr(self, name).shape}, expected {shape}")
@@ -80,31 +71,6 @@ class FrictionTakenOut:
         """F_c in Nm (N) of fast steady sliding at a motor, the sum of its levels, and its standard deviation."""
         row = np.array([shape.when_fast * (shape.place == place) for shape in self.shapes])
         return float(row @ self.levels), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
-
-    def first_hz(self, configuration: str, place: str) -> float:
-        """From where on the acceleration per torque of a motor is known in a configuration, 0: half the rate."""
-        m = self.places.index(place)
-        is_continued = self._above(configuration, m)[0] > 0
-        return float(self.highest_hz[self.configurations.index(configuration)] if is_continued else self.from_hz[m])
-
-    def beyond_inertia(self, configuration: str, place: str, s: ComplexArray) -> ComplexArray:
-        """By which part (F,) the acceleration per torque of a motor at s = j omega (F,) exceeds its accelerance."""
-        m = self.places.index(place)
-        a, b, c, e, alpha, beta = self._above(configuration, m)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            x, (c_1, c_2, c_3, c_4) = 1 / s, self.series[m]
-            by_series = x * (c_1 + x * (c_2 + x * (c_3 + x * c_4)))  # complex powers are slow
-            if a == 0:
-                further = by_series
-            else:
-                further = (a * s**2 + b * s + c + e / s**2) / (s**2 + alpha * s + beta) / self.accelerance[m] - 1
-                if self.from_hz[m] > 0:
-                    further = np.where(np.abs(s) >= 2 * np.pi * self.from_hz[m], by_series, further)
-        return np.asarray(np.where(s == 0, 0.0, further))
-
-    def _above(self, configuration: str, m: int) -> FloatArray:
-        known = configuration in self.configurations
-        return np.asarray(self.above[self.configurations.index(configuration), m] if known else np.zeros(6))
 
     def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its standard deviation.

@@ -13,14 +13,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.fft import rfft
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, labelled
 from elastid.base.kernels import call, is_compiled
 from elastid.friction.operators import Path, bristle, stop
-from elastid.nonlinear.moments import Moments, spectra_at
 from elastid.nonlinear.motion import Motion, whole_samples
 from elastid.record import Record
 
@@ -87,40 +88,42 @@ def amplitudes(
     states = _states(record, motion, [shape for shape in shapes if not shape.is_memoryless])
     for i, shape in enumerate(shapes):
         if shape.is_memoryless:
-            sums = _weighted_periods(record, friction_moments(record, motion, [(shape, 1.0)]).mu, weights)
+            sums = _weighted_periods(record, friction_means(record, motion, [(shape, 1.0)]).ravel(), weights)
         else:
             s = next(states) / (2 * shape.threshold)
             # A mean over a cell is by both of its ends.
-            means = _weighted_periods(record, s[None, :-1], weights) + _weighted_periods(record, s[None, 1:], weights)
-            sums = np.stack([Moments.of_means(of_cells.reshape(N, motion.cells)).mu for of_cells in means])
-        dft[i] = spectra_at(sums, motion.cells, lines)
+            sums = _weighted_periods(record, s[:-1], weights) + _weighted_periods(record, s[1:], weights)
+        dft[i] = rfft(sums)[:, lines] * _between_cells(N, motion.cells, int(lines[-1]) + 1)[lines]
         if shape.is_rate:
             dft[i] *= 2j * np.pi * record.rate_hz / N * shape.threshold * lines
     return np.asarray(dft.swapaxes(0, 1) * (2 / N))
 
 
+@lru_cache(maxsize=16)
+def _between_cells(n: int, cells: int, lines: int) -> ComplexArray:
+    r"""Factors (lines,) from the DFT of means in cells of n samples to the transform of the torque that has them.
+
+    .. math:: \frac{1}{N_c}\, \frac{e^{-j \omega T_c / 2}}{\mathrm{sinc}(\omega T_c / 2)}
+    """
+    cell = np.arange(lines) / (n * cells)
+    return frozen(np.exp(-1j * np.pi * cell) / (cells * np.sinc(cell)), np.complex128)
+
+
 def _weighted_periods(record: Record, x: FloatArray, weights: FloatArray) -> FloatArray:
-    """The periods (n, k, m) that are sums of the repetitions of signals (k, n m), each by its weight (n, P)."""
-    repetitions = x.reshape(len(x), whole_samples(record) // record.repeat_samples, -1)
+    """The periods (n, m) that are sums of the repetitions of a signal (n m,), each by its weight (n, P)."""
+    repetitions = x.reshape(whole_samples(record) // record.repeat_samples, -1)
     signs = np.where(record.half_wave & (np.arange(weights.shape[1]) % 2 == 1), -1.0, 1.0)
-    periods = np.matmul(signs * weights, repetitions).swapaxes(0, 1)
-    return np.concatenate([periods, -periods], axis=2) if record.half_wave else periods
-
-
-def friction_moments(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> Moments:
-    """A motor's friction in the samples of whole periods: shapes, their levels."""
-    every = np.arange(len(motion.by_sample))
-    if not all(shape.is_memoryless for shape, _ in taken):
-        return Moments.of_means(friction_means(record, motion, taken))
-    slow = every[motion.slowest <= reach(taken)]
-    return Moments.of_steady(steady(motion.by_sample[:, 0], taken), slow, sliding_means(motion.by_sample[slow], taken))
+    periods = (signs * weights) @ repetitions
+    return np.concatenate([periods, -periods], axis=1) if record.half_wave else periods
 
 
 def friction_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> FloatArray:
-    """A motor's friction (n, cells) in the cells of all samples."""
-    n = whole_samples(record)
+    """A motor's friction (n, cells) in the cells of the samples of whole periods: shapes, their levels."""
     memoryless = [(shape, level) for shape, level in taken if shape.is_memoryless]
-    means = sliding_means(motion.by_sample, memoryless) if memoryless else np.zeros((n, motion.cells))
+    means = np.repeat(steady(motion.by_sample[:, 0], memoryless)[:, None], motion.cells, axis=1)
+    slow = np.flatnonzero(motion.slowest <= reach(memoryless))
+    if memoryless and len(slow):
+        means[slow] = sliding_means(motion.by_sample[slow], memoryless)
     bent = [(shape, level) for shape, level in taken if not shape.is_memoryless]
     for (shape, level), s in zip(bent, _states(record, motion, [shape for shape, _ in bent]), strict=True):
         if shape.is_rate:
@@ -128,6 +131,12 @@ def friction_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, 
         else:
             means += ((s[:-1] + s[1:]) * (level / (2 * shape.threshold))).reshape(means.shape)
     return means
+
+
+def spectrum(means: FloatArray) -> ComplexArray:
+    """Transform (n // 2 + 1,) of a torque at lines of n samples, in samples, by its means (n, cells)."""
+    n, cells = means.shape
+    return rfft(means.ravel())[: n // 2 + 1] * _between_cells(n, cells, n // 2 + 1)
 
 
 def reach(taken: Sequence[tuple[Shape, float]]) -> float:

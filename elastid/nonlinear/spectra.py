@@ -15,7 +15,7 @@ from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra, single_logs
 from elastid.nonlinear.motion import FEW_CELLS, Motion, motion_of
-from elastid.nonlinear.reconstruct import hold_of, net_samples, over_whole_periods, sharp_motion
+from elastid.nonlinear.reconstruct import motion_under, net_samples, over_whole_periods
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape, amplitudes
 from elastid.record import Record
@@ -209,10 +209,9 @@ def _with_motions(
     if friction is None:
         return spectra, {place: motion_of(record, place, FEW_CELLS) for place in places}
     record = over_whole_periods(record)
-    motions = {place: sharp_motion(record, place, friction) for place in places}
-    y, hold = record.y.copy(), hold_of(record)
+    motions, y = {place: motion_under(record, place, friction) for place in places}, record.y.copy()
     for place, motion in motions.items():
-        y[:, record.outputs.index(place)] += net_samples(record, place, motion, friction, hold)[1]
+        y[:, record.outputs.index(place)] += net_samples(record, place, motion, friction)[1]
     return RecordSpectra(replace(record, y=y)), motions
 
 

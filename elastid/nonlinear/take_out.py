@@ -5,7 +5,8 @@ Levels that are off by df leave their torque in U, the same in all configuration
 .. math:: \delta G = G\, e_j\, (\Phi\, df)\, U_{net}^+, \qquad U_{net} = U - \Phi f
 
 for shapes Phi at motor j. df has the covariance of the levels L L^T: a systematic error for each column of L, each of a
-size that is known. No scatter between realisations shows them.
+size that is known. No scatter between realisations shows them. One more is that of reversals, which are found within a
+part of a sample: j omega dt Phi f in the place of Phi df.
 """
 
 from __future__ import annotations
@@ -25,12 +26,15 @@ from elastid.frf.period_selection import settled
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.choice import LIMITS
 from elastid.nonlinear.places import on_links, on_shafts
-from elastid.nonlinear.reconstruct import hold_of, net_samples, over_whole_periods, sharp_motion
+from elastid.nonlinear.reconstruct import motion_under, net_samples, over_whole_periods
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import MOTION_ORDER, Record
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+
+# Of a sample, by which reversals are found late, that a test of the motion between samples leaves.
+TURNING_ERROR = 0.005
 
 
 def estimate_without_friction(
@@ -88,7 +92,7 @@ def _unexplained(
         "explains it: dry friction behind a gear, which the motor's angle does not show, would put stiffness and "
         "damping off by several of their standard deviations; compare with a run of twice the torque"
     )
-    return (Note("unexplained-distortion", text, f"configuration {response.configuration.name}"),)
+    return (Note("nonlinear/unexplained", text, f"configuration {response.configuration.name}"),)
 
 
 def _arm_variance(
@@ -125,7 +129,7 @@ def _level_errors(
     planned_lines: IntArray | None,
     E: FloatArray | None,
 ) -> ComplexArray:
-    """delta G (n_b, n_u, F, n_y, n_u) by the levels of each motor, their largest errors first."""
+    """delta G (n_b, n_u, F, n_y, n_u) by the levels of each motor, their largest errors first, and by its reversals."""
     places, n_u = friction.places, len(friction.places)
     coupling = np.eye(n_u) if E is None else E
     data = gather_configuration([on_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
@@ -134,10 +138,14 @@ def _level_errors(
     pseudo = np.linalg.pinv((data.U - taken(friction.levels, data.Phi, motor_of, n_u))[on]) @ np.linalg.inv(coupling.T)
     lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
     factors = [_factors(friction.covariance * np.outer(motor_of == j, motor_of == j)) for j in range(n_u)]
-    errors = np.zeros((max(record.shape[1] for record in factors), n_u, *response.G.shape), complex)
+    errors = np.zeros((1 + max(L.shape[1] for L in factors), n_u, *response.G.shape), complex)
+    late = 2j * np.pi * data.freq_hz[on, None] * (TURNING_ERROR / records[0].rate_hz)
     for j, L in enumerate(factors):
-        rows = interpolated(lines, data.lines[on], np.einsum("fik,ib->fbk", data.Phi[on], L) @ pseudo)
-        errors[: L.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]
+        of_levels = np.einsum("fik,ib->fbk", data.Phi[on], L)
+        of_turning = late * np.einsum("fik,i->fk", data.Phi[on], friction.levels * (motor_of == j))
+        both = np.concatenate([of_levels, of_turning[:, None]], axis=1)
+        rows = interpolated(lines, data.lines[on], both @ pseudo)
+        errors[: both.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]
     return errors
 
 
@@ -167,10 +175,9 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
     if not friction.shapes:
         return record
     record = over_whole_periods(record)
-    u, y, hold = record.u.copy(), record.y.copy(), hold_of(record)
+    u, y = record.u.copy(), record.y.copy()
     for place in friction.taken_places():
-        motion = sharp_motion(record, place, friction)
-        torque, images = net_samples(record, place, motion, friction, hold)
+        torque, images = net_samples(record, place, motion_under(record, place, friction), friction)
         u[:, record.inputs.index(place)] -= torque
         y[:, record.outputs.index(place)] += images
     return replace(record, u=u, y=y)

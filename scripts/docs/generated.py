@@ -43,7 +43,7 @@ def block(text: str, language: str = "none") -> str:
 
 def commands() -> str:
     """Every command with its arguments and options, from the command line itself."""
-    parts = [NAMES, title("Commands"), f"{cli.help} The commands stand in the order of the work.\n"]
+    parts = [NAMES, title("Commands"), f"{cli.help} The commands stand as in ``elastid --help``.\n"]
     root = click.Context(cli, info_name="elastid", help_option_names=["-h", "--help"])
     for name in cli.list_commands(root):
         command = cli.commands[name]

@@ -23,7 +23,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
 from elastid.response import Covariance, FrequencyResponse
-from elastid.robot import Body, GearCoupling, Joint, Payload, Placement, Robot, Spring
+from elastid.robot import Body, GearCoupling, Joint, Payload, Robot, Spring
 
 Responses: TypeAlias = Sequence[FrequencyResponse]
 NOISE = 0.005
@@ -414,22 +414,6 @@ def stood(by: Callable[[np.ndarray], Sequence[float]]) -> Callable[[Plant], Resp
     return lambda plant: exact(plant, plant.robot, {c.name: by(np.array(c.angles)) for c in plant.configurations})
 
 
-def with_tool(robot: Robot) -> Robot:
-    """The file of a robot with a tool that is bolted to its last body."""
-    return replace(robot, payload=Payload(TOOL_KG, TOOL_AT, (0.1, 0.1, 0.1), robot.bodies[-1].name))
-
-
-def loose_tool(k: float) -> Callable[[Plant], Responses]:
-    """The same tool on a soft plate, which bends about y."""
-
-    def of(plant: Plant) -> Responses:
-        bend = Joint("plate", "y", Spring(k, 2e-4 * k))
-        tool = Body("tool", plant.robot.bodies[-1].name, Placement(TOOL_AT), (bend,), TOOL_KG, (0.0,) * 3, (0.1,) * 3)
-        return exact(plant, replace(plant.robot, bodies=(*plant.robot.bodies, tool)))
-
-    return of
-
-
 def belts(ratio: float) -> Callable[[Plant], Responses]:
     """A wrist whose belts turn motors 5 and 6 along with axis 4, and 6 with 5, which the file does not know."""
 
@@ -514,7 +498,6 @@ FURTHER: tuple[Injection, ...] = (
               ("y at motor 2 and at motor 3 exchanged",)),
     Injection("torque constant 3 5 % off", "demo", of_channel("u", 2, constant(1 / 1.05)), ("gain_u_motor_3",)),
     Injection("resolver 2 eccentric", "demo", eccentric(1, 0.03), ("reading_2*",)),
-    Injection("tool on a soft plate", "demo", loose_tool(4e3), ("swing_*",), file=with_tool),
     Injection("payload of 1 kg forgotten", "six-axis", payload(1.0, 0.05, 0.02, 0.1), ("payload_*",),
               file=lambda robot: replace(robot, payload=None)),
     Injection("belts between axes 4 to 6", "six-axis", belts(1.0), ("coupling_*",)),
@@ -621,35 +604,6 @@ def current(unit: float) -> Callable[[Plant], Responses]:
     return of
 
 
-def tool_plate(share: float, freq_hz: float, axis: str = "y") -> Callable[[Plant], Responses]:
-    """A tool that is part of the last body, which bends about an axis at its mount with a resonance."""
-
-    def of(plant: Plant) -> Responses:
-        body, robot = places(plant).last, plant.robot
-        size = min(1.0, 50 * float(np.linalg.eigvalsh(_tensor(body))[0]) / body.mass)
-        name, mass, lever = body.name, share * body.mass, 0.12 * size
-        inertia = 0.004 * mass * size**2
-        k = (inertia + mass * lever**2) * (2 * math.pi * freq_hz) ** 2
-        offset = np.array(body.center_of_mass) + size * np.array([0.25, 0.0, 0.05])
-        # The file has both as one; its inertia is what it says with the tool where it stands.
-        centre = np.zeros(3)
-        centre[{"x": 1, "y": 0, "z": 0}[axis]] = lever
-        tool_at = offset + centre
-        rest = body.mass - mass
-        c = (body.mass * np.array(body.center_of_mass) - mass * tool_at) / rest
-        inertia_left = _tensor(body) - _steiner(mass, tool_at - np.array(body.center_of_mass)) - inertia * np.eye(3)
-        inertia_left -= _steiner(rest, c - np.array(body.center_of_mass))
-        is_planar = isinstance(body.inertia, float | int)
-        left = float(inertia_left[1, 1]) if is_planar else _six(inertia_left)
-        arm = replace(body, mass=rest, center_of_mass=tuple(c), inertia=left)
-        bend = Joint("plate", axis, Spring(k, 2 * 0.02 * k / (2 * math.pi * freq_hz)))  # type: ignore[arg-type]
-        tool = Body("tool", name, Placement(tuple(offset)), (bend,), mass, tuple(centre), (inertia,) * 3)
-        bodies = (*(arm if b.name == name else b for b in robot.bodies), tool)
-        return exact(plant, replace(robot, bodies=bodies))
-
-    return of
-
-
 def _tensor(body: Body) -> FloatArray:
     i = body.inertia
     values = (i,) * 3 if isinstance(i, float | int) else tuple(i)
@@ -727,17 +681,6 @@ def offset(degrees: Sequence[float], one: bool) -> Callable[[Plant], Responses]:
             by[axis] = math.radians(degrees[i % len(degrees)]) if i == 1 or not one else 0.0
             stood[c.name] = (np.array(c.angles) + by).tolist()
         return exact(plant, plant.robot, stood)
-
-    return of
-
-
-def tilted(degrees: float) -> Callable[[Plant], Responses]:
-    """The base stands on a slope, about y."""
-
-    def of(plant: Plant) -> Responses:
-        a, g = math.radians(degrees), np.array(plant.robot.gravity)
-        turned = np.array([[math.cos(a), 0, math.sin(a)], [0, 1, 0], [-math.sin(a), 0, math.cos(a)]]) @ g
-        return exact(plant, replace(plant.robot, gravity=tuple(turned.tolist())))
 
     return of
 
@@ -858,10 +801,7 @@ def _rows() -> Iterator[tuple[str, Callable[[Plant], Responses], tuple[str, ...]
     yield "torques in A", current(CURRENT_NM_A), ("*times*", "gain_*"), _ALL
     yield "torques in % of rated", current(RATED_NM / 100), ("*times*", "gain_*"), _ALL
     yield "gravity upside down", upside_down, ("gravity along *",), _ALL
-    yield "base tilted by 10 deg", tilted(10), ("gravity *", "angle_1", "zero_1"), ("two-axis", "demo")
     yield "encoder behind the gear", encoder_at_link, ("*behind*",), _SIX
-    yield "tool swings at 25 Hz", tool_plate(0.12, 25.0), ("swing_*",), _OPEN_SIX
-    yield "tool swings at 90 Hz", tool_plate(0.12, 90.0), (), _OPEN
     for share in (5.0, 30.0):
         yield f"base {share:g} times gear 1", soft_base(share, "x"), ("base_*",), ("demo",)
         yield f"bending {share:g} times the gear", bending(share), ("torsion_*",), ("demo",)

@@ -122,14 +122,13 @@ def test_an_end_is_found_beyond_a_place_without_a_model():
     assert profile.interval[1] == pytest.approx(np.log(1 + 1.96 * np.sqrt(0.6)), abs=0.01)
 
 
-@pytest.mark.parametrize("kind", ["parametric", "residual"])
 @pytest.mark.parametrize("criterion", ["complex", "log"])
-def test_bootstraps_scatter_as_the_covariance_says(kind, criterion):
+def test_bootstraps_scatter_as_the_covariance_says(criterion):
     """60 repetitions: standard deviations within what 60 draws allow."""
     response = noisy(1)
     end, sure = estimate(response, plant(), criterion=criterion)
     fit = fit_of(response, plant(), criterion=criterion)
-    draws = bootstrap(fit, [weigh(response, NO_FLOOR)], end.x, 60, kind, seed=4)
+    draws = bootstrap(fit, [weigh(response, NO_FLOOR)], end.x, 60, seed=4)
     ratio = draws.std(axis=0) / np.sqrt(np.diag(sure.covariance))
     assert np.all((ratio > 0.65) & (ratio < 1.35)), ratio
 
@@ -138,9 +137,9 @@ def test_a_bootstrap_does_not_depend_on_the_number_of_processes():
     """Each repetition has random numbers of its own."""
     response = noisy(2)
     fit, weights = fit_of(response, plant()), [weigh(response, NO_FLOOR)]
-    one, two = (bootstrap(fit, weights, X, 6, "residual", seed=5, execution=Execution(jobs)) for jobs in (1, 2))
+    one, two = (bootstrap(fit, weights, X, 6, seed=5, execution=Execution(jobs)) for jobs in (1, 2))
     np.testing.assert_array_equal(one, two)
-    assert not np.array_equal(one, bootstrap(fit, weights, X, 6, "residual", seed=6))
+    assert not np.array_equal(one, bootstrap(fit, weights, X, 6, seed=6))
 
 
 def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():

@@ -11,9 +11,9 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.nonlinear import find
 from elastid.nonlinear.find import _dependence, find_friction
-from elastid.nonlinear.reconstruct import sharp_motion
+from elastid.nonlinear.reconstruct import motion_under
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import friction_moments
+from elastid.nonlinear.shapes import friction_means, spectrum
 from elastid.nonlinear.take_out import net_record
 from elastid.record import Record
 
@@ -58,7 +58,7 @@ def test_friction_that_is_not_there_is_not_taken_out() -> None:
     configurations, lines = measured((0.0, 0.0))
     result = find_friction(configurations, AUTO, lines)
     assert result.shapes == ()
-    assert {note.code for note in result.notes} == {"friction-left"}
+    assert {note.code for note in result.notes} == {"nonlinear/friction-left"}
     record = configurations[0][0]
     assert net_record(record, result) is record
 
@@ -90,8 +90,7 @@ def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
         for each in (record, net_record(record, found))
     )
     for i, place in enumerate(record.inputs):
-        friction = friction_moments(record, sharp_motion(record, place, found), found.taken_shapes(place))
-        torque = friction.spectrum(record.n_samples // 2 + 1)
+        torque = spectrum(friction_means(record, motion_under(record, place, found), found.taken_shapes(place)))
         at_lines = torque[lines * record.n_periods] * 2 / (record.n_periods * record.period_samples)
         np.testing.assert_allclose((raw - net)[:, i], at_lines, atol=1e-12)
 

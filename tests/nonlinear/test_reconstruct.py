@@ -1,20 +1,14 @@
-"""Reversals under dry friction are found where they are, between the samples of a motor whose torque is held.
+"""Reversals under dry friction are found where they are, between the samples of a motor whose torque is held."""
 
-Fixed points that repetition reaches slowly or never.
-"""
-
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 
-from elastid.nonlinear import reconstruct as reversals
 from elastid.nonlinear.motion import Motion, laplace, motion_of
-from elastid.nonlinear.reconstruct import fixed_point, sharp_motion
+from elastid.nonlinear.reconstruct import motion_under
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape, friction_moments
+from elastid.nonlinear.shapes import Shape
 from elastid.nonlinear.take_out import net_record
 from elastid.record import Configuration, Record
 
@@ -47,11 +41,10 @@ def simulated() -> tuple[Record, np.ndarray]:
     return record, np.array([time for time in turning if time > 0])
 
 
-def friction_of(accelerance: float, from_hz: float = 0.0, above: Sequence[float] = (0.0,) * 6) -> FrictionTakenOut:
+def friction_of(accelerance: float) -> FrictionTakenOut:
     return FrictionTakenOut(
         ("motor 1",), ("N*m",), (Shape("motor 1", "sign"),), np.array([COULOMB]), np.eye(1), ("c",), np.ones((1, 1)),
-        np.ones((1, 1)), np.ones(1), np.array([accelerance]), np.array([[0.0, -K / J, 0.0, 0.0]]), np.array([from_hz]),
-        np.array([12.5]), np.array([[above]]),
+        np.ones((1, 1)), np.ones(1), np.array([accelerance]), np.array([12.5]),
     )  # fmt: skip
 
 
@@ -67,65 +60,36 @@ def lateness(motion: Motion) -> np.ndarray:
 
 
 def test_reversals_are_late_between_samples_and_found_with_the_part_above_half_the_rate() -> None:
-    """Late by some 2 % of a sample; by < 1 / 10 of that, in mean and scatter, with the part above half the rate."""
+    """Late by some 2 % of a sample; by < 1 / 4 of that, in mean and scatter, with the part above half the rate."""
     record, _ = simulated()
-    without, found = (lateness(sharp_motion(record, "motor 1", friction_of(a))) for a in (0.0, 1 / J))
+    without, found = (lateness(motion_under(record, "motor 1", friction_of(a))) for a in (0.0, 1 / J))
     assert len(found) == len(without) > 50
     assert 0.015 < without.mean() < 0.04
-    assert abs(found.mean()) < 0.1 * without.mean()
-    assert found.std() < 0.1 * without.std()
+    assert abs(found.mean()) < 0.25 * without.mean()
+    assert found.std() < 0.25 * without.std()
 
 
 def test_reversals_under_noise_are_found_by_the_torque_above_the_excited_lines() -> None:
-    """Noise of 1 % of the angle: they are off by less than 0.6 of what they are by the angle up to half the rate."""
+    """Noise of 1 % of the angle: they are off by less than 0.7 of what they are by the angle alone."""
     record, _ = simulated()
     noise = 0.01 * np.std(record.y) * np.random.default_rng(4).standard_normal(record.y.shape)
     record = replace(record, y=record.y + noise)
-    poles = 1 / J, 0.0, 0.0, 0.0, D / J, K / J
-    by_angle = sharp_motion(record, "motor 1", friction_of(1 / J))
-    for friction in (friction_of(1 / J, 12.5), friction_of(1 / J, above=poles)):
-        by_torque = sharp_motion(record, "motor 1", friction)
-        assert by_torque.velocity_noise < by_angle.velocity_noise
-        assert np.mean(lateness(by_torque) ** 2) < 0.6**2 * np.mean(lateness(by_angle) ** 2)
-
-
-def test_repetition_stops_where_friction_no_longer_changes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Friction along the motion is within 2e-5 of that after repetition to 1e-6."""
-    record, _ = simulated()
-    friction = friction_of(1 / J)
-
-    def torque() -> np.ndarray:
-        motion = sharp_motion(record, "motor 1", friction)
-        return friction_moments(record, motion, friction.taken_shapes("motor 1")).spectrum(record.n_samples // 2 + 1)
-
-    default = torque()
-    monkeypatch.setattr(reversals, "_TOLERANCE", 1e-6)
-    monkeypatch.setattr(reversals, "_STEPS", 30)
-    assert np.linalg.norm(default - torque()) < 2e-5 * np.linalg.norm(default)
-
-
-def test_a_motor_that_turns_back_where_its_samples_do_not_is_followed_everywhere() -> None:
-    """A motor that is followed in the samples of its first half alone turns back in others, and is not complete."""
-    record, _ = simulated()
-    motor = reversals._HeldMotor.of(record, "motor 1", friction_of(1 / J))
-    assert motor.is_complete(motor.motion())
-    half = replace(motor, slow=motor.slow[motor.slow < N])
-    assert not half.is_complete(half.motion())
-    every = replace(motor, slow=np.arange(record.n_samples)).motion()
-    np.testing.assert_allclose(motor.motion().velocity, every.velocity, atol=1e-5 * every.speed)
+    by_angle, by_torque = motion_of(record, "motor 1"), motion_under(record, "motor 1", friction_of(1 / J))
+    assert np.mean(lateness(by_torque) ** 2) < 0.7**2 * np.mean(lateness(by_angle) ** 2)
 
 
 def test_a_torque_that_is_not_held_leaves_the_motion_as_it_is() -> None:
     """As `motion_of` finds it: its samples have no images."""
     record = replace(simulated()[0], hold="band-limited")
-    sharp, plain = sharp_motion(record, "motor 1", friction_of(1 / J)), motion_of(record, "motor 1")
+    sharp, plain = motion_under(record, "motor 1", friction_of(1 / J)), motion_of(record, "motor 1")
     np.testing.assert_array_equal(sharp.velocity, plain.velocity)
 
 
 def test_the_net_record_is_that_of_a_held_torque_without_friction() -> None:
-    """At high lines its angle is that of the plant under the net torque, images included, to 1 % of friction's part.
+    """At high lines its angle is that of the plant under the net torque, images included.
 
-    The angle that was logged is off by a fifth of that: friction has other images than a held torque.
+    To 1.5 % of friction's part, as of a mass without the spring, which moves it little there.  The angle that was
+    logged is off by a fifth of that: friction has other images than a held torque.
     """
     record, _ = simulated()
     n = record.n_samples
@@ -141,7 +105,7 @@ def test_the_net_record_is_that_of_a_held_torque_without_friction() -> None:
     of_friction = np.linalg.norm(angle(record.u[:, 0])[high] - logged)
     expected = angle(net.u[:, 0])[high]
     assert np.linalg.norm(expected - logged) > 0.2 * of_friction
-    assert np.linalg.norm(expected - mended) < 0.01 * of_friction
+    assert np.linalg.norm(expected - mended) < 0.015 * of_friction
 
 
 def test_friction_of_level_0_leaves_the_torque() -> None:
@@ -157,37 +121,7 @@ def test_bristles_are_followed_in_all_samples() -> None:
     record, _ = simulated()
     bristle = replace(friction_of(1 / J), shapes=(Shape("motor 1", "stop", 1e-7),))
     late, by_samples = (
-        lateness(motion) for motion in (sharp_motion(record, "motor 1", bristle), motion_of(record, "motor 1"))
+        lateness(motion) for motion in (motion_under(record, "motor 1", bristle), motion_of(record, "motor 1"))
     )
     assert len(late) == len(by_samples)
     assert abs(late.mean()) < by_samples.mean() / 3
-
-
-def test_a_map_that_throws_its_point_back_and_forth_ends_there() -> None:
-    """x -> b - A x with eigenvalues of A of 0.1 to 1.2, of which repetition never ends; solved to 1e-6 in ten steps."""
-    rng = np.random.default_rng(5)
-    V = np.linalg.qr(rng.normal(size=(40, 40)))[0]
-    A = V @ np.diag(np.repeat([0.1, 0.4, 0.8, 1.2], 10)) @ V.T
-    b = rng.normal(size=40)
-    evaluations = []
-
-    def mapped(x: np.ndarray) -> np.ndarray:
-        evaluations.append(x)
-        return np.asarray(b - A @ x)
-
-    found = fixed_point(mapped, np.zeros(40), 1e-6, 10)
-    expected = np.linalg.solve(np.eye(40) + A, b)
-    assert len(evaluations) <= 10
-    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
-
-
-def test_it_stops_where_it_is_told() -> None:
-    """After three evaluations, at x -> 2 x + 1, which leaves nothing to do after two."""
-    evaluations = []
-
-    def mapped(x: np.ndarray) -> np.ndarray:
-        evaluations.append(x)
-        return np.asarray(2 * x + 1)
-
-    np.testing.assert_allclose(fixed_point(mapped, np.zeros(3), 1e-9, 3), -1, atol=1e-9)
-    assert len(evaluations) <= 3

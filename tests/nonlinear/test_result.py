@@ -19,10 +19,7 @@ FRICTION = FrictionTakenOut(
     after=np.ones((1, 2)),
     kept_share=np.ones(2),
     accelerance=np.zeros(2),
-    series=np.zeros((2, 4)),
-    from_hz=np.zeros(2),
     highest_hz=np.array([60.0]),
-    above=np.array([[[0.1, 2.0, 300.0, 1e5, 4.0, 5e4], np.zeros(6)]]),
 )
 
 
@@ -44,21 +41,3 @@ def test_levels_of_another_size_are_refused() -> None:
     """By the name of the array."""
     with pytest.raises(ValueError, match=r"levels has shape \(2,\), expected \(3,\)"):
         replace(FRICTION, levels=np.ones(2))
-
-
-def test_a_motor_moves_by_its_poles_up_to_where_its_spring_is_known_and_by_nothing_else_without() -> None:
-    """(a s^2 + b s + c + e / s^2) / (s^2 + alpha s + beta), and a (1 + c_1 / s + ..) later."""
-    s = 2j * np.pi * np.array([70.0, 120.0])
-    friction = replace(
-        FRICTION, accelerance=np.array([0.11, 0.2]), series=np.array([[10.0, -1e3, 0.0, 1e5], np.zeros(4)])
-    )
-    poles = (0.1 * s**2 + 2 * s + 300 + 1e5 / s**2) / (s**2 + 4 * s + 5e4)
-    assert friction.first_hz("a", "motor 1") == 60.0
-    np.testing.assert_allclose(0.11 * (1 + friction.beyond_inertia("a", "motor 1", s)), poles)
-    later = replace(friction, from_hz=np.array([100.0, 90.0]))
-    np.testing.assert_allclose(
-        0.11 * (1 + later.beyond_inertia("a", "motor 1", s)),
-        [poles[0], 0.11 * (1 + 10 / s[1] - 1e3 / s[1] ** 2 + 1e5 / s[1] ** 4)],
-    )
-    assert (later.first_hz("a", "motor 2"), later.first_hz("of another posture", "motor 1")) == (90.0, 100.0)
-    np.testing.assert_array_equal(later.beyond_inertia("a", "motor 2", s), 0.0)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PassLimits
 from elastid.friction_study.at_rest import AtRest, RestPoint
@@ -14,11 +13,10 @@ from elastid.friction_study.laws import Held, StaticLaw
 from elastid.friction_study.levels import Levels, PassLevels
 from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion
-from elastid.friction_study.presliding import Elements, Loops, Presliding
+from elastid.friction_study.presliding import Elements, Presliding
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.spec import LawSpec
-from elastid.friction_study.warm_up import ThermalModel, WarmUp
-from elastid.record import FrictionRecord
+from elastid.friction_study.warm_up import ThermalModel
 from elastid.report.friction_content import FrictionContent
 
 # Of the elbow: level, slope by direction, gravity, offset, ripple over a turn, inertia, speed of the pass.
@@ -37,18 +35,6 @@ def levels(uneven: float = UNEVEN, loads: tuple[float, ...] = (0.0,)) -> Levels:
 def law(uneven: float = UNEVEN, loads: tuple[float, ...] = (0.0,)) -> StaticLaw:
     """Through the levels, without a Stribeck curve."""
     return StaticLaw.of(levels(uneven, loads), LawSpec(stribeck="no"))
-
-
-def example() -> FrictionRecord:
-    """A pass there and back under gravity and ripple, 5 s each way."""
-    n = round(5 * RATE)
-    v = SPEED * np.repeat([1.0, -1.0], n)
-    q = 0.2 + np.cumsum(v) / RATE
-    u = np.sign(v) * (F_C + VISCOUS * SPEED) + GRAVITY * np.cos(q) + OFFSET + RIPPLE * np.sin(2 * np.pi / TURN * q)
-    u = u + NOISE * np.random.default_rng(1).standard_normal(len(u))
-    return FrictionRecord(
-        "p1", "elbow", "passes", RATE, q, u, v, there=(50, n - 50), back=(n + 50, 2 * n - 50), speed=SPEED
-    )
 
 
 def pass_levels() -> PassLevels:
@@ -70,31 +56,22 @@ def motion() -> MotionFriction:
     return regress_motion(Motion("joint lift", RATE, np.asarray(q), u, slides=True))
 
 
-def loops() -> tuple[Loops, Presliding]:
+def presliding() -> Presliding:
     """Two elements, and a spectrum that is them."""
     t = np.arange(round(10 * RATE)) / RATE
     q = np.asarray(5e-3 * t / 10 * np.sin(2 * np.pi * 0.5 * t))
     few = Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1, 0.01)
     spectrum = Elements(np.array([0.0, 300.0, 500.0]), np.array([1e-4, 1e-3, 3e-3]), 0.1, 0.005)
-    errors = np.array([0.2, 0.02, 0.02])
-    return Loops("joint elbow", RATE, q, few.torque(q), 0.5, settled=250), Presliding(spectrum, few, errors, 0.015, q)
+    return Presliding(spectrum, few, np.array([0.2, 0.02, 0.02]), 0.015, q)
 
 
-def warm_up() -> tuple[WarmUp, ThermalModel]:
-    """An hour at 200 W and an hour of rest, tests every ten minutes at two speeds; friction follows the heat."""
-    time_s = np.arange(0, 7201, 60.0)
-    power = np.where(time_s[:-1] < 3600, 200.0, 0.0)
-    tests, speeds = np.repeat(np.arange(0, 121, 10), 2), np.tile([0.1, 1.0], 13)
+def thermal() -> ThermalModel:
+    """One time constant, and levels of two speeds that fall by a tenth and a third."""
     series = np.array([[9.0, -1.0, 0.0], [15.0, -5.0, 1.0]])
-    model = ThermalModel(
+    return ThermalModel(
         "relative", np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20, np.array([0.1, 1.0]), series,
         200.0, np.ones(1),
     )  # fmt: skip
-    nothing = np.full(len(time_s), np.nan)
-    blank = WarmUp(time_s, power, 20.0, 20.0, nothing, 0.5, tests, speeds, np.ones(26), np.full(26, 0.05))
-    return WarmUp(
-        time_s, power, 20.0, 20.0, nothing, 0.5, tests, speeds, _noisy(model.levels(blank, None)), np.full(26, 0.05)
-    ), model
 
 
 def at_rest() -> AtRest:
@@ -112,12 +89,11 @@ def number(name: str, symbol: str, value: float, std: float, truth: float | None
 
 def friction_result() -> FrictionResult:
     """Both joints."""
-    (log, presliding), (campaign, thermal) = loops(), warm_up()
     elbow = JointFriction(
-        "elbow", False, pass_levels(), None, law(), presliding, log, at_rest(), None, thermal, campaign,
+        "elbow", False, pass_levels(), None, law(), presliding(), at_rest(), thermal(),
         numbers=(number("Fc_melbow", "F_c", 9.02, 0.03, 9.0), number("f_melbow", "f", 6.3, 0.1, 6.0)),
         held=(Held("stribeck", "no speed below nu_s / 3"), Held("quadratic", "not asked for")),
-        example=example(), notes=(Note("stick-slip", "it sticks", "pass 1"),),
+        notes=(Note("friction/passes", "it sticks", "pass 1"),),
     )  # fmt: skip
     lift = JointFriction("<lift>", True, motion=motion(), numbers=(number("Fc_mlift", "F_c", 20.1, 0.2, None),))
     return FrictionResult((elbow, lift), (Note("a-note", "a note on the study"),), "partly", "2 joints are identified.")
@@ -134,7 +110,3 @@ def friction_content() -> FrictionContent:
     """The page of both joints."""
     provenance = {"elastid": "1.0"}
     return FrictionContent("friction of <an arm>", friction_result(), "name: <arm>", provenance, friction_plan())
-
-
-def _noisy(values: FloatArray) -> FloatArray:
-    return np.asarray(values + 0.05 * np.random.default_rng(3).standard_normal(len(values)))

@@ -76,14 +76,6 @@ def noise(rms: float, rng: np.random.Generator, seconds: float = 30.0) -> FloatA
     return np.asarray(u * rms / u.std())
 
 
-def slow_loops(rng: np.random.Generator) -> FloatArray:
-    """Loops of 1 Hz that grow to 0.95 of break-away with a dither of 5 to 60 Hz, then loops that slide; 8 s."""
-    t = np.arange(8000) / RATE
-    dither = sum(0.02 * STICTION * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in range(5, 61, 5))
-    growing = 0.95 * STICTION * t / 4 * np.sin(2 * np.pi * t)
-    return np.asarray(np.where(t < 4, growing, 1.7 * STICTION * np.sin(2 * np.pi * t)) + dither)
-
-
 def passes(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Angle and torque of motions there and back at steady speeds, whose friction is that of sliding."""
     ramp = np.sin(np.linspace(0, np.pi / 2, 200)) ** 2

@@ -112,14 +112,6 @@ def test_log_first_is_the_way_and_not_the_end(fitted) -> None:
     np.testing.assert_allclose(with_stage.x, without.x, atol=1e-4)
 
 
-def test_the_kind_of_the_bootstrap_is_that_of_the_study(fitted) -> None:
-    """Draws from the covariance and from the residuals: other numbers, of one width."""
-    kinds = [fitted("bootstrap=40", f"bootstrap_kind={kind}").bootstrap95 for kind in ("parametric", "residual")]
-    widths = [np.log(ends[:, 1] / ends[:, 0]) for ends in kinds]
-    assert not np.allclose(*widths)
-    assert np.all(np.abs(np.log(widths[0] / widths[1])) < np.log(3))
-
-
 @pytest.mark.parametrize("key", PLAN_KEYS)
 def test_a_plan_of_logs_is_refused(key: str, tmp_path: Path) -> None:
     """Realisations, periods and ramps are in the files: a number for them would do nothing."""

@@ -31,7 +31,6 @@ GIVEN_THROUGH_HELPERS = {
     "excitation/test_multisine.py": ("MultisineSpec.spectrum",),
     "design/test_design.py": ("MultisineSpec.least",),
     "frf/test_welch.py": ("EstimatorSpec.window",),
-    "study/test_effects_of_keys.py": ("FitSpec.bootstrap_kind",),
     "study/test_loading.py": ("FitSpec.wanted",),
     "robot/test_denavit_hartenberg.py": ("Link.name", "DenavitHartenberg.frames", "DenavitHartenberg.tolerances"),
     "robot/test_urdf.py": tuple(f"UrdfJoint.{key}" for key in ("spring", "motor", "elastic", "viscous", "limits"))

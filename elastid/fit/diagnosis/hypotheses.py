@@ -219,11 +219,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of the robot",
         search=find_misreading,
     ),
-    Hypothesis(
-        "far rate",
-        phrase=lambda index: index.name,
-        advice="check rate_hz and period of the logs, and whether they hold every sample",
-    ),
     # What the robot's file lacks.
     Hypothesis(
         "compliance",
@@ -232,13 +227,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         phrase=phrases.compliance,
         advice="add it to the robot's file with a spring, and let elastid compare --search judge it",
         search=find_missing_springs,
-    ),
-    Hypothesis(
-        "swinging part",
-        ("swing",),
-        phrase=phrases.swing,
-        advice="measure without tool and cables, or give the tool as a body of its own with a spring at its mount",
-        is_stated=False,
     ),
     Hypothesis(
         "gravity",

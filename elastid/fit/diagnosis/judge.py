@@ -22,13 +22,12 @@ from elastid.fit.diagnosis.rigid_parts import find_elastic_base, find_rigid_part
 from elastid.fit.diagnosis.scoring import score
 from elastid.fit.diagnosis.static_loads import static_notes
 from elastid.fit.diagnosis.status import decisive_index, estimate_notes, is_beyond_tolerance, with_status
-from elastid.fit.diagnosis.swinging_part import find_hidden_tool
 from elastid.fit.diagnosis.tool_side import tool_notes
 from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.result import FitResult
 
-CONSEQUENCES = ("at-bound", "weakly-determined")  # codes of notes
+CONSEQUENCES = ("fit/at-bound", "fit/weakly-determined")  # codes of notes
 
 
 def judge(
@@ -73,8 +72,6 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
         estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
     undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
     undetectable = (*undetectable, *find_missing_gravity(evidence))
-    if result.status == "converged":
-        undetectable = (*undetectable, *find_hidden_tool(evidence))
     static = (*static_notes(result), *tool_notes(result))
     of_families = (note for family_notes in by_family.values() for note in family_notes)
     return replace(result, notes=(*of_families, *causes, *apart, *static, *notes, *inertias, *estimate, *undetectable))

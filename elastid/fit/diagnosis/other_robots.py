@@ -22,9 +22,7 @@ from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.other_readings import read_otherwise
 from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
-from elastid.fit.diagnosis.ranking import temper
 from elastid.fit.diagnosis.scoring import at_file, score
-from elastid.fit.diagnosis.swinging_part import find_swinging_part
 from elastid.fit.diagnosis.variants import Variant, about, against, best, named, of_robot
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -34,15 +32,12 @@ from elastid.robot import Payload
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the search among other robots.  False alarms of 300 clean logs: modification-index 2."""
+    """Thresholds of the search among other robots."""
 
     explained_share: float = 0.9  # of the excess; where something else explains more, no other robot is tried
     whole: float = 0.99  # of it; where something else explains more, nor is another reading of the study
     share: float = 0.3  # of the excess that another robot explains
     discrete_share: float = 0.5  # the same of one that is mounted or read otherwise, which is so or is not
-    slope: float = 0.1  # tangent of the tilts of a base that are tried
-    slope_excess: float = 1.5  # of V over the noise's, from which on it is sought: it takes six fits
-    steepest: float = 0.5  # of one that is found
     left: float = 1e-3  # of a payload that is not carried
     iterations: int = 30  # of each fit
     rounds: int = 5  # of linearisations, in which a load is found
@@ -64,7 +59,7 @@ def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scor
     if not evidence.is_unexplained or (explained > LIMITS.whole and not any(i.group == SCALE for i in indices)):
         return indices
     found = read_otherwise(evidence, scores) if evidence.is_suspect or explained <= LIMITS.explained_share else []
-    searches = (_with_load, _mounted_otherwise, _on_a_slope, _with_springs, _with_swinging_part)  # by their time
+    searches = (_with_load, _mounted_otherwise, _with_springs)  # by their time
     # V that the file's own robot reaches from the starts of the others is no merit of theirs.
     own = (
         _judged((named("", ""), evidence.assembly), evidence, scores)[0]
@@ -178,19 +173,6 @@ def _with_springs(evidence: Evidence, scores: Scores) -> list[ModificationIndex]
     return found
 
 
-def _with_swinging_part(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """By a part of the last body that swings, with the numbers of the file as they stand."""
-    there = at_file(evidence) or evidence
-    part = find_swinging_part(there)
-    if part is None:
-        return []
-    name = f"swing_{part.body}"
-    index = replace(named(name, "swinging part"), members=(name,), values=np.zeros(1), units=("Hz",), log=(False,),
-                    steps=np.array([part.freq_hz]), occam=part.occam)  # fmt: skip
-    lines = thinned(there.optimum.fit).n_residuals / max(evidence.optimum.fit.n_residuals, 1)
-    return [against(index, part.cost / lines, part.x, evidence, scores)]
-
-
 def _share_of(name: str, indices: list[ModificationIndex]) -> float:
     return max((index.share for index in indices if index.name == name), default=-math.inf)
 
@@ -236,37 +218,7 @@ def find_missing_gravity(evidence: Evidence) -> tuple[Note, ...]:
         f"would move by {abs(moved[worst]):.2g} standard deviations, and no residual shows it; give gravity in the "
         "robot's file"
     )
-    return (Note("no-gravity", text, severity="information"),)
-
-
-def _on_a_slope(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """By a base that is tilted, as far and where to as a paraboloid of V through tilts about two axes has it."""
-    robot = evidence.assembly.linearisation.model.robot
-    size = float(np.linalg.norm(robot.gravity))
-    if size == 0 or scores.cost < LIMITS.slope_excess * scores.noise:
-        return []
-    down = np.array(robot.gravity) / size
-    across = np.linalg.svd(down[None])[2][1:]
-
-    def judged(slopes: FloatArray) -> tuple[ModificationIndex, float]:
-        along = down + slopes @ across
-        along /= np.linalg.norm(along)
-        name = f"gravity along ({', '.join(f'{v:.2g}' for v in along + 0.0)}) of the base"
-        tilted = replace(robot, gravity=tuple((size * along).tolist()))
-        variant = named(name, "gravity"), of_robot(evidence, tilted, evidence.assembly.parameters)
-        return _judged(variant, evidence, scores)
-
-    h, V = LIMITS.slope, scores.cost
-    further, less = (np.array([judged(sign * h * one)[1] for one in np.eye(2)]) for sign in (1, -1))
-    # V(s) = V + g s + s H s / 2, in units of h.
-    g, H = (further - less) / 2, np.diag(further + less - 2 * V)
-    H[0, 1] = H[1, 0] = judged(h * np.ones(2))[1] - further.sum() + V
-    if not np.all(np.isfinite(H)) or np.linalg.eigvalsh(H)[0] <= 0:
-        return []
-    slopes = -np.linalg.solve(H, g)
-    _, narrowed = np.linalg.slogdet(np.eye(2) + H / 2 * scores.lines / temper(scores))
-    index = judged(np.clip(h * slopes, -LIMITS.steepest, LIMITS.steepest))[0]
-    return [replace(index, occam=float(narrowed + 2 * np.sum(np.log1p(slopes**2))))]
+    return (Note("fit/undetectable", text, severity="information"),)
 
 
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:

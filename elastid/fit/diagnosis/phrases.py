@@ -213,12 +213,6 @@ def hose(index: ModificationIndex) -> str:
     return f"a stiffness across axis {axis(index)} of {share}, as of a hose, a cable or a balancer"
 
 
-def swing(index: ModificationIndex) -> str:
-    """Resonance of a part of a body."""
-    body = index.name.partition("_")[2]
-    return f"a part of {body} that swings at {float(index.steps[0]):.3g} Hz, as a tool on a soft plate does"
-
-
 def load(index: ModificationIndex) -> str:
     """Change of a gear's stiffness with the torque it carries."""
     gear, percent = f"a stiffness of gear {axis(index)} that rises with the torque", 100 * float(index.steps[0])

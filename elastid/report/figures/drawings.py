@@ -62,19 +62,9 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         )
         yield Drawing("gears", "gears", caption, partial(fit.hysteresis, content.gears, content.robot))
     yield from _configurations(content)
-    if content.comparison is not None and content.comparison.rows[0].misfit.size:
-        caption = "Error of every model on each configuration when it was left out of the fit."
-        yield Drawing("comparison", "comparison", caption, partial(validation.left_out_errors, content.comparison))
-    if content.result.starts:
-        caption = "Cost at which every start of the fit ended."
-        differ = content.result.hits < len(content.result.starts)  # else a sentence of the page says it
-        yield Drawing("multistart", "fit", caption, partial(fit.multistart_costs, content.result), on_page=differ)
     if len(rows) > 1:
         caption = "Correlations near 1 or −1: the data determine only a combination of the two parameters."
         yield Drawing("identifiability", "fit", caption, partial(fit.identifiability, content.result))
-    if any(not index.place for index in content.result.indices):
-        caption = "Share of what V has beyond the noise that each would explain, were it free or read so, alone."
-        yield Drawing("modification_indices", "why", caption, partial(fit.modification_shares, content.result))
     yield from _plan(content)
     yield from _limits(content)
 
@@ -137,9 +127,6 @@ def measured_mode_drawings(file: str, own: Modes, row: ModeRow, title: str) -> I
         caption = "mode shapes, the largest entry 1; a dash is the part out of phase."
         shapes = partial(modes.mode_shapes, row, title, own.rate_is_known)
         yield of_configuration(own.configuration, f"{file}-modes", caption, shapes)
-        caption = "error of the response that the modes synthesise, and the noise of the measurement."
-        error = partial(modes.synthesis_error, own, title)
-        yield of_configuration(own.configuration, f"{file}-synthesis", caption, error)
 
 
 def of_configuration(
@@ -201,26 +188,14 @@ def friction_study_drawings(
 
 
 def _of_joint(joint: JointFriction) -> Iterator[Named]:
-    from elastid.report.figures import friction_records  # brings SciPy, for studies of friction alone
-
-    law, place = joint.static, f"joint {joint.joint}"
+    law = joint.static
     if law is not None:
         caption = (
             "friction over speed, levels and law with 95 % intervals; shaded: the speeds that were measured, beyond "
             "which the law (dashed) is not to be relied on. Below: what the law leaves of each level."
         )
         yield "curve", caption, partial(friction.friction_curve, law)
-        if friction.conditions_of(law):
-            caption = "levels over load or temperature at a few speeds, brought to one other condition by the law."
-            yield "conditions", caption, partial(friction.friction_conditions, law)
     yield from _of_records(joint)
-    if joint.at_rest is not None:
-        caption = "stiffness and damping of the bristles at rest, by amplitude, and extrapolated to none."
-        yield "at-rest", caption, partial(friction_records.friction_at_rest, place, joint.at_rest, joint.slides)
-    if joint.thermal is not None and joint.warm_up is not None:
-        caption = "warm-up: power, temperature and levels of the test passes; lines: what the thermal model predicts."
-        draw = partial(friction_records.friction_warm_up, place, joint.warm_up, joint.thermal, law, joint.slides)
-        yield "warm-up", caption, draw
 
 
 def _of_filter(followed: FollowedFriction) -> Named:
@@ -239,21 +214,8 @@ def _of_filter(followed: FollowedFriction) -> Named:
 
 
 def _of_records(joint: JointFriction) -> Iterator[Named]:
-    from elastid.friction_study.passes import passes_of
     from elastid.report.figures import friction_records
 
-    if joint.levels is not None and joint.example is not None:
-        caption = (
-            "one pass there and back over the angle: torque measured and regressed, the parts of the regression, and "
-            "what it leaves."
-        )
-        yield "pass", caption, partial(friction_records.friction_pass, passes_of(joint.example), joint.levels)
     if joint.motion is not None:
         caption = "torque of the whole motion without inertia and gravity over velocity, and over time."
         yield "motion", caption, partial(friction_records.friction_motion, joint.motion)
-    if joint.presliding is not None and joint.loops is not None:
-        caption = (
-            "hysteresis before the joint slides, measured and replayed by Maxwell slip elements; torque k D of each "
-            "threshold D; error of parts of the log that were left out of the fit, by number of elements."
-        )
-        yield "loops", caption, partial(friction_records.friction_loops, joint.loops, joint.presliding, joint.slides)

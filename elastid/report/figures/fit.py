@@ -21,32 +21,6 @@ from elastid.robot import Robot
 VALUES_WIDTH, GAP = 3.2, 1.5
 
 
-def multistart_costs(result: FitResult) -> Figure:
-    """V of every start, sorted; those that reached the best one filled, those that did not converge crossed."""
-    cost = np.array([start.cost for start in result.starts])
-    converged = np.array([start.converged for start in result.starts])
-    rank = np.arange(1, len(cost) + 1)
-    hit = rank <= result.hits
-    figure, ((axes,),) = style.panels(1, 1, (6.5, 3.2), (0.8, 0.2, 0.9, 0.5))
-    axes.axhline(result.cost_expected, color=style.NOISE, lw=1, ls="--", label="expected from the noise")
-    for keep, marker, face, color, label in (
-        (hit, "o", style.MEASURED, style.MEASURED, "reached the best cost"),
-        (~hit & converged, "o", "none", style.FITTED, "ended elsewhere"),
-        (~hit & ~converged, "x", style.WEAK, style.WEAK, "did not converge"),
-    ):
-        if keep.any():
-            axes.plot(rank[keep], cost[keep], ls="none", marker=marker, ms=5, mfc=face, color=color, label=label)
-    shown = np.append(cost[np.isfinite(cost)], result.cost_expected)
-    if shown.min() > 0 and shown.max() > 5 * shown.min():
-        style.set_log_values(axes, float(shown.min()), float(shown.max()))
-    style.set_plain_ticks(axes.xaxis, rank[:: math.ceil(len(rank) / 10)].tolist())
-    axes.set_xlim(0.3, len(cost) + 0.7)
-    style.label(axes, x="start, sorted by cost", y="cost V")
-    return style.finish(
-        figure, f"Multistart: {result.hits} of {len(cost)} starts reached the best cost", (axes,), (axes,)
-    )
-
-
 def identifiability(result: FitResult) -> Figure:
     """Correlations of the estimates, numbers where |r| > 0.9; singular values of the scaled Jacobian."""
     n = len(result.parameters.asked)
@@ -171,22 +145,6 @@ def _percent_axis(axes: Axes, values: FloatArray) -> None:
         if beyond.size:
             edge = np.full(len(beyond), side * 1.2 * largest)
             axes.plot(edge, beyond, marker, ms=6, color=style.FITTED, label="estimate off the scale")
-
-
-def modification_shares(result: FitResult) -> Figure:
-    """A bar for each, the first of the sequence filled dark."""
-    alone = [index for index in result.indices if not index.place][::-1]
-    first = {index.name for index in result.indices if index.place == 1}
-    left = 0.4 + 0.075 * max(len(index.name) for index in alone)
-    width, height = left + 4.0 + 0.3, 1.1 + 0.24 * len(alone)
-    figure = Figure(figsize=(width, height))
-    axes = figure.add_axes((left / width, 0.55 / height, 4.0 / width, 1 - 1.1 / height))
-    colors = [style.FITTED if index.name in first else style.MEASURED for index in alone]
-    axes.barh(range(len(alone)), [min(100 * index.share, 100.0) for index in alone], color=colors, height=0.7)
-    style.set_names(axes.yaxis, [index.name for index in alone])
-    axes.set_xlim(0, 100)
-    style.label(axes, x="share of the excess of V, %")
-    return style.finish(figure, "What would explain the residuals beyond the noise", (axes,))
 
 
 def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,8 +27,6 @@ POINTS, POINTS_TAKEN_OUT = 200, 400
 BEYOND = 2.0
 # Levels belong to one curve within so many kelvins, and this share of the largest load.
 SAME_KELVIN, SAME_LOAD = 5.0, 0.05
-# Speeds at which levels are drawn over load or temperature; those of one group differ at most by this share.
-MOST_SPEEDS, SAME_SPEED = 4, 0.05
 # Direction: color, name.
 DIRECTIONS = {
     0.0: (style.MEASURED, "both directions"),
@@ -67,10 +64,10 @@ class Condition:
             own &= np.abs(levels.temperature - self.temperature) <= SAME_KELVIN
         return own
 
-    def text(self, law: StaticLaw, but: str = "") -> str:
-        """In words, of the conditions that the law depends on, except one."""
+    def text(self, law: StaticLaw) -> str:
+        """In words, of the conditions that the law depends on."""
         load, heat = f"a load of {self.load:.3g} {units(law.levels.slides)[1]}", f"{self.temperature:.3g} °C"
-        words = [{"load": load, "temperature": heat}[kind] for kind in conditions_of(law) if kind != but]
+        words = [text for kind, text in (("load", load), ("temperature", heat)) if depends_on(law, kind)]
         return f"at {' and '.join(words)}" if words else ""
 
 
@@ -157,59 +154,6 @@ def _draw_law(axes: Axes, law: StaticLaw, condition: Condition, direction: float
         torque, half = law_band(law, condition.at(speed, direction))
         axes.plot(speed, torque, "-" if text else "--", color=color, lw=1.3, zorder=3, label=text)
         style.fill_band(axes, speed, torque, half, color, 0.25, zorder=3)
-
-
-def conditions_of(law: StaticLaw) -> list[str]:
-    """On which of load and temperature the law depends."""
-    return [kind for kind in ("load", "temperature") if depends_on(law, kind)]
-
-
-def friction_conditions(law: StaticLaw) -> Figure:
-    """A panel over load and one over temperature, each where the law depends on it, and it does on one.
-
-    Points: levels, brought by the law to the panel's other condition and to the mean speed of their group, so that
-    their distance from the line is what the law leaves of them.
-    """
-    kinds, typical = conditions_of(law), Condition.typical(law.levels)
-    size = (style.WIDE if len(kinds) > 1 else 5.6, 4.1)
-    figure, panels = style.panels(1, len(kinds), size, (0.8, 0.25, 1.05, 0.55), (0.25, 0.0))
-    speed, torque = units(law.levels.slides)
-    names = {"load": f"load in {torque}", "temperature": "temperature in °C"}
-    for axes, kind in zip(panels[0], kinds, strict=True):
-        for i, members in enumerate(_groups(law.levels.speed)):
-            _draw_group(axes, law, kind, members, style.SERIES[i])
-        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-        style.label(axes, names[kind], f"{quantity(law.levels.slides)} in {torque}", typical.text(law, but=kind))
-    title = f"{law.levels.place}: friction over {' and '.join(kinds)}, by speed in {speed}"
-    return style.finish(figure, title, panels[0], panels[0])
-
-
-def _draw_group(axes: Axes, law: StaticLaw, kind: str, members: BoolArray, color: str) -> None:
-    levels, typical = law.levels, Condition.typical(law.levels)
-    speed = float(levels.speed[members].mean())
-    values = getattr(levels, kind)[members]
-    grid = np.linspace(values.min(), values.max(), POINTS)
-    line, half = law_band(law, _over(typical, kind, grid, speed))
-    style.fill_band(axes, grid, line, half, color, 0.2)
-    axes.plot(grid, line, color=color, lw=1.2)
-    left = levels.torque[members] - law.fit.torque(levels.select(members).conditions)
-    torque = law.fit.torque(_over(typical, kind, values, speed)) + left
-    looks: dict[str, Any] = {"ms": 3.2, "capsize": 2, "color": color, "label": f"{speed:.3g}"}
-    style.plot_intervals(axes, values, torque, levels.std[members], **looks)
-
-
-def _over(typical: Condition, kind: str, values: FloatArray, speed: float) -> Conditions:
-    return replace(typical, **{kind: values}).at(np.full_like(values, speed), 0.0)
-
-
-def _groups(speed: FloatArray) -> Sequence[BoolArray]:
-    """Masks (n,) of the levels of a few speeds, spread from the lowest to the highest."""
-    centres: list[float] = []
-    for v in np.sort(speed).tolist():
-        if not centres or v > centres[-1] * (1 + SAME_SPEED):
-            centres.append(v)
-    chosen = np.unique(np.round(np.linspace(0, len(centres) - 1, MOST_SPEEDS)).astype(int))
-    return [(speed >= centres[i] * (1 - 1e-9)) & (speed <= centres[i] * (1 + SAME_SPEED)) for i in chosen]
 
 
 def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -> Figure:

@@ -1,4 +1,4 @@
-"""Modes of a measurement: shapes as bars, poles over the order of the estimator, error of the modal model."""
+"""Modes of a measurement: shapes as bars, and poles over the order of the estimator."""
 
 from __future__ import annotations
 
@@ -70,14 +70,3 @@ def stabilisation_diagram(modes: Modes, title: str) -> Figure:
     axes.set_xlim(modes.at_hz[0] - BEYOND * width, modes.at_hz[-1] + BEYOND * width)
     style.label(axes, style.frequency_label(modes.rate_is_known), "order")
     return style.finish(figure, f"Stabilisation diagram, {title}", [axes], [axes])
-
-
-def synthesis_error(modes: Modes, title: str) -> Figure:
-    """The error of the modal model line by line, and the part of it that the noise of the response explains."""
-    figure, panels = style.panels(1, 1, (style.WIDE, 2.8), (0.8, 0.25, 0.85, 0.55), (0.0, 0.0))
-    axes, f = panels[0, 0], modes.at_hz
-    curves = ((100 * modes.error, style.RESIDUAL, 0.8, "modal model"), (100 * modes.stated, style.NOISE, 1.0, "noise"))
-    style.plot_curves(axes, f, *curves)
-    axes.set_yscale("log")
-    style.label(axes, style.frequency_label(modes.rate_is_known), "% of |G|, RMS over elements")
-    return style.finish(figure, f"Error of the synthesis, {title}", [axes], [axes])

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.report.figures import style
-from elastid.validation.comparison import Comparison
 from elastid.validation.twin import (
     DRY,
     ELASTICITY,
@@ -25,8 +24,6 @@ from elastid.validation.twin import (
 
 # Samples of a torque that are drawn.
 MOST_SAMPLES = 3000
-# Of configurations, in turn.
-MARKERS = "osD^v<>Ph*"
 COLORS = {
     INERTIA: style.TOTAL, RIGID_BODY: style.TOTAL, GRAVITY: style.MEASURED, VISCOUS: style.NOISE, DRY: style.START,
     ELASTICITY: style.TRUTH,
@@ -35,25 +32,6 @@ TORQUE_CAPTION = (
     "torque of the log and of the model for the measured motion; the model's parts; by octave what the model leaves of "
     "the mean square, with friction and without, and the share of the torque's power that lies there."
 )
-
-
-def left_out_errors(comparison: Comparison) -> Figure:
-    """Error over sigma by model, the best at the top: a mark for each configuration, a bar at their rms."""
-    rows = [row for row in comparison.rows if row.misfit.size]
-    left = 0.4 + 0.075 * max(len(row.name) for row in rows)
-    figure, ((axes,),) = style.panels(1, 1, (left + 5.0, 1.25 + 0.28 * len(rows)), (left, 0.2, 0.75, 0.45))
-    y = np.arange(len(rows))
-    for i, configuration in enumerate(comparison.configurations):
-        error = np.sqrt([row.misfit[i] for row in rows])
-        color, marker = style.SERIES[i % len(style.SERIES)], MARKERS[i % len(MARKERS)]
-        looks = {"ls": "none", "marker": marker, "ms": 4.5, "mfc": "none", "color": color}
-        axes.plot(error, y, **looks, label=style.plain_label(configuration))
-    mean = [np.sqrt(row.mean_misfit) if np.isfinite(row.mean_misfit) else np.nan for row in rows]
-    axes.plot(mean, y, ls="none", marker="|", ms=14, mew=2, color=style.TRUTH, label="root mean square")
-    style.set_names(axes.yaxis, [row.name for row in rows])
-    axes.set_ylim(len(rows) - 0.4, -0.6)
-    style.label(axes, x="error of left-out responses / sigma")
-    return style.finish(figure, "Models on configurations that they were not fitted to", (axes,), (axes,))
 
 
 def torque_balance_figure(balance: TorqueBalance) -> Figure:

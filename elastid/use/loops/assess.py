@@ -84,7 +84,7 @@ class LoopState:
 
     peak_db (Q,): M_S, infinite where a loop is unstable.  peak_hz (Q,), limited_by (Q,): where it is and what makes it.
     bandwidth_hz (Q, n_u).  stable (Q,): share of the draws whose loops are stable.  drawn_peaks_db (D,): of each draw
-    over all postures.  freq_hz (K,), sensitivity_db (Q, K), loop_db and loop_phase (n_u, Q, K) for figures, with bands.
+    over all postures.  freq_hz (K,), sensitivity_db (Q, K) for a figure, with its band.
     """
 
     name: str
@@ -97,20 +97,14 @@ class LoopState:
     limited_by: tuple[str, ...] = labelled("cause of the peak", axes="postures")
     bandwidth_hz: FloatArray = labelled("bandwidth of each axis", "Hz", "postures axes")
     bandwidth_low: FloatArray = labelled("lower end of 95 % of draws", "Hz", "postures axes")
-    bandwidth_high: FloatArray = labelled("upper end of 95 % of draws", "Hz", "postures axes")
     margins: Margins
     margins_low: Margins
-    margins_high: Margins
     stable: FloatArray = labelled("share of draws with stable loops", "", "postures")
     drawn_peaks_db: FloatArray = labelled("sensitivity peak of each draw over all postures", "dB", "draw")
     freq_hz: FloatArray = labelled("frequency", "Hz")
     sensitivity_db: FloatArray = labelled("largest sensitivity", "dB", "postures freq_hz")
     sensitivity_low: FloatArray = labelled("lower end of 95 % of draws", "dB", "postures freq_hz")
     sensitivity_high: FloatArray = labelled("upper end of 95 % of draws", "dB", "postures freq_hz")
-    loop_db: FloatArray = labelled("size of the loop, others closed", "dB", "axes postures freq_hz")
-    loop_phase: FloatArray = labelled("phase of the loop, others closed", "rad", "axes postures freq_hz")
-    loop_low: FloatArray = labelled("lower end of 95 % of draws", "dB", "axes postures freq_hz")
-    loop_high: FloatArray = labelled("upper end of 95 % of draws", "dB", "axes postures freq_hz")
 
 
 def assess(
@@ -125,31 +119,26 @@ def assess(
     freq_hz = np.geomspace(own.freq_hz[:, 0].max(), own.freq_hz[:, -1].min(), 240)  # lines of the curves that are kept
     peak = np.where(own.stable, own.peaks_db, np.inf)
     causes = tuple("; ".join(_causes(own, plants, q, modes[q], axes)) for q in range(Q))
-    loops = own.loops
-    S_db = own.shown(20 * np.log10(own.size), freq_hz)
-    L_db = np.array([own.shown(20 * np.log10(np.abs(loops[:, i])), freq_hz) for i in range(len(axes))])
-    phase = np.array([own.shown(np.unwrap(np.angle(loops[:, i]), axis=1), freq_hz) for i in range(len(axes))])
-    bandwidth = bandwidths(own.E, own.freq_hz)
+    S_db, bandwidth = own.shown(20 * np.log10(own.size), freq_hz), bandwidths(own.E, own.freq_hz)
     bands = (
         _Bands.of(drawn, gains, filters, Q, freq_hz) if drawn is not None else _Bands.none(Q, len(axes), len(freq_hz))
     )
     return LoopState(
-        name, postures, axes, peak, *bands.peak, peak_hz, causes, bandwidth, *bands.bandwidth, own.margins,
-        *bands.margins, bands.stable, bands.peaks, freq_hz, S_db, *bands.sensitivity, L_db, phase, *bands.loop,
+        name, postures, axes, peak, *bands.peak, peak_hz, causes, bandwidth, bands.bandwidth, own.margins,
+        bands.margins, bands.stable, bands.peaks, freq_hz, S_db, *bands.sensitivity,
     )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class _Bands:
-    """Ends of 95 % of the draws of each quantity of a `LoopState`."""
+    """Of each quantity of a `LoopState` what 95 % of the draws have: both ends, or the lower one."""
 
     peak: Band
-    bandwidth: Band
-    margins: tuple[Margins, Margins]
+    bandwidth: FloatArray
+    margins: Margins
     stable: FloatArray
     peaks: FloatArray
     sensitivity: Band
-    loop: Band
 
     @classmethod
     def of(cls, drawn: Plants, gains: Gains, filters: Filters | None, Q: int, freq_hz: FloatArray) -> _Bands:
@@ -160,27 +149,24 @@ class _Bands:
         )
         own = Sampled.of(drawn, each, filters, 120, 9)
         peaks = np.where(own.stable, own.peaks_db, np.inf).reshape(D, Q)
-        found, loops = own.margins, own.loops
-        ends = [_ends(getattr(found, name), D) for name in ("rise", "fall", "phase", "delay")]
-        L = [_ends(own.shown(20 * np.log10(np.abs(loops[:, i])), freq_hz), D) for i in range(loops.shape[1])]
+        found = own.margins
+        low = Margins(*(_ends(getattr(found, name), D)[0] for name in ("rise", "fall", "phase", "delay")))
         return cls(
-            _ends(peaks.ravel(), D), _ends(bandwidths(own.E, own.freq_hz), D),
-            (Margins(*(low for low, _ in ends)), Margins(*(high for _, high in ends))),
+            _ends(peaks.ravel(), D), _ends(bandwidths(own.E, own.freq_hz), D)[0], low,
             own.stable.reshape(D, Q).mean(axis=0), peaks.max(axis=1),
             _ends(own.shown(20 * np.log10(own.size), freq_hz), D),
-            (np.array([low for low, _ in L]), np.array([high for _, high in L])),
         )  # fmt: skip
 
     @classmethod
     def none(cls, Q: int, n_u: int, K: int) -> _Bands:
         """Without draws."""
 
-        def pair(*shape: int) -> Band:
-            return np.full(shape, np.nan), np.full(shape, np.nan)
+        def empty(*shape: int) -> FloatArray:
+            return np.full(shape, np.nan)
 
-        empty = Margins(*(np.full((Q, n_u), np.nan) for _ in range(4)))
+        margins = Margins(*(empty(Q, n_u) for _ in range(4)))
         return cls(
-            pair(Q), pair(Q, n_u), (empty, empty), np.full(Q, np.nan), np.zeros(0), pair(Q, K), pair(n_u, Q, K)
+            (empty(Q),) * 2, empty(Q, n_u), margins, empty(Q), np.zeros(0), (empty(Q, K),) * 2
         )  # fmt: skip
 
 

@@ -34,25 +34,19 @@ class MeasuredLoops:
     """Loops of n_u axes in one configuration, at F lines.
 
     peak_db: largest M_S over the lines.  at_edge: True if that is at an end of the band, so that the peak may lie
-    beyond.  margins (1, n_u): infinite where no line has the crossing.  controller (F, n_u): diagonal of F.  coupled:
-    largest element off that diagonal over the geometric mean of the two axes.  kp, kd, ki (n_u,), delay in samples,
-    and explained (n_u,): part of F that these are.
+    beyond.  margins (1, n_u): infinite where no line has the crossing.  kp, kd, ki (n_u,), delay in samples, and
+    explained (n_u,): part of the diagonal of F that these are.
     """
 
     configuration: str
     axes: tuple[str, ...]
     freq_hz: FloatArray = labelled("frequency", "Hz")
-    S: ComplexArray = labelled("sensitivity", "", "freq_hz axes axes")
-    S_std: FloatArray = labelled("its standard deviation", "", "freq_hz axes axes")
     sensitivity_db: FloatArray = labelled("largest sensitivity", "dB", "freq_hz")
     peak_db: float = labelled("sensitivity peak", "dB")
     peak_std: float = labelled("its standard deviation", "dB")
     at_edge: bool
     margins: Margins
     margins_low: Margins
-    margins_high: Margins
-    controller: ComplexArray = labelled("controller", "SI", "freq_hz axes")
-    coupled: float = labelled("coupling of the controllers")
     kp: FloatArray = labelled("position feedback", "SI", "axes")
     kd: FloatArray = labelled("velocity feedback", "SI", "axes")
     ki: FloatArray = labelled("integral", "1/s", "axes")
@@ -82,9 +76,6 @@ def measured_loops(
     variance = np.zeros(S.shape) if known is None else known.variance[:, :n_u]
     F = (np.eye(n_u) - S) @ np.linalg.inv(Y)
     own = np.einsum("fii->fi", F)
-    size = np.sqrt(np.median(np.abs(own), axis=0))
-    off = np.median(np.abs(F), axis=0) / np.outer(size, size)
-    coupled = float(np.max(off - np.diag(np.diag(off)))) if n_u > 1 else 0.0
     D = scaled(S[None], inertia[None])[0]
     sizes, root = largest_gain(D), np.sqrt(inertia)
     line = int(sizes.argmax())
@@ -93,9 +84,9 @@ def measured_loops(
     peak_std = 20 / np.log(10) * float(np.sqrt(spread.sum() / 2)) / float(sizes[line])
     kp, kd, ki, delay, explained = fitted_cascade(own, response.freq_hz, first.rate_hz)
     return MeasuredLoops(
-        first.configuration.name, first.inputs, response.freq_hz, S, np.sqrt(variance), 20 * np.log10(sizes),
+        first.configuration.name, first.inputs, response.freq_hz, 20 * np.log10(sizes),
         float(20 * np.log10(sizes[line])), peak_std, line in (0, len(sizes) - 1),
-        *_margins(S, variance, response, seed), own, coupled, kp, kd, ki, delay, explained,
+        *_margins(S, variance, response, seed), kp, kd, ki, delay, explained,
     )  # fmt: skip
 
 
@@ -124,21 +115,16 @@ def _from_injected(record: Record) -> Record:
     )  # fmt: skip
 
 
-def _margins(
-    S: ComplexArray, variance: FloatArray, response: FrequencyResponse, seed: int
-) -> tuple[Margins, Margins, Margins]:
-    """Of the estimate, and the ends of 95 % of errors drawn from its covariance."""
+def _margins(S: ComplexArray, variance: FloatArray, response: FrequencyResponse, seed: int) -> tuple[Margins, Margins]:
+    """Of the estimate, and the lower end of 95 % of errors drawn from its covariance."""
     own, std = np.einsum("fii->if", S), np.sqrt(np.einsum("fii->if", variance) / 2)
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((_DRAWS, 2, *own.shape))
     drawn = margins(1 / (own + std * (noise[:, 0] + 1j * noise[:, 1])) - 1, response.freq_hz)
-    ends = [np.sort(getattr(drawn, name), axis=0) for name in ("rise", "fall", "phase", "delay")]
-    low, high = int(0.025 * _DRAWS), int(0.975 * _DRAWS) - 1
+    names = ("rise", "fall", "phase", "delay")
+    low = (np.sort(getattr(drawn, name), axis=0)[int(0.025 * _DRAWS)] for name in names)
     nominal = margins(1 / own - 1, response.freq_hz)
-    return (
-        Margins(*(np.atleast_2d(getattr(nominal, name)) for name in ("rise", "fall", "phase", "delay"))),
-        Margins(*(each[low][None] for each in ends)), Margins(*(each[high][None] for each in ends)),
-    )  # fmt: skip
+    return Margins(*(np.atleast_2d(getattr(nominal, name)) for name in names)), Margins(*(each[None] for each in low))
 
 
 def fitted_cascade(

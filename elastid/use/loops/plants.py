@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
@@ -53,13 +52,6 @@ class Plants:
             z = np.exp(2j * np.pi * own / self.rate_hz)[:, None, None]
             responses.append(C @ np.linalg.solve(z * unit - A, B.astype(complex)))
         return np.array(responses)
-
-    def to_control(self, i: int) -> Any:
-        """Plant i as `control.StateSpace` at the controller's rate."""
-        import control  # takes a second or two
-
-        none = np.zeros((self.C.shape[1], self.B.shape[2]))
-        return control.ss(self.A[i], self.B[i], self.C[i], none, 1 / self.rate_hz)
 
     @classmethod
     def stacked(cls, plants: Sequence[Plants]) -> Plants:

@@ -20,27 +20,22 @@ def at_stated_rate(response: FrequencyResponse, e: float) -> FrequencyResponse:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("e", "name"), [(2.0, "of 2 times"), (0.1, "of 1/10 of")])
-def test_a_sampling_rate_that_is_off_by_a_factor_is_named(e: float, name: str) -> None:
-    """Twice it, or logs of every tenth sample: all of the excess, and not as channels in another scale."""
+@pytest.mark.parametrize("e", [2.0, 0.1])
+def test_a_sampling_rate_that_is_off_by_a_factor_is_a_misfit(e: float) -> None:
+    """Twice it, or logs of every tenth sample."""
     case = true_case()
     data = [at_stated_rate(G, e) for G in drawn(case, np.random.default_rng(0))]
-    first = identify(data, case.robot, SPEC).indices[0]
-    assert first.name == f"a sampling rate {name} the stated one"
-    assert first.share > 0.99
+    assert identify(data, case.robot, SPEC).status == "misfit"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("names", "factor"), [(("Jm_1",), 0.1), (("Jm_1", "Jm_2"), 1e-4)])
-def test_an_inertia_of_a_motor_that_is_far_off_is_named(names: tuple[str, ...], factor: float) -> None:
-    """A tenth of it, or all in g m^2 times ten: the factor to 10 %, and all of the excess."""
+def test_an_inertia_of_a_motor_that_is_far_off_is_a_misfit(names: tuple[str, ...], factor: float) -> None:
+    """A tenth of it, or all in g m^2 times ten."""
     case = true_case()
     known = case.robot.parameters()
     wrong = case.robot.with_parameters({name: factor * known[name][0] for name in names})
-    first = identify(drawn(case, np.random.default_rng(0)), wrong, SPEC).indices[0]
-    assert first.members == names
-    assert np.exp(first.steps) == pytest.approx(1 / factor, rel=0.1)
-    assert first.share > 0.99
+    assert identify(drawn(case, np.random.default_rng(0)), wrong, SPEC).status == "misfit"
 
 
 @pytest.mark.slow
@@ -55,7 +50,7 @@ def test_angles_of_an_axis_that_are_off_in_every_posture_are_named_together() ->
     first = result.indices[0]
     assert first.name == "angles_2"
     assert first.steps == pytest.approx(off, abs=np.radians(0.6))
-    assert not any(note.code == "two-groups" for note in result.notes)
+    assert not any(note.code == "fit/unlike-responses" for note in result.notes)
 
 
 @pytest.mark.slow

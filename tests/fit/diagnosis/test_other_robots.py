@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib.resources import files
@@ -33,7 +32,7 @@ def test_a_robot_on_the_ceiling_is_named() -> None:
     first = result.indices[0]
     assert first.name == "gravity along +z of the base"
     assert first.share > 0.9
-    sentence = next(note.text for note in result.notes if note.code == "modification-index")
+    sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
     assert sentence.startswith("gravity along +z of the base instead of the file's")
 
 
@@ -91,10 +90,7 @@ def first_of_demo(change: Callable[[Robot], Robot], seed: int) -> tuple[Modifica
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed: int) -> None:
-    """5 kg at the end of the demo's fore arm of 75 kg are the first cause; mass within 0.5 kg, place within 60 mm.
-
-    A part that swings below the band, which stands still in every response, is not named in its place.
-    """
+    """5 kg at the end of the demo's fore arm of 75 kg are the first cause; mass within 0.5 kg, place within 60 mm."""
     load = Payload(5.0, (0.9, 0.1, 0.15), 0.05, "fore_arm")
     first, robot = first_of_demo(lambda robot: replace(robot, payload=load), seed)
     change = dict(zip(first.members, first.steps.tolist(), strict=True))
@@ -105,15 +101,3 @@ def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed
     assert first.share > 0.95
     assert mass == pytest.approx(load.mass, abs=0.5)
     np.testing.assert_allclose(place, load.center_of_mass, atol=0.06)
-
-
-@pytest.mark.slow
-def test_a_base_on_a_slope_is_found_with_the_direction_of_gravity() -> None:
-    """10 deg about y, within 1.5 deg."""
-    true = 9.81 * np.array([-np.sin(np.radians(10)), 0.0, -np.cos(np.radians(10))])
-    first, _ = first_of_demo(lambda robot: replace(robot, gravity=tuple(true.tolist())), 0)
-    along = re.fullmatch(r"gravity along \((.*), (.*), (.*)\) of the base", first.name)
-    assert along is not None, first.name
-    found = np.array(along.groups(), dtype=float)
-    assert np.degrees(np.arccos(found @ true / np.linalg.norm(found) / 9.81)) < 1.5
-    assert first.share > 0.9

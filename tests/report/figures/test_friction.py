@@ -16,9 +16,7 @@ from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.spec import LawSpec
 from elastid.report.figures.friction import (
     Condition,
-    conditions_of,
     curve_of,
-    friction_conditions,
     friction_curve,
     friction_taken_out,
     residuals,
@@ -52,21 +50,6 @@ def test_levels_of_other_conditions_are_grey_and_counted(published: StaticLaw) -
     points = {name: len(x) for name, (x, _) in bars_of(axes).items()}
     assert points == {"levels at other loads and temperatures": 96, "levels, both directions": 12}
     assert Condition.typical(published.levels).text(published) == "at a load of 0 N·m and 62 °C"
-
-
-def test_levels_over_load_and_temperature_lie_as_far_from_the_law_as_they_do(published: StaticLaw) -> None:
-    """Each panel keeps the residuals of its speeds; a law of neither has no figure."""
-    figure = friction_conditions(published)
-    assert figure is not None
-    over_load, over_heat = figure.axes
-    assert (over_load.get_title(), over_heat.get_title()) == ("at 62 °C", "at a load of 0 N·m")
-    levels = published.levels
-    slowest = levels.speed == levels.speed.min()
-    _, y = bars_of(over_load)["1"]
-    line = over_load.get_lines()[0]
-    away = y - np.interp(levels.load[slowest], *line.get_data())
-    np.testing.assert_allclose(away / levels.std[slowest], residuals(published)[slowest], atol=1e-6)
-    assert conditions_of(study.law()) == []
 
 
 def test_the_curve_after_a_reversal_goes_from_one_sliding_level_to_the_other() -> None:

@@ -11,30 +11,13 @@ from plants.report_values import lines_of
 
 from elastid.base.arrays import FloatArray
 from elastid.report.figures.validation import (
-    left_out_errors,
     torque_balance_figure,
 )
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.store.friction_study import FRICTION, write_friction_result
 from elastid.store.results import read_twin
-from elastid.validation.comparison import ComparedModel, Comparison
 from elastid.validation.twin import DRY, INERTIA, TorqueBalance, torque_balance
 from elastid.validation.twin_run import LINK, MOTION, TORQUE, SignalKind, TwinFindings, TwinRun, twin_signal
-
-
-def test_left_out_errors_are_roots_of_the_misfits():
-    """A mark for each configuration and the root mean square, the best model on top; none where a fit failed."""
-    models = [
-        ComparedModel(name, 3, 1.0, 9, 0.0, np.array(m), 1.0, 1.0)
-        for name, m in (("a", [4.0, 9.0]), ("b", [1.0, np.nan]))
-    ]
-    (axes,) = left_out_errors(Comparison(("c1", "c2"), tuple(models), "a is best")).axes
-    drawn = lines_of(axes)
-    np.testing.assert_allclose(drawn["c1"].get_xdata(), [2.0, 1.0])
-    np.testing.assert_allclose(drawn["c2"].get_xdata(), [3.0, np.nan])
-    np.testing.assert_allclose(drawn["root mean square"].get_xdata(), [np.sqrt(6.5), np.nan])
-    assert axes.get_ylim()[0] > axes.get_ylim()[1]
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["a", "b"]
 
 
 def balance() -> TorqueBalance:

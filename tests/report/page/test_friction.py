@@ -23,7 +23,7 @@ def page(friction: FrictionTakenOut | None) -> str:
 
 
 def page_of_responses(friction: FrictionTakenOut | None) -> str:
-    modes = (without_modes(pair(2)[0], Note("no-modes", "none")),)
+    modes = (without_modes(pair(2)[0], Note("modal/lines", "none")),)
     return html_of_responses(ResponsesContent("a", (pair(2)[0],), modes, "", {}, friction), [])
 
 
@@ -53,7 +53,7 @@ def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
     refused = replace(
         friction, shapes=(), levels=friction.levels[:0], covariance=friction.covariance[:0, :0], configurations=(),
         before=friction.before[:0], after=friction.after[:0], highest_hz=friction.highest_hz[:0],
-        above=friction.above[:0], notes=friction.notes[1:],
+        notes=friction.notes[1:],
     )  # fmt: skip
     text = page(refused)
     assert text.count(LEFT) == 1

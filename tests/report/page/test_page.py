@@ -103,7 +103,7 @@ def test_the_page_needs_nothing_from_outside(report_folder):
     assert 'src="http' not in source
     assert "<script src" not in source
     assert not {"link", "iframe", "object", "base"} & set(page.tags)
-    assert page.tags.count("img") == 2
+    assert page.tags.count("img") == 1
     files = {address for address in page.addresses if not address.startswith(("data:image/png;base64,", "#"))}
     assert files == {f"figures/{name}.png" for name in ("frf-c1", "frf-c2", "parameters")}
     assert all((report_folder / file).is_file() for file in files)

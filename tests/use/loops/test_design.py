@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.predicted_arm import result, robot
+from plants.predicted_arm import result
 
 from elastid.base.errors import FitError
 from elastid.record import Configuration
@@ -78,10 +78,11 @@ def test_todays_loops_keep_their_own_rate(family: PostureFamily, monkeypatch: py
     plants = family.estimate()
     gains = Gains(plants.inertia[0] * 6.0**2, plants.inertia[0] * 8.0, np.zeros(2))
     monkeypatch.setattr("elastid.use.loops.result.robust", lambda *_: (start(family), None))
-    asked = Asked(POSTURES, 100.0, 1, 0, 1, robot(), "twin")
+    asked = Asked(100.0, 1, 0, 1)
     loops = design_loops("arm", result(), asked, Today("stated", RATE_HZ, *with_delay(gains, 3)), ())
     assert loops.today is not None
-    at_its_rate = assess("", plants, None, *with_delay(gains, 3), family.names, ("1", "2"), ((), ()))
+    home = PostureFamily.of(result(), [linear.configuration for linear in result().linear], RATE_HZ)
+    at_its_rate = assess("", home.estimate(), None, *with_delay(gains, 3), home.names, ("1", "2"), ((),))
     assert loops.today.peak_db == pytest.approx(at_its_rate.peak_db)
     assert loops.designed.freq_hz[-1] < 50 < loops.today.freq_hz[-1]
 
