@@ -181,4 +181,4 @@ def _section(data: Mapping[str, Any], kind: type[Section]) -> Section:
 def _refuse(problems: Sequence[Problem]) -> None:
     if problems:
         lines = (f"{'.'.join(map(str, problem.path))}: {problem.message}".removeprefix(": ") for problem in problems)
-        raise StudyError("\n".join(lines))
+        raise StudyError("study/invalid", "\n".join(lines))

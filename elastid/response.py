@@ -34,7 +34,7 @@ LINE_ARRAYS = (
 
 
 # Code of a note on a response by which the gear of a joint is no straight spring, and how it begins before its name.
-NOT_STRAIGHT, BENT = "gear-not-straight", "the spring in the gear of motor"
+NOT_STRAIGHT, BENT = "gears/not-straight", "the spring in the gear of motor"
 
 
 @frozen_value

@@ -316,6 +316,8 @@ def inspect(file: Path) -> None:
 def explain(key: str | None) -> None:
     """Say what a key of a study means and when to change it: `elastid explain fit.criterion`; without KEY, list all.
 
+    Of the code of an error or note (`elastid explain records/clock`) it says what it means.
+
     The list has the sections of a study, in its order. Of a word that is no key (`elastid explain coherence`) it lists
     the keys, and the arrays in results, that have it in their text.
     """
@@ -349,7 +351,7 @@ def explained(error: Exception) -> int:
     """The exit code of an error that has a message for the user; any other is a bug and raised again."""
     match error:
         case ElastidError():
-            return _ended(str(error), error.exit_code)
+            return _ended(f"{error} [{error.code}]", error.exit_code)
         case click.exceptions.Exit():
             return error.exit_code
         case click.ClickException():

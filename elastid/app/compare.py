@@ -60,8 +60,10 @@ def compare(run: Run, further: Sequence[LoadedStudy] = ()) -> Comparison:
         models = list(variants(run.loaded, further))
         if len(models) < 2:
             raise StudyError(
-                f"{run.loaded.path}: there is one model only, the study's own, with nothing that could be left out of "
-                "it; give compare.variants, or a second study"
+                "compare/variants",
+                "there is one model only, the study's own, with nothing that could be left out of "
+                "it; give compare.variants, or a second study",
+                run.loaded.path,
             )
         responses = read_responses(run.path("estimate"))
         names = [response.configuration.name for response in responses]
@@ -90,7 +92,7 @@ def variants(loaded: LoadedStudy, further: Sequence[LoadedStudy] = ()) -> Iterat
         try:
             yield variant(loaded, spec)
         except StudyError as error:
-            raise StudyError(f"compare.variants: {spec.name}: {error}") from None
+            raise StudyError("compare/variants", f"{spec.name}: {error}", "compare.variants") from None
     for other in further:
         name = other.study.name if other.study.name != study.name else str(other.path)
         yield ComparedVariant(name, other.study.as_robot(), _weighed_as(study, other.study), other.study.model)
@@ -202,8 +204,10 @@ def search_elasticity(run: Run) -> None:
         names = [response.configuration.name for response in responses]
         if len(names) < 2:
             raise StudyError(
-                f"{run.loaded.path}: the search judges by configurations that were left out, and there is one only; "
-                "measure in further ones"
+                "compare/variants",
+                "the search judges by configurations that were left out, and there is one only; "
+                "measure in further ones",
+                run.loaded.path,
             )
         fits: _Fits = {}
 
@@ -242,8 +246,10 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
     coordinates = [each for each in elastic_coordinates(robot) if f"k_{each.name}" not in unknown]
     if not coordinates:
         raise StudyError(
-            f"{loaded.path}: nothing of robot {robot.name} is elastic, so there is nothing to search among; give "
-            "springs to gears, to joints without a motor, and stiffness to rods wherever it may be elastic"
+            "compare/variants",
+            f"nothing of robot {robot.name} is elastic, so there is nothing to search among; give "
+            "springs to gears, to joints without a motor, and stiffness to rods wherever it may be elastic",
+            loaded.path,
         )
     start = tuple(each.label for each in coordinates if each.kind == "gear")
     return {each.label: each.name for each in coordinates}, start
@@ -262,7 +268,7 @@ def _fitted(
             made[model] = variant(run.loaded, VariantSpec(name, rigid=rigid))
         except StudyError as error:
             if model in (start, tuple(coordinates)):
-                raise StudyError(f"search: {name}: {error}") from None
+                raise StudyError("compare/variants", f"{name}: {error}", "search") from None
             own = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
             cannot[model] = own, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
     fits = refitted(run, list(made.values()), responses)

@@ -76,11 +76,13 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     """
     every = sorted({*TARGETS, *RESPONSE_TARGETS, ROBOT, DRAWS, OBSERVER, COMPENSATION})
     if target not in every:
-        raise StudyError(f"{target} is no target of an export; {did_you_mean(target, every)}")
+        raise StudyError("export/target", f"{target} is no target of an export; {did_you_mean(target, every)}")
     if run.study.friction is not None:
         return _export_friction(run, target)
     if target == OBSERVER:
-        raise StudyError(f"study {run.study.name} identifies no friction, and an observer follows friction")
+        raise StudyError(
+            "study/stage", f"study {run.study.name} identifies no friction, and an observer follows friction"
+        )
     if target == DRAWS and run.study.robot is not None:
         return _export_draws(run, count)
     if run.study.robot is None or target not in (*TARGETS, ROBOT, COMPENSATION):
@@ -160,9 +162,10 @@ def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
         return _reported(run, write_observers(clear_folder(run.folder, "export", target), observers))
     if target not in (ROBOT, COMPENSATION, "csv"):
         raise StudyError(
+            "study/stage",
             f"study {run.study.name} identifies friction, and {target} takes a fitted elastic model: export to robot, "
             "and take that file as the robot of an elastic study, to csv, to compensation, or to observer, which "
-            "follows friction"
+            "follows friction",
         )
     run.require_result("friction")
     result = read_friction_result(run.path("friction"))
@@ -184,8 +187,9 @@ def _export_responses(run: Run, target: str) -> tuple[Path, ...]:
     """The measured responses, of a study without a robot or for a target that takes them alone."""
     if target not in RESPONSE_TARGETS:
         raise StudyError(
+            "study/stage",
             f"study {run.study.name} has no robot, and {target} takes the model of one; export its responses to "
-            f"{', '.join(RESPONSE_TARGETS)}, or give the robot and fit it"
+            f"{', '.join(RESPONSE_TARGETS)}, or give the robot and fit it",
         )
     run.require_result("estimate")
     folder, responses = clear_folder(run.folder, "export", target), read_responses(run.path("estimate"))

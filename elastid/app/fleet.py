@@ -56,7 +56,9 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         ends = zip(fleet.members, outcomes, strict=True)
         rows = [row for member, outcome in ends if not outcome.failed for row in rows_of(folder, member)]
         if not rows:
-            raise FitError(f"fleet {fleet.name}: no member was identified: {_listed(_reasons(outcomes))}")
+            raise FitError(
+                "fleet/members", f"no member was identified: {_listed(_reasons(outcomes))}", f"fleet {fleet.name}"
+            )
         table, values = _write_table(folder, rows), _values(rows)
         findings = find_changes(values, fleet.false_discovery_rate)
         units = {row["parameter"]: row["unit"] for row in rows}
@@ -80,13 +82,13 @@ def _check(fleet: Fleet, folder: Path) -> None:
         except StudyError as error:
             wrong.append(f"{member.words}: {error}")
     if wrong:
-        raise StudyError(_listed(wrong))
+        raise StudyError("study/invalid", _listed(wrong))
     try:
         own_path(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)
         raise StudyError(
-            f"{folder}: no results can be written there ({reason}); give another folder by --run"
+            "files/folder", f"no results can be written there ({reason}); give another folder by --run", folder
         ) from None
     for member in fleet.members:
         own_path(folder, MEMBERS, member.name)
@@ -98,8 +100,10 @@ def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
     for kind, members, error in (("failed", failed, FitError), ("are misfits", misfits, MisfitError)):
         if members:
             raise error(
-                f"fleet {name}: {len(members)} of {len(outcomes)} members {kind} and are not compared with the others: "
-                f"{_listed(_reasons(members))}"
+                "fleet/members",
+                f"{len(members)} of {len(outcomes)} members {kind} and are not compared with the others: "
+                f"{_listed(_reasons(members))}",
+                f"fleet {name}",
             )
 
 

@@ -64,10 +64,14 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     """
     first = logs[0]
     if lost := [path for path in logs if not path.exists()]:
-        raise DataError(f"{lost[0]}: there is no such file or folder; give the path of a log")
+        raise DataError("files/missing", "there is no such file or folder; give the path of a log", f"{lost[0]}")
     if first.is_file() and is_universal_file(first):
         if robot is not None:
-            raise DataError(f"{first}: responses, and no log; template `responses` is a study of them with a robot")
+            raise DataError(
+                "records/channels",
+                "responses, and no log; template `responses` is a study of them with a robot",
+                first,
+            )
         return {"study.yml": _joined([*_head("responses", first), *_universal(logs, folder)])}
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
@@ -84,13 +88,15 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         guess, together = guess_log(signals, clock.rate_hz or 1.0), True
         clock = replace(clock, is_even=not (clock.name and clock.is_in_s))
     if guess is None or (together and len({joint.torque.file for joint in guess.joints}) > 1):
-        raise DataError(_no_guess(first, form, [each for each, _ in signals]))
+        raise DataError("records/channels", _no_guess(first, form, [each for each, _ in signals]))
     if together:
         guess, used = _torques_first(guess, logs)
         if unused := [path for path in logs if path not in used]:
             raise DataError(
-                f"{unused[0]}: nothing of it belongs to the measurement in {' and '.join(map(str, used))}; leave it "
-                "out, and give a further measurement as a further one of experiment.recorded.files, as the first is"
+                "records/channels",
+                f"nothing of it belongs to the measurement in {' and '.join(map(str, used))}; leave it "
+                "out, and give a further measurement as a further one of experiment.recorded.files, as the first is",
+                f"{unused[0]}",
             )
         logs = used
     guess = guess if robot is None else in_order_of(robot, guess)
@@ -144,9 +150,11 @@ def _in_other_files(
         is_stamped = times is not None and times[0] < at[-1] and at[0] < times[-1]
         if own and not is_stamped and (clock.name or len(own[0][1]) != n):
             raise DataError(
-                f"{path}: it has other signals than {logs[0]}, and is not in step with it: neither do times in both "
+                "records/channels",
+                f"it has other signals than {logs[0]}, and is not in step with it: neither do times in both "
                 f"overlap, nor have both as many samples without times ({n} and {len(own[0][1])}); log the time of one "
-                "clock in both, or all signals in one file"
+                "clock in both, or all signals in one file",
+                path,
             )
         result += [(g, np.interp(at, times, x)) for g, x in own] if times is not None and is_stamped else own
     return result

@@ -51,14 +51,14 @@ def is_robot_file(path: Path) -> bool:
 def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
     """The robot, and study.yml, robot.yml and, of a URDF, the file itself, by name; StudyError where there is none."""
     if not path.is_file():
-        raise StudyError(f"{path}: no such file")
+        raise StudyError("files/missing", "no such file", path)
     return _from_urdf(path) if path.suffix.lower() == ".urdf" else _from_mjcf(path)
 
 
 def _from_mjcf(path: Path) -> tuple[Robot, dict[str, str]]:
     robot, left_out = read_mjcf(path)
     if not robot.driven:
-        raise StudyError(f"{path}: nothing drives a joint; give it actuators")
+        raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
     postures = _postures(robot.driven)
     inertia = _inertia_at_joints(_without_drives(robot), postures)
     of_driven = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
@@ -173,7 +173,7 @@ def read_mjcf(path: Path) -> tuple[Robot, tuple[str, ...]]:
     try:
         return _robot_of(model, path.stem), tuple(_left_out(model))
     except ValueError as error:
-        raise StudyError(f"{path}: {error}") from None
+        raise StudyError("robot/file", str(error), path) from None
 
 
 def _compiled(path: Path) -> Mapping[str, Any]:
@@ -186,15 +186,17 @@ def _compiled(path: Path) -> Mapping[str, Any]:
             reply: dict[str, Any] = json.loads(done.stdout)
         except (subprocess.TimeoutExpired, ValueError):
             raise StudyError(
-                f"{path}: MuJoCo ends without an answer on this file; load it in `simulate` first"
+                "robot/file", "MuJoCo ends without an answer on this file; load it in `simulate` first", path
             ) from None
     if "lacks" in reply:
         raise StudyError(
-            f"{path}: MJCF is compiled by mujoco, which is not installed; install it with `uv sync --extra mjcf` "
-            "(or `pip install 'elastid[mjcf]'`)"
+            "install/missing-package",
+            "MJCF is compiled by mujoco, which is not installed; install it with `uv sync --extra mjcf` "
+            "(or `pip install 'elastid[mjcf]'`)",
+            path,
         )
     if "wrong" in reply:
-        raise StudyError(f"{path}: MuJoCo does not take it: {' '.join(reply['wrong'].split())}")
+        raise StudyError("robot/file", f"MuJoCo does not take it: {' '.join(reply['wrong'].split())}", path)
     model: Mapping[str, Any] = reply["model"]
     return model
 

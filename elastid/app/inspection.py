@@ -98,11 +98,11 @@ _OBJECTS = (
 def described(path: Path) -> str:
     """A page of plain text; StudyError where the file is not there, DataError where it cannot be read."""
     if not path.exists():
-        raise StudyError(f"{path}: no such file")
+        raise StudyError("files/missing", "no such file", path)
     if not is_log(path):
-        raise StudyError(f"{path}: a folder, but no ROS bag; name a file in it")
+        raise StudyError("files/kind", "a folder, but no ROS bag; name a file in it", path)
     if path.is_file() and (not is_intact(path) or is_as_written(path) is False):
-        raise DataError(f"{path}: its content has changed since it was written; run its stage again")
+        raise DataError("files/damaged", "its content has changed since it was written; run its stage again", path)
     with naming(path, "damaged, or no file that elastid reads; copy or export it again"):
         return "\n".join(_lines(path))
 
@@ -189,7 +189,7 @@ def _friction(path: Path) -> Iterator[str]:
     for row in friction_rows(friction):
         if row.level is not None and row.std is not None and row.interval is not None:
             yield _number_line(f"{row.place}: F_c", row.level, row.unit, row.std, row.interval)
-    yield from (f"  {note}" for note in friction.notes if note.code != "friction-taken-out")
+    yield from (f"  {note}" for note in friction.notes if note.code != "nonlinear/friction-taken-out")
 
 
 def _friction_numbers(path: Path) -> Iterator[str]:
@@ -206,9 +206,15 @@ def _json_lines(path: Path) -> Iterator[str]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise DataError(f"{path}: damaged, cut short or no JSON file ({error}); run its stage again") from None
+        raise DataError(
+            "files/damaged", f"damaged, cut short or no JSON file ({error}); run its stage again", path
+        ) from None
     if isinstance(content, dict) and content.get("schema", SCHEMA) > SCHEMA:
-        raise DataError(f"{path}: form {content['schema']}, written by a newer elastid; this one reads up to {SCHEMA}")
+        raise DataError(
+            "files/version",
+            f"form {content['schema']}, written by a newer elastid; this one reads up to {SCHEMA}",
+            path,
+        )
     yield from _json_value("", content, 0)
 
 

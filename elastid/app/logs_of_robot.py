@@ -28,9 +28,10 @@ def in_order_of(robot: Robot, guess: LogGuess) -> LogGuess:
     names, joints = [joint.name for joint in robot.driven], guess.joints
     if len(joints) != len(names):
         raise DataError(
+            "records/channels",
             f"the logs have torque and motion of {len(joints)} joint{'s' if len(joints) != 1 else ''} "
             f"({', '.join(joint.torque.name for joint in joints)}), and robot {robot.name} drives {len(names)} "
-            f"({', '.join(names)}); log all of them, or drive in the robot's file those that were logged"
+            f"({', '.join(names)}); log all of them, or drive in the robot's file those that were logged",
         )
     named = [[joint for joint in joints if _is_of(name, joint)] for name in names]
     by_name = all(len(found) == 1 for found in named) and len({found[0].torque.name for found in named}) == len(names)

@@ -37,13 +37,17 @@ def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws
     asked_hz, asked_delay: None for those of the study.
     """
     if asked_delay is not None and asked_delay > MAX_DELAY_SAMPLES:
-        raise StudyError(f"--delay {asked_delay}: a controller answers within {MAX_DELAY_SAMPLES} samples")
+        raise StudyError(
+            "options/invalid", f"a controller answers within {MAX_DELAY_SAMPLES} samples", f"--delay {asked_delay}"
+        )
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
         own_hz = _own_rate(run)
         rate_hz = asked_hz or own_hz
         if rate_hz is None:
-            raise StudyError(f"{run.loaded.path}: the study states no rate of the controller; give --rate")
+            raise StudyError(
+                "options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path
+            )
         measured = _measured(run, result, rate_hz)
         today = _today(run, own_hz or rate_hz, measured)
         delay = asked_delay if asked_delay is not None else _own_delay(run, measured)

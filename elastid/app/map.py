@@ -36,7 +36,7 @@ class Postures:
 
     def __post_init__(self) -> None:
         if sum(each is not None for each in (self.path, self.grid, self.random)) > 1:
-            raise StudyError("--path, --grid and --random exclude one another; give one of them")
+            raise StudyError("options/invalid", "--path, --grid and --random exclude one another; give one of them")
 
     def angles(self, run: Run, family: Family) -> FloatArray:
         """Angles (Q, n_u) of the driven joints; says what cannot be reached."""

@@ -48,7 +48,9 @@ def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> di
     data = read_source(study, str(study)).data or {}
     recorded = (data.get("experiment") or {}).get("recorded") or {}
     if not recorded:
-        raise StudyError(f"{study}: --log takes the channels of experiment.recorded, which the study has not")
+        raise StudyError(
+            "predict/mismatch", "--log takes the channels of experiment.recorded, which the study has not", study
+        )
     files = recorded.get("files") or [{}]
     entries = [
         {key: value for key, value in files[min(i, len(files) - 1)].items() if key not in _OF_ONE_LOG}
@@ -91,16 +93,23 @@ def _result_of(run: Run, source: Path, name: str) -> Path:
         robot = shlex.quote(f"robot={elastic.parent.absolute()}/identified_robot.yml")
         if kind == "friction" and elastic.is_file():
             raise StudyError(
-                f"--with {source}: it is a fit of elasticity, which has no dry friction to predict motions with; take "
+                "predict/mismatch",
+                f"it is a fit of elasticity, which has no dry friction to predict motions with; take "
                 f"its springs and inertias as the robot of this study (--set {robot}) and identify friction from one "
-                "log to predict another"
+                "log to predict another",
+                f"--with {source}",
             )
         raise StudyError(
-            f"--with {source}: {path.name} is not there; the study identifies {kind}: name the run folder of another "
-            f"study of {kind}"
+            "files/missing",
+            f"{path.name} is not there; the study identifies {kind}: name the run folder of another study of {kind}",
+            f"--with {source}",
         )
     if path.resolve().parent == run.folder.resolve() and not run.is_current(name.removesuffix(".h5")):
-        raise StudyError(f"--with {source}: its own run folder, where other logs would replace its own; give --run")
+        raise StudyError(
+            "options/invalid",
+            "its own run folder, where other logs would replace its own; give --run",
+            f"--with {source}",
+        )
     run.study.as_robot()
     return path
 
@@ -114,7 +123,11 @@ def _friction(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Sequenc
     for joint, reason in prediction.missing.items():
         run.console.warn(f"joint {joint} is not predicted: {reason}")
     if not prediction.twin.balances:
-        raise StudyError(f"--with {path}: none of its joints can be predicted on these logs; the reasons are above")
+        raise StudyError(
+            "predict/mismatch",
+            "none of its joints can be predicted on these logs; the reasons are above",
+            f"--with {path}",
+        )
     return prediction, prediction_summary(run.study.name, str(path), prediction), prediction.words
 
 
@@ -123,7 +136,9 @@ def _elasticity(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Seque
     robot = study.as_robot()
     lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
     if lacking:
-        raise StudyError(f"--with {path}: it is of another robot, without {', '.join(lacking[:3])}")
+        raise StudyError(
+            "predict/mismatch", f"it is of another robot, without {', '.join(lacking[:3])}", f"--with {path}"
+        )
     taken_out = path.with_name("frf.h5")
     friction = read_friction(taken_out) if taken_out.is_file() else None
     laid_open = path.with_name("gears.h5")

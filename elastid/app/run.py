@@ -135,18 +135,23 @@ class Run:
         stages = stages_of(FRICTION if of_friction else SIMULATED)
         if name not in stages:
             raise StudyError(
-                f"{self.loaded.path}: the study identifies {'friction' if of_friction else 'elasticity'}, which has no "
-                f"stage `{name}`; its stages are {', '.join(self.stages)}"
+                "study/stage",
+                f"the study identifies {'friction' if of_friction else 'elasticity'}, which has no "
+                f"stage `{name}`; its stages are {', '.join(self.stages)}",
+                self.loaded.path,
             )
         if needed := stages[name].needs:
             raise StudyError(
-                f"{self.loaded.path}: `{name}` needs the section `{needed}` of the study; give {needed}: {{}}, all of "
-                "its keys have defaults"
+                "study/stage",
+                f"`{name}` needs the section `{needed}` of the study; give {needed}: {{}}, all of "
+                "its keys have defaults",
+                self.loaded.path,
             )
         kind = {"responses": "frequency responses from elsewhere"}.get(self.study.experiment.kind, "recorded")
         raise StudyError(
-            f"{self.loaded.path}: the experiment is {kind}, there is nothing to {name}; the first stage is "
-            f"`{next(iter(self.stages))}`"
+            "study/stage",
+            f"the experiment is {kind}, there is nothing to {name}; the first stage is `{next(iter(self.stages))}`",
+            self.loaded.path,
         )
 
     def require(self, stage: str) -> None:
@@ -162,11 +167,13 @@ class Run:
         stamp = read_stamp(path)
         command = f"run `elastid {name} {self.loaded.path}` first, with the same options"
         if not path.is_file():
-            raise StudyError(f"{path} is missing: {command}")
+            raise StudyError("run/earlier-stage", command, f"{path} is missing")
         if stamp is None:
-            raise StudyError(f"{path} cannot be read or is no result of elastid: {command}")
+            raise StudyError("run/earlier-stage", f"{path} cannot be read or is no result of elastid: {command}")
         if (stamp.part != wanted.part) if part else (stamp.inputs != wanted.inputs):
-            raise StudyError(f"{path} was made from another study, other data or other options: {command}")
+            raise StudyError(
+                "run/earlier-stage", f"{path} was made from another study, other data or other options: {command}"
+            )
         if not has_checksum(path):
             self.console.warn(
                 f"{path} carries no checksum, so that damage to it would go unnoticed: it was written by an older "

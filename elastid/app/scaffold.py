@@ -39,14 +39,16 @@ def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ())
     already, and what `texts_from_logs` raises.
     """
     if not logs:
-        raise StudyError(f"a study has one folder; where {more[0]} is a log write --from before it")
+        raise StudyError("options/invalid", f"a study has one folder; where {more[0]} is a log write --from before it")
     _check_new(folder)
     from elastid.app.from_robot import from_robot, is_robot_file
 
     robots = [path for path in (*logs, *more) if is_robot_file(path)]
     records = [path for path in (*logs, *more) if not is_robot_file(path)]
     if len(robots) > 1:
-        raise StudyError(f"{robots[0]} and {robots[1]} are two robots, and a study has one; give either")
+        raise StudyError(
+            "options/invalid", f"{robots[0]} and {robots[1]} are two robots, and a study has one; give either"
+        )
     robot, texts = from_robot(robots[0]) if robots else (None, {})
     if records:
         from elastid.app.from_log import texts_from_logs
@@ -57,7 +59,9 @@ def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ())
 
 def _check_new(folder: Path) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise StudyError(f"{folder} exists and is not empty; nothing was written. Give the name of a new folder")
+        raise StudyError(
+            "files/folder", f"{folder} exists and is not empty; nothing was written. Give the name of a new folder"
+        )
 
 
 def demo(folder: Path) -> Path:

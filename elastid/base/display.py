@@ -153,8 +153,9 @@ def notebook_package(name: str) -> Any:
         return import_module(name)
     except ImportError:
         raise ElastidError(
+            "install/missing-package",
             f"{name} is not installed; install it with `uv sync --extra notebook` "
-            "(or `pip install 'elastid[notebook]'`)"
+            "(or `pip install 'elastid[notebook]'`)",
         ) from None
 
 

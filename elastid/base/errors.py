@@ -1,4 +1,4 @@
-"""The three kinds of failure of a command; `cli` turns each into a message and an exit code."""
+"""Kinds of failure of a command, each with a code of `base.codes`; `cli` turns them into a message and an exit code."""
 
 from __future__ import annotations
 
@@ -11,9 +11,20 @@ T = TypeVar("T")
 
 
 class ElastidError(Exception):
-    """A failure that the user can act on: the message states fault, place, reason and remedy."""
+    """A failure that the user can act on: the message states fault, place, reason and remedy.
+
+    code: of the table `base.codes.CODES`, for programs ("records/period-mismatch").  text: one sentence with its
+    numbers filled in.  place: the file, line, key, configuration or channel that it is about, printed in front.
+    """
 
     exit_code = 1
+
+    def __init__(self, code: str, text: str, place: object = "") -> None:
+        super().__init__(code, text, str(place))
+        self.code, self.text, self.place = code, text, str(place)
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.text}" if self.place else self.text
 
 
 class StudyError(ElastidError):

@@ -39,11 +39,15 @@ def on_dask(address: str) -> Iterator[None]:
     Raises ElastidError where Dask is not installed, StudyError for a text that is no address.
     """
     if address and find_spec("distributed") is None:
-        raise ElastidError("Dask is not installed; install elastid with the extra dask, or leave --dask out")
+        raise ElastidError(
+            "install/missing-package", "Dask is not installed; install elastid with the extra dask, or leave --dask out"
+        )
     if address and not _is_address(address):
         raise StudyError(
-            f"--dask {address}: not the address of a Dask scheduler; give scheme, host and port as the scheduler "
-            "prints them, such as tcp://10.0.0.7:8786"
+            "options/invalid",
+            "not the address of a Dask scheduler; give scheme, host and port as the scheduler "
+            "prints them, such as tcp://10.0.0.7:8786",
+            f"--dask {address}",
         )
     token = SCHEDULER.set(address)
     try:
@@ -90,18 +94,20 @@ def client_of(address: str) -> Iterator[Any]:
     # Of an encrypted connection.
     if SCHEMES.get(address.partition("://")[0]) and not Security().get_connection_args("client").get("ssl_context"):
         raise ElastidError(
+            "workers/cluster",
             f"the Dask scheduler at {address} needs certificates, and none are configured; name them in the "
-            "configuration of Dask (distributed.comm.tls), or give the address of a tcp scheduler"
+            "configuration of Dask (distributed.comm.tls), or give the address of a tcp scheduler",
         )
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except OSError as error:
-        raise ElastidError(f"no Dask scheduler answers at {address}: {error}") from error
+        raise ElastidError("workers/cluster", f"no Dask scheduler answers at {address}: {error}") from error
     try:
         yield client
     except KilledWorker as error:
         raise ElastidError(
-            f"workers of the cluster at {address} died at the same item, perhaps for lack of memory; give them more"
+            "workers/died",
+            f"workers of the cluster at {address} died at the same item, perhaps for lack of memory; give them more",
         ) from error
     finally:
         client.close()
@@ -215,7 +221,7 @@ def _scattered(client: Any, address: str, function: Callable[[Item], Value]) -> 
     except CommClosedError as error:
         raise CancelledError from error
     except TimeoutError as error:
-        raise ElastidError(f"the cluster at {address} has no worker; start one") from error
+        raise ElastidError("workers/cluster", f"the cluster at {address} has no worker; start one") from error
 
 
 def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
@@ -235,8 +241,9 @@ def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence
             deaths += 1
             if deaths == MOST_DEATHS:
                 raise ElastidError(
+                    "workers/died",
                     f"all workers of the cluster at {address} died {deaths} times, perhaps for lack of memory; "
-                    "give them more"
+                    "give them more",
                 ) from error
 
 
@@ -258,10 +265,11 @@ def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs
                 del left[index]
                 yield index, value
         if left and _main_is_unguarded():
-            raise ElastidError(_UNGUARDED)
+            raise ElastidError("workers/died", _UNGUARDED)
         if deaths == MOST_DEATHS:
             raise ElastidError(
-                f"worker processes died {deaths} times, perhaps for lack of memory; try again with fewer --jobs"
+                "workers/died",
+                f"worker processes died {deaths} times, perhaps for lack of memory; try again with fewer --jobs",
             )
 
 
@@ -272,7 +280,7 @@ def _survived(
     with closing(outcomes(pickle.dumps(function), enumerate(items), min(jobs, len(items)))) as results:
         for index, outcome in results:
             if outcome.died and _main_is_unguarded():
-                raise ElastidError(_UNGUARDED)
+                raise ElastidError("workers/died", _UNGUARDED)
             yield index, None if outcome.died else outcome.result
 
 

@@ -56,8 +56,9 @@ def _is_link(path: Path) -> bool:
 
 def _refusal(path: Path) -> ElastidError:
     return ElastidError(
-        f"{path}: is a link, and nothing is written through links in a run folder; remove it, or give another folder "
-        "with --run"
+        "files/folder",
+        "is a link, and nothing is written through links in a run folder; remove it, or give another folder with --run",
+        path,
     )
 
 
@@ -109,7 +110,11 @@ def require_own_data(file: Any) -> None:
     root = file["/"].id
     members = _members(file.filename, root, "", (_address(root),))
     if next(islice(members, MAX_MEMBERS, None), None) is not None:
-        raise DataError(f"{file.filename}: more than {MAX_MEMBERS} groups and datasets are in it; export fewer signals")
+        raise DataError(
+            "files/unsafe",
+            f"more than {MAX_MEMBERS} groups and datasets are in it; export fewer signals",
+            file.filename,
+        )
 
 
 def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Iterator[str]:
@@ -123,8 +128,10 @@ def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Itera
         name = f"{place}/{key.decode(errors='replace')}"
         if group.links.get_info(key).type == h5l.TYPE_EXTERNAL:
             raise DataError(
-                f"{path}: {name} is a link into another file ({group.links.get_val(key)[0].decode(errors='replace')}), "
-                "which is not opened; copy what it points to into one file"
+                "files/unsafe",
+                f"{name} is a link into another file ({group.links.get_val(key)[0].decode(errors='replace')}), "
+                "which is not opened; copy what it points to into one file",
+                path,
             )
         try:
             item = h5o.open(group, key)
@@ -134,7 +141,9 @@ def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Itera
             _require_own_values(path, name, item)
         elif isinstance(item, h5g.GroupID):
             if _address(item) in above or len(above) > 32:
-                raise DataError(f"{path}: the group {name} contains itself, or lies too deep; export the file again")
+                raise DataError(
+                    "files/unsafe", f"the group {name} contains itself, or lies too deep; export the file again", path
+                )
             yield from _members(path, item, name, (*above, _address(item)))
         yield name
 
@@ -145,14 +154,18 @@ def _require_own_values(path: str, name: str, dataset: Any) -> None:
     layout = dataset.get_create_plist()
     if layout.get_external_count() > 0 or layout.get_layout() == h5d.VIRTUAL:
         raise DataError(
-            f"{path}: the values of {name} lie in another file, which is not opened; save them in the file itself"
+            "files/unsafe",
+            f"the values of {name} lie in another file, which is not opened; save them in the file itself",
+            path,
         )
     claimed = dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
     stored = dataset.get_storage_size()
     # Compression makes data at most some 1000 times smaller; small datasets may be anything.
     if claimed > max(1 << 28, 2000 * stored):
         raise DataError(
-            f"{path}: {name} claims {claimed / 1e9:.3g} GB, and {stored} bytes of it are in the file; export it again"
+            "files/unsafe",
+            f"{name} claims {claimed / 1e9:.3g} GB, and {stored} bytes of it are in the file; export it again",
+            path,
         )
 
 

@@ -63,7 +63,9 @@ class Placed:
             self._close()
             raise
         self._close()
-        raise ElastidError(f"workers died {MOST_DEATHS} times, perhaps for lack of memory; give them more")
+        raise ElastidError(
+            "workers/died", f"workers died {MOST_DEATHS} times, perhaps for lack of memory; give them more"
+        )
 
 
 def _nothing() -> None:
@@ -132,7 +134,7 @@ class _Cluster:
             self._client.wait_for_workers(1, timeout=WORKERS_S)
         except TimeoutError as error:
             self.close()
-            raise ElastidError(f"the cluster at {address} has no worker; start one") from error
+            raise ElastidError("workers/cluster", f"the cluster at {address} has no worker; start one") from error
         self.count = len(self._client.nthreads())
 
     def place(self, number: int, items: Sequence[Any]) -> None:

@@ -87,7 +87,7 @@ def tool_notes(
             continue  # the robot finds no rest
         if gained:
             asks = "" if is_planned else f"; section `{section}` of a study takes them"
-            notes.append(Note(f"forecast-{section}", f"{said} take {gained}{asks}", severity="information"))
+            notes.append(Note("design/forecast", f"{said} take {gained}{asks}", severity="information"))
     return tuple(notes)
 
 

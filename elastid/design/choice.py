@@ -60,8 +60,10 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
         left &= ~bad
     if not left.any():
         raise StudyError(
-            f"design.candidates: none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}; "
-            f"{_remedy(spec, robot, angles, list(refused))}"
+            "design/candidates",
+            f"none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}; "
+            f"{_remedy(spec, robot, angles, list(refused))}",
+            "design.candidates",
         )
     return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist()), refused)
 
@@ -71,17 +73,21 @@ def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatAr
     endless = [j.name for j in robot.driven if j.slides and not np.isfinite(j.limits.angle).all()]
     if endless:
         raise StudyError(
-            f"design.candidates: joint {endless[0]} slides and has no limits.angle to draw its position from; give "
-            "both ends of its travel in the robot's file"
+            "design/candidates",
+            f"joint {endless[0]} slides and has no limits.angle to draw its position from; give "
+            "both ends of its travel in the robot's file",
+            "design.candidates",
         )
     low = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + swing, -math.pi)
     high = np.where(np.isfinite(limits[:, 1]), limits[:, 1] - swing, math.pi)
     for joint, by, a, b in zip(robot.driven, np.broadcast_to(swing, len(low)).tolist(), low, high, strict=True):
         if a > b:
             raise StudyError(
-                f"design.candidates: {by:g} {joint.unit} of carrier and margin to either side leave joint {joint.name} "
+                "design/candidates",
+                f"{by:g} {joint.unit} of carrier and margin to either side leave joint {joint.name} "
                 f"no room within its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] {joint.unit}; lower "
-                "the carrier's amplitude or design.candidates.margin"
+                "the carrier's amplitude or design.candidates.margin",
+                "design.candidates",
             )
     return low, high
 
@@ -93,16 +99,17 @@ def _proposed(
     if spec.given:
         for name, given in spec.given.items():
             if refused := robot.count_refusal(len(given)):
-                raise StudyError(f"design.candidates.given.{name}: {refused}")
+                raise StudyError("design/candidates", refused, f"design.candidates.given.{name}")
         return list(spec.given), np.array(list(spec.given.values()))
     if spec.grid is not None:
         counts = spec.grid if isinstance(spec.grid, tuple) else (spec.grid,) * n
         if refused := robot.count_refusal(len(counts), "numbers"):
-            raise StudyError(f"design.candidates.grid: {refused}")
+            raise StudyError("design/candidates", refused, "design.candidates.grid")
         if math.prod(counts) > MAX_GRID_POINTS:
             raise StudyError(
-                f"design.candidates.grid: {math.prod(counts)} candidates; take fewer points per joint, at most "
-                f"{MAX_GRID_POINTS} in all"
+                "design/candidates",
+                f"{math.prod(counts)} candidates; take fewer points per joint, at most {MAX_GRID_POINTS} in all",
+                "design.candidates.grid",
             )
         axes = [np.linspace(a, b, m) if m > 1 else [(a + b) / 2] for a, b, m in zip(low, high, counts, strict=True)]
         angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, n)
@@ -117,7 +124,11 @@ def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator
     known = [body.name for body in robot.bodies]
     for name in spec.points:
         if name not in known:
-            raise StudyError(f"design.candidates.points: no body is called '{name}'; there are {', '.join(known)}")
+            raise StudyError(
+                "design/candidates",
+                f"no body is called '{name}'; there are {', '.join(known)}",
+                "design.candidates.points",
+            )
     if spec.floor is None and not spec.boxes:
         return
     points = _along(skeleton(robot, angles, spec.points))
@@ -252,8 +263,10 @@ def informations(
     if not informative:
         prospect.expected(configurations[0], x[0])  # raises with the reason
         raise StudyError(
-            "design: no candidate has an equilibrium for all guesses of the parameters; start nearer to the truth in "
-            "fit.parameters, or take design.robust out"
+            "design/candidates",
+            "no candidate has an equilibrium for all guesses of the parameters; start nearer to the truth in "
+            "fit.parameters, or take design.robust out",
+            "design",
         )
     return np.stack([*informative.values()], axis=1), np.array([*informative])
 
@@ -285,8 +298,10 @@ def visible(
     if columns.shape[1] == 0:
         names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
         raise StudyError(
-            f"design: no candidate informs {names}: the measured outputs do not depend on it; fix these parameters, or "
-            "log a place that they move (experiment.simulated.outputs)"
+            "fit/undetermined",
+            f"no candidate informs {names}: the measured outputs do not depend on it; fix these parameters, or "
+            "log a place that they move (experiment.simulated.outputs)",
+            "design",
         )
     ground = (blind * length[:, None]) @ (blind * length[:, None]).T
     return replace(criterion, interest=columns), ground

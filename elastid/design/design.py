@@ -79,7 +79,7 @@ def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configurati
             "takes that out to second order in the motion; lower excitation.torque_rms of its motors by a factor of "
             f"{np.sqrt(abs(change) / LIMITS.stiffness_change):.1f} or more"
         )
-        notes.append(Note("stiffened-spring", text, f"joint {joint}"))
+        notes.append(Note("design/forecast", text, f"joint {joint}"))
     return tuple(notes)
 
 
@@ -119,7 +119,7 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
                 f"{unit}): the joint sticks, and friction looks like stiffness; raise excitation.torque_rms or add "
                 "experiment.simulated.carrier"
             )
-            notes.append(Note("sticking-motor", text, f"motor {joint.name}"))
+            notes.append(Note("design/sticking-motor", text, f"motor {joint.name}"))
     return tuple(notes)
 
 
@@ -224,15 +224,16 @@ def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> C
     x = problem.guesses
     sections = spec, problem.excitation, problem.experiment, len(problem.robot.driven)
     if refusal := robot_time_refusal(*sections):
-        raise StudyError(f"design.robot_time: {refusal}")
+        raise StudyError("design/limits", refusal, "design.robot_time")
     counts = {periods: room(*sections, periods) for periods in spec.periods or (problem.experiment.periods,)}
     tasks = [_task(problem, periods, count, x) for periods, count in counts.items() if count >= 1]
     criterion, n = problem.criterion, len(candidates.configurations)
     if spec.count is not None and n < spec.count:
         raise StudyError(
+            "design/candidates",
             f"design.count: {spec.count} configurations are asked for, {n} candidates are admissible"
             + (f" ({candidates.reasons})" if candidates.refused else "")
-            + f"; lower count to {n}, give more candidates, or more realisations of each"
+            + f"; lower count to {n}, give more candidates, or more realisations of each",
         )
     given = tuple(problem.experiment.configurations)
     return choose_configurations(criterion, tasks, candidates.configurations, x, given, problem.seed, execution)
@@ -258,4 +259,4 @@ def _shared_lines(plan: Plan) -> tuple[Note, ...]:
         "are separated by neighbouring lines only, and the loss of a local method by that, and by transients, is not "
         "counted"
     )
-    return (Note("approximate-forecast", text),)
+    return (Note("design/forecast", text),)

@@ -136,7 +136,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
 def check_line_count(freq_hz: FloatArray, parameters: ParameterSet) -> None:
     """Refuse a grid with fewer lines than unknowns; StudyError says which period would do."""
     if refused := line_count_refusal(len(freq_hz), len(parameters.asked), "unknowns"):
-        raise StudyError(f"excitation: {refused}, or fix some of fit.parameters")
+        raise StudyError("excitation/power", f"{refused}, or fix some of fit.parameters", "excitation")
 
 
 def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
@@ -176,14 +176,14 @@ def _undetermined(blind: FloatArray, names: Sequence[str], configurations: int, 
         who = ", ".join(names[i] for i in parts)
         if len(parts) == 1:
             text = f"this plan cannot determine {who}: fix it, or measure outputs that depend on it"
-            notes.append(Note("undetermined-parameter", text))
+            notes.append(Note("fit/undetermined", text))
             continue
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
         text = (
             f"this plan cannot determine the combination {terms} (relative changes) of {who}: fix or tie one of them, "
             "or measure a configuration that distinguishes them"
         )
-        notes.append(Note("undetermined-combination", text))
+        notes.append(Note("fit/undetermined", text))
     if len(blind):
         many = f"{configurations} configuration" + ("s" if configurations > 1 else "")
         text = (
@@ -191,7 +191,7 @@ def _undetermined(blind: FloatArray, names: Sequence[str], configurations: int, 
             "combinations, stay undetermined; measure more configurations (`design` chooses the most informative), log "
             "more places, excite more, or fix some of fit.parameters"
         )
-        notes.append(Note("undetermined-parameters", text))
+        notes.append(Note("fit/undetermined", text))
     return notes
 
 
@@ -200,7 +200,7 @@ def _correlated(names: Sequence[str], covariance: FloatArray) -> list[Note]:
     correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
     text = "{} and {} can barely be distinguished: noise will move their estimates with a correlation of {:.3f}"
     return [
-        Note("correlated-parameters", text.format(names[i], names[j], correlation[i, j]))
+        Note("fit/correlated", text.format(names[i], names[j], correlation[i, j]))
         for i, j in np.argwhere(np.abs(correlation) > LIMITS.correlation)
     ]
 

@@ -91,8 +91,10 @@ def warm_up_of(
     joint, limits = axis.joint.name, axis.limits
     if spec.speed > axis.fastest:
         raise StudyError(
-            f"friction.warm_up.speed: {limits.place} reaches {axis.fastest:.3g} {limits.unit}/s in its window and with "
-            f"its torque, and {spec.speed:.3g} are asked for; lower the speed, or widen friction.passes.window"
+            "friction/plan",
+            f"{limits.place} reaches {axis.fastest:.3g} {limits.unit}/s in its window and with "
+            f"its torque, and {spec.speed:.3g} are asked for; lower the speed, or widen friction.passes.window",
+            "friction.warm_up.speed",
         )
     reach = planned_pass(spec.speed, 0, limits)
     warm_up = PlannedWarmUp(joint, posture, reach.start, reach.stop, spec.speed, start_s, spec.time)
@@ -167,19 +169,25 @@ def _planned(
 def _check_law(spec: FrictionSpec) -> None:
     if spec.law.presliding == "lugre" and spec.presliding is not None:
         raise StudyError(
-            "friction.law.presliding: lugre, and slow loops (friction.presliding) do not identify the damping of "
+            "friction/plan",
+            "lugre, and slow loops (friction.presliding) do not identify the damping of "
             "bristles; give friction.at_rest, which identifies stiffness and damping, and leave out "
-            "friction.presliding, or take law.presliding: maxwell_slip"
+            "friction.presliding, or take law.presliding: maxwell_slip",
+            "friction.law.presliding",
         )
     if spec.law.temperature == "yes" and spec.warm_up is None:
         raise StudyError(
-            "friction.law.temperature: yes, and all passes have one temperature; two give a slope, three or more, over "
-            "20 K and up, the decay of viscous friction: give friction.warm_up, or auto"
+            "friction/plan",
+            "yes, and all passes have one temperature; two give a slope, three or more, over "
+            "20 K and up, the decay of viscous friction: give friction.warm_up, or auto",
+            "friction.law.temperature",
         )
     if spec.law.load == "yes" and len(spec.loads) < 2:
         raise StudyError(
-            "friction.law.load: yes, and there is one load; two give a slope, three a "
-            "Stribeck velocity of the load's own: give friction.loads (postures or payloads), or auto"
+            "friction/plan",
+            "yes, and there is one load; two give a slope, three a "
+            "Stribeck velocity of the load's own: give friction.loads (postures or payloads), or auto",
+            "friction.law.load",
         )
 
 
@@ -199,13 +207,15 @@ def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
         if passes.spacing == "optimal":
             return optimal_speeds(axis.guess.spread, lowest, highest, passes.count)
         if not 0 < lowest < highest:
-            raise DataError(f"passes from {lowest:.3g} to {highest:.3g} {unit}/s leave no range")
+            raise DataError("friction/plan", f"passes from {lowest:.3g} to {highest:.3g} {unit}/s leave no range")
         speeds = np.geomspace(lowest, highest, passes.count)
         return PassSpeeds(speeds, np.ones(passes.count, np.int64), float("nan"), float("nan"))
     except DataError as error:
         raise StudyError(
-            f"friction.passes.speeds: {axis.limits.place}: {error}; its window of {np.ptp(axis.limits.window):.3g} "
-            f"{unit}, its loop and its torque leave {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s"
+            "friction/plan",
+            f"{axis.limits.place}: {error}; its window of {np.ptp(axis.limits.window):.3g} "
+            f"{unit}, its loop and its torque leave {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
+            "friction.passes.speeds",
         ) from None
 
 

@@ -78,11 +78,12 @@ def optimal_speeds(guesses: Sequence[StribeckGuess], lowest: float, highest: flo
     d = len(LINEAR) + len(SEARCHED)
     if not 0 < lowest < highest / 4:
         raise DataError(
+            "friction/plan",
             f"passes from {lowest:.3g} to {highest:.3g} rad/s: a friction curve takes a range of four and more; lower "
-            "the lowest speed, or raise the highest"
+            "the lowest speed, or raise the highest",
         )
     if count < d:
-        raise DataError(f"{count} passes for the {d} numbers of a Stribeck curve; give {d} or more")
+        raise DataError("friction/plan", f"{count} passes for the {d} numbers of a Stribeck curve; give {d} or more")
     speeds = np.geomspace(lowest, highest, 200)
     H = np.stack([_information(guess, speeds) for guess in guesses])
     criterion = DesignCriterion("D", np.eye(d))
@@ -192,18 +193,22 @@ class Axis:
                 fall = max(-self.guess.slope(v) for v in np.geomspace(speeds.min(), speeds.max(), 200).tolist())
                 needed = bandwidth_hz * fall / self.damping
                 raise StudyError(
-                    f"friction.passes.speeds: {place} would stick and slip at {speed:.4g} {unit}: its friction falls "
+                    "friction/plan",
+                    f"{place} would stick and slip at {speed:.4g} {unit}: its friction falls "
                     f"by up to {fall:.3g} with each {unit}, and the loop brakes with {self.damping:.3g}; "
                     f"measure above {self.slowest:.3g} {unit}, or raise experiment.simulated.controller.bandwidth_hz "
-                    f"from {bandwidth_hz:.3g} to {1.2 * needed:.3g} Hz"
+                    f"from {bandwidth_hz:.3g} to {1.2 * needed:.3g} Hz",
+                    "friction.passes.speeds",
                 )
             peak = self.peak_torque(speed)
             if peak > self.joint.limits.torque:
                 raise StudyError(
-                    f"friction.passes.speeds: a pass of {place} at {speed:.4g} {unit} takes {peak:.4g} {torque_unit} "
+                    "friction/plan",
+                    f"a pass of {place} at {speed:.4g} {unit} takes {peak:.4g} {torque_unit} "
                     f"(gravity {self.holding:.3g}, ramps {self.inertia * self.limits.acceleration:.3g}, friction "
                     f"{self.guess.torque(speed):.3g}), and its drive gives {self.joint.limits.torque:.4g}: the torque "
-                    "would be clipped; choose a posture with less gravity torque, or lower the highest speed"
+                    "would be clipped; choose a posture with less gravity torque, or lower the highest speed",
+                    "friction.passes.speeds",
                 )
 
     def _speeds(self, lowest: float, highest: float | None = None) -> FloatArray:
@@ -271,9 +276,11 @@ def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckG
     if room <= 0:
         unit = "N" if joint.slides else "N*m"
         raise StudyError(
-            f"friction.passes: gravity takes {holding:.4g} {unit} of the {limits.torque:.4g} that the drive of joint "
+            "friction/plan",
+            f"gravity takes {holding:.4g} {unit} of the {limits.torque:.4g} that the drive of joint "
             f"{joint.name} gives, and break-away about {guess.stiction:.3g}: nothing is left to move it; choose a "
-            "posture or window with less gravity torque, or correct limits.torque"
+            "posture or window with less gravity torque, or correct limits.torque",
+            "friction.passes",
         )
     # Viscous friction at full speed takes its part while the ramp ends.
     return min(given, max(0.2 * room, room - guess.viscous * speed) / inertia)

@@ -66,7 +66,9 @@ def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
     try:
         return peaks_of_run(rig, rig.rehearse(experiment, 0.0))
     except DataError as error:
-        raise StudyError(f"the robot leaves its configuration without any excitation: {error}") from None
+        raise StudyError(
+            "design/limits", f"the robot leaves its configuration without any excitation: {error}"
+        ) from None
 
 
 def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
@@ -140,10 +142,12 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
     }.get(QUANTITIES[kind], "make the carrier slower, or the ramp longer")
     unit = unit_of(int(kind), rig.robot.driven[i].slides)
     raise StudyError(
-        f"configuration {plan.configurations[q].name}: no excitation fits into the limits of joint "
+        "design/limits",
+        f"no excitation fits into the limits of joint "
         f"{rig.robot.driven[i].name}. Without any, its motor goes to {base[q, kind, i]:.4g} {unit} "
         f"({QUANTITIES[kind]}), the limit is {limit[q, kind, i]:.4g} {unit}, of which excitation.margin keeps "
-        f"{margin:.0%} free; {advice}"
+        f"{margin:.0%} free; {advice}",
+        f"configuration {plan.configurations[q].name}",
     )
 
 
@@ -171,8 +175,10 @@ def _check_ends(plan: Plan, room: FloatArray) -> None:
     endless = [name for name, column in zip(plan.inputs, room.T, strict=True) if not np.isfinite(column).any()]
     if endless:
         raise StudyError(
-            f"excitation.torque_rms: limits needs a limit of every motor, and {', '.join(endless)} has none; give "
-            "limits: {torque: ..., velocity: ...} in the robot's file, or numbers for torque_rms"
+            "design/limits",
+            f"limits needs a limit of every motor, and {', '.join(endless)} has none; give "
+            "limits: {torque: ..., velocity: ...} in the robot's file, or numbers for torque_rms",
+            "excitation.torque_rms",
         )
 
 
@@ -196,15 +202,17 @@ def _rehearse(
         factor = np.where(open_[:, None], factor * (FILL_SHARE * np.minimum(growth, 10.0))[:, None], factor)
     names = ", ".join(c.name for c, unsettled in zip(plan.configurations, open_, strict=True) if unsettled)
     raise StudyError(
-        f"configuration {names}: after 8 rehearsals with decreasing amplitudes the peaks are still "
-        "beyond the limits; take this configuration out, or move it away from the ends of its joints"
+        "design/limits",
+        "after 8 rehearsals with decreasing amplitudes the peaks are still "
+        "beyond the limits; take this configuration out, or move it away from the ends of its joints",
+        f"configuration {names}",
     )
 
 
 def _notes(plan: Plan, factor: FloatArray, margin: float) -> tuple[Note, ...]:
     text = "excitation.torque_rms was lowered to {:.1%}, so that {:.0%} of every limit stays free in the rehearsal"
     return tuple(
-        Note("torque-lowered", text.format(f[0], margin), f"configuration {c.name}")
+        Note("design/limits", text.format(f[0], margin), f"configuration {c.name}")
         for c, f in zip(plan.configurations, factor, strict=True)
         if f[0] < 1
     )

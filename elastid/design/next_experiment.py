@@ -78,9 +78,13 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
         pattern, colon, width = (part.strip() for part in text.partition(":"))
         matches = matching(pattern, names)
         if not colon or not pattern:
-            raise StudyError(f"--goal '{text}': give parameters and the half width of their intervals, as {EXAMPLE}")
+            raise StudyError(
+                "design/goal", f"--goal '{text}': give parameters and the half width of their intervals, as {EXAMPLE}"
+            )
         if not matches:
-            raise StudyError(f"--goal '{text}': the fit does not identify '{pattern}'; {did_you_mean(pattern, names)}")
+            raise StudyError(
+                "design/goal", f"--goal '{text}': the fit does not identify '{pattern}'; {did_you_mean(pattern, names)}"
+            )
         for name in matches:
             widths[name] = min(_share(width, text), widths.get(name, np.inf))
     return Goal({name: widths[name] for name in names if name in widths})
@@ -94,8 +98,9 @@ def _share(width: str, text: str) -> float:
         share = np.nan
     if not is_percent or not 0 < share < 1:
         raise StudyError(
+            "design/goal",
             f"--goal '{text}': '{width}' is no width; give percent of the value, above 0 % and below 100 %, "
-            f"as {EXAMPLE}"
+            f"as {EXAMPLE}",
         )
     return share
 
@@ -193,7 +198,7 @@ def next_experiment(
             refused.append(f"{option.configuration.name}: {hit}")
             continue
         return NextExperiment(plan, option.used, option.more_s, option.floor, use, tuple(refused))
-    raise StudyError(f"no experiment keeps the limits of the robot: {refused[0]}")
+    raise StudyError("design/limits", f"no experiment keeps the limits of the robot: {refused[0]}")
 
 
 @dataclass(frozen=True)

@@ -77,10 +77,12 @@ def variance_like(
         known = response.uncertainty
         if response.inputs != inputs or response.outputs != outputs or known is None:
             raise StudyError(
-                f"design.noise.frf: configuration {response.configuration.name} was measured from "
+                "excitation/power",
+                f"configuration {response.configuration.name} was measured from "
                 f"{', '.join(response.inputs)} to {', '.join(response.outputs)}"
                 f"{' without a variance' if known is None else ''}; needed are {', '.join(inputs)} to "
-                f"{', '.join(outputs)} with one"
+                f"{', '.join(outputs)} with one",
+                "design.noise.frf",
             )
         # The logarithm of a variance from few degrees of freedom lies too low: E ln(v~/v) = psi(dof) - ln dof.
         shortfall = np.log(known.dof) - digamma(known.dof) if np.isfinite(known.dof) else 0.0

@@ -174,7 +174,9 @@ def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
     chosen = {pattern: matching(pattern, names) for pattern in patterns}
     for pattern, matches in chosen.items():
         if not matches:
-            raise StudyError(f"the fit does not identify '{pattern}'; {did_you_mean(pattern, list(names))}")
+            raise StudyError(
+                "design/goal", f"the fit does not identify '{pattern}'; {did_you_mean(pattern, list(names))}"
+            )
     counts = [not patterns or any(name in matches for matches in chosen.values()) for name in names]
     return np.eye(len(names))[:, counts]
 

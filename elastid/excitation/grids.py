@@ -58,8 +58,9 @@ def grid_lines(
     lines = lines[lines % step == 1 % step]
     if lines.size == 0:
         raise StudyError(
+            "excitation/lines",
             f"band_hz [{band_hz[0]:g}, {band_hz[1]:g}] holds no line: the lines are {_MULTIPLES[step]} "
-            f"{spacing:g} Hz below {rate_hz / 2:g} Hz; widen band_hz or take a longer period"
+            f"{spacing:g} Hz below {rate_hz / 2:g} Hz; widen band_hz or take a longer period",
         )
     return (_quasi_logarithmic(lines, ratio) if grid.endswith("quasi-log") else lines).astype(np.int64)
 
@@ -71,8 +72,10 @@ def chosen_lines(lines: Sequence[int], band_hz: tuple[float, float], rate_hz: fl
     if outside or len(set(lines)) < len(lines):
         fault = f"line {outside[0]} is outside band_hz" if outside else "a line is given twice"
         raise StudyError(
-            f"excitation.lines: {fault}; band_hz [{band_hz[0]:g}, {band_hz[1]:g}] and a period of "
-            f"{period_samples / rate_hz:g} s allow lines {band[0]} to {band[-1]}, each once"
+            "excitation/lines",
+            f"{fault}; band_hz [{band_hz[0]:g}, {band_hz[1]:g}] and a period of "
+            f"{period_samples / rate_hz:g} s allow lines {band[0]} to {band[-1]}, each once",
+            "excitation.lines",
         )
     return np.array(sorted(lines), dtype=np.int64)
 
@@ -106,7 +109,11 @@ def zippered(n_lines: int, n_u: int) -> IntArray:
     [0, 1, 0, 1, 0]
     """
     if refused := line_count_refusal(n_lines, n_u, "motors"):
-        raise StudyError(f"excitation.orthogonal: zippered gives every motor lines of its own, and there are {refused}")
+        raise StudyError(
+            "excitation/lines",
+            f"zippered gives every motor lines of its own, and there are {refused}",
+            "excitation.orthogonal",
+        )
     return np.arange(n_lines) % n_u
 
 

@@ -76,8 +76,9 @@ def hadamard(n: int) -> FloatArray:
         half = hadamard(n // 2)
         return np.block([[half, half], [half, -half]])
     raise StudyError(
+        "excitation/lines",
         f"no Hadamard matrix for {n} inputs is known here (there are those for 1, 2, 4, 8, 12, 16, 20 and 24); take "
-        "orthogonal: dft"
+        "orthogonal: dft",
     )
 
 

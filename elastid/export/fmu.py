@@ -375,7 +375,11 @@ def compiled(compiler: str, sources: Mapping[str, str], names: Sequence[str]) ->
         command += [*names, "-lm"]
         done = subprocess.run(command, cwd=temporary, capture_output=True, encoding="utf-8", errors="replace")
         if done.returncode:
-            raise StudyError(f"export to fmu: {compiler} cannot compile the unit: {done.stderr.strip()[:400]}")
+            raise StudyError(
+                "install/missing-package",
+                f"{compiler} cannot compile the unit: {done.stderr.strip()[:400]}",
+                "export to fmu",
+            )
         return library.read_bytes()
 
 

@@ -89,14 +89,18 @@ def _check(robot: Robot) -> None:
     nonlinear += [f"compensator {compensator.name}" for compensator in robot.compensators]
     if nonlinear:
         lost = f"MJCF has linear joint springs only, and the {', '.join(nonlinear)} would be lost"
-        raise StudyError(f"robot {robot.name}: {lost}; {instead}")
+        raise StudyError("export/not-representable", f"{lost}; {instead}", f"robot {robot.name}")
     armature = f"which MJCF's armature cannot represent; {instead}"
     for joint in robot.driven:
         if joint.motor is not None and (joint.motor.on or joint.motor.spring is not None):
             cause = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
-            raise StudyError(f"robot {robot.name}: the motor of joint {joint.name} {cause}, {armature}")
+            raise StudyError(
+                "export/not-representable",
+                f"the motor of joint {joint.name} {cause}, {armature}",
+                f"robot {robot.name}",
+            )
     if robot.gears:
-        raise StudyError(f"gears couple the axes of robot {robot.name}, {armature}")
+        raise StudyError("export/not-representable", f"gears couple the axes of robot {robot.name}, {armature}")
 
 
 def _check_names(root: ET.Element, robot: Robot) -> None:
@@ -107,7 +111,11 @@ def _check_names(root: ET.Element, robot: Robot) -> None:
         for name in (element.get("name", "") for element in root.findall(path)):
             if name in names:
                 two = f"MJCF would have two elements of the kind {kind} called '{name}'"
-                raise StudyError(f"robot {robot.name}: {two}; give the body, frame or loop another name")
+                raise StudyError(
+                    "export/not-representable",
+                    f"{two}; give the body, frame or loop another name",
+                    f"robot {robot.name}",
+                )
             names.append(name)
 
 

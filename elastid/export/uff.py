@@ -50,7 +50,7 @@ def write_uff(
         import pyuff
     except ImportError:
         missing = "universal files are written by pyuff, which is not installed"
-        raise StudyError(f"{missing}: pip install 'elastid[uff]', or export to csv") from None
+        raise StudyError("install/missing-package", "pip install 'elastid[uff]', or export to csv", missing) from None
     places = dict.fromkeys(place for response in responses for place in (*response.outputs, *response.inputs))
     nodes, points = _located(list(places), geometry)
     folder.mkdir(parents=True, exist_ok=True)

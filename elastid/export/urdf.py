@@ -38,8 +38,9 @@ def urdf(robot: Robot) -> ET.Element:
     """The rigid robot; StudyError where it has loops."""
     if robot.loops:
         raise StudyError(
+            "export/not-representable",
             f"robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), and a URDF is a tree; "
-            "export to mujoco, fmu, casadi or c instead"
+            "export to mujoco, fmu, casadi or c instead",
         )
     root = ET.Element("robot", name=robot.name)
     ET.SubElement(root, "link", name=BASE)

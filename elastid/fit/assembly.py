@@ -237,7 +237,9 @@ class NoRestError(FitError):
 
     def __init__(self, error: StudyError) -> None:
         super().__init__(
-            f"the best start ended where the robot cannot stand: {error}; check signs, units and places of the channels"
+            "robot/no-rest",
+            f"the best start ended where the robot cannot stand: {error}; check signs, units and places of the "
+            "channels",
         )
 
 
@@ -323,7 +325,7 @@ def relinearise(
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
-    notes = () if is_settled else (Note("still-moving", text),)
+    notes = () if is_settled else (Note("fit/posture-moved", text),)
     return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)
 
 
@@ -378,7 +380,7 @@ def posture_notes(
         f"{parameters.free[worst].name} off by {shift[worst]:.2g} standard deviations; the fit takes that out of the "
         "responses to second order, and it falls with the square of the torque"
     )
-    return (Note("posture-moved", text, severity="information"),)
+    return (Note("fit/posture-moved", text, severity="information"),)
 
 
 def robust_factors(

@@ -49,25 +49,29 @@ def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> Non
         check_kind(response, FrequencyResponse, "one of the responses", "read_responses and estimate make them")
     check_kind(robot, Robot, "robot", "load_robot(path) reads one, and a study has one as study.robot")
     if not responses:
-        raise DataError("there is no response to fit; measure at least one configuration")
+        raise DataError("fit/responses", "there is no response to fit; measure at least one configuration")
     names = [response.configuration.name for response in responses]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise DataError(
+            "fit/responses",
             f"configuration {', '.join(twice)} is given by two responses; its lines would count twice: leave one out, "
-            "or give each its own name where they are separate measurements"
+            "or give each its own name where they are separate measurements",
         )
     for response in responses:
         _check_robot(response, robot)
     for first, second in _of_one_posture(responses):
         if np.array_equal(first.freq_hz, second.freq_hz) and np.array_equal(first.G, second.G):
             raise DataError(
+                "fit/responses",
                 f"the responses of {first.configuration.name} and {second.configuration.name} are the same numbers at "
-                "the same angles: one measurement under two names, whose lines would count twice; leave one out"
+                "the same angles: one measurement under two names, whose lines would count twice; leave one out",
             )
     if len({response.rate_is_known for response in responses}) > 1:
         unknown = ", ".join(r.configuration.name for r in responses if not r.rate_is_known)
-        raise DataError(f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz")
+        raise DataError(
+            "fit/responses", f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz"
+        )
 
 
 def find_same_postures(
@@ -85,7 +89,7 @@ def find_same_postures(
         f"the same posture under two names: {', '.join(duplicates)}; both count, as is right where it was measured "
         "twice; leave one out where it was not, and name them in fit.robots where they are of two robots"
     )
-    return (Note("same-posture", text),) if duplicates else ()
+    return (Note("fit/responses", text),) if duplicates else ()
 
 
 def find_contradictions(
@@ -113,7 +117,7 @@ def find_contradictions(
         "those that are found may be off by many times their std: correct the angles under experiment.configurations, "
         "or name the robots in fit.robots where they are of two"
     )
-    return (Note("unlike-at-one-posture", text),)
+    return (Note("fit/unlike-responses", text),)
 
 
 def find_dependence_on_amplitude(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
@@ -134,7 +138,7 @@ def find_dependence_on_amplitude(responses: Sequence[FrequencyResponse]) -> tupl
         "are not straight and motion out of the posture make them: the linear fit lies between the amplitudes; with "
         "gears: {} the effects of gears are found from all of them together"
     )
-    return (Note("depends-on-amplitude", text, severity="information"),)
+    return (Note("fit/depends-on-amplitude", text, severity="information"),)
 
 
 def _difference(
@@ -193,7 +197,7 @@ def find_copies(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
                 f"{same} of {count} lines: one measurement counts twice, which makes the intervals too narrow, or a "
                 "file is given for the wrong configuration; leave one of them out"
             )
-            notes.append(Note("alike-responses", text))
+            notes.append(Note("fit/responses", text))
     return tuple(notes)
 
 
@@ -201,28 +205,34 @@ def _check_robot(response: FrequencyResponse, robot: Robot) -> None:
     where, angles = f"configuration {response.configuration.name}", response.configuration.angles
     other = "is this response from another robot?"
     if refused := robot.count_refusal(angles.size):
-        raise DataError(f"{where}: {refused}" + (f"; {other}" if angles.size else ""))
+        raise DataError("fit/responses", f"{where}: {refused}" + (f"; {other}" if angles.size else ""))
     if not np.all(np.isfinite(angles)):
-        raise DataError(f"{where}: an angle is not a finite number")
+        raise DataError("fit/responses", "an angle is not a finite number", where)
     at_tool = any(map(is_load, response.inputs))
     known = robot.load_locations if at_tool else robot.motor_locations
     missing = [name for name in response.inputs if name not in known]
     if missing:
         has_not = f"the response has the input {', '.join(missing)}, which robot {robot.name} has not"
         both = " beside forces at frames, and a response is by the ones or by the others" if at_tool else ""
-        raise DataError(f"{where}: {has_not}{both}; there are {', '.join(known)}; {other}")
+        raise DataError("fit/responses", f"{has_not}{both}; there are {', '.join(known)}; {other}", where)
     if response.motors != "free" and not at_tool:
-        raise DataError(f"{where}: torques of its motors, which are {response.motors}, cannot act on them")
+        raise DataError(
+            "fit/responses", f"torques of its motors, which are {response.motors}, cannot act on them", where
+        )
     if response.motors == "held" and (still := [place for place in response.outputs if place.startswith("motor ")]):
         move = "does not move" if len(still) == 1 else "do not move"
-        raise DataError(f"{where}: {', '.join(still)} {move} while the motors are held; leave out what is read there")
+        raise DataError(
+            "fit/responses", f"{', '.join(still)} {move} while the motors are held; leave out what is read there", where
+        )
     if response.motors == "controlled" and (response.loop is None or np.any(response.loop.ki)):
-        raise DataError(f"{where}: its motors are controlled; give their loop, stiffness kp and damping kd without ki")
+        raise DataError(
+            "fit/responses", "its motors are controlled; give their loop, stiffness kp and damping kd without ki", where
+        )
     for place in response.outputs:
         try:
             robot.check_location(place)
         except StudyError as error:
-            raise DataError(f"{where}: an output, {error}; {other}") from None
+            raise DataError("fit/responses", f"an output, {error}; {other}", where) from None
 
 
 Configurations: TypeAlias = Mapping[str, Sequence[float] | FloatArray]  # by name, the motors' angles (n_u,)
@@ -259,7 +269,7 @@ def geometry_problems(
 def check_geometry(parameters: ParameterSet, robot: Robot, configurations: Configurations) -> None:
     """StudyError with the first of the `geometry_problems`."""
     for name, message in geometry_problems(parameters, robot, configurations):
-        raise StudyError(f"fit.parameters.{name}: {message}")
+        raise StudyError("fit/parameters", message, f"fit.parameters.{name}")
 
 
 def _meeting(
@@ -316,9 +326,10 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
         places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
         hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start"
         raise FitError(
+            "fit/undetermined",
             f"{names}: without effect on any of the {len(fit.parts)} frequency responses, so that no fit can find it; "
             f"fix it (fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure what it moves"
-            + (hint if places else "")
+            + (hint if places else ""),
         )
 
 
@@ -345,9 +356,10 @@ def check_scale(fit: ElasticFit, robot: Robot) -> None:
         listed = ", ".join(name for name, part in zip(names, together, strict=True) if part > MIN_PART)
         priors = ", ".join(f"{name}: {{prior: {{std: 0.05}}}}" for name in needed)
         raise FitError(
+            "fit/undetermined",
             f"nothing fixes the scale of {listed}: they can change together without any effect on the responses; say "
             f"how well a gain is known (fit.parameters: {{{priors}}} for 5 %), or fix {' and '.join(needed)} with "
-            "fixed: true, or an inertia that is known"
+            "fixed: true, or an inertia that is known",
         )
 
 

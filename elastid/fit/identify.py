@@ -100,7 +100,8 @@ def identify(
                 raise
             fit_parameters(responses, robot, spec, model=model)  # raises its own where load tests are not to blame
             raise FitError(
-                f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
+                "fit/loads",
+                f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests",
             ) from None
     except KeyboardInterrupt:
         raise Interrupted(starts) from None
@@ -160,10 +161,10 @@ def _search(
     fit = _at_start(assembly, parameters.x, execution)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
-        raise DataError(f"nothing is left to fit: {reason}")
+        raise DataError("fit/undetermined", reason, "nothing is left to fit")
     if fit.problem.dof < 1:
         few = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
-        raise DataError(f"{few}; fix some, or use more lines")
+        raise DataError("fit/undetermined", f"{few}; fix some, or use more lines")
     checks.check_effects(fit, robot)
     checks.check_scale(fit, robot)
     starts, hits = _from_all_starts(assembly, fit, spec, execution)
@@ -352,5 +353,5 @@ def _contradicted_priors(result: FitResult) -> tuple[Note, ...]:
             f"{sigmas:.3g} standard deviations of both together away; the estimate lies between them, and its interval "
             "holds neither: correct the prior, or the records if they are in doubt"
         )
-        notes.append(Note("prior-contradicted", text, parameter.name))
+        notes.append(Note("fit/prior-contradicted", text, parameter.name))
     return tuple(notes)

@@ -294,7 +294,7 @@ def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec
         text += (
             f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile" if left else ""
         )
-        notes += [Note("profiled-interval", text, severity="information")] if names else []
+        notes += [Note("fit/profile", text, severity="information")] if names else []
     else:
         names = match_names(spec.profile, result.parameters)
     if names:
@@ -306,7 +306,7 @@ def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec
         good = np.isfinite(draws).all(axis=1)
         if np.mean(~good) > 0.05:
             text = f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out"
-            notes.append(Note("bootstrap-failures", text))
+            notes.append(Note("fit/bootstrap", text))
         ends = np.quantile(draws[good], [0.025, 0.975], axis=0).T if good.any() else np.full((len(x), 2), np.nan)
         result = replace(result, bootstrap95=_natural(result.parameters, ends))
     return replace(result, notes=tuple(notes))
@@ -338,7 +338,9 @@ def match_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str,
     for pattern in patterns:
         names = matching(pattern, free)
         if not names:
-            raise StudyError(f"fit.profile: {pattern} is no free parameter; {did_you_mean(pattern, list(free))}")
+            raise StudyError(
+                "fit/parameters", f"{pattern} is no free parameter; {did_you_mean(pattern, list(free))}", "fit.profile"
+            )
         chosen.update(names)
     return tuple(name for name in free if name in chosen)
 

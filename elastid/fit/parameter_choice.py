@@ -44,7 +44,9 @@ def groups_of(
         if not robots:
             example = "fit.robots: {A: [c1, c2], B: [c3]}"
             raise StudyError(
-                f"{where}: no robots are named; say which configurations are of which, for example {example}"
+                "fit/parameters",
+                f"no robots are named; say which configurations are of which, for example {example}",
+                where,
             )
         per = {robot: tuple(members) for robot, members in robots.items()}
     if per is None or not configurations:
@@ -54,7 +56,7 @@ def groups_of(
     taken = [name for group in per.values() for name in group]
     for name in taken:
         if taken.count(name) > 1:
-            raise StudyError(f"{where}: configuration {name} is in two groups")
+            raise StudyError("fit/parameters", f"configuration {name} is in two groups", where)
     return {
         group: (*members, *(each for each in tapped if each.removesuffix(AT_TOOL) in members))
         for group, members in per.items()
@@ -80,14 +82,18 @@ def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
     for key in filter(is_group_key, spec.parameters):
         where, (name, _, group) = f"fit.parameters.{key}", key.partition(SEPARATOR)
         if spec.parameters[key].per is not None or spec.parameters[key].tie is not None:
-            raise StudyError(f"{where}: per and tie are for all groups together; give them at {name}")
+            raise StudyError("fit/parameters", f"per and tie are for all groups together; give them at {name}", where)
         pers = [own.per for other, own in wanted.items() if is_match(other, name) and own.per is not None]
         if not pers:
             example = f"{name}: {{per: robot}} with fit.robots"
-            raise StudyError(f"{where}: {name} has no groups; say which there are, for example {example}")
+            raise StudyError(
+                "fit/parameters", f"{name} has no groups; say which there are, for example {example}", where
+            )
         known = [label for per in pers for label in (spec.robots if per == "robot" else per)]
         if "configuration" not in pers and not any(is_match(label, group) for label in known):
-            raise StudyError(f"{where}: there is no group {group}; {did_you_mean(group, dict.fromkeys(known))}")
+            raise StudyError(
+                "fit/parameters", f"there is no group {group}; {did_you_mean(group, dict.fromkeys(known))}", where
+            )
 
 
 def group_labels(parameters: ParameterSet, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
@@ -150,9 +156,11 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     try:
         parameters = ParameterSet(tuple(chosen))
     except ValueError as error:
-        raise StudyError(f"fit.parameters: {error}") from None
+        raise StudyError("fit/parameters", str(error), "fit.parameters") from None
     if not parameters.free:
-        raise StudyError("fit.parameters: nothing is left to identify, every parameter is fixed or tied")
+        raise StudyError(
+            "fit/parameters", "nothing is left to identify, every parameter is fixed or tied", "fit.parameters"
+        )
     return parameters
 
 
@@ -190,7 +198,7 @@ def _match(
         names = matching(key, table)
         if not names:
             near = nearest_parameter(key, table, on_demand)
-            raise StudyError(f"fit.parameters: the robot has no parameter {key}; {near}")
+            raise StudyError("fit/parameters", f"the robot has no parameter {key}; {near}", "fit.parameters")
         matched |= {name: _starred(key, name, asked, table) for name in names}
     return matched | {key: asked for key, asked in given.items() if key in table}
 
@@ -200,7 +208,9 @@ def _starred(key: str, name: str, asked: ParameterSpec, table: Collection[str]) 
     if asked.tie is None or "*" not in asked.tie.to or asked.tie.to in table:
         return asked
     if key.count("*") != 1:
-        raise StudyError(f"fit.parameters.{key}: a tie to {asked.tie.to} needs exactly one * in the key")
+        raise StudyError(
+            "fit/parameters", f"a tie to {asked.tie.to} needs exactly one * in the key", f"fit.parameters.{key}"
+        )
     before, after = key.split("*")
     star = name[len(before) : len(name) - len(after)]
     return replace(asked, tie=replace(asked.tie, to=asked.tie.to.replace("*", star)))
@@ -209,15 +219,15 @@ def _starred(key: str, name: str, asked: ParameterSpec, table: Collection[str]) 
 def _ratio(name: str, ratio: RatioSpec, table: Mapping[str, object]) -> Parameter:
     where = f"fit.ratios.{name}"
     if name in table:
-        raise StudyError(f"{where}: the robot has a parameter of that name; choose another one")
+        raise StudyError("fit/parameters", "the robot has a parameter of that name; choose another one", where)
     start = float(ratio.start)
     if not start > 0:
-        raise StudyError(f"{where}: the start is {start:g}; it must be positive")
+        raise StudyError("fit/parameters", f"the start is {start:g}; it must be positive", where)
     lower, upper = map(float, ratio.bounds or (start / BOUND_FACTOR, start * BOUND_FACTOR))
     try:
         return Parameter(name, start, "1", lower, upper, log=True, prior=_prior(ratio.prior, start), ratio=True)
     except ValueError as error:
-        raise StudyError(f"fit.ratios: {error}") from None
+        raise StudyError("fit/parameters", str(error), "fit.ratios") from None
 
 
 def _check_ratios(spec: FitSpec, chosen: Sequence[Parameter]) -> None:
@@ -226,11 +236,15 @@ def _check_ratios(spec: FitSpec, chosen: Sequence[Parameter]) -> None:
     for name in spec.ratios:
         if name not in used:
             example = f"{{tie: {{to: k_1, by: {name}}}}}"
-            raise StudyError(f"fit.ratios.{name}: no tie uses it; name it in one, such as {example}")
+            raise StudyError(
+                "fit/parameters", f"no tie uses it; name it in one, such as {example}", f"fit.ratios.{name}"
+            )
     for by, name in used.items():
         if by and by not in spec.ratios and by not in {parameter.name for parameter in chosen}:
             known = ", ".join(spec.ratios) or "none"
-            raise StudyError(f"fit.parameters.{name}.tie: no ratio is called {by}; fit.ratios has {known}")
+            raise StudyError(
+                "fit/parameters", f"no ratio is called {by}; fit.ratios has {known}", f"fit.parameters.{name}.tie"
+            )
 
 
 def _default(robot: Robot) -> dict[str, ParameterSpec]:
@@ -269,28 +283,32 @@ def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bo
     if asked.tie is not None:
         return Parameter(name, value, unit, log=log, tie=asked.tie.tie())
     if isinstance(asked.start, str):  # a study's text has become a number when it was read
-        raise StudyError(f"{where}: start is '{asked.start}'; give a number in {unit}")
+        raise StudyError("fit/parameters", f"start is '{asked.start}'; give a number in {unit}", where)
     start = value if asked.start is None else asked.start
     if asked.fixed:
         return Parameter(name, start, unit, log=log, free=False)
     if log and not start > 0:
         raise StudyError(
-            f"{where}: it is found as a factor of its start, and the start is {start:g} {unit}; "
-            f"give a positive one, for example {{start: 1 {unit}}}"
+            "fit/parameters",
+            f"it is found as a factor of its start, and the start is {start:g} {unit}; "
+            f"give a positive one, for example {{start: 1 {unit}}}",
+            where,
         )
     prior = _prior(asked.prior, value)
     if prior is not None and log and not prior.mean > 0:
-        raise StudyError(f"{where}.prior: the mean {prior.mean:g} {unit} must be positive")
+        raise StudyError("fit/parameters", f"the mean {prior.mean:g} {unit} must be positive", f"{where}.prior")
     if prior is not None and log and prior.std > MOST_STD:
         raise StudyError(
-            f"{where}.prior.std: {prior.std:g} is {100 * prior.std:.4g} %, since the std of a positive parameter is "
-            f"relative; for {prior.std:g} {unit} of {prior.mean:g} write {prior.std / prior.mean:.3g}"
+            "fit/parameters",
+            f"{prior.std:g} is {100 * prior.std:.4g} %, since the std of a positive parameter is "
+            f"relative; for {prior.std:g} {unit} of {prior.mean:g} write {prior.std / prior.mean:.3g}",
+            f"{where}.prior.std",
         )
     lower, upper = _bounds(name, start, asked, log)
     try:
         return Parameter(name, start, unit, lower, upper, log, prior=prior)
     except ValueError as error:
-        raise StudyError(f"fit.parameters: {error}") from None
+        raise StudyError("fit/parameters", str(error), "fit.parameters") from None
 
 
 def _prior(prior: PriorSpec | None, known: float) -> Prior | None:

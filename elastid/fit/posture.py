@@ -116,7 +116,9 @@ class Family:
         if not _accelerometers(self.outputs):
             return self.asked.quantity or "position"
         if self.asked.quantity not in (None, "acceleration"):
-            raise StudyError(f"an accelerometer reads acceleration, not {self.asked.quantity}; leave quantity out")
+            raise StudyError(
+                "fit/posture", f"an accelerometer reads acceleration, not {self.asked.quantity}; leave quantity out"
+            )
         return "acceleration"
 
     def at(self, configuration: Configuration) -> PostureModel:
@@ -129,8 +131,9 @@ class Family:
         moving = np.eye(linear.n) if self.asked.motors != "held" else with_held_motors(linear.B)
         if not moving.size:
             raise StudyError(
+                "fit/posture",
                 f"robot {self.robot.name} has no spring behind its motors, so that nothing moves while they are held; "
-                "ask with motors='free' or motors='controlled'"
+                "ask with motors='free' or motors='controlled'",
             )
         loop = self._loop(configuration) if self.asked.motors == "controlled" else None
         return PostureModel(linear, self.estimated, ports, moving, self.asked.motors, self.model.coordinates, loop)
@@ -170,8 +173,9 @@ class Family:
         if hasattr(given, "bandwidth_hz"):
             if given.delay_samples or (given.gains is not None and (given.gains.notches or given.gains.low_pass_hz)):
                 raise StudyError(
+                    "fit/posture",
                     "the controller has filters or a delay, which these equations leave out; give JointLoop(kp, kd, "
-                    "ki) without them, or take `elastid loops`"
+                    "ki) without them, or take `elastid loops`",
                 )
             q = rigid_posture(self.model, configuration, self.theta)
             given = gains_of(self.model, q, given)
@@ -190,16 +194,18 @@ def as_configuration(posture: Posture, robot: Robot, known: Sequence[Configurati
     if isinstance(posture, Mapping):
         for name in posture:
             if str(name) not in names:
-                raise StudyError(f"posture: no driven joint {name}; {did_you_mean(str(name), names)}")
+                raise StudyError("fit/posture", f"no driven joint {name}; {did_you_mean(str(name), names)}", "posture")
         lacking = [name for name in names if name not in posture]
         if lacking:
             raise StudyError(
-                f"posture: no angle of joint {', '.join(lacking)}; give one for each of {', '.join(names)}"
+                "fit/posture",
+                f"no angle of joint {', '.join(lacking)}; give one for each of {', '.join(names)}",
+                "posture",
             )
         posture = [float(posture[name]) for name in names]
     angles = np.atleast_1d(np.asarray(posture, float))
     if refused := robot.count_refusal(angles.size):
-        raise StudyError(f"posture: {refused}")
+        raise StudyError("fit/posture", refused, "posture")
     return Configuration("posture", angles)
 
 
@@ -233,9 +239,10 @@ def _check_ports(robot: Robot, inputs: Sequence[str], outputs: Sequence[str], mo
     for place in inputs:
         if place not in robot.load_locations and place not in robot.motor_locations:
             there = ", ".join((*robot.motor_locations, *robot.load_locations))
-            raise StudyError(f"'{place}' is no input of robot {robot.name}; there are {there}")
+            raise StudyError("fit/posture", f"'{place}' is no input of robot {robot.name}; there are {there}")
         if place in robot.motor_locations and motors == "held":
             raise StudyError(
+                "fit/posture",
                 f"the torque of {place} moves nothing while the motors are held; ask with motors='free' or "
-                "motors='controlled'"
+                "motors='controlled'",
             )

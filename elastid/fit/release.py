@@ -88,8 +88,9 @@ def release(
             break
     if best is None:
         raise FitError(
+            "robot/no-rest",
             f"no robot within the tolerances of its file stands at any of {RELEASE.attempts} starts; check rate_hz, "
-            "units, signs and order of the channels, and the angles of the configurations"
+            "units, signs and order of the channels, and the angles of the configurations",
         )
     return assembly, best[0], (best[1], *starts[1:])
 
@@ -159,7 +160,7 @@ def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
         f"the tolerances of the robot's file are most of the interval of {name} ({100 * before:.2g} %): with "
         f"{', '.join(known.values())} it would be {100 * after:.2g} %"
     )
-    return (Note("file-limits", text, severity="information"),)
+    return (Note("fit/prior-contradicted", text, severity="information"),)
 
 
 def _stated(parameter: Parameter, std: float) -> str:

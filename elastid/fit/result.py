@@ -74,7 +74,7 @@ MEANING: dict[Status, str] = {
 
 
 # Code of the note on errors of held numbers that no residual shows.
-HELD_AS_EXACT = "held-as-exact"
+HELD_AS_EXACT = "fit/held-as-exact"
 # Of a fit that converged, with residuals beyond the noise.
 EXCEEDING = (
     "every parameter is determined, but the residuals exceed the noise, by which the intervals are widened; they do "
@@ -389,8 +389,9 @@ class FitResult:
         """The same for many postures; where: the configuration whose parameters count, of those with their own."""
         if self.robot is None:
             raise StudyError(
+                "fit/no-robot",
                 "this result holds no robot, as one that was written by an older elastid does; fit again (`elastid fit "
-                "STUDY`), or `elastid.identify(...)`"
+                "STUDY`), or `elastid.identify(...)`",
             )
         spec = self.equations or ModelSpec()
         known = self.parameters, self.x, self.covariance_of_prediction

@@ -59,7 +59,7 @@ LIMITS = AutomaticLimits()
 def chosen(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
     """A method and the note on it."""
     text = f"estimator.method auto takes {method}: {reason}"
-    return method, (Note("method-chosen", text, severity="information"),)
+    return method, (Note("frf/method", text, severity="information"),)
 
 
 def choose_by_error(
@@ -155,7 +155,7 @@ def within_excitation(response: FrequencyResponse) -> FrequencyResponse:
         f"lines above {response.freq_hz[last]:.4g} Hz are left out: the torques have less than a hundredth of their "
         "largest amplitude there, and motors move by what their controllers make of noise"
     )
-    return replace(response.lines(lines <= last), notes=(*response.notes, Note("lines-left-out", text)))
+    return replace(response.lines(lines <= last), notes=(*response.notes, Note("frf/lines-left-out", text)))
 
 
 def _interpolated(at: FrequencyResponse, freq_hz: FloatArray, x: ComplexArray | FloatArray) -> ComplexArray:

@@ -35,10 +35,7 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the checks.
-
-    False alarms of 300 clean logs: lines-left-out 2, same-phases 0, exchanged-channels 0, wrong-sign 0, refused 0.
-    """
+    """Thresholds of the checks."""
 
     clock_difference: float = 1e-4  # of logs, relative, up to which their lines are the same ones
     power_ratio: float = 1e-12  # of the weakest to the strongest combination of inputs, below which rounding decides
@@ -59,13 +56,16 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
     if isinstance(records, Record):
         raise TypeError("records is a single Record; give a sequence of them, such as [record]")
     if not records:
-        raise DataError("there is no record to estimate a response from; measure at least one experiment")
+        raise DataError(
+            "frf/records", "there is no record to estimate a response from; measure at least one experiment"
+        )
     first = records[0]
     for record in records:
         if not np.array_equal(record.configuration.angles, first.configuration.angles):
             raise DataError(
+                "frf/records",
                 f"the records are of configurations {first.configuration.name} and {record.configuration.name}, at "
-                f"different angles; read_records(path, '{first.configuration.name}') reads those of one"
+                f"different angles; read_records(path, '{first.configuration.name}') reads those of one",
             )
     for record in records:
         names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "sampled"]
@@ -76,8 +76,9 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
             is_same = abs(a - b) <= LIMITS.clock_difference * a if name == "rate_hz" else a == b
             if not is_same:
                 raise DataError(
+                    "frf/records",
                     f"records {first.name} and {record.name} of configuration {first.configuration.name} do not fit "
-                    f"together: {name} is {a} and {b}; make two configurations of them"
+                    f"together: {name} is {a} and {b}; make two configurations of them",
                 )
 
 
@@ -91,8 +92,9 @@ def refuse_few(groups: Sequence[Sequence[Record]], method: str) -> None:
     short = [record.name for group in groups for record in group if record.n_samples < 2 * record.repeat_samples]
     if short:
         raise DataError(
+            "frf/periods",
             f"records {', '.join(short)} of configuration {first.configuration.name} hold one period, method "
-            f"{method} needs two; measure more, or take estimator.method local_rational"
+            f"{method} needs two; measure more, or take estimator.method local_rational",
         )
     if method in AVERAGED:
         counts = {f"realisation {group[0].realisation}": len(group) for group in groups}
@@ -101,9 +103,11 @@ def refuse_few(groups: Sequence[Sequence[Record]], method: str) -> None:
     for realisation, count in counts.items():
         if count < n_u:
             raise DataError(
-                f"configuration {first.configuration.name}, {realisation}: {count} experiments for "
+                "frf/inputs-together",
+                f"{count} experiments for "
                 f"{n_u} inputs ({', '.join(first.inputs)}); each realisation needs at least {n_u} that move the inputs "
-                "in different ways (number them as its experiments 0, 1, ...)"
+                "in different ways (number them as its experiments 0, 1, ...)",
+                f"configuration {first.configuration.name}, {realisation}",
             )
 
 
@@ -137,9 +141,11 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
         record = group[0]
         ways, n_u = int(np.median(np.sum(ratio > 1, axis=1))), len(record.inputs)
         raise DataError(
-            f"configuration {record.configuration.name}, realisation {record.realisation}: its {E} experiments move "
+            "frf/inputs-together",
+            f"its {E} experiments move "
             f"the {n_u} inputs ({', '.join(record.inputs)}) in {ways} independent ways only, above the noise; "
-            "check for a file listed twice, an input that was not excited, and equal phases in all experiments"
+            "check for a file listed twice, an input that was not excited, and equal phases in all experiments",
+            f"configuration {record.configuration.name}, realisation {record.realisation}",
         )
     return separated
 
@@ -154,7 +160,7 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
                 f"realisations {groups[m - 1][0].realisation} and {groups[m][0].realisation} have the same phases, "
                 "so the total variance misses the nonlinear distortion; draw new phases for every realisation"
             )
-            notes.append(Note("same-phases", text))
+            notes.append(Note("frf/inputs-together", text))
     return notes
 
 
@@ -169,7 +175,7 @@ def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:
         f"channels look exchanged between motors: at the highest lines {pairs}; check which channels are y (or u) "
         f"at {', '.join(exchanged)}"
     )
-    return (Note("exchanged-channels", text, f"configuration {response.configuration.name}"),)
+    return (Note("frf/exchanged-channels", text, f"configuration {response.configuration.name}"),)
 
 
 def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]:
@@ -220,7 +226,7 @@ def _sign_notes(response: FrequencyResponse, places: list[str]) -> tuple[Note, .
                 f"{negative} of {len(std)} lines, so the motor would be driven by its load; check sign, scale and "
                 "gear ratio of its channels"
             )
-            notes.append(Note("wrong-sign", text, f"configuration {response.configuration.name}"))
+            notes.append(Note("frf/wrong-sign", text, f"configuration {response.configuration.name}"))
     return tuple(notes)
 
 

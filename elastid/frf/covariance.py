@@ -146,7 +146,7 @@ def form_notes(noise: Covariance | None, total: Covariance | None) -> list[Note]
     """A note on each covariance that its degrees of freedom give another form than Kronecker's."""
     return [
         Note(
-            "covariance-form",
+            "frf/method",
             f"the {name} of G has the full covariance of its {covariance.variance[0].size} elements, from "
             f"{covariance.dof:g} complex degrees of freedom",
             severity="information",

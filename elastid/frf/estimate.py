@@ -124,7 +124,7 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
         )
     else:
         return
-    raise StudyError(f"record {records[0].name} has no period, {why}")
+    raise StudyError("frf/periods", f"record {records[0].name} has no period, {why}")
 
 
 def _with_period(
@@ -199,17 +199,21 @@ def _fitted(
     first, usable = groups[0][0], separated_lines(data, groups, method)
     if not usable.any():
         raise DataError(
-            f"configuration {first.configuration.name}: no line has separate inputs in every realisation: lines "
-            f"{described_lines(lines, first)} are lost in one or another; measure the weak realisations again"
+            "frf/inputs-together",
+            f"no line has separate inputs in every realisation: lines "
+            f"{described_lines(lines, first)} are lost in one or another; measure the weak realisations again",
+            f"configuration {first.configuration.name}",
         )
     data = data.on(usable)
     try:
         return usable, data, METHODS[method](data)
     except np.linalg.LinAlgError as error:
         raise DataError(
-            f"configuration {first.configuration.name}: estimator.method {method} finds a singular matrix at some "
+            "frf/inputs-together",
+            f"estimator.method {method} finds a singular matrix at some "
             f"line: an output of {', '.join(first.outputs)} does not move on its own, or the units of inputs and "
-            "outputs are too far apart; check these channels, or take arithmetic"
+            "outputs are too far apart; check these channels, or take arithmetic",
+            f"configuration {first.configuration.name}",
         ) from error
 
 

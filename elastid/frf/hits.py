@@ -19,7 +19,7 @@ from elastid.record import Record
 
 @dataclass(frozen=True)
 class HitLimits:
-    """Judgement of hits.  False alarms of 100 clean logs of hits: 0 of each (`scripts/studies/results.csv`)."""
+    """Judgement of hits."""
 
     beyond: float = 0.1  # of the largest sample, where a pulse begins
     share: float = 0.02  # of samples of a hammer's force in pulses, at most
@@ -101,7 +101,7 @@ def _double_hits(record: Record, name: str, pulses: Pulses) -> Iterator[Note]:
         begins = pulses.first[bounces[worst] - 1] / record.rate_hz
         yield _note(
             record,
-            "double-hit",
+            "frf/hits",
             f"{len(bounces)} of {len(pulses.first) - len(bounces)} hits of {name} are double, one {begins:.4g} s into "
             f"the record with a second blow {1000 * gap[worst]:.3g} ms later and {percent(strength[worst], 2)} as "
             f"strong: the force has dips every {1 / gap[worst]:.3g} Hz, where the response is uncertain; leave that "
@@ -116,10 +116,10 @@ def _wrong_trigger(record: Record, name: str, u: FloatArray, pulses: Pulses) -> 
             "largest force, so that the rise of the force is lost and the response is too large; set a pretrigger of "
             "some milliseconds"
         )
-        yield _note(record, "wrong-trigger", text)
+        yield _note(record, "frf/hits", text)
     if pulses.last[-1] == len(u) - 1:
         text = f"ends within a hit of {name}, whose answer is not in it; record for longer after the trigger"
-        yield _note(record, "wrong-trigger", text)
+        yield _note(record, "frf/hits", text)
 
 
 def _overload_of_force(record: Record, name: str, u: FloatArray, pulses: Pulses) -> Iterator[Note]:
@@ -134,7 +134,7 @@ def _overload_of_force(record: Record, name: str, u: FloatArray, pulses: Pulses)
             f"{flat} of {len(pulses.first)} hits of {name} stay at {top:.4g} for {LIMITS.run} samples and more: the "
             "amplifier is overloaded, and the response too large; hit more softly, or take a wider range"
         )
-        yield _note(record, "overload", text)
+        yield _note(record, "frf/overload", text)
 
 
 def _overload_of_answers(record: Record, outputs: Iterable[tuple[str, FloatArray]]) -> Iterator[Note]:
@@ -151,7 +151,7 @@ def _overload_of_answers(record: Record, outputs: Iterable[tuple[str, FloatArray
             f"stays at the end of its range at {', '.join(found)}: overloaded, which looks like damping; "
             "hit more softly, or take a wider range"
         )
-        yield _note(record, "overload", text)
+        yield _note(record, "frf/overload", text)
 
 
 def _drift(record: Record, outputs: Iterable[tuple[str, FloatArray]]) -> Iterator[Note]:
@@ -168,4 +168,4 @@ def _drift(record: Record, outputs: Iterable[tuple[str, FloatArray]]) -> Iterato
                 f"{name} drifts by {slope:.3g} along the record, {abs(slope) / rms:.2g} times the rms of its motion: "
                 "low frequencies are not to be trusted; let the sensor warm up, or take band_hz above them"
             )
-            yield _note(record, "drift", text)
+            yield _note(record, "frf/hits", text)

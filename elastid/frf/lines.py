@@ -35,7 +35,9 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
     band_hz = spec.band_hz or (0.0, rate_hz / 2)
     if spec.lines in ("full", "odd"):
         if first.half_wave and spec.lines == "full":
-            raise StudyError("estimator.lines: full does not go with half_wave records, which have odd lines only")
+            raise StudyError(
+                "frf/lines", "full does not go with half_wave records, which have odd lines only", "estimator.lines"
+            )
         return grid_lines(spec.lines, band_hz, rate_hz, N)
     candidates = grid_lines("odd" if first.half_wave else "full", band_hz, rate_hz, N)
     if spec.lines == "auto" and planned is not None:
@@ -44,8 +46,10 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
         lines = candidates[find_excited(candidates, *_driver_power(spectra, candidates))]
     if lines.size == 0:
         raise DataError(
-            f"configuration {first.configuration.name}: no excited line between {band_hz[0]:g} and {band_hz[1]:g} Hz; "
-            "check period, band_hz and the channels with role u, or state the grid with estimator.lines"
+            "frf/lines",
+            f"no excited line between {band_hz[0]:g} and {band_hz[1]:g} Hz; "
+            "check period, band_hz and the channels with role u, or state the grid with estimator.lines",
+            f"configuration {first.configuration.name}",
         )
     return lines
 

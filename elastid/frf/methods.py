@@ -64,7 +64,7 @@ def logarithmic(data: MeanSpectra) -> Estimate:
     G = _each(data.blocks)
     safe = log_is_safe(G)
     note = Note(
-        "logarithmic-mean",
+        "frf/method",
         f"logarithmic mean at {100 * safe.mean():.3g} % of lines and elements, arithmetic where an element is less "
         "than 8 dB above its scatter over the realisations",
         severity="information",
@@ -88,7 +88,9 @@ def joint(data: MeanSpectra) -> Estimate:
     """G = (sum Y R^H)(sum U R^H)^-1: the responses of y and u to the injected torque, divided (joint input-output)."""
     R = [block.R for block in data.blocks if block.R is not None]
     if len(R) < len(data.blocks):
-        raise DataError("estimator.method joint needs the injected torque r of every record; take arithmetic")
+        raise DataError(
+            "frf/method", "estimator.method joint needs the injected torque r of every record; take arithmetic"
+        )
     return _instrumental(data, R)
 
 
@@ -173,5 +175,6 @@ def _refuse_oblong(data: MeanSpectra, method: str) -> None:
     n_y, n_u = data.Y[0].shape[1], data.U[0].shape[1]
     if n_y != n_u:
         raise StudyError(
-            f"estimator.method {method} needs as many outputs as inputs, here {n_y} and {n_u}; take arithmetic"
+            "frf/method",
+            f"estimator.method {method} needs as many outputs as inputs, here {n_y} and {n_u}; take arithmetic",
         )

@@ -37,7 +37,7 @@ from elastid.record import Record
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of periods left out.  False alarms of 300 clean logs: transient-left-out 0, periods-left-out 0."""
+    """Limits of periods left out."""
 
     relative_error: float = 0.2  # RMS of the transient's error over the total standard deviation, in a group of lines
     groups: int = 20  # of lines, at most
@@ -61,7 +61,7 @@ class Limits:
 
 
 LIMITS = Limits()
-TRANSIENT_LEFT_OUT = "transient-left-out"
+TRANSIENT_LEFT_OUT = "frf/transient-left-out"
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,9 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
     spectra = spectra.only(np.flatnonzero(~np.isin(spectra.periods, record.left_out)))
     P = len(spectra.periods)
     if P < 2:
-        raise DataError(f"record {record.name}: fewer than two periods are left after its repair; measure more")
+        raise DataError(
+            "frf/periods", "fewer than two periods are left after its repair; measure more", f"record {record.name}"
+        )
     compared = Compared.from_spectra(spectra, spec.outlier_sigma)
     bounds = [0, *np.searchsorted(spectra.periods, record.starts).tolist(), P]
     logs = [np.arange(a, b) for a, b in pairwise(bounds)]
@@ -192,8 +194,10 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
     settled = used = np.flatnonzero(~leading)
     if len(settled) < 2:
         raise DataError(
-            f"record {record.name}: transient_periods {spec.transient_periods} leaves {len(settled)} of {P} periods; "
-            "at least two are needed for the noise level"
+            "frf/periods",
+            f"transient_periods {spec.transient_periods} leaves {len(settled)} of {P} periods; "
+            "at least two are needed for the noise level",
+            f"record {record.name}",
         )
     far = settled[:0]
     more: tuple[Note, ...] = ()
@@ -207,7 +211,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
         logs_of = f"{len(logs)} logs' " if len(logs) > 1 else ""
         first = f"{logs_of}first {count} of {P} periods hold" if count > 1 else "first period holds"
         text = f"the {first} a transient, which is kept: it changes the response by less than a fifth of its total"
-        notes = (Note("transient-kept", f"{text} standard deviation", f"record {record.name}", severity="information"),)
+        notes = (Note("frf/transient", f"{text} standard deviation", f"record {record.name}", severity="information"),)
     return replace(spectra.only(np.setdiff1d(used, far)), notes=(*spectra.notes, *notes, *more))
 
 
@@ -347,7 +351,7 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reaso
         when = f" (from {_listed([f'{(n - 1) * length:.6g} s' for n in numbers])})"
     by = _listed([f"{100 * d:.2g} %" for d in measured.D[left_out, worst]])
     return Note(
-        "periods-left-out",
+        "frf/periods-left-out",
         f"{kind}{'s' if len(numbers) > 1 else ''} {_listed([str(n) for n in numbers])} of {total}"
         f"{when} left out as {reason}: {by} away from the other periods in {channels[worst]}, "
         f"where {100 * measured.typical[worst]:.2g} % is usual",

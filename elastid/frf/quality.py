@@ -28,11 +28,7 @@ from elastid.response import FrequencyResponse, Levels, Quality
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of a weak channel.
-
-    False alarms of 300 clean logs: input-barely-excited 0, output-barely-moved 0, inputs-move-together 0.  That of
-    segment-too-short: not measured.
-    """
+    """Thresholds of a weak channel."""
 
     input_snr: float = 100.0  # power of an input over the noise of its mean (20 dB), below which it costs accuracy
     weak_share: float = 0.5  # of the lines at which a channel is weak, from which on it is reported
@@ -123,7 +119,7 @@ def described_lines(lines: IntArray, record: Record) -> str:
 
 def left_out_note(lines: IntArray, first: Record, why: str) -> Note:
     """A note on lines of records like the first at which G is not estimated."""
-    return Note("lines-left-out", f"lines {described_lines(lines, first)} are left out: {why}")
+    return Note("frf/lines-left-out", f"lines {described_lines(lines, first)} are left out: {why}")
 
 
 def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
@@ -132,7 +128,7 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
     weak = excited.amplitude**2 <= MIN_SNR * excited.noise**2
     return [
         Note(
-            "output-barely-moved",
+            "frf/barely-excited",
             f"output {name} barely moved: not 6 dB above its noise at {int(weak[:, i].sum())} of {len(weak)} lines, so "
             "that its row of G is mostly noise; check its channel, or raise the torque",
         )
@@ -147,7 +143,7 @@ def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> l
     weak = level < LIMITS.input_snr * (quality.input_noise * np.mean(1 / data.periods))
     notes = [
         Note(
-            "input-barely-excited",
+            "frf/barely-excited",
             f"input {name} was barely excited: less than 20 dB above its noise at {int(weak[:, i].sum())} of "
             f"{len(weak)} lines, so that its column of G is uncertain; raise its torque",
         )
@@ -166,7 +162,7 @@ def together_notes(quality: Quality, advice: str) -> list[Note]:
         "the inputs move nearly together: the condition of the input matrix, each input relative to its RMS, is "
         f"{condition:.3g} at the median line (1 is best); {advice}"
     )
-    return [Note("inputs-move-together", text)]
+    return [Note("frf/inputs-together", text)]
 
 
 def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -205,12 +201,12 @@ def wide_windows(
             f"at {f_0[worst]:.4g} Hz, where the mode is {width[worst]:.3g} Hz wide; its peak may be flattened: take "
             "method local_rational, a longer period or record, or more experiments"
         )
-        return [Note("wide-windows", text)]
+        return [Note("frf/window", text)]
     text = (
         f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {f_0[worst]:.4g} Hz, which has poles for "
         f"{poles}; take a longer period or record, more experiments or a higher local_order"
     )
-    return [Note("crowded-window", text)]
+    return [Note("frf/window", text)]
 
 
 def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, first: Record) -> list[Note]:
@@ -230,7 +226,7 @@ def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, fir
         f"estimator.segment {2 * LIMITS.lines_of_mode / width[worst]:.3g} or more where the records allow it, or "
         "local_rational"
     )
-    return [Note("segment-too-short", text)]
+    return [Note("frf/segment", text)]
 
 
 def _half_power(freq_hz: FloatArray, power: FloatArray) -> float | None:

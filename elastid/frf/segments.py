@@ -94,7 +94,8 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
         L = round(spec.segment * first.rate_hz)
         if L < 4:
             raise DataError(
-                f"{where}estimator.segment {spec.segment:g} s is {L} samples; give {4 / first.rate_hz:g} s or more"
+                "frf/segment",
+                f"{where}estimator.segment {spec.segment:g} s is {L} samples; give {4 / first.rate_hz:g} s or more",
             )
         segments = segments_of(L)
     else:
@@ -108,8 +109,9 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
     if sum(map(segments.independent, lengths)) < n_u + 1:
         longest = max(lengths) / first.rate_hz
         raise DataError(
+            "frf/segment",
             f"{where}{sum(map(segments.count, lengths))} segments of {L / first.rate_hz:g} s leave no degree of "
             f"freedom for {n_u} inputs in records of up to {longest:g} s; give estimator.segment "
-            f"{longest / (2 * n_u + 2):.3g} or less, or take estimator.method local_rational"
+            f"{longest / (2 * n_u + 2):.3g} or less, or take estimator.method local_rational",
         )
     return replace(segments, step=max(1, L // 4)) if inputs_pass(records) else segments

@@ -61,8 +61,10 @@ def whole_logs(records: Sequence[Record]) -> list[Record]:
         if log.left_out:
             periods = ", ".join(str(period + 1) for period in log.left_out)
             raise DataError(
-                f"record {log.name}: too many samples of period {periods} are missing, and a local method takes a "
-                "record as one piece; cut it with samples: [first, last], or take another estimator.method"
+                "records/missing-samples",
+                f"too many samples of period {periods} are missing, and a local method takes a "
+                "record as one piece; cut it with samples: [first, last], or take another estimator.method",
+                f"record {log.name}",
             )
         refuse_uncomputable(log)
     return logs
@@ -297,15 +299,19 @@ def refuse_uncomputable(record: Record) -> None:
             if not np.isfinite(size).all():
                 sample, column = np.argwhere(~np.isfinite(size))[0]
                 raise DataError(
-                    f"record {record.name}: {role} at {names[column]} is NaN or infinite from sample {start + sample} "
-                    "on; leave that part out, or repair the record"
+                    "records/values",
+                    f"{role} at {names[column]} is NaN or infinite from sample {start + sample} "
+                    "on; leave that part out, or repair the record",
+                    f"record {record.name}",
                 )
             largest = np.maximum(largest, size.max(axis=0))
             release(signals)
         for column in np.flatnonzero(~_computable(largest)):
             raise DataError(
-                f"record {record.name}: {role} at {names[column]} reaches {largest[column]:.3g} in SI units, which "
-                "no sensor can; check unit and scale of its channel, and the log's placeholder for missing values"
+                "records/missing-samples",
+                f"{role} at {names[column]} reaches {largest[column]:.3g} in SI units, which "
+                "no sensor can; check unit and scale of its channel, and the log's placeholder for missing values",
+                f"record {record.name}",
             )
 
 

@@ -206,9 +206,11 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     usable = power_ratio[:, 0] > 1e-12 * power_ratio[:, -1]  # below, rounding decides
     if not usable.any():
         raise DataError(
-            f"configuration {first.configuration.name}: its records do not separate the {len(first.inputs)} inputs "
+            "frf/inputs-together",
+            f"its records do not separate the {len(first.inputs)} inputs "
             f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; excite "
-            "each with its own noise, or leave out the channel that was not excited"
+            "each with its own noise, or leave out the channel that was not excited",
+            f"configuration {first.configuration.name}",
         )
     is_cut = np.zeros_like(usable) if records[0] is whole[0] else _is_cut(whole, segments, spec, data)
     kept = usable & ~is_cut if np.any(usable & ~is_cut) else usable
@@ -219,14 +221,14 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
     notes = [note for record in records for note in record.notes]
     if not usable.all():
         text = f"{np.sum(~usable)} lines are left out: an input has no power there, or two move in proportion"
-        notes.append(Note("lines-left-out", text))
+        notes.append(Note("frf/lines-left-out", text))
     length = f"{L / first.rate_hz:g} s ({L} samples)" if first.rate_is_known else f"{L} samples"
     text = (
         f"{spec.method} from {data.K} segments of {length}, window {spec.window}, overlap "
         f"{percent(1 - segments.step / L, 2)}: "
         f"worth {data.K_e:.3g} independent ones"
     )
-    notes.append(Note("segments", text, severity="information"))
+    notes.append(Note("frf/segment", text, severity="information"))
     # Leakage is most of the variance at a peak that a segment does not resolve; it stands out of the noise by 10 dB.
     modes = local_modes(data.freq_hz, G, covariance.variance / 4)
     notes += together_notes(quality, "excite each with its own noise") + segment_notes(modes, data.freq_hz, first)
@@ -256,7 +258,8 @@ def _response(data: CrossSpectra, method: str) -> ComplexArray:
         return data.yu @ np.linalg.inv(data.uu)
     if method == "h2" and n_y != n_u:
         raise StudyError(
-            f"estimator.method h2 needs as many outputs as inputs, here {n_y} and {n_u}; take h1 or local_rational"
+            "frf/method",
+            f"estimator.method h2 needs as many outputs as inputs, here {n_y} and {n_u}; take h1 or local_rational",
         )
     try:
         if method == "h2":
@@ -269,7 +272,7 @@ def _response(data: CrossSpectra, method: str) -> ComplexArray:
             if method == "h2"
             else "hv: an input has no power at some line of its own"
         )
-        raise DataError(f"estimator.method {why}; take h1") from error
+        raise DataError("frf/method", f"estimator.method {why}; take h1") from error
 
 
 def _covariances(

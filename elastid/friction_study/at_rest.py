@@ -40,7 +40,7 @@ from elastid.simulation.elastic_joint import ElasticJoint
 
 @dataclass(frozen=True)
 class RestLimits:
-    """Limits of responses at rest.  False alarms of 300 clean logs: nothing-at-rest 0, large-slip 0."""
+    """Limits of responses at rest."""
 
     expansion_error: float = 1e-3  # relative, of a response: keeps a line without noise from outweighing all others
     max_slip: float = 0.3  # rms over z_s, above which the expansion does not hold
@@ -172,14 +172,17 @@ class _Model:
         """The optimum from a start."""
         if len(self._residual(start)) < len(start):
             raise FitError(
-                f"{place} at rest: fewer lines than unknowns stand out of the noise; raise the torque, or excite more "
-                "lines"
+                "friction/at-rest",
+                "fewer lines than unknowns stand out of the noise; raise the torque, or excite more lines",
+                f"{place} at rest",
             )
         (end,) = minimise(self._residual, [start], x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
         if not end.condition < REST.max_condition:
             raise FitError(
-                f"{place} at rest: stiffness, damping and slip of bristles cannot be distinguished; excite "
-                "lines below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away"
+                "friction/at-rest",
+                "stiffness, damping and slip of bristles cannot be distinguished; excite lines "
+                "below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away",
+                f"{place} at rest",
             )
         return end
 
@@ -246,19 +249,19 @@ def _falls(model: _Model, shared: Optimum, own: Optimum) -> bool:
 
 def _notes(place: str, points: tuple[RestPoint, ...], falls: bool, slip: float) -> tuple[Note, ...]:
     first, last = points[0], points[-1]
-    texts = {}
+    texts = []
     if falls:
-        texts["stiffness-falls"] = (
+        texts.append(
             f"stiffness falls from {first.stiffness:.4g} at {first.torque:.3g} to {last.stiffness:.4g} at "
             f"{last.torque:.3g} of torque, more than one bristle explains: friction is Maxwell slip, which has no "
             "amplitude below which it is linear; sigma_0 holds for the smallest torque only: measure loops (presliding)"
         )
     if slip > REST.max_slip:
-        texts["large-slip"] = (
+        texts.append(
             f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {REST.max_slip:g} the expansion "
             "over amplitude does not hold: lower the torque at rest"
         )
-    return tuple(Note(code, text, f"{place} at rest") for code, text in texts.items())
+    return tuple(Note("friction/at-rest", text, f"{place} at rest") for text in texts)
 
 
 @frozen_value
@@ -288,16 +291,18 @@ class RestResponse:
         reach = float(np.mean([np.ptp(_mean_period(record, record.y)) / 2 for record in periodic]))
         if not reach > REST.min_counts * first.resolution:
             raise DataError(
+                "friction/at-rest",
                 f"joint {first.joint} at rest ({first.name}): it moves by {reach:.3g} {first.unit}, "
                 f"{reach / first.resolution:.2g} counts of its encoder; a response takes {REST.min_counts:g}: raise "
-                "the torque at rest, use a finer encoder, or measure presliding by loops"
+                "the torque at rest, use a finer encoder, or measure presliding by loops",
             )
         G = estimate(periodic, _estimator(periodic))
         assert G.noise is not None
         if G.n_lines < REST.min_lines:
             raise DataError(
+                "friction/at-rest",
                 f"joint {first.joint} at rest ({first.name}): {G.n_lines} lines of its torque stand out of the "
-                f"noise, {REST.min_lines} are needed: raise the torque at rest, or repeat its period more often"
+                f"noise, {REST.min_lines} are needed: raise the torque at rest, or repeat its period more often",
             )
         # Above one and a half times the highest line, the noise of the encoder dominates.
         lowest_hz = 0.75 * first.rate_hz / periodic[0].period_samples if periodic[0].is_periodic else G.freq_hz[0] / 2

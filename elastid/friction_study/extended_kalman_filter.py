@@ -257,7 +257,9 @@ class JointSamples:
         if not len(self.torque) == len(self.load) == len(self.angle):
             raise ValueError("a filter takes as many torques and loads as angles")
         if not all(np.all(np.isfinite(part)) for part in (self.torque, self.load, self.angle)):
-            raise DataError("a filter's samples have NaN or infinite values; mend the gaps of the log first")
+            raise DataError(
+                "filter/record", "a filter's samples have NaN or infinite values; mend the gaps of the log first"
+            )
 
 
 @frozen_value

@@ -33,9 +33,6 @@ from elastid.friction_study.extended_kalman_filter import Track
 @dataclass(frozen=True)
 class FilterThresholds:
     """Thresholds of the judgement of a filter.
-
-    False alarms of 8 clean logs: not-excited 0, weakly-excited 0, not-distinguished 0, diverged 0,
-    coloured-innovations 0, inconsistent-filter 1, moves-beyond-band 3, repeats-at-stops 2.
     All three move at slow constant speeds, where noise of the angle is taken for viscous friction.  Of 100 clean logs
     two have a note, and hold F_c for 47 and 79 % of the time (scripts/studies/results.csv).
     """

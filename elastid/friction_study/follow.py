@@ -173,8 +173,10 @@ def follow(
     duration_s = sum(len(motion.samples.angle) for motion in motions) / rate_hz
     if duration_s <= settle_s + LAGS / rate_hz:
         raise DataError(
-            f"joint {name}: its motions last {duration_s:.3g} s and the filter settles in {settle_s:g} s; record "
-            "longer, or give filter.settle"
+            "filter/record",
+            f"its motions last {duration_s:.3g} s and the filter settles in {settle_s:g} s; record "
+            "longer, or give filter.settle",
+            f"joint {name}",
         )
     kalman = KalmanFilter(joint, rate_hz)
     start = _at_start(joint, motions[0].samples)
@@ -284,13 +286,13 @@ def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray)
     correlation = float(correlations[i, j])  # the largest; 0 for a single number
     if held:
         text = f"the motion does not identify {', '.join(held)}, held where it began: move both ways, at several speeds"
-        yield Note("not-excited", text, place)
+        yield Note("filter/not-excited", text, place)
     elif weakest.ratio > FILTER.weak_std_ratio:
         text = f"{weakest.words} is known to {weakest.ratio:.0%} of what it was before: {REVERSALS}"
-        yield Note("weakly-excited", text, place)
+        yield Note("filter/not-excited", text, place)
     if abs(correlation) > FILTER.distinct_correlation:
         text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation:.2f}): {REVERSALS}"
-        yield Note("not-distinguished", text, place, severity="warning")
+        yield Note("filter/not-excited", text, place, severity="warning")
 
 
 def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
@@ -302,7 +304,7 @@ def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
             "its prior: the filter has lost the log; correct inertia, spring and friction of the joint, or give "
             "filter.torque_std"
         )
-        yield Note("diverged", text, place, severity="warning")
+        yield Note("filter/inconsistent", text, place, severity="warning")
 
 
 def _noise(place: str, judged: Consistency) -> Iterator[Note]:
@@ -312,7 +314,7 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
             f"{judged.n_eff:.3g} samples are independent: the torque noise is not white or the model is wrong, and the "
             "bands are too narrow; give filter.correlation_time, or correct inertia, spring and bristles"
         )
-        yield Note("coloured-innovations", text, place, severity="warning")
+        yield Note("filter/inconsistent", text, place, severity="warning")
     means = {"over all": judged.nis, "around stops": judged.nis_at_stops}
     low, high = FILTER.nis_band
     for words, mean in [each for each in means.items() if each[1] < low or each[1] > high][:1]:
@@ -321,7 +323,7 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
             f"mean NIS {words} is {mean:.2f}, outside {low} to {high}: innovations are {than} than expected and the "
             f"bands too {bands}; correct inertia, spring or bristles of the joint, or give filter.torque_std"
         )
-        yield Note("inconsistent-filter", text, place, severity="warning" if mean > 1 else "information")
+        yield Note("filter/inconsistent", text, place, severity="warning" if mean > 1 else "information")
     for moved in judged.restless:
         change = f"{moved.change:.3g}" if moved.name == "offset" else f"{moved.change:.1%}"
         text = (
@@ -330,7 +332,7 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
             "friction changes faster, and the bands are too narrow; correct gravity and payload, or give a larger "
             "filter.drift"
         )
-        yield Note("moves-beyond-band", text, place, severity="warning")
+        yield Note("filter/inconsistent", text, place, severity="warning")
     if repeated := [pattern for pattern in judged.at_stops if pattern.repeats]:
         worst = max(repeated, key=lambda pattern: pattern.square)
         way = "farther" if worst.mean > 0 else "less far"
@@ -339,4 +341,4 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
             f"of {worst.events} times): stiction, inertia or gravity is not that of the joint, and the bands are too "
             "narrow; correct them, or identify the friction again"
         )
-        yield Note("repeats-at-stops", text, place, severity="warning")
+        yield Note("filter/at-stops", text, place, severity="warning")

@@ -95,7 +95,7 @@ def _law(
             law[0].check_passive(law[1], levels.slides)
     except ValueError as error:
         text = f"its numbers make no law for a robot's file: {error}; more or quieter levels narrow them"
-        return None, None, (Note("no-law", text, f"joint {levels.joint}"),)
+        return None, None, (Note("friction/law", text, f"joint {levels.joint}"),)
     return (*(law or (None, None)), ())
 
 
@@ -127,7 +127,7 @@ def _heat(
         thermal = fit_warm_up(warm_up, level_over_heat(static, warm_up))
         return warm_up, thermal, warm_up_note(thermal, warm_up, f"warm-up of joint {joint}")
     except (DataError, FitError) as error:
-        return None, None, (Note("no-warm-up", str(error), f"warm-up of joint {joint}"),)
+        return None, None, (Note("friction/warm-up", str(error), f"warm-up of joint {joint}"),)
 
 
 def _first_numbers(joint: JointFriction) -> str:
@@ -212,12 +212,12 @@ def find_before_sliding(
                 "loops do not identify the damping of bristles; give responses at rest, or take law.presliding: "
                 "maxwell_slip"
             )
-            notes.append(Note("no-bristles", text, f"record {loops[0].name}"))
+            notes.append(Note("friction/presliding", text, f"record {loops[0].name}"))
         return BeforeSliding(None, at_rest, tuple(notes))
     try:
         return BeforeSliding(fit_presliding(log, law.elements), at_rest, tuple(notes))
     except DataError as error:
-        notes.append(Note("no-presliding", str(error), f"record {loops[0].name}"))
+        notes.append(Note("friction/presliding", str(error), f"record {loops[0].name}"))
         return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
 
 
@@ -246,7 +246,7 @@ def _at_rest(
         spring = held_spring(robot, records[0])
         return fit_at_rest(f"joint {joint}", rest_responses(records), spring, viscous)
     except (DataError, FitError) as error:
-        notes.append(Note("nothing-at-rest", str(error), f"record {records[0].name}"))
+        notes.append(Note("friction/at-rest", str(error), f"record {records[0].name}"))
         return None
 
 

@@ -70,8 +70,9 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     is_warmed = any(log.joint == joint.name for log in measured.warm_ups)
     if not records and friction is None and not (is_warmed or any(r.purpose in STILL for r in own)):
         raise DataError(
-            f"joint {joint.name}: neither passes nor a motion were recorded; leave it out of friction.joints, or "
-            "record them"
+            "friction/no-record",
+            "neither passes nor a motion were recorded; leave it out of friction.joints, or record them",
+            f"joint {joint.name}",
         )
     if not records:
         return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes), gain=motion.gain)
@@ -87,8 +88,10 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
 def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> PassLevels:
     if robot.loops:
         raise DataError(
-            f"{records[0].place}: robot {robot.name} has loops, whose rigid body along a run-down is not known; record "
-            f"joint {joint.name} there and back"
+            "friction/rigid-body",
+            f"robot {robot.name} has loops, whose rigid body along a run-down is not known; record "
+            f"joint {joint.name} there and back",
+            f"{records[0].place}",
         )
     signals, rigid = [], []
     for record in records:
@@ -159,11 +162,11 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
         problems.append(str(error))
     enough = _enough(passes)
     if friction is None and not enough:
-        raise DataError(problems[0])
+        raise DataError("friction/no-record", problems[0])
     if friction is not None:
         inertia, std = friction.chosen["inertia"], friction.chosen.std("inertia")
         check_sides(robot, joint, inertia, std, records[0].configuration, records[0].place)
-    notes += [Note("not-evaluated", problem) for problem in problems]
+    notes += [Note("friction/no-record", problem) for problem in problems]
     return JointMotion(friction, enough, against, tuple(notes), gain)
 
 
@@ -227,7 +230,7 @@ def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) ->
 
 @dataclass(frozen=True)
 class SideLimits:
-    """Limits that show on which side of a gear a log is.  False alarms of 300 clean logs: levels-refused 0."""
+    """Limits that show on which side of a gear a log is."""
 
     min_ratio: float = 10.0  # of the gear: below, masses may be wrong by as much as its sides differ
     min_stds: float = 3.0  # by which an inertia differs from that of the robot's file
@@ -259,8 +262,10 @@ def check_sides(
         else f"{many} of the joint, but marked side: motor: leave that out"
     )
     raise DataError(
-        f"{place}: the motion gives joint {joint.name} an inertia of {inertia:.4g} {unit}, the robot's file "
-        f"{known:.4g}: {wrong:.3g} times as much, and the gear's ratio is {ratio:.4g}; {advice}, or correct its unit"
+        "friction/rigid-body",
+        f"the motion gives joint {joint.name} an inertia of {inertia:.4g} {unit}, the robot's file "
+        f"{known:.4g}: {wrong:.3g} times as much, and the gear's ratio is {ratio:.4g}; {advice}, or correct its unit",
+        place,
     )
 
 
@@ -280,8 +285,10 @@ def check_torques(
         return
     advice = "of the motors: give their channels side: motor" if power < 0 else "of the joints: leave side: motor out"
     raise DataError(
-        f"{place}: torques are {'smaller' if power < 0 else 'larger'} than those of the robot's file by about the "
-        f"ratios of the gears (in the middle, by their power {power:.2f}): they are {advice}, or correct their unit"
+        "friction/rigid-body",
+        f"torques are {'smaller' if power < 0 else 'larger'} than those of the robot's file by about the "
+        f"ratios of the gears (in the middle, by their power {power:.2f}): they are {advice}, or correct their unit",
+        place,
     )
 
 
@@ -341,6 +348,6 @@ def gain_note(joint: str, gain: float, std: float) -> Note:
     text = f"with and without payload its torque is logged {gain:.4g} [{gain - reach:.4g}, {gain + reach:.4g}] times"
     if abs(gain - 1) <= reach:
         text += " as large as it is: the torque constant is right"
-        return Note("drive-gain", text, f"joint {joint}", severity="information")
+        return Note("friction/drive-gain", text, f"joint {joint}", severity="information")
     advice = f"multiply scale of its channel of role u by {1 / gain:.5g}, and all torques here are Nm"
-    return Note("drive-gain", f"{text} as large as it is: {advice}", f"joint {joint}", severity="warning")
+    return Note("friction/drive-gain", f"{text} as large as it is: {advice}", f"joint {joint}", severity="warning")

@@ -56,7 +56,9 @@ class StaticLaw:
         shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
         for name, reason in shown.items():
             if getattr(spec, name) == "yes":
-                raise FitError(f"friction of {levels.place}: law.{name} cannot be identified: {reason}")
+                raise FitError(
+                    "friction/law", f"law.{name} cannot be identified: {reason}", f"friction of {levels.place}"
+                )
         fit = _with_other_curves(levels, fit, parts, spec)
         return cls(levels, fit, tuple(Held(name, reason) for name, reason in shown.items()))
 

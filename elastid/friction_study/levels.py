@@ -63,13 +63,17 @@ class Levels:
             wrong = np.flatnonzero(~(np.isfinite(column) & (column > 0)))
             if len(wrong):
                 raise DataError(
-                    f"levels of {self.place}: {name} of level {wrong[0]} is {column[wrong[0]]:g}; it must be positive: "
-                    "leave that level out, or state what is known of it"
+                    "friction/levels",
+                    f"{name} of level {wrong[0]} is {column[wrong[0]]:g}; it must be positive: "
+                    "leave that level out, or state what is known of it",
+                    f"levels of {self.place}",
                 )
         if len(self.torque) and np.all(self.torque < 0):
             raise DataError(
-                f"levels of {self.place}: friction drives at every speed (torque {self.torque.min():.4g} to "
-                f"{self.torque.max():.4g}): torque and velocity have opposite signs; turn one channel (sign: -1)"
+                "friction/levels",
+                f"friction drives at every speed (torque {self.torque.min():.4g} to "
+                f"{self.torque.max():.4g}): torque and velocity have opposite signs; turn one channel (sign: -1)",
+                f"levels of {self.place}",
             )
 
     @property
@@ -95,7 +99,7 @@ class Levels:
 
 @dataclass(frozen=True)
 class LevelLimits:
-    """Limits of the judgement of levels.  False alarms of 300 clean logs: level-unknown 0."""
+    """Limits of the judgement of levels."""
 
     max_relative_std: float = 0.2  # std over level, above which a level does not count
     same_speed: float = 0.03  # relative difference of speeds up to which pairs have the same condition
@@ -149,7 +153,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     unit, torque_unit = motion_unit("velocity", used[0].slides), drive_unit(used[0].slides)
     notes += [
         Note(
-            "level-unknown",
+            "friction/levels",
             f"its level at {v:.3g} {unit} is {level:.3g} +- {error:.2g} {torque_unit} and does not count"
             ": gravity, ripple or noise are too large compared with it; repeat the pass, or make it longer",
             f"pass {name}",
@@ -158,7 +162,11 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
         if not good
     ]
     if not known.any():
-        raise DataError(f"passes of {used[0].place}: no level is known to {LEVELS.max_relative_std:.0%}; {notes[-1]}")
+        raise DataError(
+            "friction/levels",
+            f"no level is known to {LEVELS.max_relative_std:.0%}; {notes[-1]}",
+            f"passes of {used[0].place}",
+        )
     shared = {
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
@@ -202,7 +210,7 @@ def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
     for name, members in pairs.items():
         directions = {each.direction for each in members}
         if len(directions) < 2:
-            raise DataError(f"pass {name} of {members[0].place}: it has {one_way(directions)}")
+            raise DataError("friction/levels", f"it has {one_way(directions)}", f"pass {name} of {members[0].place}")
     return pairs
 
 
@@ -332,16 +340,20 @@ def levels_of_run_downs(
     first = records[0]
     if not rows:
         raise DataError(
-            f"{first.place}: joint {first.joint} does not coast through any range of speeds for longer than "
-            f"{LIMITS.min_samples / signals[0].kept_hz:.2g} s; record run-downs from higher speeds"
+            "friction/levels",
+            f"joint {first.joint} does not coast through any range of speeds for longer than "
+            f"{LIMITS.min_samples / signals[0].kept_hz:.2g} s; record run-downs from higher speeds",
+            first.place,
         )
     speed, direction, torque, std, load, temperature = np.array(rows).T
     known = std < LEVELS.max_relative_std * np.abs(torque)
     levels = Levels(f"joint {first.joint}", speed, direction, torque, std, load, temperature, first.slides)
     if not known.any():
         raise DataError(
-            f"{first.place}: no level of joint {first.joint} is known to {LEVELS.max_relative_std:.0%}, the best is "
-            f"{torque[np.argmin(std)]:.3g} +- {std.min():.2g}; repeat the run-down, with a finer encoder"
+            "friction/levels",
+            f"no level of joint {first.joint} is known to {LEVELS.max_relative_std:.0%}, the best is "
+            f"{torque[np.argmin(std)]:.3g} +- {std.min():.2g}; repeat the run-down, with a finer encoder",
+            first.place,
         )
     unit = "kg" if first.slides else "kg*m^2"
     one_way = "" if len({*direction.tolist()}) > 1 else ", and an offset of the torque is part of Coulomb friction"
@@ -349,7 +361,7 @@ def levels_of_run_downs(
         f"its run-downs give friction relative to the inertia of the robot's file, {inertia:.4g} {unit}: 1 % of it is "
         f"1 % of every level, which no interval has in it{one_way}"
     )
-    note = Note("known-inertia", text, f"joint {first.joint}", severity="information")
+    note = Note("friction/inertia", text, f"joint {first.joint}", severity="information")
     rms = float(np.sqrt(np.mean(std[known] ** 2)))
     return PassLevels(levels.select(known), {"inertia": (inertia, 0.0)}, rms, (note,))
 

@@ -157,9 +157,11 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
         for direction, word in ((1, "forwards"), (-1, "backwards")):
             if not each.moves(direction):
                 raise DataError(
-                    f"motion of {motion.place}: it barely moves {word}, so that friction cannot be distinguished from "
+                    "friction/motion",
+                    f"it barely moves {word}, so that friction cannot be distinguished from "
                     "an offset or gravity; record a motion there and back, or give files[].purpose: run_down where it "
-                    "coasts and its inertia is known"
+                    "coasts and its inertia is known",
+                    f"motion of {motion.place}",
                 )
     terms = shown_terms(motions, signals)
     alike, apart = (regressed(motions, signals, replace(terms, apart=apart)) for apart in (False, True))
@@ -188,7 +190,7 @@ def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
         f"dry friction changes by {change.min():+.0%} to {change.max():+.0%} between {low:.3g} and {high:.3g} {unit}, "
         "with the position or a load that does; F_c is its mean over them, and the law of a robot's file has no angle"
     )
-    return (Note("friction-by-angle", text, f"motion of {fit.motion.place}"),)
+    return (Note("friction/by-angle", text, f"motion of {fit.motion.place}"),)
 
 
 def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Held]:
@@ -340,8 +342,10 @@ def refuse_driving(place: str, friction: Regression) -> None:
     """DataError where friction supplies power at every speed."""
     if friction["coulomb"] < 0 and friction["viscous"] <= 0:
         raise DataError(
-            f"motion of {place}: friction drives (Coulomb {friction['coulomb']:.4g}): torque and velocity have "
-            "opposite signs; turn one channel (sign: -1)"
+            "friction/motion",
+            f"friction drives (Coulomb {friction['coulomb']:.4g}): torque and velocity have "
+            "opposite signs; turn one channel (sign: -1)",
+            f"motion of {place}",
         )
 
 

@@ -29,10 +29,7 @@ from elastid.record import FrictionRecord, drive_unit, motion_unit
 
 @dataclass(frozen=True)
 class PassThresholds:
-    """Thresholds of the judgement of passes; shares are of the quantity that is named.
-
-    False alarms of 300 clean logs: clipped-pass 0, moved-offset 0, large-gravity 0, friction-by-angle 0.
-    """
+    """Thresholds of the judgement of passes; shares are of the quantity that is named."""
 
     clipped_run: int = 3  # equal samples in a row at the largest torque of all passes
     clipped_share: float = 0.02  # of a pass, at that torque, from which on it is clipped
@@ -63,16 +60,17 @@ def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
         for each in passes
         if each.turns_back
     }
-    faults = {pair: ("stick-slip", text) for pair, text in sticking.items()}
-    faults |= {pair: ("clipped-pass", text) for pair, text in _clipped(passes).items()}
+    faults = {pair: ("friction/passes", text) for pair, text in sticking.items()}
+    faults |= {pair: ("friction/passes", text) for pair, text in _clipped(passes).items()}
     notes = [Note(code, text, f"pass {name}") for name, (code, text) in faults.items()]
     used = [each for each in passes if each.pair not in faults]
     if not used:
         place = passes[0].place if passes else "the joint"
         reason = f"; {notes[0]}" if notes else ""
         raise DataError(
-            f"passes of {place}: none slides all the time; measure faster, or raise the bandwidth of the "
-            f"controller{reason}"
+            "friction/passes",
+            f"none slides all the time; measure faster, or raise the bandwidth of the controller{reason}",
+            f"passes of {place}",
         )
     return used, notes
 
@@ -106,9 +104,11 @@ def check_loads(passes: Sequence[Pass]) -> None:
         return
     if np.all(np.abs(load - torque) <= PASSES.same_torque * torque.max()):
         raise DataError(
-            f"passes of {passes[0].place}: the load of each equals its own torque ({load.min():.4g} to "
+            "friction/passes",
+            f"the load of each equals its own torque ({load.min():.4g} to "
             f"{load.max():.4g}): friction would explain itself; the load is the torque of gravity that the model holds "
-            "in that posture"
+            "in that posture",
+            f"passes of {passes[0].place}",
         )
 
 
@@ -124,7 +124,7 @@ def offset_steps(
     groups = [np.flatnonzero(rounded == value).tolist() for value in np.unique(rounded)]
     unit = drive_unit(first.slides)
     texts = [_offset_step(offset[own], speed[own], [names[i] for i in own], level[own], unit) for own in groups]
-    return tuple(Note("moved-offset", text, f"passes of {first.place}") for text in texts if text)
+    return tuple(Note("friction/passes", text, f"passes of {first.place}") for text in texts if text)
 
 
 def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], level: FloatArray, unit: str) -> str:
@@ -165,7 +165,7 @@ def gravity_note(shared: Mapping[str, tuple[float, float]], levels: FloatArray, 
         f"of {1 / PASSES.large_gravity:.0%} in it is as large as friction, and the std of the levels is mostly its; "
         "measure about the vertical, in a posture with less gravity, or with a counterweight"
     )
-    return (Note("large-gravity", text, f"passes of {member.place}"),)
+    return (Note("friction/passes", text, f"passes of {member.place}"),)
 
 
 # Degrees of the polynomials, and bins of the angle.
@@ -199,7 +199,7 @@ def angle_note(passes: Sequence[Pass], inertia: float) -> Note | None:
         "its law has no such change: levels are means over the positions of each pass, and slow passes that cover "
         "fewer of them deviate from the curve; give all passes one window, or take the law to hold there only"
     )
-    return Note("friction-by-angle", text, passes[0].place)
+    return Note("friction/by-angle", text, passes[0].place)
 
 
 def _shape(pair: tuple[Pass, Pass], inertia: float, low: float, high: float) -> FloatArray:
@@ -225,8 +225,10 @@ def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
     """A note on loops of fewer than three counts; DataError where most are, and without a way back."""
     if np.count_nonzero(np.diff(np.sign(record.torque - record.torque.mean()))) == 1:
         raise DataError(
-            f"{record.place}: loops of joint {record.joint}: its torque never reverses, so that friction cannot be "
-            "distinguished from a spring; log loops to and fro, or take purpose: motion"
+            "friction/presliding",
+            f"loops of joint {record.joint}: its torque never reverses, so that friction cannot be "
+            "distinguished from a spring; log loops to and fro, or take purpose: motion",
+            record.place,
         )
     if record.resolution <= 0:
         return ()
@@ -242,10 +244,12 @@ def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
     )
     if small > PASSES.max_small_share * len(counts):
         raise DataError(
-            f"{where}: {text}: stiffness before sliding cannot be identified from steps; raise the torque of the loops"
-            ", or measure with a finer encoder"
+            "friction/presliding",
+            f"{text}: stiffness before sliding cannot be identified from steps; raise the torque of the loops"
+            ", or measure with a finer encoder",
+            where,
         )
-    return (Note("small-loops", f"{text}: they barely constrain the stiffest elements", where, "information"),)
+    return (Note("friction/presliding", f"{text}: they barely constrain the stiffest elements", where, "information"),)
 
 
 def _amplitudes(record: FrictionRecord) -> FloatArray:

@@ -32,7 +32,7 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
     plateaus = _plateaus(record)
     pairs = _pairs(record, plateaus, has_gravity)
     if record.speed is not None and not pairs:
-        raise DataError(_refusal(record, plateaus))
+        raise DataError("friction/passes", _refusal(record, plateaus))
     return tuple(_cut(record, *pair, number) for number, pair in enumerate(pairs, start=1))
 
 
@@ -51,7 +51,7 @@ def lone_plateaus(record: FrictionRecord, passes: Sequence[FrictionRecord]) -> t
         f"it slides steadily at {listed} {record.unit}/s without the way back through the same positions: no level of "
         "friction at these speeds, since both directions distinguish it from gravity and offset; record both directions"
     )
-    return (Note("one-direction", text, f"motion {record.name} of joint {record.joint}", "information"),)
+    return (Note("friction/passes", text, f"motion {record.name} of joint {record.joint}", "information"),)
 
 
 def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:

@@ -244,7 +244,7 @@ def _mean_temperature(record: FrictionRecord, part: slice) -> float:
 
 @dataclass(frozen=True)
 class PlateauLimits:
-    """Limits of plateaus and their pairs.  False alarms of 300 clean logs: one-direction 0, not-evaluated 0."""
+    """Limits of plateaus and their pairs."""
 
     steady_share: float = 0.05  # change of a steady velocity in the shortest plateau, as a share of itself
     shortest_s: float = 0.15

@@ -93,9 +93,11 @@ def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
     reach = np.ptp(loops.position[loops.settled :]) / 2
     if not reach > max(PASSES.min_counts * loops.resolution, 0.0):
         raise DataError(
-            f"loops of {loops.place}: the joint moved by {2 * reach:.3g} rad, "
+            "friction/presliding",
+            f"the joint moved by {2 * reach:.3g} rad, "
             f"{2 * reach / max(loops.resolution, 1e-300):.2g} counts of its encoder; presliding takes more than "
-            f"{2 * PASSES.min_counts:.0f}: raise the torque of the loops, or use a finer encoder"
+            f"{2 * PASSES.min_counts:.0f}: raise the torque of the loops, or use a finer encoder",
+            f"loops of {loops.place}",
         )
     finest = max(1e-3 * reach, loops.resolution)
     thresholds = np.geomspace(finest, 2 * reach, 40)

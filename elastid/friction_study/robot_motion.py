@@ -66,8 +66,9 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
     """Friction of the joints that all logs move; DataError for short logs, robots with loops, friction that drives."""
     if robot.loops:
         raise DataError(
+            "friction/rigid-body",
             f"robot {robot.name} has loops, and the rigid body of joints that move together is known of open chains "
-            "only; record a motion of one joint at a time"
+            "only; record a motion of one joint at a time",
         )
     joints = tuple(logs[0].motions)
     signals = [{joint: MotionSignals.of(log.motions[joint], passband_hz) for joint in joints} for log in logs]
@@ -131,8 +132,9 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: RobotLog, passband_hz
     if lacking.any():
         first = ", ".join(body.columns[i] for i in np.flatnonzero(lacking)[:3])
         raise DataError(
+            "friction/rigid-body",
             f"its motion takes numbers of the rigid body that those behind the result have not identified ({first}"
-            f"{', ...' if lacking.sum() > 3 else ''}); identify from a log in which the same joints move"
+            f"{', ...' if lacking.sum() > 3 else ''}); identify from a log in which the same joints move",
         )
     torques = _columns(robot, body.joints, rows, body.chosen, log, signals) @ body.predicting
     return {joint: torques[:, i] for i, joint in enumerate(rows)}
@@ -363,6 +365,6 @@ def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regressi
         "the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
     )
     return Note(
-        "rigid-body-error", text + (advice if dominates else ""), f"motion of {place}",
+        "friction/rigid-body", text + (advice if dominates else ""), f"motion of {place}",
         "warning" if dominates else "information",
     )  # fmt: skip

@@ -76,15 +76,17 @@ def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
     n_numbers = len(terms.linear) + len(terms.searched)
     if levels.n_levels <= n_numbers:
         raise FitError(
-            f"friction of {levels.place}: {levels.n_levels} levels for {n_numbers} numbers of its law "
-            f"({', '.join((*terms.linear, *terms.searched))}); measure more speeds, or leave out parts of the law"
+            "friction/law",
+            f"{levels.n_levels} levels for {n_numbers} numbers of its law "
+            f"({', '.join((*terms.linear, *terms.searched))}); measure more speeds, or leave out parts of the law",
+            f"friction of {levels.place}",
         )
     T_0 = reference_temperature(levels)
     search = _Search(levels, terms, T_0)
     ends = search.ends()
     if not ends:
         text = "no start of its Stribeck curve leads to an optimum; check its levels"
-        raise FitError(f"friction of {levels.place}: {text}")
+        raise FitError("friction/law", text, f"friction of {levels.place}")
     x, cost = min(ends, key=lambda end: end[1])
     dof = levels.n_levels - n_numbers
     hits = sum(other <= cost + 1e-3 * max(1.0, cost / dof) for _, other in ends)

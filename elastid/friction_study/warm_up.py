@@ -1,11 +1,11 @@
 r"""The temperature of a joint from the power that friction and motor turn into heat, and friction that follows it.
 
-.. math:: C \dot T = P - h (T - T_a), \quad P = \tau_f v + r u^2, \qquad
+. math:: C \dot T = P - h (T - T_a), \quad P = \tau_f v + r u^2, \qquad
           T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
 
 exact over a step of constant power. A gear that warms with its motor is a second node, P shared between them:
 
-.. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad
+. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad
           w_1 = \frac{s}{1 - T_2 / T_1}, \quad w_2 = 1 - w_1
 
 with s = 0 to 1 for any place of the joint: where P enters both w are positive, and a place that is warmed through the
@@ -70,7 +70,9 @@ class WarmUp:
         if not {len(self.test), len(self.test_speed), len(self.level_std)} == {m}:
             raise ValueError(f"warm-up: {m} levels need as many tests, speeds and stds")
         if np.any(np.diff(self.time_s) <= 0):
-            raise DataError("warm-up: its times do not increase; sort the log, or correct its clock")
+            raise DataError(
+                "friction/warm-up", "its times do not increase; sort the log, or correct its clock", "warm-up"
+            )
 
     @property
     def tests(self) -> np.ndarray:
@@ -158,10 +160,10 @@ def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalMode
     """
     has_readings = bool(np.isfinite(warm_up.readings).any())
     if not has_readings and not len(warm_up.level):
-        raise DataError("warm-up: neither a thermometer nor test passes; log one of them")
+        raise DataError("friction/warm-up", "neither a thermometer nor test passes; log one of them", "warm-up")
     if not np.any(warm_up.power > 0):
         text = "the power is nowhere positive, so that nothing warms; check the signs of torque and speed"
-        raise DataError(f"warm-up: {text}")
+        raise DataError("friction/warm-up", text, "warm-up")
     is_law = level_of is not None and math.isfinite(warm_up.start_degc)
     _, counts = np.unique(np.round(warm_up.test_speed, 9), return_counts=True)
     is_course = has_readings and len(counts) > 0 and counts.min() > 4  # more levels than a parabola has numbers
@@ -288,7 +290,9 @@ class _Problem:
         within = [np.array([start[name] for name in self.names], dtype=float) for start in starts]
         ends = [end for end in minimise(self.residual, within, bounds=(low, high)) if np.isfinite(end.cost)]
         if not ends:
-            raise FitError("warm-up: no start leads to an optimum; check its levels and temperatures")
+            raise FitError(
+                "friction/warm-up", "no start leads to an optimum; check its levels and temperatures", "warm-up"
+            )
         return min(ends, key=lambda end: end.cost)
 
 
@@ -302,7 +306,7 @@ def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note
         f"{minutes:.3g} min show a time constant of {constant / 60:.3g} min to {std:.0%} only, so that the final "
         "temperature is extrapolated: log two to three time constants, or a pause in which the joint cools"
     )
-    return (Note("short-warm-up", text, place),)
+    return (Note("friction/warm-up", text, place),)
 
 
 def _heat(warm_up: WarmUp, constants: FloatArray, shares: FloatArray) -> FloatArray:
@@ -310,7 +314,7 @@ def _heat(warm_up: WarmUp, constants: FloatArray, shares: FloatArray) -> FloatAr
     steps, total = np.diff(warm_up.time_s), np.zeros(len(warm_up.time_s))
     for T_i, w in zip(constants, shares, strict=True):
         decay = np.exp(-steps / T_i)
-        recursion = np.array([np.ones(len(total)), np.append(-decay, 0.0)])  # theta_k+1 - decay_k theta_k = ...
+        recursion = np.array([np.ones(len(total)), np.append(-decay, 0.0)])  # theta_k+1 - decay_k theta_k = .
         total += w * solve_banded((1, 0), recursion, np.append(0.0, warm_up.power * (1 - decay)), check_finite=False)
     return total
 

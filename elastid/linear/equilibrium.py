@@ -28,7 +28,7 @@ from elastid.record import Configuration
 
 @dataclass(frozen=True)
 class Limits:
-    """Numbers of Newton's method and judgement.  False alarms of 300 clean postures: equilibrium-refused 0."""
+    """Numbers of Newton's method and judgement."""
 
     steps: int = 60
     step: float = 0.3  # rad or m: a soft spring must not throw the arm onto another branch
@@ -78,8 +78,10 @@ def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, carries
     bad = np.flatnonzero(~np.isfinite(np.column_stack([gravity, now.K])).all(axis=1))
     if bad.size:
         raise StudyError(
-            f"configuration {configuration.name}: the torque on {model.coordinates[bad[0]]} is not a finite number; "
-            "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
+            "robot/no-rest",
+            f"the torque on {model.coordinates[bad[0]]} is not a finite number; "
+            "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left",
+            f"configuration {configuration.name}",
         )
     for _ in range(LIMITS.steps):
         # Back onto the loops in full, and from there downhill along them.
@@ -95,7 +97,7 @@ def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, carries
         if largest <= LIMITS.converged_step:
             break
     for fault in _faults(model, theta, free, q, rigid, now, np.abs(gravity).max()):
-        raise StudyError(f"configuration {configuration.name}: {fault}")
+        raise StudyError("robot/no-rest", fault, f"configuration {configuration.name}")
     return OperatingPoint(configuration, q, now.lambda_, model.B.T @ now.torque)
 
 
@@ -164,14 +166,14 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
     StudyError where the configuration does not give one angle for each motor, or the loops do not close there.
     """
     if refused := model.robot.count_refusal(configuration.angles.size):
-        raise StudyError(f"configuration {configuration.name}: {refused}")
+        raise StudyError("robot/no-rest", refused, f"configuration {configuration.name}")
     q = np.zeros(model.n_q)
     try:
         q[: len(model.robot.joints)] = assembled(
             model.robot_at(model.theta if theta is None else theta), configuration.angles
         )
     except StudyError as error:
-        raise StudyError(f"configuration {configuration.name}: {error}") from None
+        raise StudyError("robot/no-rest", str(error), f"configuration {configuration.name}") from None
     for motor, angle in zip(model.inputs, configuration.angles, strict=True):
         q[model.index(motor)] = angle
     return q
@@ -272,11 +274,11 @@ def spring_notes(model: ElasticModel, theta: FloatArray, points: Sequence[Operat
                 "the model has at rest describes none; take configurations in which gravity presses the joint onto "
                 "one flank, or leave these out"
             )
-            notes.append(Note("inside-backlash", text))
+            notes.append(Note("robot/operating-point", text))
         for c in np.flatnonzero(k < 0):
             text = (
                 f"the spring of joint {joint} is unstable in {names[c]}: deflected by {x[c]:.2g} it pulls further, "
                 f"with {k[c]:.3g} {unit}; bound its quadratic terms so that quadratic^2 < 3 k cubic"
             )
-            notes.append(Note("unstable-spring", text))
+            notes.append(Note("robot/operating-point", text))
     return tuple(notes)

@@ -94,9 +94,11 @@ class PointDerivatives:
         if opened.any():
             names = ", ".join(name for name, is_open in zip(model.parameters, opened, strict=True) if is_open)
             raise StudyError(
-                f"{names}: no motion of the joints keeps the loops of robot {model.robot.name} closed when it changes "
+                "robot/loops",
+                f"no motion of the joints keeps the loops of robot {model.robot.name} closed when it changes "
                 "(an offset out of the plane of a planar linkage, for one); leave it out of fit.parameters, or close "
-                "that loop by a rod"
+                "that loop by a rod",
+                names,
             )
         dq = back - Y @ np.linalg.lstsq(Y.T @ K_f @ Y, Y.T @ (statics + K_f @ back))[0]
         dlambda = -inverse.T @ (statics + K_f @ dq)

@@ -96,7 +96,9 @@ class LoadedRobot:
         frames = tuple(dict.fromkeys(name for load in loads for name in (load.frame, load.read_at)))
         for name in frames:
             if name not in known:
-                raise StudyError(f"robot {model.robot.name} has no frame {name}; {did_you_mean(name, known)}")
+                raise StudyError(
+                    "robot/unknown-name", f"robot {model.robot.name} has no frame {name}; {did_you_mean(name, known)}"
+                )
         free = free_coordinates(model)
         places = np.array([i for i, name in enumerate(model.parameters) if name in moved], np.int64)
         points = [equilibrium(model, own, load.configuration) for own, load in zip(theta, loads, strict=True)]

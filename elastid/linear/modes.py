@@ -27,7 +27,7 @@ from elastid.model.elastic import ElasticModel
 
 @dataclass(frozen=True)
 class ModeLimits:
-    """Judgement of poles and zeros.  False alarms of 300 clean postures: other-modes 0, other-zeros 0."""
+    """Judgement of poles and zeros."""
 
     rigid_rate: float = 1e-6  # of the largest |lambda|: below, a rigid-body mode; rounding splits a double zero so far
     zero_ratio: float = 10.0  # of the highest natural frequency: zeros beyond are indistinguishable from infinity

@@ -258,8 +258,9 @@ class PostureModel:
         """
         if self.motors == "free":
             raise StudyError(
+                "fit/posture",
                 "a robot with free motors gives way to any constant force and has no stiffness; ask with motors='held' "
-                "(brakes) or motors='controlled'"
+                "(brakes) or motors='controlled'",
             )
 
         def compliance(x: FloatArray) -> FloatArray:

@@ -83,7 +83,10 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     """
     if model.quantity != "acceleration" and model.tilt.any():
         place = model.outputs[int(np.argmax(model.tilt.any(axis=1)))]
-        raise StudyError(f"{place} sees gravity, which has no {model.quantity}; set estimator.quantity: acceleration")
+        raise StudyError(
+            "linear/state-space",
+            f"{place} sees gravity, which has no {model.quantity}; set estimator.quantity: acceleration",
+        )
     (M, D, K), (C, tilt) = model.matrices(theta), model.readout(theta)
     n, n_u = model.B.shape
     motion = np.linalg.solve(M, np.hstack([-K, -D, model.B]))  # q'' = motion [q; q'; u]
@@ -100,8 +103,10 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     for element in model.chain:
         if not isinstance(element, LagElement):
             raise StudyError(
-                f"chain.{element.name}: a state space cannot hold the difference of a motion over a time; leave it out "
-                "of the robot's chain, and estimate and export another quantity"
+                "linear/state-space",
+                "a state space cannot hold the difference of a motion over a time; leave it out "
+                "of the robot's chain, and estimate and export another quantity",
+                f"chain.{element.name}",
             )
         T = model.number(theta, element.name)
         A, B, C, D_y = _behind_a_lag(A, B, C, D_y, element.coefficients, T)

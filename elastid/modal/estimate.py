@@ -90,7 +90,7 @@ def _modes_or_none(response: FrequencyResponse, spec: ModalSpec) -> Modes:
     try:
         return estimate_modes(response, spec.band_hz, spec.max_order, spec.poles_hz, spec.exponential)
     except DataError as error:
-        return without_modes(response, Note("no-modes", str(error)))
+        return without_modes(response, Note("modal/lines", str(error)))
 
 
 def usable(response: FrequencyResponse, band_hz: tuple[float, float] | None) -> FrequencyResponse:
@@ -102,18 +102,22 @@ def usable(response: FrequencyResponse, band_hz: tuple[float, float] | None) -> 
     if np.sum(keep & ~lost) < LIMITS.lines:
         where = "" if band_hz is None else f" from {band_hz[0]:g} to {band_hz[1]:g} Hz"
         raise DataError(
-            f"configuration {response.configuration.name}: {int(np.sum(keep & ~lost))} lines{where} have excitation "
-            f"and coherence, modes need {LIMITS.lines} or more; take a wider band, a longer period or record"
+            "modal/lines",
+            f"{int(np.sum(keep & ~lost))} lines{where} have excitation "
+            f"and coherence, modes need {LIMITS.lines} or more; take a wider band, a longer period or record",
+            f"configuration {response.configuration.name}",
         )
     return response.lines(keep & ~lost)
 
 
 def _refuse_overload(response: FrequencyResponse) -> None:
     """Clipping is not linear: a fit mends it by poles that no structure has, with narrow intervals."""
-    if any(note.code == "overload" for note in response.notes):
+    if any(note.code == "frf/overload" for note in response.notes):
         raise DataError(
-            f"configuration {response.configuration.name}: of overloaded hits false modes are not to be told from true "
-            "ones; leave these hits out or measure again, or name the frequencies that you trust as modal.poles_hz"
+            "modal/lines",
+            "of overloaded hits false modes are not to be told from true "
+            "ones; leave these hits out or measure again, or name the frequencies that you trust as modal.poles_hz",
+            f"configuration {response.configuration.name}",
         )
 
 

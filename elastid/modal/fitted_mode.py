@@ -135,7 +135,7 @@ def lost_notes(
         f"no pole is at {', '.join(lost)} {unit}, which poles_hz names: fitted from there it moves to a resonance "
         "elsewhere; choose stable poles in the stabilisation diagram, and name those beside them, too"
     )
-    return (Note("no-pole", text, response.configuration.name),)
+    return (Note("modal/poles", text, response.configuration.name),)
 
 
 def background_notes(poles: Sequence[FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
@@ -148,7 +148,7 @@ def background_notes(poles: Sequence[FittedMode], response: FrequencyResponse) -
         f"poles at {where} are background of the modes within their width: less than "
         f"{percent(LIMITS.visible_share, 2)} of the response there, or of uncertain shape; poles_hz can name them"
     )
-    return (Note("broad-poles", text, response.configuration.name, severity="information"),)
+    return (Note("modal/poles", text, response.configuration.name, severity="information"),)
 
 
 def window_notes(modes: Sequence[FittedMode], shift: float, response: FrequencyResponse) -> tuple[Note, ...]:
@@ -160,7 +160,7 @@ def window_notes(modes: Sequence[FittedMode], shift: float, response: FrequencyR
         f"an exponential window of {1 / shift:g} s has more damping than {count} of {len(modes)} poles, which "
         "cannot have gone through it; give the time constant that the analyser states, or none"
     )
-    return (Note("window-damping", text, response.configuration.name),)
+    return (Note("modal/damping", text, response.configuration.name),)
 
 
 def damping_notes(modes: Sequence[FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
@@ -177,7 +177,7 @@ def damping_notes(modes: Sequence[FittedMode], response: FrequencyResponse) -> t
         f"at {modes[worst].freq_hz:.4g} {unit}: four times as many hits, periods or seconds of noise halve its "
         f"interval, {narrower**2} times as many bring it below {percent(LIMITS.wide_damping, 2)}"
     )
-    return (Note("uncertain-damping", text, response.configuration.name, severity="information"),)
+    return (Note("modal/damping", text, response.configuration.name, severity="information"),)
 
 
 def line_notes(modes: Sequence[FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
@@ -195,7 +195,7 @@ def line_notes(modes: Sequence[FittedMode], response: FrequencyResponse) -> tupl
         f"{mode.zeta * mode.freq_hz / 2:.2g} {unit} apart, of {2 / (mode.zeta * mode.freq_hz):.3g}{per_line} and more "
         "of record or period, hold four; of a long record resolution_hz brings them closer"
     )
-    return (Note("narrow-resonances", text, response.configuration.name),)
+    return (Note("modal/damping", text, response.configuration.name),)
 
 
 # Lines to either side over which residuals are averaged.

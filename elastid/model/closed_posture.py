@@ -22,7 +22,7 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True)
 class Limits:
-    """Numbers of the way to a closed posture, and limits.  False alarms of 300 clean postures: closure-refused 0."""
+    """Numbers of the way to a closed posture, and limits."""
 
     step: float = 0.05  # rad or m of a driven joint between two postures on the way
     newton_steps: int = 4  # at each of them; the error of the predictor is about step^2
@@ -85,7 +85,7 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
     q = followed(robot, angles[None]).ravel()
     phi, _ = parts.rows(q[None])
     if not np.abs(phi).max(initial=0.0) <= LIMITS.gap:
-        raise StudyError(_why_open(parts, angles))
+        raise StudyError("robot/loops", _why_open(parts, angles))
     _check_posture(parts, q)
     return q
 
@@ -212,8 +212,10 @@ def _check_posture(parts: Mechanism, q: FloatArray) -> None:
     _, Phi = parts.rows(q[None])
     if locked := _locked(parts, q):
         raise StudyError(
-            f"the loops lock {locked}: no motion of the passive joints follows, so that only springs could give; leave "
-            "a joint of the loop without motor and spring, or drop a constraint"
+            "robot/loops",
+            "no motion of the passive joints follows, so that only springs could give; leave "
+            "a joint of the loop without motor and spring, or drop a constraint",
+            f"the loops lock {locked}",
         )
     n_p = len(parts.passive)
     if not n_p:
@@ -225,12 +227,14 @@ def _check_posture(parts: Mechanism, q: FloatArray) -> None:
     free = [parts.robot.joints[parts.passive[i]].name for i in np.flatnonzero(np.abs(Vt[n_p - 1]) > 0.3)]
     if _generic_rank(parts) < n_p:
         raise StudyError(
+            "robot/loops",
             f"the loops leave joint {', '.join(free)} undetermined: it can move with all motors held; close the loop "
-            "by a rod instead of a body on joints, or give the joint a spring"
+            "by a rod instead of a body on joints, or give the joint a spring",
         )
     raise StudyError(
+        "robot/loops",
         f"the linkage is at a singular posture: lever and rod are aligned to within {smallest / parts.lever(q):.2g} "
-        f"rad, and joint {', '.join(free)} may fold over to either side; move the configuration away from it"
+        f"rad, and joint {', '.join(free)} may fold over to either side; move the configuration away from it",
     )
 
 

@@ -123,7 +123,7 @@ class ElasticModel:
         try:
             return self.robot.with_parameters({name: values[name] for name in self.geometry})
         except ValueError as error:
-            raise StudyError(str(error)) from None
+            raise StudyError("robot/loops", str(error)) from None
 
     @property
     def passive(self) -> IntArray:

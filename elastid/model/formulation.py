@@ -70,8 +70,10 @@ def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> El
     moving = [name for name in robot.geometry if name in equations.parameters]
     if spec.variant == "constant_stiffness" and moving:
         raise StudyError(
-            f"model.variant: constant_stiffness holds the posture of the robot's own geometry, so that {moving[0]} "
-            "cannot be identified with it; choose series_stiffness or exact"
+            "model/variant",
+            f"constant_stiffness holds the posture of the robot's own geometry, so that {moving[0]} "
+            "cannot be identified with it; choose series_stiffness or exact",
+            "model.variant",
         )
     q = equations.q[: len(robot.joints)]
     loops = closures(robot, unbent(robot, q) if spec.variant == "bending_outside" else q, by_name(equations))
@@ -98,7 +100,7 @@ def formulate(robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] =
     """
     formulation = spec.formulation or ("constrained" if robot.loops else "serial")
     for (key, *_), refused in spec.refusals(robot):
-        raise StudyError(f"model.{key}: {refused}")
+        raise StudyError("model/variant", refused, f"model.{key}")
     if formulation == "minimal":
         return minimal(robot, spec, geometry)
     return (serial if formulation == "serial" else constrained)(robot, geometry)
@@ -197,6 +199,8 @@ def _lever(robot: Robot, loop: Loop) -> int:
             if robot.joints[i].is_passive:
                 break
     raise StudyError(
-        f"model.variant: no lever with an elastic gear drives the rod {loop.name}, so that its stiffness cannot be "
-        "condensed into a gear's: a passive joint is between either end and the next motor; choose the variant exact"
+        "model/variant",
+        f"no lever with an elastic gear drives the rod {loop.name}, so that its stiffness cannot be "
+        "condensed into a gear's: a passive joint is between either end and the next motor; choose the variant exact",
+        "model.variant",
     )

@@ -121,7 +121,9 @@ def _seated(robot: Robot, q: FloatArray, name: str) -> tuple[Tree, Attachment, l
     seats = {body.name: seat for body, seat in zip(robot.all_bodies, layout.attachments, strict=True)}
     seats |= {frame.name: seat for frame, seat in zip(robot.frames, layout.named, strict=True)}
     if name not in seats:
-        raise StudyError(f"robot {robot.name} has no frame and no body {name}; there are {', '.join(seats)}")
+        raise StudyError(
+            "robot/unknown-name", f"robot {robot.name} has no frame and no body {name}; there are {', '.join(seats)}"
+        )
     return layout, seats[name], *frames(layout, np.asarray(q, dtype=float))
 
 

@@ -227,7 +227,7 @@ def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
             rows.append(int(row))
             dependent.append(int(column))
     if len(rows) < rank or (chosen and len(chosen) != model.n_q - rank):
-        raise StudyError(_dependent(model, chosen, int(rank), len(rows)))
+        raise StudyError("robot/loops", _dependent(model, chosen, int(rank), len(rows)))
     independent = np.setdiff1d(np.arange(model.n_q), dependent)
     return Partition(np.array(rows, np.int64), np.array(dependent, np.int64), independent)
 

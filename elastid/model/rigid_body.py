@@ -212,7 +212,9 @@ def external_torque(robot: Robot, frame: str, axes: Literal["base", "frame"] = "
     """
     names = [named.name for named in robot.frames]
     if frame not in names:
-        raise StudyError(f"robot {robot.name} has no frame {frame}; there are {', '.join(names) or 'none'}")
+        raise StudyError(
+            "robot/unknown-name", f"robot {robot.name} has no frame {frame}; there are {', '.join(names) or 'none'}"
+        )
     q, w = ca.SX.sym("q", len(robot.joints)), ca.SX.sym("w", 6)
     layout = tree(robot)
     turned = turns(layout, q)

@@ -65,11 +65,11 @@ def find_friction(
     survey = _survey(measured, spec, planned, execution)
     if isinstance(survey, FrictionTakenOut):
         return survey
-    levels, equations = find_levels(survey.data, survey.choice.motor_of, survey.choice.taken)
+    levels, equations = find_levels(survey.data, survey.choice.motor_of)
     accelerance = upper_accelerance(survey.data, levels, survey.choice.motor_of, spec.quantity)
     result = _result(survey, survey.choice, levels, accelerance, equations)
     found = _Found(result, survey.choice, levels, survey.data)
-    for number in range(_PASSES if len(survey.choice.taken) else 0):
+    for number in range(_PASSES if len(survey.choice.shapes) else 0):
         gather = partial(gather_configuration, spec=spec, planned=planned, noise=number > 0)
         further = _along_its_motion(found, survey, spec, gather, measured, execution)
         if number and not further.explains_more_than(found):
@@ -77,7 +77,7 @@ def find_friction(
         is_settled, found = further.agrees_with(found), further
         if not number and is_settled:
             break
-    if len(found.choice.taken):
+    if found.choice.shapes:
         result = _with_dependence(found.result, found.data, found.choice.motor_of, spec.quantity)
     return replace(result, notes=(*result.notes, *survey.limits))
 
@@ -115,11 +115,11 @@ def _along_its_motion(
     """
     choice = refined(found.choice, found.levels, survey.first.inputs)
     data = execution.ordered(partial(gather, shapes=choice.shapes, friction=found.result), measured)
-    levels, _ = find_levels(data, choice.motor_of, choice.taken)
+    levels, _ = find_levels(data, choice.motor_of)
     noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in data], axis=0))
     choice, kept = narrowed(choice, levels, noise)
     data = [spectra.with_shapes(kept, np.zeros(len(kept))) for spectra in data]
-    levels, equations = find_levels(data, choice.motor_of, choice.taken)
+    levels, equations = find_levels(data, choice.motor_of)
     accelerance = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
     accelerance = np.where(accelerance > 0, accelerance, found.result.accelerance)
     return _Found(_result(survey, choice, levels, accelerance, equations), choice, levels, data)
@@ -245,13 +245,13 @@ def _result(
     equations: NormalEquations,
 ) -> FrictionTakenOut:
     first = survey.first
-    left = shares(equations, len(first.inputs), choice.motor_of, choice.taken)
+    left = shares(equations, len(first.inputs), choice.motor_of)
     result = FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
         shapes=choice.shapes,
         levels=levels,
-        covariance=covariance(equations, choice.taken) + choice.covariance + by_unknown_shapes(choice, levels),
+        covariance=covariance(equations) + by_unknown_shapes(choice, levels),
         configurations=survey.names,
         before=survey.before,
         after=equations.level,
@@ -274,14 +274,14 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
                 "was found in the records and taken out of the torque; "
                 f"{share:.2g} % of the power of distortion and noise is left"
             )
-            notes.append(Note("friction-taken-out", text, severity="information"))
+            notes.append(Note("nonlinear/friction-taken-out", text, severity="information"))
         else:
             text = (
                 f"{place}: no friction was taken out of the torque, since levels found in some realisations leave "
                 f"{share:.3g} % of the power of distortion and noise in the others; it may be small, or no friction "
                 "of this motor"
             )
-            notes.append(Note("friction-left", text, severity="information"))
+            notes.append(Note("nonlinear/friction-left", text, severity="information"))
     return tuple(notes)
 
 
@@ -317,7 +317,7 @@ def _with_dependence(
             C += (Q - len(data) + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(own, own)
             level, unit = result.sliding_level(place)[0], result.place_units[i]
             text = _dependence(level * factor, level * stds[:, i], loads[:, i], unit, result.configurations)
-            notes.append(Note("friction-differs", f"{place}: {text.format(level=level)}"))
+            notes.append(Note("nonlinear/friction-differs", f"{place}: {text.format(level=level)}"))
     result = replace(result, covariance=C)
     return replace(result, notes=(*_notes(result), *notes))
 
@@ -375,7 +375,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
     """No friction; the reason, where it is not empty, is a warning if the study asks for friction by name."""
     n_m = len(first.inputs)
     severity: Severity = "information" if wanted == "auto" else "warning"
-    note = Note("friction-left", f"friction is not taken out of the torque: {why}", severity=severity)
+    note = Note("nonlinear/friction-left", f"friction is not taken out of the torque: {why}", severity=severity)
     return FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,

@@ -41,8 +41,9 @@ def drives_of(
     """The linear model of each configuration at a fit; DataError where no gear has a spring."""
     if not elastic_joints(linearisation):
         raise DataError(
+            "robot/no-spring",
             f"no driven joint of robot {linearisation.model.robot.name} has a spring in its gear, by which its effects "
-            "would be found; give joints a spring"
+            "would be found; give joints a spring",
         )
     pairs = zip(data, responses, strict=True)
     return [drive_lines(lines, linearisation, G, result.parameters, result.x) for lines, G in pairs]
@@ -101,7 +102,7 @@ def unsettled_notes(data: Sequence[PeriodLines]) -> list[Note]:
         "of the gears' numbers are the wider for it; " + _SETTLE
     )
     return [
-        Note("gear-unsettled", text.format(100 * share), f"configuration {name}", "information")
+        Note("gears/unsettled", text.format(100 * share), f"configuration {name}", "information")
         for name, share in shares.items()
         if share > DIFFERS
     ]
@@ -137,7 +138,7 @@ def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines], j
                 f"gear bends by {size:.2g} rad: effects of this gear are hidden, and its numbers may be off by more "
                 "than they state; take an encoder of more counts, more periods, or more torque"
             )
-            notes.append(Note("coarse-encoder", text, f"motor {joint}"))
+            notes.append(Note("gears/coarse-encoder", text, f"motor {joint}"))
     return notes
 
 

@@ -36,7 +36,7 @@ def preloads(data: Sequence[PeriodLines], drives: Sequence[DriveLines], joints: 
                 "through 0 in one of them, where lost motion shows: it is neither found nor bounded; measure a posture "
                 "in which gravity loads the joint less, or with more torque"
             )
-            notes.append(Note("gear-preloaded", text, f"joint {joint}"))
+            notes.append(Note("gears/left-out", text, f"joint {joint}"))
     return notes
 
 
@@ -54,7 +54,7 @@ def rigid_gears(found: Levels, joints: Sequence[str]) -> list[Note]:
             f"friction at its motor alone was looked for ({friction}); what the gear does otherwise is left out, and "
             "has no bound"
         )
-        notes.append(Note("gear-left-out", text, f"joint {joint}", "information"))
+        notes.append(Note("gears/left-out", text, f"joint {joint}", "information"))
     return notes
 
 
@@ -83,7 +83,7 @@ def off_notes(result: FitResult, found: Levels) -> list[Note]:
                 f"std) of the {after[p.name]:.6g} found beside the effects of the gears: its number is that of these "
                 "records' amplitude"
             )
-            notes.append(Note("linear-fit-off", text, p.name, "information"))
+            notes.append(Note("gears/linear-fit-off", text, p.name, "information"))
     return notes
 
 
@@ -119,7 +119,7 @@ def _amount(level: float, effect: GearEffect) -> str:
 
 def _alike(first: GearEffect, second: GearEffect, r: float, level: str) -> Note:
     text = f"{_named(first)} and {_named(second)} cannot be told apart in these records (correlation {r:.3f}): {level}"
-    return Note("effects-alike", text, f"joint {first.joint}")
+    return Note("gears/effects-alike", text, f"joint {first.joint}")
 
 
 _NAMES = {

@@ -18,7 +18,7 @@ from elastid.robot import Robot
 # at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
 EXPLAINED = 0.25
 # Code of the note on a gear that is no straight spring, of which nothing was found.
-BENT_STILL = "gear-still-bent"
+BENT_STILL = "gears/still-bent"
 NOT_EXPLAINED = "the effects found in its gears do not explain that"
 NOT_OPENED = "its gears were not laid open, as the line `gears` says"
 # Makers' units over SI.

@@ -25,7 +25,7 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of motors whose friction cannot be found.  False alarms of 300 clean logs: friction-sticks 0."""
+    """Thresholds of motors whose friction cannot be found."""
 
     velocity_noise: float = 0.04  # over the RMS of the velocity, above which its sign is noise
     still: float = 0.01  # of the RMS velocity, below which a motor is still,
@@ -83,7 +83,7 @@ def limits_of(records: Sequence[Record]) -> tuple[Note, ...]:
                 f"{first.configuration.name}: it sticks, friction is then a spring of bristles, which stays in the "
                 "responses; excite it more, or move it by a carrier"
             )
-            notes.append(Note("friction-sticks", text))
+            notes.append(Note("nonlinear/friction-left", text))
     unlogged = [place for place in first.outputs if place.startswith("motor ") and place not in first.inputs]
     if unlogged:
         names = ", ".join(unlogged)
@@ -91,7 +91,7 @@ def limits_of(records: Sequence[Record]) -> tuple[Note, ...]:
             f"{names}: friction stays in the responses, since the torque of {names} is not among the inputs; log it "
             "and excite it, or take what the responses call viscous friction there for dry friction as well"
         )
-        notes.append(Note("friction-left", text, severity="information"))
+        notes.append(Note("nonlinear/friction-left", text, severity="information"))
     return tuple(notes)
 
 

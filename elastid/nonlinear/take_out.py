@@ -92,7 +92,7 @@ def _unexplained(
         "explains it: dry friction behind a gear, which the motor's angle does not show, would put stiffness and "
         "damping off by several of their standard deviations; compare with a run of twice the torque"
     )
-    return (Note("unexplained-distortion", text, f"configuration {response.configuration.name}"),)
+    return (Note("nonlinear/unexplained", text, f"configuration {response.configuration.name}"),)
 
 
 def _arm_variance(

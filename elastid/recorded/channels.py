@@ -90,7 +90,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     unused = [] if recorded.controller is not None else [c.name_in_file for c in channels if c.role == "reference"]
     if unused:
         text = f"{', '.join(unused)}: the reference is not used, since no controller is given that follows it"
-        notes.append(Note("unused-reference", text, severity="information"))
+        notes.append(Note("records/unused-reference", text, severity="information"))
     converted = []
     for part in parts:
         pairs = [link_side(channels[i], columns[i], robot) for i in part.members]
@@ -140,8 +140,9 @@ def own_samples(period_s: float, rate_hz: float, recorded: RecordedSpec, file: F
     samples, stated = (rounded_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
     if not samples.is_integer() and stated.is_integer() and recorded.period_of(file) != "find":
         raise StudyError(
+            "records/period-mismatch",
             f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples, not a whole number, so that "
-            f"its channels and those at {recorded.rate_hz} Hz have no grid in common; check rate_hz of the channels"
+            f"its channels and those at {recorded.rate_hz} Hz have no grid in common; check rate_hz of the channels",
         )
     return samples
 
@@ -178,8 +179,10 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
         if not 0 <= first < last or len(values) < last - first:
             n = len(read_channels(path, channels, recorded.text))
             raise DataError(
-                f"{path}: samples [{first}, {last}] are outside the file; it has {n} samples, the first is 0 and last "
-                "is not included"
+                "records/cut",
+                f"samples [{first}, {last}] are outside the file; it has {n} samples, the first is 0 and last "
+                "is not included",
+                path,
             )
     log = Log(str(path), (), rate_hz, 0 if file.samples is None else file.samples[0])
     gridded, rows = Repaired(values), None
@@ -310,8 +313,10 @@ def _delay_of(
     if not best or delays[best][1] < CLOCK.min_correlation:
         agree = f"best correlation {delays[best][1]:.2f} at {best}" if best else "it has no complete channel of role r"
         raise DataError(
-            f"{path}: its start cannot be determined ({agree}); log the excitation r of a motor in it, or one period "
-            "of that excitation alone, or give recorded.time where one clock stamps both"
+            "records/period-mismatch",
+            f"its start cannot be determined ({agree}); log the excitation r of a motor in it, or one period "
+            "of that excitation alone, or give recorded.time where one clock stamps both",
+            path,
         )
     lag = delays[best][0]
     # Where u stands for r the phase of the loop is part of the delay: only whole samples are certain.

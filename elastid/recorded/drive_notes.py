@@ -21,10 +21,7 @@ from elastid.recorded.repair.clock import CLOCK, delay
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """Limits of the notes on torques.
-
-    False alarms of 300 clean logs: mirrored-torque 0, late-torque 0, same-signal 0.
-    """
+    """Limits of the notes on torques."""
 
     min_reported_lag: float = 0.75  # a lag of u behind r, in samples, from which on it is reported
     # The lines with this part of the power of r decide after which part of a period r repeats.
@@ -77,13 +74,13 @@ def posture_notes(
                 f"its motors stand at {angles[0]}, where configuration {other.name} is {angles[1]}, and not "
                 f"{own.name}, {angles[2]}: the log may be one of {other.name}"
             )
-            return [Note("other-posture", text, where)]
+            return [Note("records/other-posture", text, where)]
     return []
 
 
 def _compared(place: str, r: FloatArray, u: FloatArray, N: int | None) -> tuple[str, str] | None:
     if np.ptp(r) > 0 and np.array_equal(r, u):
-        return "same-signal", (
+        return "records/same-signal", (
             f"u at {place} equals r to the last bit: the command was logged twice, so that feedback, the drive's "
             "limits and its delay are not in u; log the torque that acts, or leave the channel of role r out if "
             "nothing feeds back"
@@ -98,12 +95,12 @@ def _compared(place: str, r: FloatArray, u: FloatArray, N: int | None) -> tuple[
     is_lag_only = is_lag and correlation > abs(at_once) + LIMITS.min_correlation_gain
     is_turned = negative >= CLOCK.min_correlation and (is_better or is_as_good)
     if (at_once < 0 and not is_lag_only) if is_at_once else is_turned:
-        return "mirrored-torque", (
+        return "records/torque", (
             f"u at {place} moves against r (correlation {-negative:.2f} after {turned:.1f} samples): the motor is "
             "mirrored or one of the two channels has the other sign; give that channel sign: -1"
         )
     if is_lag and correlation >= CLOCK.min_correlation and abs(lag) >= LIMITS.min_reported_lag:
-        return "late-torque", (
+        return "records/torque", (
             f"u at {place} lags r by {lag:.1f} samples; responses of y to u do not depend on it, those "
             "estimated with the reference only if it changes from experiment to experiment"
         )
@@ -155,5 +152,5 @@ def same_signal_notes(channels: Sequence[ChannelSpec], signals: FloatArray, wher
                 f"{channels[b].full_name} holds the samples of {channels[a].full_name}: one of the two is not the "
                 "signal of its motor; check channel and column in the study, and the wiring of the logger"
             )
-            notes.append(Note("same-signal", text, where))
+            notes.append(Note("records/same-signal", text, where))
     return notes

@@ -38,7 +38,7 @@ from elastid.robot.simplified import with_point_mass
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of motions and temperatures of joints.  False alarms of 300 clean logs: logs-refused 0."""
+    """Limits of motions and temperatures of joints."""
 
     # Travel below which a joint is held by its controller, in m where it slides and in rad.
     held_travel_m: float = 1e-3
@@ -73,8 +73,9 @@ def read_friction_logs(
         of_log = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
         if not any(record.joint in joints for record in of_log):
             raise DataError(
-                f"{base / file.path}: none of the joints {', '.join(joints)} moves in it; correct friction.joints, or "
-                "leave the file out"
+                "friction/no-record",
+                f"none of the joints {', '.join(joints)} moves in it; correct friction.joints, or leave the file out",
+                f"{base / file.path}",
             )
         start_s = max(record.start_s + record.duration_s for record in of_log)
         if file.purpose == "warm_up":
@@ -128,7 +129,9 @@ class _LogReader:
         recorded = replace(self.recorded, channels=tuple(c for c in self._channels() if c.role != "t"))
         gathered = gather_channels(recorded, self.file, self.base, self.robot)
         if isinstance(recorded.rate_hz, str):
-            raise StudyError(f"{self.path}: friction needs velocities; give recorded.rate_hz in Hz, not unknown")
+            raise StudyError(
+                "study/recorded", "friction needs velocities; give recorded.rate_hz in Hz, not unknown", self.path
+            )
         log = Log(
             self.path, tuple(c.full_name for c in gathered.channels), gathered.rate_hz, gathered.first, gathered.rows
         )
@@ -146,7 +149,11 @@ class _LogReader:
             reader = replace(self, name=f"{self.name}{PART}{number}", start_s=self.start_s + begin_s)
             result += reader._of_part(one, recorded, replace(log, first=log.first + first, rows=rows), first)
         if not result:
-            raise DataError(f"{self.path}: in none of its {len(parts)} parts between missing samples a joint moves")
+            raise DataError(
+                "friction/no-record",
+                f"in none of its {len(parts)} parts between missing samples a joint moves",
+                self.path,
+            )
         return tuple(result)
 
     def _of_part(
@@ -204,7 +211,7 @@ class _LogReader:
         if not self.file.joint:
             return self.recorded.channels
         if self.file.joint not in names:
-            raise StudyError(f"file {self.file.path}: {did_you_mean(self.file.joint, names)}")
+            raise StudyError("study/recorded", f"{did_you_mean(self.file.joint, names)}", f"file {self.file.path}")
         return tuple(c for c in self.recorded.channels if _joint_of(c) == self.file.joint)
 
     def _of_joints(
@@ -258,13 +265,17 @@ class _LogReader:
         moving = [joint for joint in self.robot.driven if self._moves(joint, positions, signals)]
         if not moving and PART not in self.name:
             raise DataError(
-                f"{self.path}: no joint moves in it whose torque and position are logged; friction needs role u and "
-                f"role y with quantity position at one of {', '.join(self.robot.motor_locations)}"
+                "records/channels",
+                f"no joint moves in it whose torque and position are logged; friction needs role u and "
+                f"role y with quantity position at one of {', '.join(self.robot.motor_locations)}",
+                self.path,
             )
         if self.file.purpose == "warm_up" and len(moving) > 1:
             raise DataError(
-                f"{self.path}: joints {', '.join(joint.name for joint in moving)} move in it, and the work of one goes "
-                "into the other; warm up one joint at a time, or name the joint that all heat is of: joint"
+                "friction/no-record",
+                f"joints {', '.join(joint.name for joint in moving)} move in it, and the work of one goes "
+                "into the other; warm up one joint at a time, or name the joint that all heat is of: joint",
+                self.path,
             )
         return moving
 
@@ -282,8 +293,10 @@ class _LogReader:
         ratio, turns = abs(self.robot.ratio(joint.name)), travel / (2 * np.pi)
         if not joint.slides and min(turns, ratio) > LIMITS.max_turns:
             raise DataError(
-                f"{self.path}: joint {joint.name} would turn {turns:.3g} times; its position is that of the motor, "
-                f"whose ratio is {ratio:.4g}: give that channel side: motor, or correct its unit"
+                "records/units",
+                f"joint {joint.name} would turn {turns:.3g} times; its position is that of the motor, "
+                f"whose ratio is {ratio:.4g}: give that channel side: motor, or correct its unit",
+                self.path,
             )
         return self.file.purpose in STILL or joint.name == self.file.joint or travel > self._held(joint)
 
@@ -297,8 +310,10 @@ class _LogReader:
             travel = float(np.nanmax(signal) - np.nanmin(signal))
             if joint is not None and channel.quantity == "position" and travel > self._held(joint):
                 raise DataError(
-                    f"{self.path}: joint {joint.name} travels {travel:.3g} {joint.unit}, more than contacts bend: "
-                    "it slides, and is not at rest; take purpose: motion or loops, or lower the torque"
+                    "records/units",
+                    f"joint {joint.name} travels {travel:.3g} {joint.unit}, more than contacts bend: "
+                    "it slides, and is not at rest; take purpose: motion or loops, or lower the torque",
+                    self.path,
                 )
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
@@ -311,9 +326,11 @@ class _LogReader:
             is_impossible = high > LIMITS.impossible_degc
             unit, scale = ("K", "kelvin") if is_impossible and low > 200 else ("degF", "degrees Fahrenheit")
             raise DataError(
-                f"{self.path}: the temperature of joint {joint} is {low:.4g} to {high:.4g} degC, "
+                "records/channels",
+                f"the temperature of joint {joint} is {low:.4g} to {high:.4g} degC, "
                 f"{'which no joint bears' if is_impossible else 'hotter than grease bears'}; if the thermometer is in "
-                f"{scale}, give that channel unit: {unit}"
+                f"{scale}, give that channel unit: {unit}",
+                self.path,
             )
         return degrees
 

@@ -22,7 +22,7 @@ from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import RecordedSpec
 
-UNWRAPPED = "unwrapped-angle"
+UNWRAPPED = "records/unwrapped"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
 MAX_COMPUTABLE = 1e60
 
@@ -115,23 +115,29 @@ def check_values(
         values = column[np.isfinite(column)]
         if values.size == 0:
             raise DataError(
-                f"{path}: {channel.full_name}: none of its {len(column)} samples is a finite number; check its name"
+                "records/values",
+                f"{channel.full_name}: none of its {len(column)} samples is a finite number; check its name",
+                path,
             )
         if (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE:
             raise DataError(
-                f"{path}: {channel.full_name} reaches {largest:.3g}, which no sensor gives; check its name, and the "
-                "log's placeholder for missing values"
+                "records/values",
+                f"{channel.full_name} reaches {largest:.3g}, which no sensor gives; check its name, and the "
+                "log's placeholder for missing values",
+                path,
             )
         if np.ptp(values) > 0 or channel.role in ("d", "t", "reference", *may_rest):
             continue
         same_role = [x for c, x in zip(channels, columns, strict=True) if c.role == channel.role]
         if channel.role == "y" or not any(np.nanmax(x) > np.nanmin(x) for x in same_role):
             raise DataError(
-                f"{path}: {channel.full_name} is constant at {values[0]:g} over all {len(column)} samples; check its "
-                "sensor and its name in the file"
+                "records/values",
+                f"{channel.full_name} is constant at {values[0]:g} over all {len(column)} samples; check its "
+                "sensor and its name in the file",
+                path,
             )
         text = f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment"
-        still.append(Note("input-not-excited", text))
+        still.append(Note("records/not-excited", text))
     return tuple(still)
 
 
@@ -139,7 +145,7 @@ def _own_side_factor(channel: ChannelSpec, robot: Places) -> float:
     try:
         unit = channel.unit_factor(robot.slides(channel.at) and channel.side == "link")
     except ValueError as error:
-        raise StudyError(f"{channel.full_name}: {error}") from None
+        raise StudyError("study/recorded", str(error), channel.full_name) from None
     return channel.sign * channel.scale * unit * (channel.torque_constant or 1.0)
 
 
@@ -149,8 +155,9 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
     kind, _, joint = channel.at.partition(" ")
     if kind not in ("motor", "joint") or joint not in [driven.name for driven in robot.driven]:
         raise StudyError(
-            f"channel {channel.name_in_file}: side: motor needs a gear, and {channel.at} has none; "
-            f"there are {', '.join(robot.motor_locations)}"
+            "study/recorded",
+            f"side: motor needs a gear, and {channel.at} has none; there are {', '.join(robot.motor_locations)}",
+            f"channel {channel.name_in_file}",
         )
     ratio = robot.ratio(joint)
     return 1 / ratio if channel.is_motion else ratio
@@ -163,9 +170,11 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> in
         if (channel.role, channel.side, channel.at) == (like.role, "motor", motor) and same_kind:
             return place
     raise StudyError(
-        f"channel {like.name_in_file}: {like.at} is coupled by gears with {motor}, of which no channel with role "
+        "study/recorded",
+        f"{like.at} is coupled by gears with {motor}, of which no channel with role "
         f"{like.role} and side: motor{f' holds the {like.quantity}' if like.is_motion else ''}; log it too, or give "
-        "the signal on the link side"
+        "the signal on the link side",
+        f"channel {like.name_in_file}",
     )
 
 
@@ -199,6 +208,7 @@ def check_holds(recorded: RecordedSpec, robot: Places) -> None:
         if len({held[torques.index(channel)] for channel in mixed}) > 1:
             names = ", ".join(f"{channel.name_in_file} ({channel.hold or recorded.hold})" for channel in mixed)
             raise StudyError(
+                "study/recorded",
                 f"gears couple the motors of the channels {names}, whose torques are held in different ways, so that "
-                "the torque of a joint has neither: log commands or measured torques for all of them, with one hold"
+                "the torque of a joint has neither: log commands or measured torques for all of them, with one hold",
             )

@@ -23,7 +23,7 @@ from elastid.recorded.repair.missing import LIMITS as MISSING
 
 @dataclass(frozen=True)
 class RepetitionLimits:
-    """Limits of the judgement that a signal repeats.  False alarms of 300 clean logs: refused 0."""
+    """Limits of the judgement that a signal repeats."""
 
     # Correlation of a repetition at least, and where several periods show that the rest is noise.
     min_correlation: float = 0.95
@@ -260,8 +260,10 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
     best = find_period(drivers)
     if not best.best_samples:
         raise DataError(
-            f"{file.path}: no period was found in it (best correlation {best.best_correlation:.2f}, "
-            f"{LIMITS.min_correlation:g} is needed, where two periods fit): {NO_LINES}"
+            "records/period-mismatch",
+            f"no period was found in it (best correlation {best.best_correlation:.2f}, "
+            f"{LIMITS.min_correlation:g} is needed, where two periods fit): {NO_LINES}",
+            file.path,
         )
     N = round(best.best_samples)
     # The generator's clock is right where its periods are whole: the log is then resampled to it.
@@ -278,7 +280,7 @@ def unstated_period_notes(drivers: FloatArray, where: str) -> tuple[Note, ...]:
         f"no period is stated, but the torques repeat every {round(best.best_samples, 2):.8g} samples: with period: "
         "find the scatter of the periods gives the noise; period: none says that the record is meant as one transient"
     )
-    return (Note("unstated-period", text, where),)
+    return (Note("records/period-mismatch", text, where),)
 
 
 def grid_samples(period: float, half_wave: bool) -> int:
@@ -310,8 +312,10 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
     if n < LIMITS.min_periods * repeat:
         needed = "one period is" if half_wave else "two periods are"
         raise DataError(
-            f"{path}: {_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least "
-            f"{needed} needed{_half_wave_hint(excitation, N, half_wave, log) or _shorter(excitation, log)}"
+            "records/period-mismatch",
+            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least "
+            f"{needed} needed{_half_wave_hint(excitation, N, half_wave, log) or _shorter(excitation, log)}",
+            path,
         )
     result = repetition(excitation, repeat, sign)
     lost = _lost_samples(excitation, repeat, sign) if n < MISSING.min_periods * repeat else None
@@ -326,18 +330,22 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         change, place = lost
         what = f"{abs(change)} samples are {'lost' if change < 0 else 'there twice'} near {log.time_of(place)}"
         raise DataError(
-            f"{problem}: {what}, before and after which it does; of four periods or more they are mended, so measure "
-            "longer, or cut the shorter part off with samples"
+            "records/period-mismatch",
+            f"{what}, before and after which it does; of four periods or more they are mended, so measure "
+            "longer, or cut the shorter part off with samples",
+            problem,
         )
     if result.best_samples:
         raise DataError(
+            "records/period-mismatch",
             f"{problem}; it repeats every {_span(result.best_samples, log)} (correlation "
-            f"{result.best_correlation:.3f}): correct the period or the rate"
+            f"{result.best_correlation:.3f}): correct the period or the rate",
         )
     hint = _half_wave_hint(excitation, 2 * repeat, half_wave, log)
     raise DataError(
+        "records/period-mismatch",
         f"{problem}, nor at any other lag (best correlation {result.best_correlation:.3f}){hint}; with a period "
-        f"elastid needs a periodic excitation{'' if hint else f'; {NO_LINES}'}"
+        f"elastid needs a periodic excitation{'' if hint else f'; {NO_LINES}'}",
     )
 
 

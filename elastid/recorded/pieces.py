@@ -200,7 +200,7 @@ def _repaired_pieces(
 def end_notes(lost: int, n: int, repeat: int, place: str) -> tuple[Note, ...]:
     """A note on the samples of a log of n that are lost after its last whole repetition, if there are any."""
     text = f"the last {lost} of {n} samples are no whole period of {repeat} samples and are left out"
-    return (Note("incomplete-period", text, place),) if lost > 0 else ()
+    return (Note("records/repaired", text, place),) if lost > 0 else ()
 
 
 def _driver(record: Record) -> FloatArray:
@@ -256,7 +256,7 @@ def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
     repairs = sum((Counter(each.repairs) for each in every), Counter())
     counts = ", ".join(f"{each.n_periods} of {path}" for each, path in zip(every, paths, strict=True))
     text = f"the periods of one excitation are those of {len(every)} logs: {counts}"
-    note = Note("logs-joined", text, f"record {first.name}", severity="information")
+    note = Note("records/repaired", text, f"record {first.name}", severity="information")
     return replace(
         first,
         u=np.concatenate([each.u for each in every]),
@@ -274,8 +274,9 @@ def _in_step(first: Record, record: Record, both: str) -> Record:
     N = first.period_samples
     if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > CLOCK.max_error:
         raise DataError(
+            "records/disagree",
             f"{both}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
-            f"{record.rate_hz:g} Hz; {_ADVICE}"
+            f"{record.rate_hz:g} Hz; {_ADVICE}",
         )
     is_known = first.r is not None and record.r is not None
     (a, of_a), (b, of_b) = (
@@ -290,7 +291,7 @@ def _in_step(first: Record, record: Record, both: str) -> Record:
         noise = of_a[i] + of_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
         if refused := _other_excitation(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
-            raise DataError(f"{both}, but at {place} {refused}; {_ADVICE}")
+            raise DataError("records/disagree", f"{both}, but at {place} {refused}; {_ADVICE}")
     aligned = _moved(record, lag)
     u, y = (x.mean(axis=0) - own.mean(axis=0) for x, own in ((first.u, aligned.u), (first.y, aligned.y)))
     return replace(aligned, u=aligned.u + u, y=aligned.y + y)

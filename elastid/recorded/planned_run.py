@@ -22,7 +22,7 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True)
 class PlanLimits:
-    """Limits of what contradicts a plan. False alarms of 102 clean logs: 0 (`scripts/studies/results.csv`)."""
+    """Limits of what contradicts a plan."""
 
     same_excitation: float = 0.98  # correlation of the injected torque with the plan
     late_s: float = 0.02  # by which a log may begin before or after the plan

@@ -44,7 +44,9 @@ class RecordedRig:
         for file in self._recorded.files:
             samples = self._recorded.period_of(file)
             if self._recorded.half_wave and isinstance(samples, float) and samples % 2 == 1:
-                raise StudyError(f"half_wave needs an even number of samples per period, not {samples:g}")
+                raise StudyError(
+                    "study/recorded", f"half_wave needs an even number of samples per period, not {samples:g}"
+                )
 
     @property
     def _recorded(self) -> RecordedSpec:
@@ -200,26 +202,32 @@ def _check_files(spec: ExperimentSpec, recorded: RecordedSpec, base: Path) -> No
     for number, file in enumerate(recorded.files):
         if file.configuration not in spec.configurations:
             raise StudyError(
-                f"file {file.path}: configuration '{file.configuration}' is not under experiment.configurations; "
-                f"there are {', '.join(spec.configurations) or 'none'}"
+                "study/recorded",
+                f"configuration '{file.configuration}' is not under experiment.configurations; "
+                f"there are {', '.join(spec.configurations) or 'none'}",
+                f"file {file.path}",
             )
         if refused := recorded.repeat_refusal(number):
-            raise StudyError(f"file {file.path}: {refused}")
+            raise StudyError("study/recorded", refused, f"file {file.path}")
         for path in (file.path, *file.also):
             if not is_log(base / path):
-                raise StudyError(f"log file {base / path} is not there; paths are relative to the study's folder")
+                raise StudyError(
+                    "files/missing", f"log file {base / path} is not there; paths are relative to the study's folder"
+                )
 
 
 def _check_channels(channels: tuple[ChannelSpec, ...], robot: Places) -> None:
     for channel in channels:
         robot.check_location(channel.at)
         if refused := channel_refusal(channel, channels, robot)[1]:
-            raise StudyError(f"{channel.full_name}: {refused}")
+            raise StudyError("study/recorded", refused, channel.full_name)
         link_side_factor(channel, robot)
         if channel.role in ("r", "u", "d") and channel.at not in robot.motor_locations:
             raise StudyError(
-                f"channel {channel.name_in_file}: {channel.role} acts at '{channel.at}', where no motor is; "
-                f"there are {', '.join(robot.motor_locations)}"
+                "study/recorded",
+                f"{channel.role} acts at '{channel.at}', where no motor is; "
+                f"there are {', '.join(robot.motor_locations)}",
+                f"channel {channel.name_in_file}",
             )
     to_joints(channels, robot)
     places = {role: [c.at for c in channels if c.role == role] for role in ("r", "u", "y")}
@@ -227,11 +235,15 @@ def _check_channels(channels: tuple[ChannelSpec, ...], robot: Places) -> None:
     signals = [(c.role, c.at, c.file if c.role == "r" else 1) for c in channels]
     for role, place, _ in signals:
         if signals.count((role, place, 1)) > 1:
-            raise StudyError(f"two channels have role {role} at {place}; keep one of them")
+            raise StudyError("study/recorded", f"two channels have role {role} at {place}; keep one of them")
     if alone := {channel.at for channel in channels if channel.role == "d"} - set(places["u"]):
-        raise StudyError(f"role d acts at {', '.join(sorted(alone))}, whose torque (role u) is not among the channels")
+        raise StudyError(
+            "study/recorded",
+            f"role d acts at {', '.join(sorted(alone))}, whose torque (role u) is not among the channels",
+        )
     if places["r"] and set(places["r"]) != set(places["u"]):
         raise StudyError(
+            "study/recorded",
             f"channels with role r act at {', '.join(places['r'])}, those with role u at {', '.join(places['u'])}; "
-            "list r for every input or for none"
+            "list r for every input or for none",
         )

@@ -1,6 +1,6 @@
 r"""Logs of a warm-up as heat: power and temperature in steps of seconds, and the test passes that the motion contains.
 
-.. math:: P_k = \frac{1}{\Delta t} \int_k^{k+1} u\, dq
+. math:: P_k = \frac{1}{\Delta t} \int_k^{k+1} u\, dq
 
 The work of the torque over a step is kept whatever its length: inertia and gravity store energy and give it back, so
 that over a motion to and fro friction alone is left, and of hours a few hundred steps say all that a joint feels.
@@ -55,8 +55,10 @@ def heat_of(record: FrictionRecord) -> Heat:
     where = f"{record.place}: warm-up of joint {record.joint}"
     if abs(q[-1] - q[0]) > LIMITS.max_return * np.ptp(q):
         raise DataError(
-            f"{where}: it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} and never returns, so that the work "
-            "of gravity cannot be distinguished from heat; log a motion to and fro"
+            "friction/warm-up",
+            f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} and never returns, so that the work "
+            "of gravity cannot be distinguished from heat; log a motion to and fro",
+            where,
         )
     n = max(1, min(LIMITS.max_steps, int(len(q) / rate_hz / LIMITS.step_s)))
     edges = np.linspace(0, len(q) - 1, n + 1).round().astype(int)
@@ -65,8 +67,10 @@ def heat_of(record: FrictionRecord) -> Heat:
     work = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges]
     if work[-1] <= 0:
         raise DataError(
-            f"{where}: its torque takes {-work[-1]:.4g} J out of the motion: friction would drive the joint; correct "
-            "the sign of torque or position"
+            "friction/warm-up",
+            f"its torque takes {-work[-1]:.4g} J out of the motion: friction would drive the joint; correct "
+            "the sign of torque or position",
+            where,
         )
     T = record.temperature
     readings = np.full(n + 1, np.nan) if T is None else _means(T, edges)
@@ -108,8 +112,10 @@ def warm_up_log(
         pause = float(heat.time_s[0] - time_s[-1])
         if pause < -1.5 / record.rate_hz:
             raise DataError(
-                f"{record.place}: it starts at {heat.time_s[0]:.4g} s, and the log before it ends at {time_s[-1]:.4g} "
-                "s; correct start, or the order of the files"
+                "friction/warm-up",
+                f"it starts at {heat.time_s[0]:.4g} s, and the log before it ends at {time_s[-1]:.4g} "
+                "s; correct start, or the order of the files",
+                record.place,
             )
         first = 0 if pause > 1.5 / record.rate_hz else 1
         power = np.concatenate([power, np.zeros(1 - first), heat.power])
@@ -118,16 +124,20 @@ def warm_up_log(
     least = LIMITS.min_steps * LIMITS.step_s
     if span < least:
         raise DataError(
-            f"{place}: {span:.4g} s are no warm-up: gears take 10 to 60 minutes; log {least:g} s at least, better two "
-            "hours, or take purpose: motion"
+            "friction/warm-up",
+            f"{span:.4g} s are no warm-up: gears take 10 to 60 minutes; log {least:g} s at least, better two "
+            "hours, or take purpose: motion",
+            place,
         )
     read, count = np.isfinite(readings), max(heat.count for heat in heats)
     if not read.any():
         return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
     if np.ptp(readings[read]) < max(count, 1e-9):
         raise DataError(
-            f"{place}: the thermometer reads {readings[read][0]:.4g} degC throughout, while {power.mean():.3g} W warm "
-            "the joint; it is stuck or elsewhere: leave its channel out, test passes show the heat as well"
+            "friction/warm-up",
+            f"the thermometer reads {readings[read][0]:.4g} degC throughout, while {power.mean():.3g} W warm "
+            "the joint; it is stuck or elsewhere: leave its channel out, test passes show the heat as well",
+            place,
         )
     noise = float(np.std(np.diff(readings[read], 2)) / np.sqrt(6))  # of white noise on a slow signal
     std, at_start = max(noise, count / np.sqrt(12)), float(readings[read][0])

@@ -254,7 +254,10 @@ class Robot:
     def check_location(self, location: str) -> None:
         """StudyError for a place that the robot does not have; it lists those it has."""
         if location not in self.locations:
-            raise StudyError(f"'{location}' is not a place on robot {self.name}; there are {', '.join(self.locations)}")
+            raise StudyError(
+                "robot/unknown-name",
+                f"'{location}' is not a place on robot {self.name}; there are {', '.join(self.locations)}",
+            )
 
     @cached_property
     def locations(self) -> tuple[str, ...]:
@@ -358,7 +361,9 @@ class Robot:
             return replace(self, chain=chain).with_parameters(values)
         for name in values:
             if name not in known:
-                raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(known)}")
+                raise StudyError(
+                    "robot/unknown-name", f"robot {self.name} has no parameter {name}; there are {', '.join(known)}"
+                )
         changed: Robot = replaced(self, {known[name][1]: value for name, value in values.items()})
         return changed
 
@@ -374,7 +379,9 @@ def with_frames(robot: Robot, names: Iterable[str]) -> Robot:
             continue
         bodies, last = [body.name for body in robot.bodies], robot.bodies[-1]
         if name not in (*bodies, TOOL):
-            raise StudyError(f"robot {robot.name} has no frame {name}; {did_you_mean(name, [*known, *bodies])}")
+            raise StudyError(
+                "robot/unknown-name", f"robot {robot.name} has no frame {name}; {did_you_mean(name, [*known, *bodies])}"
+            )
         made = Frame(name, name) if name in bodies else Frame(TOOL, last.name, Placement(last.center_of_mass))
         robot = replace(robot, frames=(*robot.frames, made))
     return robot

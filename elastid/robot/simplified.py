@@ -61,8 +61,9 @@ def stiffened(robot: Robot, names: Collection[str]) -> Robot:
         if name not in elastic:
             kind = "loop" if any(loop.name == name for loop in robot.loops) else "joint"
             raise StudyError(
+                "robot/no-spring",
                 f"{kind} {name} has no spring to be left out; elastic joints and rods of robot {robot.name}: "
-                f"{', '.join(elastic)}"
+                f"{', '.join(elastic)}",
             )
 
     def rigid(joint: Joint) -> Joint | None:
@@ -78,7 +79,7 @@ def stiffened(robot: Robot, names: Collection[str]) -> Robot:
     try:
         return replace(with_joints(robot, rigid), loops=tuple(map(stiff, robot.loops)))
     except ValueError as error:
-        raise StudyError(f"without the springs of {', '.join(names)}: {error}") from None
+        raise StudyError("robot/no-spring", str(error), f"without the springs of {', '.join(names)}") from None
 
 
 def without_motor_coupling(robot: Robot) -> Robot:
@@ -134,8 +135,9 @@ def with_point_mass(robot: Robot, mass: float) -> Robot:
         return robot
     if not robot.frames:
         raise StudyError(
+            "robot/unknown-name",
             f"robot {robot.name} has no frame that could carry {mass:g} kg; give it "
-            f"frames: [{{name: tool, body: {robot.bodies[-1].name}}}]"
+            f"frames: [{{name: tool, body: {robot.bodies[-1].name}}}]",
         )
     seat = robot.frames[-1]
     name = unused("point_mass", [body.name for body in robot.all_bodies])

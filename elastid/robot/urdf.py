@@ -51,7 +51,7 @@ class UrdfElement:
 
     def wrong(self, message: str) -> StudyError:
         """An error with the place of the element."""
-        return StudyError(f"{self.path}:{self.line}: {message}")
+        return StudyError("robot/file", message, f"{self.path}:{self.line}")
 
     def text(self, key: str) -> str:
         """An attribute; StudyError where it is missing."""
@@ -95,7 +95,11 @@ def read_elements(path: Path) -> UrdfElement:
         stack.append(element)
 
     def doctype(*_: object) -> None:
-        raise StudyError(f"{path}:{parser.CurrentLineNumber}: a URDF has no DOCTYPE; remove it (expand a xacro first)")
+        raise StudyError(
+            "robot/file",
+            "a URDF has no DOCTYPE; remove it (expand a xacro first)",
+            f"{path}:{parser.CurrentLineNumber}",
+        )
 
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda _: stack.pop()
@@ -103,7 +107,7 @@ def read_elements(path: Path) -> UrdfElement:
     try:
         parser.Parse(path.read_bytes(), True)
     except expat.ExpatError as error:
-        raise StudyError(f"{path}:{error.lineno}: not XML: {expat.ErrorString(error.code)}") from None
+        raise StudyError("robot/file", f"not XML: {expat.ErrorString(error.code)}", f"{path}:{error.lineno}") from None
     return stack[0].children[0]
 
 
@@ -207,7 +211,9 @@ class _Reader:
         for name in self.known:
             if name not in moving:
                 listed = ", ".join(moving) or "none"
-                raise StudyError(f"joints: {self.root.path} has no moving joint {name}; there are {listed}")
+                raise StudyError(
+                    "robot/unknown-name", f"{self.root.path} has no moving joint {name}; there are {listed}", "joints"
+                )
         bodies: list[Body] = []
         frames = [Frame(roots[0], BASE)]
         waiting = [(joint, _Seat(BASE, np.eye(3), np.zeros(3))) for joint in self.below.get(roots[0], [])]

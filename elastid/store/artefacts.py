@@ -85,15 +85,16 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
     """An artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
     path = Path(path)
     if path.is_dir():
-        raise DataError(f"{path}: is a folder; name one of the files in it")
+        raise DataError("files/kind", "is a folder; name one of the files in it", path)
     if not path.is_file():
         gone = next((folder for folder in reversed(path.parents) if not folder.exists()), path)
         raise DataError(
-            f"{path}: no such file" if gone == path else f"{path}: no such file, since there is no folder {gone}"
+            "files/missing",
+            f"{path}: no such file" if gone == path else f"{path}: no such file, since there is no folder {gone}",
         )
     # Before HDF5 looks at it: some damages end the process there.
     if not is_intact(path):
-        raise DataError(f"{path}: its content has changed since it was written; delete it and run again")
+        raise DataError("files/damaged", "its content has changed since it was written; delete it and run again", path)
     try:
         with h5py.File(path, "r") as file:
             _require_kind(path, file, kind)
@@ -102,12 +103,14 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
         raise
     except OSError as error:
         raise DataError(
-            f"{path}: not a readable HDF5 file ({_first_line(error)}); name one that elastid has written; if it "
-            "was one, it is damaged: delete it and run again"
+            "files/damaged",
+            f"not a readable HDF5 file ({_first_line(error)}); name one that elastid has written; if it "
+            "was one, it is damaged: delete it and run again",
+            path,
         ) from None
     except Exception as error:  # what a damaged file makes h5py and NumPy raise
         raise DataError(
-            f"{path}: damaged, or of an older layout ({_first_line(error)}); delete it and run again"
+            "files/damaged", f"damaged, or of an older layout ({_first_line(error)}); delete it and run again", path
         ) from error
 
 
@@ -116,17 +119,23 @@ def _require_kind(path: Path, file: Any, kind: str) -> None:
     stored, written = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
     if stored != kind:
         holds = f"holds {stored}" if stored else "was not written by elastid"
-        raise DataError(f"{path}: {holds}, expected {kind}; name another; `elastid inspect {path}` shows its content")
+        raise DataError(
+            "files/kind", f"{holds}, expected {kind}; name another; `elastid inspect {path}` shows its content", path
+        )
     if written > FORMAT:
         raise DataError(
-            f"{path}: format {written}, written by a newer elastid; this one reads format {FORMAT}: update it, or "
-            "delete the file and run again"
+            "files/version",
+            f"format {written}, written by a newer elastid; this one reads format {FORMAT}: update it, or "
+            "delete the file and run again",
+            path,
         )
     if written < FORMAT:
         command = f"`elastid {_COMMANDS[kind]} STUDY` makes it" if kind in _COMMANDS else "run"
         raise DataError(
-            f"{path}: format {written}, written by an older elastid; this one reads format {FORMAT}: delete the file, "
-            f"and {command} again"
+            "files/version",
+            f"format {written}, written by an older elastid; this one reads format {FORMAT}: delete the file, "
+            f"and {command} again",
+            path,
         )
 
 

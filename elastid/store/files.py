@@ -159,7 +159,7 @@ def one_writer(folder: Path) -> Iterator[None]:
     it is not guarded. Temporary files of a killed writer are removed.
     """
     if folder.exists() and not folder.is_dir():
-        raise ElastidError(f"{folder} is a file, and results go into a folder: give another one")
+        raise ElastidError("files/folder", f"{folder} is a file, and results go into a folder: give another one")
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / LOCK
     with _locked(path) as file:
@@ -185,7 +185,7 @@ def _locked(path: Path) -> Iterator[BinaryIO]:
     while True:
         with open(path, "a+b", opener=unlinked) as file:
             if not _lock(file):
-                raise ElastidError(_refusal(path))
+                raise ElastidError("files/folder", _refusal(path))
             # Between opening and locking, the owner may have removed it.
             if os.path.lexists(path) and os.path.samestat(os.fstat(file.fileno()), path.lstat()):
                 yield file

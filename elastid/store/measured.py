@@ -135,7 +135,9 @@ def read_records(path: Path | str, configuration: str | None = None) -> Iterator
         entries = _entries(path)
         if configuration not in (None, *(name for _, name in entries)):
             known = ", ".join(dict.fromkeys(name for _, name in entries))
-            raise DataError(f"{path}: no records of configuration {configuration}; there are {known or 'none'}")
+            raise DataError(
+                "run/earlier-stage", f"no records of configuration {configuration}; there are {known or 'none'}", path
+            )
         for entry, name in entries:
             if configuration in (None, name):
                 yield read_dataclass(file["records"][entry], Record)

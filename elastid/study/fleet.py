@@ -57,7 +57,9 @@ def load_fleet(path: Path) -> Fleet:
     """A fleet of a YAML file; StudyError with a line for each error, and where a robot has one date twice."""
     source = read_source(path, str(path))
     if not isinstance(source.data, dict):
-        raise StudyError(f"{path}:1:1: a fleet is a mapping with the keys name, study and members, table or folders")
+        raise StudyError(
+            "files/table", "a fleet is a mapping with the keys name, study and members, table or folders", f"{path}:1:1"
+        )
     spec, problems = validate(source.data, FleetSpec)
     if problems:
         raise make_error(source, problems)
@@ -105,17 +107,19 @@ def _rows(path: Path) -> Iterator[MemberSpec]:
             missing = [name for name in (ROBOT, DATE) if name not in (rows.fieldnames or ())]
             if missing:
                 text = "the first line names the columns, with commas between them"
-                raise StudyError(f"{path}:1:1: no column is called {missing[0]}; {text}")
+                raise StudyError("files/table", f"no column is called {missing[0]}; {text}", f"{path}:1:1")
             for row in rows:
                 if None in row:
-                    raise StudyError(f"{path}:{rows.line_num}:1: it has more values than the first line has names")
+                    raise StudyError(
+                        "files/table", "it has more values than the first line has names", f"{path}:{rows.line_num}:1"
+                    )
                 own = {key: value for key, value in row.items() if key not in (ROBOT, DATE) and value}
                 try:
                     yield MemberSpec(str(row[ROBOT]).strip(), str(row[DATE]).strip(), own)
                 except ValueError as error:
-                    raise StudyError(f"{path}:{rows.line_num}:1: {error}") from None
+                    raise StudyError("files/table", str(error), f"{path}:{rows.line_num}:1") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise StudyError(f"{path}:1:1: cannot be read as a table ({error})") from None
+        raise StudyError("files/table", f"cannot be read as a table ({error})", f"{path}:1:1") from None
 
 
 def _folders(pattern: str, base: Path) -> Iterator[tuple[MemberSpec, str]]:

@@ -31,7 +31,9 @@ def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
         return source
     place, path = source.place(("loads", "file"), of_value=True), folder / name
     if not path.is_file():
-        raise StudyError(f"{place}: loads.file: no such file (looked for {path}; the path is relative to the study)")
+        raise StudyError(
+            "files/missing", f"loads.file: no such file (looked for {path}; the path is relative to the study)", place
+        )
     listed = loads.get("tests") or []
     if not isinstance(listed, list):
         return source
@@ -56,17 +58,23 @@ def _tests(
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
-        raise StudyError(f"{path}:1:1: not a text in UTF-8 (byte 0x{error.object[error.start]:02x})") from None
+        raise StudyError(
+            "files/table", f"not a text in UTF-8 (byte 0x{error.object[error.start]:02x})", f"{path}:1:1"
+        ) from None
     rows = [(number, next(csv.reader([line]), [])) for number, line in enumerate(lines, start=1)]
     rows = [(number, row) for number, row in rows if any(row) and not row[0].lstrip().startswith("#")]
     if len(rows) < 2:
-        raise StudyError(f"{path}:1:1: a file of load tests has a row of names and a row for each test")
+        raise StudyError(
+            "files/table", "a file of load tests has a row of names and a row for each test", f"{path}:1:1"
+        )
     (line, heads), *rest = rows
     columns = [_column(path, line, _start(heads, i), head, joints) for i, head in enumerate(heads)]
     tests, places = [], dict[KeyPath, tuple[Place, Place]]()
     for i, (number, row) in enumerate(rest, start=first):
         if len(row) != len(heads):
-            raise StudyError(f"{path}:{number}:1: {len(row)} cells, and {len(heads)} names in line {line}")
+            raise StudyError(
+                "files/table", f"{len(row)} cells, and {len(heads)} names in line {line}", f"{path}:{number}:1"
+            )
         cells = {
             column: (f"{cell.strip()}{unit and f' {unit}'}", Place(1, number, _start(row, at), str(path)))
             for at, (cell, (column, unit)) in enumerate(zip(row, columns, strict=True))
@@ -91,8 +99,9 @@ def _column(path: Path, line: int, column: int, head: str, joints: Sequence[str]
     known = [*_SINGLE, *(each for names in _KEYS.values() for each in names)]
     if name not in known:
         raise StudyError(
-            f"{path}:{line}:{column}: no column of load tests is called '{name}'; "
-            f"{did_you_mean(name, [*known, *joints])}"
+            "files/table",
+            f"no column of load tests is called '{name}'; {did_you_mean(name, [*known, *joints])}",
+            f"{path}:{line}:{column}",
         )
     return name, unit
 

@@ -238,9 +238,13 @@ def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
     """Study, robot and overrides as one source; and the errors of the robot's file."""
     source, robot_errors = read_source(path, str(path)), ""
     if source.data is None:
-        raise StudyError(f"{path}:1:1: the file is empty; `elastid new DIR` writes a study to start from")
+        raise StudyError(
+            "study/invalid", "the file is empty; `elastid new DIR` writes a study to start from", f"{path}:1:1"
+        )
     if not isinstance(source.data, dict):
-        raise StudyError(f"{path}:1:1: a study is a mapping with the keys name, robot, experiment ...")
+        raise StudyError(
+            "study/invalid", "a study is a mapping with the keys name, robot, experiment ...", f"{path}:1:1"
+        )
     # `--set robot=other.yml` comes before that file is read, all other overrides reach into it.
     pairs = [_split(override) for override in overrides]
     for keys, value, option in pairs:
@@ -271,11 +275,13 @@ def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
         return source
     file, place = path.parent / robot, source.place(("robot",), of_value=True)
     if not os.path.isfile(file):
-        raise StudyError(f"{place}: robot: no such file (looked for {file}; the path is relative to the study)")
+        raise StudyError(
+            "files/missing", f"robot: no such file (looked for {file}; the path is relative to the study)", place
+        )
     try:
         part = read_robot(file)
     except StudyError as error:
-        raise StudyError(f"{place}: robot: {file} is no robot:\n{error}") from None
+        raise StudyError("robot/file", f"robot: {file} is no robot:\n{error}", place) from None
     text = f"{source.text.rstrip()}\n\n{comment_lines(robot)}{part.text}"
     return YamlSource({**source.data, **part.data}, {**source.places, **part.places}, text)
 
@@ -284,11 +290,11 @@ def _split(override: str) -> tuple[KeyPath, YamlSource, str]:
     option = f"--set {override}"
     dotted, equals, text = override.partition("=")
     if not equals or not dotted.strip():
-        raise StudyError(f"{option}: write --set key.path=value, for example --set fit.starts=5")
+        raise StudyError("options/invalid", "write --set key.path=value, for example --set fit.starts=5", option)
     try:
         value = parse(text, "value", rank=2)
     except StudyError as error:
-        raise StudyError(f"{option}: {error}") from None
+        raise StudyError("options/invalid", str(error), option) from None
     keys = tuple(key.strip() for key in dotted.replace("[", ".").replace("]", "").split("."))
     return keys, value, option
 
@@ -309,7 +315,9 @@ def _put(data: Any, keys: KeyPath, value: Any, option: str) -> tuple[Any, KeyPat
     step, rest = keys[0], keys[1:]
     if isinstance(data, list):
         if not str(step).isdigit() or int(step) >= len(data):
-            raise StudyError(f"{option}: '{step}' must be a number from 0 to {len(data) - 1}: here is a list")
+            raise StudyError(
+                "options/invalid", f"'{step}' must be a number from 0 to {len(data) - 1}: here is a list", option
+            )
         index = int(step)
         entry, path = _put(data[index], rest, value, option)
         return [*data[:index], entry, *data[index + 1 :]], (index, *path)

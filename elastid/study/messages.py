@@ -177,7 +177,9 @@ def make_error(source: YamlSource, problems: Iterable[Problem], robot_errors: st
     problems = tuple(problems)
     lines = [message for _, message in sorted({_line(source, problem) for problem in problems})]
     origin = source.origin if any(problem.origin for problem in problems) else ()
-    return StudyError("\n".join([first_of(lines), *filter(None, [robot_errors]), *origin]).lstrip("\n"))
+    return StudyError(
+        "study/invalid", "\n".join([first_of(lines), *filter(None, [robot_errors]), *origin]).lstrip("\n")
+    )
 
 
 def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from pydantic import TypeAdapter
 
+from elastid.base.codes import CODES
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.section import Key
 from elastid.base.units import InUnit
@@ -213,11 +214,19 @@ def explain(asked: str) -> str:
 
     Names that a study chooses and numbers of entries may be given or left out: experiment.recorded.files[0].samples.
     """
+    if "/" in asked:
+        return _of_code(asked)
     keys = list(_matching(asked))
     if not keys:
         owner = "a fleet" if asked.startswith("fleet.") else "a study"
-        raise StudyError(f"{owner} has no key {asked}; {_nearest(asked)}")
+        raise StudyError("study/unknown-key", f"{owner} has no key {asked}; {_nearest(asked)}")
     return "\n\n".join(_explanation(key) for key in keys)
+
+
+def _of_code(asked: str) -> str:
+    if asked not in CODES:
+        raise StudyError("study/unknown-key", f"no error or note has the code {asked}; {did_you_mean(asked, CODES)}")
+    return f"{asked}\n  {CODES[asked]}"
 
 
 def overview() -> str:

@@ -38,7 +38,7 @@ def read_robot(path: Path) -> YamlSource:
     """The file's content under the key `robot`, which the places of its keys do not show."""
     part = read_source(path, str(path), rank=1)
     if not isinstance(part.data, dict):
-        raise StudyError(f"{path}:1:1: a robot is a mapping with the keys name and bodies")
+        raise StudyError("robot/file", "a robot is a mapping with the keys name and bodies", f"{path}:1:1")
     places = {
         ("robot", *keys): (replace(key, hidden=1), replace(value, hidden=1))
         for keys, (key, value) in part.places.items()

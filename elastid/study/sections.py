@@ -117,15 +117,17 @@ class Study:
         if self.robot is None:
             stages = "estimate" if self.experiment.responses is not None else "measure, estimate"
             raise StudyError(
-                f"study {self.name} has no robot: its stages are {stages} and report; to fit a model give "
-                "robot (the path of its file) and fit.parameters"
+                "study/stage",
+                f"its stages are {stages} and report; to fit a model give "
+                "robot (the path of its file) and fit.parameters",
+                f"study {self.name} has no robot",
             )
         return self.robot
 
     def as_friction(self) -> FrictionSpec:
         """The section `friction`; StudyError for a study of the other kind."""
         if self.friction is None:
-            raise StudyError(f"study {self.name} has no section friction: it identifies elasticity")
+            raise StudyError("study/stage", f"study {self.name} has no section friction: it identifies elasticity")
         return self.friction
 
     @property

@@ -66,15 +66,17 @@ def read_source(path: Path, name: str, rank: int = 0) -> YamlSource:
     try:
         raw = path.read_bytes()
     except FileNotFoundError:
-        raise StudyError(f"{name}: no such file") from None
+        raise StudyError("files/missing", "no such file", name) from None
     except OSError as error:
         folder = f"; name the study in it, such as {name}/study.yml" if path.is_dir() else ""
-        raise StudyError(f"{name}: cannot be read ({error.strerror}){folder}") from None
+        raise StudyError("study/yaml", f"cannot be read ({error.strerror}){folder}", name) from None
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line, column = _line_column(raw[: error.start].decode("latin-1"))
-        raise StudyError(f"{name}:{line}:{column}: not a YAML text in UTF-8 (byte 0x{raw[error.start]:02x})") from None
+        raise StudyError(
+            "study/yaml", f"not a YAML text in UTF-8 (byte 0x{raw[error.start]:02x})", f"{name}:{line}:{column}"
+        ) from None
     return parse(text, name, rank)
 
 
@@ -82,25 +84,25 @@ def parse(text: str, name: str, rank: int = 0) -> YamlSource:
     """YAML text of a source called `name`; StudyError lists broken YAML, duplicate keys and tags by place."""
     root = Place(rank, 1, 1, name)
     if _half_character(text):
-        raise StudyError(f"{name}:1:1: not a text in UTF-8")
+        raise StudyError("study/yaml", "not a text in UTF-8", f"{name}:1:1")
     yaml = YAML(typ="safe", pure=True)
     try:
         node = yaml.compose(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        raise StudyError(f"{name}:{line}:{column}: broken YAML: {_reason(error)}") from None
+        raise StudyError("study/yaml", f"broken YAML: {_reason(error)}", f"{name}:{line}:{column}") from None
     except ReaderError as error:
         line, column = _line_column(text[: error.position])
-        raise StudyError(f"{name}:{line}:{column}: not a YAML text ({error.reason})") from None
+        raise StudyError("study/yaml", f"not a YAML text ({error.reason})", f"{name}:{line}:{column}") from None
     except RecursionError:
-        raise StudyError(f"{name}:1:1: nested too deeply for a study") from None
+        raise StudyError("study/yaml", "nested too deeply for a study", f"{name}:1:1") from None
     if node is None:
         return YamlSource(None, {(): (root, root)}, text)
     reader = _Reader(name, rank, yaml.constructor)
     data = reader.value(node, (), root)
     if reader.problems:
-        raise StudyError(first_of(reader.problems))
+        raise StudyError("study/yaml", first_of(reader.problems))
     return YamlSource(data, reader.places, text)
 
 
@@ -156,7 +158,9 @@ class _Reader:
     def value(self, node: Node, path: KeyPath, key_place: Place) -> Any:
         self.places[path] = (key_place, self.place(node))
         if id(node) in self._open or len(self.places) > 200_000:  # aliases may repeat nodes without end
-            raise StudyError(f"{self.place(node)}: aliases repeat themselves without end, or make the file too large")
+            raise StudyError(
+                "study/yaml", "aliases repeat themselves without end, or make the file too large", f"{self.place(node)}"
+            )
         self._open.add(id(node))
         if isinstance(node, MappingNode) and node.tag == f"{_TAG}map":
             data: Any = {key: self.value(item, (*path, key), place) for key, item, place in self.entries(node)}

@@ -37,7 +37,7 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
     physical robot.
     """
     if result.robot is None:
-        raise StudyError("this result holds no robot; fit again with this version of elastid")
+        raise StudyError("fit/no-robot", "this result holds no robot; fit again with this version of elastid")
     covariance = result.covariance_of_prediction
     names = result.parameters.moved(configuration)
     places = [result.parameters.names.index(name) for name in names]
@@ -61,8 +61,9 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
             # A fit with more than 20 impossible draws for each robot is too uncertain to be drawn from.
             if refused > 20 * (len(robots) + 10):
                 raise FitError(
+                    "fit/no-robot",
                     f"of {refused + len(robots)} draws {refused} have impossible inertias: the fit knows too "
-                    "little of masses or inertias; give them a prior, or hold them"
+                    "little of masses or inertias; give them a prior, or hold them",
                 ) from None
             continue
         values.append(theta[places])
@@ -75,7 +76,7 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
 def estimated_robot(result: FitResult) -> Robot:
     """The robot with the fitted numbers, those that all configurations share."""
     if result.robot is None:
-        raise StudyError("this result holds no robot; fit again with this version of elastid")
+        raise StudyError("fit/no-robot", "this result holds no robot; fit again with this version of elastid")
     theta = result.parameters.expand(result.x)
     numbers = dict(zip(result.parameters.names, theta.tolist(), strict=True))
     numbers.pop(DELAY, None)

@@ -142,8 +142,9 @@ def map_family(
     found = np.concatenate(of_pieces)
     if not found.any():
         raise StudyError(
+            "robot/no-rest",
             f"robot {family.robot.name} finds no rest in any of the {len(angles)} postures; they may be outside the "
-            "reach of its loops, or its springs too soft for its weight"
+            "reach of its loops, or its springs too soft for its weight",
         )
     quantities = tuple(
         Quantity(

@@ -56,7 +56,9 @@ def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
     if robot.loops:
         drawn = drawn[are_closed(robot, followed(robot, drawn))]
     if not len(drawn):
-        raise StudyError(f"robot {robot.name}: its loops close in no posture within the limits of its joints")
+        raise StudyError(
+            "use/unreachable", "its loops close in no posture within the limits of its joints", f"robot {robot.name}"
+        )
     return np.asarray(drawn[:count])
 
 
@@ -71,14 +73,17 @@ def grid_postures(robot: Robot, frame: str, points: int = GRID_POINTS, seed: int
     low, high = reached.min(axis=0), reached.max(axis=0)
     spacing = float((high - low).max()) / max(points - 1, 1)
     if not spacing > 0:
-        raise StudyError(f"frame {frame} of robot {robot.name} moves nowhere; name another with --frame")
+        raise StudyError(
+            "use/unreachable", f"frame {frame} of robot {robot.name} moves nowhere; name another with --frame"
+        )
     sides = [np.arange(a, b + spacing / 2, spacing) for a, b in zip(low, high, strict=True)]
     targets = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
     angles, is_reached = inverse_kinematics(robot, frame, targets, seed=seed)
     if not is_reached.any():
         raise StudyError(
+            "use/unreachable",
             f"no point of a grid of {1e3 * spacing:.3g} mm is reached by frame {frame} of robot {robot.name}, which "
-            "moves on a surface only; take --random, or a frame behind the last joint"
+            "moves on a surface only; take --random, or a frame behind the last joint",
         )
     return angles[is_reached]
 
@@ -215,9 +220,11 @@ class Table:
         if not {"x", "y", "z"} <= set(words):
             names = [joint.name for joint in robot.driven]
             raise DataError(
-                f"{self.path}: its columns are {', '.join(self.heads)}; give one for each driven joint "
+                "use/path",
+                f"its columns are {', '.join(self.heads)}; give one for each driven joint "
                 f"({', '.join(names)}; rad, or `{names[0]} deg`), or the poses of the frame as x, y, z in m, with rx, "
-                "ry, rz in rad for its orientation"
+                "ry, rz in rad for its orientation",
+                self.path,
             )
         position = self.values[:, [words[axis] for axis in "xyz"]]
         if not {"rx", "ry", "rz"} <= set(words):
@@ -242,8 +249,10 @@ def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
     angles, reached = follow_path(robot, frame, *table.poses(robot))
     if not reached.any():
         raise DataError(
-            f"{path}: no pose is within reach of frame {frame} and the limits of the joints; x, y, z are in m from the "
-            "robot's base"
+            "use/unreachable",
+            f"no pose is within reach of frame {frame} and the limits of the joints; x, y, z are in m from the "
+            "robot's base",
+            path,
         )
     return JointPath(angles[reached], tuple((np.flatnonzero(~reached) + 1).tolist()))
 
@@ -255,25 +264,29 @@ def read_table(path: Path) -> Table:
             reader = csv.reader(file)
             rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
     except UnicodeDecodeError:
-        raise DataError(f"{path}: no text; give a CSV file") from None
+        raise DataError("use/path", "no text; give a CSV file", path) from None
     except OSError as error:
-        raise DataError(f"{path}: {error.strerror}; give a CSV file with the path") from None
+        raise DataError("use/path", f"{error.strerror}; give a CSV file with the path", path) from None
     if len(rows) < 2:
-        raise DataError(f"{path}: a path has a row of names and a row for each posture")
+        raise DataError("use/path", "a path has a row of names and a row for each posture", path)
     heads = tuple(cell.strip() for cell in rows[0][1])
     if repeated := next((head for head in heads if heads.count(head) > 1), ""):
-        raise DataError(f"{path}:{rows[0][0]}: column {repeated} is there twice; leave one out")
+        raise DataError("use/path", f"column {repeated} is there twice; leave one out", f"{path}:{rows[0][0]}")
     for line, row in rows[1:]:
         if len(row) != len(heads):
             raise DataError(
-                f"{path}:{line}: {len(row)} cells, and {len(heads)} names in line {rows[0][0]}; give as many, with "
-                "commas between them and a point before decimals"
+                "use/path",
+                f"{len(row)} cells, and {len(heads)} names in line {rows[0][0]}; give as many, with "
+                "commas between them and a point before decimals",
+                f"{path}:{line}",
             )
         for head, cell in zip(heads, row, strict=True):
             if not _is_finite(cell):
                 raise DataError(
-                    f"{path}:{line}: column {head} is '{cell.strip()}'; a path holds finite numbers alone below its "
-                    "names, with a point before decimals"
+                    "use/path",
+                    f"column {head} is '{cell.strip()}'; a path holds finite numbers alone below its "
+                    "names, with a point before decimals",
+                    f"{path}:{line}",
                 )
     values = np.array([[float(cell) for cell in row] for _, row in rows[1:]])
     return Table(path, heads, values, tuple(line for line, _ in rows[1:]))

@@ -75,9 +75,16 @@ def validate(
     names = [response.configuration.name for response in measured]
     unknown = [name for name in left_out if name not in names]
     if unknown:
-        raise StudyError(f"validation.left_out: {', '.join(unknown)} was not measured; choose among {', '.join(names)}")
+        raise StudyError(
+            "validation/left-out",
+            f"{', '.join(unknown)} was not measured; choose among {', '.join(names)}",
+            "validation.left_out",
+        )
     if set(names) <= set(left_out):
-        raise StudyError("validation.left_out names every configuration; take out at least one, which is then fitted")
+        raise StudyError(
+            "validation/left-out",
+            "validation.left_out names every configuration; take out at least one, which is then fitted",
+        )
     agreements = tuple(
         agreement(Ghat, G, name in left_out, (shifts or {}).get(name))
         for name, Ghat, G in zip(names, measured, modelled, strict=True)
@@ -243,10 +250,7 @@ def _resonance_clause(agreements: Sequence[Agreement]) -> str:
 
 @dataclass(frozen=True)
 class ExcessLimits:
-    """Limits of the judgement where the excess of a cost lies, found by a test whose rate is FALSE_ALARM.
-
-    False alarms of 300 clean logs: excess-of-cost 2.
-    """
+    """Limits of the judgement where the excess of a cost lies, found by a test whose rate is FALSE_ALARM."""
 
     min_share: float = 0.25  # of the excess, from which a configuration or element is named; also twice its lines
     max_band_lines: float = 0.2  # share of the lines up to which a band with half of the excess is named

@@ -101,8 +101,9 @@ def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
     left = {key: each for key, each in spec.parameters.items() if not is_gone(key.partition(SEPARATOR)[0])}
     if spec.parameters and not left:  # an empty list would mean every stiffness
         raise StudyError(
+            "compare/variants",
             f"fit.parameters has no parameter of this model ({', '.join(spec.parameters)}); add one, such as the "
-            "stiffnesses of the gears"
+            "stiffnesses of the gears",
         )
     return replace(spec, parameters=left)
 

@@ -323,15 +323,18 @@ def _along(
 ) -> JointFriction:
     """The joint with its motion of a log, less the torque of a rigid body where it shares one; else DataError."""
     if source is None or source.motion is None:
-        raise DataError("the result has no regression of a motion of it")
+        raise DataError("predict/mismatch", "the result has no regression of a motion of it")
     if source.slides != record.slides:
-        raise DataError("it slides in one of the two robots and turns in the other")
+        raise DataError("predict/mismatch", "it slides in one of the two robots and turns in the other")
     fit, motion = source.motion, motions[record.joint]
     if fit.rigid_body is not None:
         body = _Body(fit.rigid_body.joints, fit.passband_hz, fit.rigid_body)
         motion = replace(motion, torque=motion.torque - rigid(body)[record.joint])
     elif len(motions) > 1:
-        raise DataError("it moves with others, and alone in the logs of the result, which know no rigid body of all")
+        raise DataError(
+            "predict/mismatch",
+            "it moves with others, and alone in the logs of the result, which know no rigid body of all",
+        )
     else:
         motion = replace(motion, turns_against_gravity="gravity.cos" in fit.chosen.names)
     MotionSignals.of(motion, fit.passband_hz)  # DataError where the log is too short for it

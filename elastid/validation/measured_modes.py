@@ -3,7 +3,7 @@ r"""Modes of the measured responses of a robot beside those of its identified mo
 A measured mode belongs to the model's mode of near frequency, within 10 % or the smaller half width, and like shape,
 each to one; their shapes at the outputs, psi of the measurement and C phi of the model, are compared by
 
-.. math:: \mathrm{MAC} = \frac{|\psi^H C \phi|^2}{\psi^H \psi\; (C \phi)^H C \phi}
+. math:: \mathrm{MAC} = \frac{|\psi^H C \phi|^2}{\psi^H \psi\; (C \phi)^H C \phi}
 
 A mode without one is lacking where the model also misses the response there: at the line of its peak by more than half
 of the height of the peak |R| / (zeta omega), which itself is more than eight standard deviations.  Friction bends
@@ -80,7 +80,7 @@ class MeasuredModes:
         """A note on each mode that the model lacks."""
         return tuple(
             Note(
-                "missing-mode",
+                "validation/missing-mode",
                 f"a mode at {number(self.freq_hz[i], 3)} {self.frequency_unit}, {percent(self.zeta[i], 2)} damping, "
                 f"seen at {self.seen[i]}, is in the measured response and not in the model: something on a spring of "
                 "its own, of the structure, the base or the tool, is missing in the robot's file; give it a joint "

@@ -26,7 +26,7 @@ PeakKind: TypeAlias = Literal["resonance", "antiresonance"]
 
 @dataclass(frozen=True)
 class PeakLimits:
-    """Limits of the judgement of peaks.  False alarms of 300 clean logs: peak-without-partner 0."""
+    """Limits of the judgement of peaks."""
 
     min_prominence_db: float = 3.0
     min_prominence_sigmas: float = 6.0  # the same in standard deviations

@@ -9,11 +9,8 @@ peak too many or without a partner in the model, or an excess of the cost; each 
 kind, such as a period that differs because the torque stepped in it, is none (`true_of`). --rig: a module with
 `dataset` and `write` as the module of an outside rig has them, one more set of which is read for ten of the others.
 
-The thresholds are the fields of all classes of elastid named ...Limits or ...Thresholds. Those on which a judgement
-depends that these logs can show are in JUDGEMENTS; all others are printed as without a rate. The docstring of a class
-with a rate quotes it, as `False alarms of 300 clean logs: spikes-replaced 2, spikes-left 0.` It is asserted that each
-quoted count agrees with this run by the 95 % intervals of both, and that no judgement has alarms in 1 % of the sets or
-more, but those that state their own rate in their words. The last line is one JSON object.
+No code has alarms in 1 % of the sets or more, but those that state their own rate in their words. The last line is one
+JSON object.
 
 300 sets: no period is left out; the line next to a slow wander is left out as weak in 2; in 2, of one realisation of
 two periods, a spring is suspected. A mirrored torque, a misfit or an error of the model is found in none. Spikes were
@@ -39,16 +36,14 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse
 import importlib
 import json
-import re
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from inspect import getdoc
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import h5py
 import numpy as np
@@ -57,7 +52,6 @@ from scipy.stats import beta
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.clean_logs import PERIOD, RATE_HZ, Kind
 
-import elastid
 from elastid.base.errors import ElastidError
 from elastid.base.execution import Execution, in_order
 from elastid.base.note import Note
@@ -80,86 +74,7 @@ RIG_EVERY = 10
 MIN_SETS = 50
 # Of the sets; a judgement that states its own rate in its words may reach it.  Fewer sets show no such rate.
 MAX_RATE, MIN_COUNTED, STATED = 0.01, 100, ("excess-of-cost",)
-# Table: judgement -> the fields on which it depends, all of them where it is "*".
-JUDGEMENTS: Mapping[str, Mapping[str, str]] = {
-    "recorded.repair.spikes.SpikeLimits": {"spikes-replaced": "*", "spikes-left": "max_share"},
-    "recorded.repair.stops.StopLimits": {"stops": "*", "rest-left-out": "start_windows max_still_share"},
-    "recorded.repair.stops.StuckLimits": {"stuck-samples": "*"},
-    "recorded.repair.DriftLimits": {"drifting-channels": "*"},
-    "recorded.repair.missing.MissingLimits": {
-        "lost-samples-put-back": "min_periods max_shift max_remaining_share",
-        "doubled-samples-taken-out": "min_periods max_shift max_remaining_share",
-    },
-    "recorded.repair.clock.ClockLimits": {
-        "samples-resampled": "max_error min_shift max_remaining_share",
-        "late-torque": "min_correlation",
-    },
-    "recorded.repair.converter.ConverterLimits": {
-        "quantised-channels": "min_noise_share min_repeats step_tolerance",
-        "samples-at-a-limit": "max_step_share min_run min_departure min_places min_clipped_share max_rounding "
-        "min_side_samples equal_tolerance",
-        "refused": "max_clipped_share",
-    },
-    "recorded.drive_notes.DriveLimits": {
-        "mirrored-torque": "main_power_share min_correlation_gain",
-        "late-torque": "min_reported_lag main_power_share max_left_by_lag",
-        "same-signal": "max_difference",
-    },
-    "recorded.periodicity.RepetitionLimits": {"refused": "*"},
-    "frf.period_selection.Limits": {
-        "transient-left-out": "relative_error groups lines_in_group asymmetry negligible_distance spread scatter lines "
-        "neighbours weighed",
-        "periods-left-out": "periods negligible_distance spread scatter lines",
-    },
-    "frf.quality.Limits": {
-        "input-barely-excited": "input_snr weak_share",
-        "output-barely-moved": "weak_share",
-        "inputs-move-together": "condition",
-    },
-    "frf.checks.Limits": {
-        "lines-left-out": "power_ratio",
-        "same-phases": "phase_difference lines",
-        "exchanged-channels": "highest_share relative_gain mean_gain",
-        "wrong-sign": "sigmas passive_lines lines",
-        "refused": "clock_difference",
-    },
-    "frf.local.least_squares.Limits": {"local-false-peak": "log_gain"},
-    "frf.local.response.Limits": {
-        "local-refused": "dof margin_dof input_snr excited_share",
-        "local-repeats-averaged": "difference correlation",
-    },
-    "nonlinear.choice.Limits": {
-        "friction-taken-out": "nonlinear_share part_of_sign shape_gain left_share weight near spread",
-        "unexplained-distortion": "unexplained",
-    },
-    "nonlinear.places.Limits": {"friction-sticks": "*"},
-    "nonlinear.gear.straightness.Limits": {"gear-not-straight": "*"},
-    "fit.diagnosis.configurations.Limits": {
-        "unlike-configuration": "residual_ratio",
-        "two-groups": "removed_share removed_alone cost_ratio cost_ratio_alone difference",
-    },
-    "fit.diagnosis.misreadings.Limits": {"modification-index": "*"},
-    "fit.diagnosis.hypothesis.Limits": {"modification-index": "*"},
-    "fit.diagnosis.missing_springs.Limits": {"modification-index": "*"},
-    "fit.diagnosis.ranking.RankingLimits": {"modification-index": "*"},
-    "fit.diagnosis.other_robots.Limits": {"modification-index": "*"},
-    "fit.diagnosis.lateness.Limits": {"modification-index": "*"},
-    "fit.diagnosis.status.MisfitLimits": {"status-misfit": "*"},
-    "fit.diagnosis.bounds.Limits": {"at-bound": "near", "bound-in-most-starts": "starts"},
-    "fit.diagnosis.status.Limits": {
-        "weakly-determined": "interval_factor",
-        "correlated": "correlation",
-        "undetermined": "singular_value part_of_direction",
-        "weakest-combination": "singular_value part_of_direction",
-        "model-error": "model_error",
-        "status-model_error": "model_error explained_share",
-    },
-    "validation.results.PeakLimits": {"peak-without-partner": "*"},
-    "validation.agreement.ExcessLimits": {"excess-of-cost": "*"},
-}
-START = {"transient-left-out": "the logs of the outside rig begin with its start"}
-TABLE = re.compile(r"^class \w*(Limits|Thresholds)\b", re.MULTILINE)
-QUOTED = re.compile(r"False alarms of (\d+) clean (?:logs|postures): ([\w\s,-]+)")
+START = {"frf/transient-left-out": "the logs of the outside rig begin with its start"}
 
 
 @dataclass(frozen=True)
@@ -187,15 +102,15 @@ def true_of(kind: Kind) -> dict[str, str]:
     """Alarms that are true of a kind, and why."""
     true: dict[str, str] = {}
     if kind.step:
-        true |= dict.fromkeys(("periods-left-out", "transient-left-out"), "the period with the step differs")
+        true |= dict.fromkeys(("frf/periods-left-out", "frf/transient-left-out"), "the period with the step differs")
     if kind.carrier and kind.axes > 1 and not kind.has_reference:
-        true["lines-left-out"] = "at the line of a carrier that no reference shows the inputs move together"
+        true["frf/lines-left-out"] = "at the line of a carrier that no reference shows the inputs move together"
     if kind.coulomb:
-        true["friction-taken-out"] = "there is friction"
+        true["nonlinear/friction-taken-out"] = "there is friction"
     if kind.source == "simulated" and kind.axes > 1:
-        true["elements-left-out"] = "axes at right angles barely move each other"
+        true["fit/weights"] = "axes at right angles barely move each other"
         if kind.realisations == 1 and kind.carrier:
-            distorted = ("modification-index", "model-error", "status-misfit", "excess-of-cost")
+            distorted = ("fit/likely-cause", "fit/model-error", "status-misfit", "excess-of-cost")
             true |= dict.fromkeys(distorted, "one realisation does not show how a carrier through postures distorts")
     return true
 
@@ -239,12 +154,15 @@ def _local(records: list[Record], robot: Robot) -> dict[str, str]:
         responses = Response.estimate(records, robot, method="local_rational", friction="none")
     except ElastidError as error:
         return {"refused": str(error)}
-    repeats = {note.code: str(note) for each in responses for note in each.notes if note.code == "repeats-averaged"}
-    return _of_responses(responses) | repeats
+    return _of_responses(responses)
 
 
 def _codes(notes: Iterable[Note]) -> dict[str, str]:
-    return {note.code: str(note) for note in notes if note.severity == "warning" or note.code == "friction-taken-out"}
+    return {
+        note.code: str(note)
+        for note in notes
+        if note.severity == "warning" or note.code == "nonlinear/friction-taken-out"
+    }
 
 
 def read(kind: Kind, folder: Path) -> list[Record]:
@@ -279,32 +197,10 @@ def _of_rig(path: str, number: int, folder: Path) -> tuple[list[Record], Any]:
     return [rig.measure(experiment) for experiment in rig.experiments], study.robot
 
 
-def tables() -> Iterator[tuple[str, type]]:
-    """Every class of thresholds of which its module has a value, by its place below elastid."""
-    folder = Path(elastid.__file__).parent
-    for path in sorted(folder.rglob("*.py")):
-        if not TABLE.search(path.read_text(encoding="utf-8")):
-            continue
-        place = ".".join(path.relative_to(folder).with_suffix("").parts).removesuffix(".__init__")
-        values = vars(importlib.import_module(f"elastid.{place}")).values()
-        for table in dict.fromkeys(type(value) for value in values if is_dataclass(value)):
-            if table.__module__ == f"elastid.{place}" and table.__name__.endswith(("Limits", "Thresholds")):
-                yield f"{place}.{table.__name__}", table
-
-
 def interval(count: int, of: int) -> tuple[float, float]:
     """The 95 % interval of a rate (Clopper and Pearson, 1934)."""
     low = float(beta.ppf(0.025, count, of - count + 1)) if count else 0.0
     return low, float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
-
-
-def quoted(table: type) -> dict[str, tuple[int, int]]:
-    """Judgement -> count and number of logs that the docstring of a table quotes."""
-    counts = {}
-    for number, text in QUOTED.findall(getdoc(table) or ""):
-        for code, count in re.findall(r"([\w-]+) (\d+)", text):
-            counts[code] = int(count), int(number)
-    return counts
 
 
 def main() -> None:
@@ -327,10 +223,14 @@ def main() -> None:
             print(f"after {len(results)} sets:", dict(Counter(c for _, one in results for c in one.codes)), flush=True)
     alarms = in_order(results)
     totals = Counter(code for each in alarms for code in each.codes)
-    rows, unmeasured, wrong = compared(JUDGEMENTS, totals, lambda *_: len(alarms))
+    rows = rates(totals, len(alarms))
+    too_often = MAX_RATE * len(alarms) if len(alarms) >= MIN_COUNTED else 1
+    wrong = [
+        f"{code} in {n} of {len(alarms)} sets" for code, n in totals.items() if n > too_often and code not in STATED
+    ]
     kinds = covered([Kind.drawn(number, given.seed) for number in range(count)], alarms)
     wrong += [f"{kind} has {sets} sets" for kind, (sets, _) in kinds.items() if sets < MIN_SETS * count // 300]
-    print(json.dumps({"logs": len(alarms), "alarms": rows, "kinds": kinds, "unmeasured": unmeasured, "wrong": wrong}))
+    print(json.dumps({"logs": len(alarms), "alarms": rows, "kinds": kinds, "wrong": wrong}))
     assert not wrong, "\n".join(wrong)
 
 
@@ -344,56 +244,9 @@ def covered(kinds: Sequence[Kind], alarms: Sequence[Alarms]) -> dict[str, tuple[
     return {name: (sets[name], raised[name]) for name in sorted(sets)}
 
 
-Rows: TypeAlias = dict[str, list[float]]
-
-
-def compared(
-    judgements: Mapping[str, Mapping[str, str]], totals: Mapping[str, int], logs: Callable[[str, str], int]
-) -> tuple[Rows, list[str], list[str]]:
-    """[count, logs, ends of the interval] of each judgement, printed; fields without a rate; disagreements with tables.
-
-    logs: of how many a count is, by table and judgement; by an empty table where the judgement is in none.
-    """
-    rows: Rows = {}
-    unmeasured, wrong = list[str](), list[str]()
-    print(f"\n{'judgement':<28}{'threshold':<64}{'rate':>8}  95 % interval")
-    for place, table in tables():
-        names = [field.name for field in fields(table)]
-        covered, known = set(), quoted(table)
-        for code, text in judgements.get(place, {}).items():
-            count, of = totals.get(code, 0), logs(place, code)
-            low, high = interval(count, of)
-            rows[code] = [count, of, low, high]
-            chosen = names if text == "*" else text.split()
-            covered |= set(chosen)
-            for name in chosen:
-                rate = f"{100 * count / max(1, of):.1f} %"
-                print(f"{code:<28}{place + '.' + name:<64}{rate:>8}  {100 * low:.1f} to {100 * high:.1f} %")
-            if code not in known:
-                wrong.append(f"{place} quotes no rate of {code}")
-            elif not _agree(known[code], (count, of)):
-                wrong.append(f"{place} quotes {known[code]} of {code}, measured are {count} of {of}")
-            if code not in STATED and of >= MIN_COUNTED and count >= MAX_RATE * of:
-                wrong.append(f"{code} has alarms in {count} of {of} sets")
-        wrong += [f"{place} has no field {name}" for name in covered - set(names)]
-        unmeasured += [f"{place}.{name}" for name in names if name not in covered]
-    print(f"\nwithout a measured rate: {', '.join(unmeasured)}")
-    of_tables = {code for each in judgements.values() for code in each}
-    for code in sorted(set(totals) - of_tables):
-        count, of = totals[code], logs("", code)
-        low, high = interval(count, of)
-        rows[code] = [count, of, low, high]
-        print(f"{code:<28}{'in no table':<64}{100 * count / of:>6.1f} %  {100 * low:.1f} to {100 * high:.1f} %")
-        if of >= MIN_COUNTED and count >= MAX_RATE * of:
-            wrong.append(f"{code} has alarms in {count} of {of} sets and no table quotes it")
-    print("\n".join(wrong))
-    return rows, unmeasured, wrong
-
-
-def _agree(first: tuple[int, int], second: tuple[int, int]) -> bool:
-    """True if the intervals of two counts of so many overlap."""
-    (a, b), (c, d) = interval(*first), interval(*second)
-    return a <= d and c <= b
+def rates(totals: Mapping[str, int], sets: int) -> dict[str, tuple[int, int, float, float]]:
+    """Count, sets and ends of the 95 % interval of each code."""
+    return {code: (count, sets, *interval(count, sets)) for code, count in sorted(totals.items())}
 
 
 if __name__ == "__main__":

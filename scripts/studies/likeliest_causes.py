@@ -96,10 +96,10 @@ def judged(number: int, seed: int) -> Row:
     result = fitted(replace(of, robot=injection.file(of.robot)), data, injection.exact)
     off = _off(true, result)
     first = next((index for index in result.indices if index.place == 1), None)
-    if first is None or not any(note.code == "modification-index" for note in result.notes):
+    if first is None or not any(note.code == "fit/likely-cause" for note in result.notes):
         text, family = _other(result), injection.right[0].partition("_")[0] if injection.right else ""
         is_stated = bool(family) and any(
-            note.code == "held-as-exact" and f"{family}_" in note.text for note in result.notes
+            note.code == "fit/held-as-exact" and f"{family}_" in note.text for note in result.notes
         )
         verdict = (
             "none" if result.status != "converged" else "within" if off <= SILENT else "stated" if is_stated else "none"
@@ -119,7 +119,7 @@ def judged(number: int, seed: int) -> Row:
 
 def _other(result: FitResult) -> str:
     """The first note on causes that V does not rank."""
-    codes = ("unlike-configuration", "two-groups", "foreign-configuration", "frequency-unit")
+    codes = ("fit/unlike-responses", "fit/unlike-responses", "fit/unlike-responses", "fit/frequency-unit")
     return next((f"{note.code}: {str(note)[:90]}" for note in result.notes if note.code in codes), "")
 
 
@@ -142,7 +142,7 @@ def names_a_cause(number: int, seed: int) -> bool:
     """Whether a clean data set, of one robot after the other, has any cause."""
     of = plant(("two-axis", "demo")[number % 2])
     data = noisy(exact(of, of.robot), np.random.default_rng([seed, 1, number]))
-    return any(note.code == "modification-index" for note in fitted(of, data).notes)
+    return any(note.code == "fit/likely-cause" for note in fitted(of, data).notes)
 
 
 def main() -> None:

@@ -72,7 +72,7 @@ class Trial:
     @property
     def sentences(self) -> list[str]:
         """About what the fit held or read wrongly."""
-        return [note.text for note in self.result.notes if note.code == "modification-index"]
+        return [note.text for note in self.result.notes if note.code == "fit/likely-cause"]
 
     def names(self, fault: str) -> bool:
         """Whether the first sentence is about the fault."""

@@ -206,7 +206,7 @@ def test_inspect_tells_what_is_in_a_file(here: Path, capsys: pytest.CaptureFixtu
     out = capsys.readouterr().out
     assert all(name in out for name in ("time", "current", "angle", "7"))
     assert cli.run_command(["inspect", "nope.csv"]) == 2
-    assert capsys.readouterr().err == "nope.csv: no such file\n"
+    assert capsys.readouterr().err == "nope.csv: no such file [files/missing]\n"
     (here / "broken.mat").write_bytes(b"MATLAB 5.0 MAT-file, or so it says" * 9)
     assert cli.run_command(["inspect", "broken.mat"]) == 1
     assert "broken.mat" in capsys.readouterr().err

@@ -34,7 +34,7 @@ def test_a_payload_on_and_off_gives_the_torque_constant_of_a_study(tiny: Path) -
     assert carried == {"loaded": True, "empty": False}
     summary = json.loads((run.folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["status"] == "converged"
-    assert not {"same-posture", "unlike-at-one-posture"} & {note["code"] for note in summary["notes"]}
+    assert not {"fit/responses", "fit/unlike-responses"} & {note["code"] for note in summary["notes"]}
     low, high = summary["parameters"]["gain_u_motor_1"]["interval95"]
     assert low < 0.95 < high < 1.02 * low
 

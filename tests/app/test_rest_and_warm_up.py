@@ -96,7 +96,7 @@ def test_loops_alone_give_no_law_of_bristles(tmp_path: Path) -> None:
         lugre_rig.write_rest_log(tmp_path / f"{name}.csv", u, rng, q)
     run = study(tmp_path, "{path: passes.csv}", "{path: loops.csv, purpose: loops}", presliding="lugre")
     joint = result_of(run).at("1")
-    assert [note.code for note in joint.notes if note.code == "no-bristles"]
+    assert [note.code for note in joint.notes if note.code == "friction/presliding"]
     assert joint.friction is not None
     assert joint.friction.lugre is None
 

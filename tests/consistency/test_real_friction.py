@@ -122,7 +122,7 @@ def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Pat
     assert max(left) < 0.21
     assert min(left) > 0.03
     (warned,) = (note for note in summary["notes"] if note["severity"] == "warning")
-    assert warned["code"] == "rigid-body-error"
+    assert warned["code"] == "friction/rigid-body"
     assert len(warned["places"]) == 3
     assert "hold only together with it" in warned["text"]
     torque = {each["place"]: each for each in summary["torque"]}

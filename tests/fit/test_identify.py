@@ -172,7 +172,7 @@ def test_a_prior_that_the_data_contradict_is_named_with_what_they_say(off: float
     alone = identify([response], pendulum(), FitSpec(parameters=free, starts=2))
     prior = PriorSpec(mean=off * pendulum().parameters()["k_1"][0], std=0.01)
     result = identify([response], pendulum(), FitSpec(parameters=free | {"k_1": ParameterSpec(prior=prior)}, starts=2))
-    notes = [note for note in result.notes if note.code == "prior-contradicted"]
+    notes = [note for note in result.notes if note.code == "fit/prior-contradicted"]
     assert len(notes) == is_said
     if is_said:
         (number,) = re.findall(r"would have it at ([\d.e+]+),", notes[0].text)

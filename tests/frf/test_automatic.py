@@ -31,7 +31,7 @@ LIGHT = [1.0, -2 * POLE.real, abs(POLE) ** 2]
 
 
 def _choice(response: FrequencyResponse) -> str:
-    (text,) = (note.text for note in response.notes if note.code == "method-chosen")
+    (text,) = (note.text for note in response.notes if note.code == "frf/method")
     return text
 
 
@@ -143,7 +143,7 @@ def test_periods_from_rest_go_to_the_local_method_and_those_of_a_plan_or_at_rest
     for records, lines in (([record], np.arange(4, 180)), ([settled], None)):
         planned = estimate(records, AUTO, lines)
         np.testing.assert_array_equal(planned.G, estimate(records, replace(AUTO, method="arithmetic"), lines).G)
-        assert not any("method-chosen" in note for note in said(planned.notes))
+        assert not any("frf/method" in note for note in said(planned.notes))
 
 
 def test_one_period_is_left_to_the_local_method() -> None:

@@ -44,7 +44,7 @@ def test_a_double_hit_is_named_with_its_dips() -> None:
     u, y = hits()
     u[4450 : 4450 + WIDTH] = 0.5 * u[4400 : 4400 + WIDTH]
     (note,) = hit_notes([record(u, y)])
-    assert note.code == "double-hit"
+    assert note.code == "frf/hits"
     assert "1 of 3 hits of hammer are double" in note.text
     assert "one 2.2 s into the record" in note.text
     assert "25 ms later and 50 % as strong" in note.text
@@ -52,8 +52,8 @@ def test_a_double_hit_is_named_with_its_dips() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "code"), [("force", "overload"), ("answer", "overload"), ("begin", "wrong-trigger"),
-                        ("end", "wrong-trigger"), ("drift", "drift")],
+    ("fault", "code"), [("force", "frf/overload"), ("answer", "frf/overload"), ("begin", "frf/hits"),
+                        ("end", "frf/hits"), ("drift", "frf/hits")],
 )  # fmt: skip
 def test_faults_are_named(fault: str, code: str) -> None:
     u, y = hits()

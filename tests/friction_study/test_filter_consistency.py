@@ -48,7 +48,7 @@ def test_a_number_that_moves_with_the_motion_is_beyond_its_band() -> None:
     assert not judged.is_honest
     assert [movement.name for movement in judged.restless] == ["Fc"]
     (note,) = _noise("joint 1", judged)
-    assert note.code == "moves-beyond-band"
+    assert note.code == "filter/inconsistent"
     assert "give a larger filter.drift" in note.text
 
 
@@ -60,7 +60,7 @@ def test_a_pattern_that_repeats_at_stops_is_named_by_direction() -> None:
     judged = consistency(track(np.zeros(N), innovation), 1.0)
     assert not judged.is_honest
     assert [pattern.kind for pattern in judged.at_stops if pattern.repeats] == ["after stops, forwards"]
-    (note,) = (note for note in _noise("joint 1", judged) if note.code == "repeats-at-stops")
+    (note,) = (note for note in _noise("joint 1", judged) if note.code == "filter/at-stops")
     assert "after stops, forwards, the joint goes farther than predicted" in note.text
 
 

@@ -28,29 +28,30 @@ def followed(run: WarmRun, joint: FollowedJoint = FOLLOWED, noise: FilterNoise =
 
 
 def notes(found: FollowedFriction) -> dict[str, str]:
-    """By their codes."""
-    return {note.code: note.text for note in found.notes}
+    """Their texts by code."""
+    codes = {note.code for note in found.notes}
+    return {code: "; ".join(note.text for note in found.notes if note.code == code) for code in codes}
 
 
 def test_constant_speed_says_what_it_cannot_know() -> None:
     """Coulomb friction and an offset are distinguished by reversals."""
     said = notes(followed(simulate(np.concatenate([np.linspace(0, 40, 500), np.full(6500, 40.0)]), 4)))
-    assert "Fc and offset cannot be distinguished (correlation -0.9" in said["not-distinguished"]
-    assert "reversals distinguish Coulomb friction from an offset" in said["not-distinguished"]
-    assert not {"not-distinguished", "diverged"} & set(notes(followed(simulate(rich(7), 4))))
+    assert "Fc and offset cannot be distinguished (correlation -0.9" in said["filter/not-excited"]
+    assert "reversals distinguish Coulomb friction from an offset" in said["filter/not-excited"]
+    assert not {"filter/not-excited", "filter/inconsistent"} & set(notes(followed(simulate(rich(7), 4))))
 
 
 def test_a_filter_whose_nis_leaves_its_band_says_so() -> None:
     """At stops, where it takes the bristle for certain; and correlated innovations are said beside it."""
     found = notes(followed(simulate(stops_and_moves(7), 1), noise=replace(NOISE, slip=0.0)))
-    assert "outside 0.5 to 1.15: innovations are larger than expected" in found["inconsistent-filter"]
-    assert "give filter.correlation_time" in found["coloured-innovations"]
+    assert "outside 0.5 to 1.15: innovations are larger than expected" in found["filter/inconsistent"]
+    assert "give filter.correlation_time" in found["filter/inconsistent"]
 
 
 def test_a_filter_that_has_lost_the_log_says_so() -> None:
     """Viscous friction a thousand times too large to begin with."""
     lost = notes(followed(simulate(rich(7), 4), replace(FOLLOWED, viscous=1e3 * FOLLOWED.viscous)))
-    assert "5 standard deviations from its prior" in lost["diverged"]
+    assert "5 standard deviations from its prior" in lost["filter/inconsistent"]
 
 
 @pytest.mark.slow

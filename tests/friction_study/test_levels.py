@@ -138,7 +138,7 @@ def test_a_pass_that_sticks_is_left_out_by_name() -> None:
     some[0] = replace(some[0], velocity=some[0].velocity * np.where(np.arange(len(some[0].velocity)) % 50, 1.0, 0.0))
     found = find_levels(some, True)
     assert found.levels.n_levels == 3
-    assert [note.code for note in found.notes] == ["stick-slip"]
+    assert [note.code for note in found.notes] == ["friction/passes"]
     assert str(found.notes[0]).startswith("pass 1/0: the joint stands or turns back within the pass")
 
 

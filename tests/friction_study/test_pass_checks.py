@@ -54,14 +54,14 @@ def test_clean_passes_raise_no_alarm(seed: int, gravity: float, uneven: float) -
 def test_a_controller_that_was_moved_between_passes_is_said() -> None:
     speeds = [0.1, 0.5, 0.2, 1.0, 0.3, 0.7, 0.15, 1.5]
     levels = find_levels(passes(speeds, offset=[0] * 5 + [4] * 3), True)
-    assert codes(levels) == ["moved-offset"]
+    assert codes(levels) == ["friction/passes"]
     assert "their offset jumps by " in str(levels.notes[0])
     assert "between pass p4 and pass p5" in str(levels.notes[0])
 
 
 def test_gravity_that_hides_friction_is_said() -> None:
     levels = find_levels(passes([0.1, 0.3, 1.0], gravity=2000.0), True)
-    assert "large-gravity" in codes(levels)
+    assert "friction/passes" in codes(levels)
     assert "times friction" in str(levels.notes[-1])
 
 
@@ -70,7 +70,7 @@ def test_a_clipped_pass_does_not_count() -> None:
     limit = float(np.quantile(clean[4].torque, 0.8))
     spoilt = [replace(each, torque=np.minimum(each.torque, limit)) for each in clean]
     levels = find_levels(spoilt, True)
-    assert codes(levels) == ["clipped-pass"]
+    assert codes(levels) == ["friction/passes"]
     assert "of its torques stand at the limit of" in str(levels.notes[0])
     assert levels.levels.speed == pytest.approx([0.1, 0.5])
 
@@ -113,7 +113,7 @@ def loops(amplitudes: Sequence[float]) -> FrictionRecord:
 def test_loops_below_three_counts_are_said_or_refused() -> None:
     assert check_counts(loops([5e-5, 1e-4, 2e-4])) == ()
     (note,) = check_counts(loops([2e-5, 1e-4, 2e-4, 4e-4]))
-    assert note.code == "small-loops"
+    assert note.code == "friction/presliding"
     assert "move by less than 3 counts of the encoder (1e-05 rad each" in note.text
     with pytest.raises(DataError, match=r"stiffness before sliding cannot be identified from steps"):
         check_counts(loops([1e-5, 1e-5, 2e-5, 1e-4]))

@@ -65,7 +65,7 @@ def test_a_speed_in_one_direction_only_is_said() -> None:
     turned = np.concatenate([there[:n], there[n - 1] - back[: len(back) // 2]])
     one = record(turned)
     (note,) = lone_plateaus(one, detect_passes(one, True))
-    assert (note.code, note.severity) == ("one-direction", "information")
+    assert (note.code, note.severity) == ("friction/passes", "information")
     assert "at 0.2, 0.5 rad/s without the way back" in note.text
 
 

@@ -42,7 +42,7 @@ def test_a_torque_that_the_rigid_body_lacks_is_said_and_a_misfit() -> None:
     found = regress_robot_motion(two_axes(), [RobotLog(motion(3, missing=20.0), {})]).friction["1"]
     assert "the rigid body and its friction do not explain the torque" in found.misfit
     (note,) = found.notes
-    assert (note.code, note.severity) == ("rigid-body-error", "warning")
+    assert (note.code, note.severity) == ("friction/rigid-body", "warning")
     assert "hold only together with it" in note.text
     assert "of what friction takes" in note.text
     assert "directions.coulomb" in [held.part for held in found.held]

@@ -94,7 +94,7 @@ def test_levels_are_those_of_the_law_at_their_speeds(tmp_path: Path) -> None:
 
 def test_the_inertia_of_the_file_is_stated(tmp_path: Path) -> None:
     result = identified(tmp_path, (40.0,))
-    (text,) = [note.text for note in result.joints[0].notes if note.code == "known-inertia"]
+    (text,) = [note.text for note in result.joints[0].notes if note.code == "friction/inertia"]
     assert "the inertia of the robot's file, 2 kg*m^2: 1 % of it is 1 % of every level" in text
     assert "an offset of the torque is part of Coulomb friction" in text
 

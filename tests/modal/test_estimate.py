@@ -88,7 +88,7 @@ def test_a_band_without_lines_is_refused_and_a_study_goes_on() -> None:
 def test_overloaded_hits_have_no_modes_but_those_that_are_named() -> None:
     """A note on clipped hits at the response; of a band alone its modes are found."""
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
-    clipped = replace(response, notes=(Note("overload", "3 of 5 hits stay at 20", "record a"),))
+    clipped = replace(response, notes=(Note("frf/overload", "3 of 5 hits stay at 20", "record a"),))
     (none,) = modes_of_responses([clipped], ModalSpec())
     assert none.n_modes == 0
     assert "overloaded hits" in none.notes[0].text

@@ -35,8 +35,8 @@ def test_the_intervals_of_a_draw_are_its_errors() -> None:
 def test_a_window_that_no_pole_went_through_is_named() -> None:
     """0.05 s takes more damping out than light modes have; 10 s does not."""
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)), noise=0.01)
-    assert "window-damping" in {note.code for note in estimate_modes(response, exponential_s=0.05).notes}
-    assert "window-damping" not in {note.code for note in estimate_modes(response, exponential_s=10.0).notes}
+    assert "modal/damping" in {note.code for note in estimate_modes(response, exponential_s=0.05).notes}
+    assert "modal/damping" not in {note.code for note in estimate_modes(response, exponential_s=10.0).notes}
 
 
 def test_a_broad_pole_of_little_height_is_background() -> None:
@@ -46,6 +46,6 @@ def test_a_broad_pole_of_little_height_is_background() -> None:
     shapes[:, 5] = 0.15
     modes = estimate_modes(modal_response(FREQ_HZ, natural, zeta, shapes, noise=0.001))
     assert np.all(modes.zeta < 0.03)
-    assert [note.code for note in modes.notes if note.code == "broad-poles"] == ["broad-poles"]
+    assert [note.code for note in modes.notes if note.code == "modal/poles"] == ["modal/poles"]
     chosen = estimate_modes(modal_response(FREQ_HZ, natural, zeta, shapes, noise=0.001), poles_hz=natural.tolist())
     assert np.any(np.abs(chosen.zeta - 0.1) < 0.02)

@@ -58,7 +58,7 @@ def test_friction_that_is_not_there_is_not_taken_out() -> None:
     configurations, lines = measured((0.0, 0.0))
     result = find_friction(configurations, AUTO, lines)
     assert result.shapes == ()
-    assert {note.code for note in result.notes} == {"friction-left"}
+    assert {note.code for note in result.notes} == {"nonlinear/friction-left"}
     record = configurations[0][0]
     assert net_record(record, result) is record
 

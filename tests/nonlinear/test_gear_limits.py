@@ -158,7 +158,7 @@ def test_a_gear_that_never_crosses_its_lost_motion_is_named() -> None:
     high = float(gear_torque(own.data[0], own.drives[0], 0).max())
     loaded = replace(own.drives[0], torque=np.array([2.0 * high]))
     (note,) = preloads(own.data, [loaded], ["1"])
-    assert (note.code, note.place) == ("gear-preloaded", "joint 1")
+    assert (note.code, note.place) == ("gears/left-out", "joint 1")
     assert f"to {3 * high:.3g} N*m in the records" in note.text
     assert preloads([*own.data, *own.data], [loaded, own.drives[0]], ["1"]) == []
     assert preloads(own.data, [replace(loaded, torque=np.array([0.9 * high]))], ["1"]) == []

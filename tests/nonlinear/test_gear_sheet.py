@@ -172,7 +172,7 @@ def test_the_sheet_of_a_gear_has_its_numbers_and_the_fit_is_at_zero_torque() -> 
         assert abs(number.value - value) < max(4 * number.std, 5e-3 * value), name
     assert not any(number.is_seen for number in gear.numbers if number.name in ("e1_1", "e2_1", "H_1", "r1_1"))
     assert found.after < 0.25 * found.before
-    assert any(note.code == "linear-fit-off" and note.place == "k_1" for note in found.notes)
+    assert any(note.code == "gears/linear-fit-off" and note.place == "k_1" for note in found.notes)
     assert with_gears(linear, found).values["k_1"] == gear.numbers[0].value
     assert linear.values["k_1"] > 1.01 * truth.k
 

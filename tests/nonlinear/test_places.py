@@ -69,7 +69,7 @@ def stuck(record: Record) -> Record:
 def test_a_motor_that_sticks_is_named_with_its_share() -> None:
     """Half of the time and a little more, about its turning points."""
     (note,) = limits_of([stuck(record) for record in measured()[0][0]])
-    assert note.code == "friction-sticks"
+    assert note.code == "nonlinear/friction-left"
     assert note.text.startswith("motor 2 hardly moves for 5")
 
 

@@ -15,7 +15,7 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import estimate_without_friction, net_records
 
 COULOMB, AUTO = EstimatorSpec(friction="coulomb"), EstimatorSpec(friction="auto")
-UNEXPLAINED = "unexplained-distortion"
+UNEXPLAINED = "nonlinear/unexplained"
 E = np.array([[1.0, 0.0], [-0.4, 1.0]])
 
 

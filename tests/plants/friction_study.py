@@ -93,7 +93,7 @@ def friction_result() -> FrictionResult:
         "elbow", False, pass_levels(), None, law(), presliding(), at_rest(), thermal(),
         numbers=(number("Fc_melbow", "F_c", 9.02, 0.03, 9.0), number("f_melbow", "f", 6.3, 0.1, 6.0)),
         held=(Held("stribeck", "no speed below nu_s / 3"), Held("quadratic", "not asked for")),
-        notes=(Note("stick-slip", "it sticks", "pass 1"),),
+        notes=(Note("friction/passes", "it sticks", "pass 1"),),
     )  # fmt: skip
     lift = JointFriction("<lift>", True, motion=motion(), numbers=(number("Fc_mlift", "F_c", 20.1, 0.2, None),))
     return FrictionResult((elbow, lift), (Note("a-note", "a note on the study"),), "partly", "2 joints are identified.")

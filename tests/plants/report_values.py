@@ -90,7 +90,7 @@ def fit_result(parameters=PARAMETERS, hits=3):
         at_bound=np.arange(n) == 2,
         singular_values=np.array([2.0, 1.0, 0.5, 0.01])[:n],
         criterion="complex",
-        notes=(Note("at-bound", "d_1 is at its lower bound of 250 N*m*s/rad"),),
+        notes=(Note("fit/at-bound", "d_1 is at its lower bound of 250 N*m*s/rad"),),
     )
 
 

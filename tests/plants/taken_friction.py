@@ -27,7 +27,7 @@ def taken_friction(bristle: bool = True) -> FrictionTakenOut:
         accelerance=np.array([0.2, 0.3]),
         highest_hz=np.array([30.0, 30.0]),
         notes=(
-            Note("friction-taken-out", "friction was taken out", "motor 1", "information"),
-            Note("friction-left", LEFT, "motor 2", "information"),
+            Note("nonlinear/friction-taken-out", "friction was taken out", "motor 1", "information"),
+            Note("nonlinear/friction-left", LEFT, "motor 2", "information"),
         ),
     )

@@ -110,7 +110,7 @@ def test_a_reference_without_a_controller_is_a_note(tmp_path: Path) -> None:
     places = [("u", "u", "torque"), ("y", "q", "position"), ("reference", "q", "position")]
     channels = tuple(ChannelSpec(role, "motor 1", name, quantity=what) for role, name, what in places)  # type: ignore[arg-type]
     (record,) = read_friction_logs(ROBOT, logs(FileSpec("log.csv"), channels=channels), tmp_path, ["1"], {}).records
-    assert [(note.code, note.severity) for note in record.notes] == [("unused-reference", "information")]
+    assert [(note.code, note.severity) for note in record.notes] == [("records/unused-reference", "information")]
     assert record.rate_hz == RATE
 
 

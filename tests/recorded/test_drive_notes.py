@@ -50,7 +50,7 @@ def test_a_mirrored_motor_is_named_whatever_the_lines(step: int, periodic: bool)
     lines = np.arange(step, 60, 2 * step)
     phases = np.exp(2j * np.pi * np.random.default_rng(3).random((len(lines), 1)))
     x = np.tile(synthesise(lines, phases, N)[:, 0], 4)
-    assert _notes(x, -x + 0.0, N if periodic else None) == ["mirrored-torque"]
+    assert _notes(x, -x + 0.0, N if periodic else None) == ["records/torque"]
     assert _notes(x, 0.9 * x, N if periodic else None) == []
 
 
@@ -77,7 +77,7 @@ def test_feedback_that_turns_the_phase_mirrors_nothing(step: int, sign: int) -> 
     for seed in range(10):
         phases = np.exp(2j * np.pi * np.random.default_rng(seed).random((len(lines), 1)))
         r, u = (np.tile(synthesise(lines, U, 400)[:, 0], 3) for U in (phases, phases * feedback[:, None]))
-        assert _notes(r, sign * u, 400) == ([] if sign > 0 else ["mirrored-torque"])
+        assert _notes(r, sign * u, 400) == ([] if sign > 0 else ["records/torque"])
 
 
 def _same_signal_notes(tmp_path: Path, log: dict[str, np.ndarray], second_current: str) -> list[str]:

@@ -78,7 +78,7 @@ def test_spikes_of_the_torque_are_taken_out(tmp_path: Path) -> None:
     write_log(tmp_path / "log.csv", Q, spoilt)
     (record,) = read(tmp_path, FileSpec("log.csv"))
     assert np.abs(record.torque - U).max() < 2.0
-    assert [note.code for note in record.notes] == ["spikes-replaced"]
+    assert [note.code for note in record.notes] == ["records/repaired"]
     write_log(tmp_path / "clean.csv", Q, U)
     assert read(tmp_path, FileSpec("clean.csv"))[0].notes == ()
 
@@ -125,7 +125,7 @@ def test_a_motion_with_gaps_is_one_in_parts(tmp_path: Path) -> None:
     assert [record.start_s for record in records] == pytest.approx([place / RATE for place in bounds])
     for record, place in zip(records, bounds, strict=True):
         np.testing.assert_allclose(record.torque, U[place : place + len(record.torque)], rtol=1e-6, atol=1e-6)
-    (note,) = (note for record in records for note in record.notes if note.code == "logs-cut-at-gaps")
+    (note,) = (note for record in records for note in record.notes if note.code == "records/repaired")
     assert "21 of" in note.text
     inside, outside = FrictionRecords(records).divided(["log"])
     assert (len(inside.records), len(outside.records)) == (0, 3)

@@ -17,7 +17,7 @@ from elastid.report.figures.fit import hysteresis
 from elastid.report.page.page import html
 
 LOGS = tuple(Note("late-log", f"{20 + i} samples late", f"log {i}") for i in range(108))
-REMARK = Note("profiled-interval", "k_1 has an interval by profile", severity="information")
+REMARK = Note("fit/profile", "k_1 has an interval by profile", severity="information")
 
 
 def many_notes():

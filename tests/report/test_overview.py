@@ -136,7 +136,7 @@ def test_a_longer_measurement_is_advised_only_as_far_as_the_file_lets_it_narrow(
 def test_the_answer_says_how_exact_what_was_held_must_be():
     """Of a measured robot: up to 5 % of a torque constant shows in no residual; a simulated one is its file."""
     held = "the intervals take as exact ...; up to 5 % of gain_u_* shows in no residual: measure them as exactly"
-    result = replace(fit_result(), status="converged", notes=(Note("held-as-exact", held),), indices=())
+    result = replace(fit_result(), status="converged", notes=(Note("fit/held-as-exact", held),), indices=())
     rows = [replace(row, truth=None) for row in rows_of(result)]
     assert (
         numbers_answer(result, rows)

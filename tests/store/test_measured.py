@@ -361,7 +361,7 @@ def test_the_friction_taken_out_comes_back_to_the_last_bit(tmp_path, shapes) -> 
         np.array([0.02, 1.0]),
         np.array([0.2, 0.3]),
         np.array([30.0, 30.0, 28.0]),
-        (Note("friction-left", "no friction", "motor 2", "information"),),
+        (Note("nonlinear/friction-left", "no friction", "motor 2", "information"),),
     )
     write_responses(tmp_path / "frf.h5", (), STAMP, friction)
     assert same(read_friction(tmp_path / "frf.h5"), friction)

@@ -52,7 +52,7 @@ def test_modes_of_a_right_model_are_found_with_their_shapes() -> None:
 def test_a_mode_that_the_model_lacks_is_named_with_its_motors() -> None:
     (own,) = measured_modes(measured(1.0))
     (note,) = own.notes
-    assert note.code == "missing-mode"
+    assert note.code == "validation/missing-mode"
     assert note.text.startswith("a mode at 31.2 Hz, 2")
     assert "seen at motors 2 and 3" in note.text
     assert [row for row in own.rows if "missing" in row]

@@ -60,7 +60,9 @@ class LiveFolder:
         logs = [path for path in sorted((self.path / "logs").glob(f"{run.name}.*")) if is_log(path)]
         if len(logs) > 1:
             names = ", ".join(path.name for path in logs)
-            raise DataError(f"{self.path / 'logs'}: {names} are logs of one run; keep the one of its reference")
+            raise DataError(
+                "live/logs", f"{names} are logs of one run; keep the one of its reference", f"{self.path / 'logs'}"
+            )
         return logs[0] if logs else None
 
     @property
@@ -143,20 +145,34 @@ def require_one_robot_in_any_posture(study: Study, path: str) -> None:
     """StudyError for a study without a plan, or whose sections name configurations, which live chooses itself."""
     if study.kind != SIMULATED or study.excitation is None:
         raise StudyError(
-            f"{path}: live plans experiments, which needs the sections excitation and experiment.simulated, whose "
-            "controller and noise are those of the robot; a study of logs has none"
+            "live/study",
+            "live plans experiments, which needs the sections excitation and experiment.simulated, whose "
+            "controller and noise are those of the robot; a study of logs has none",
+            path,
         )
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
     if missing := sorted({*motors} - {*(simulated.outputs or motors)}):
-        raise StudyError(f"experiment.simulated.outputs: live needs the position of {', '.join(missing)}; add it")
+        raise StudyError(
+            "live/study", f"live needs the position of {', '.join(missing)}; add it", "experiment.simulated.outputs"
+        )
     if simulated.carrier is not None and simulated.carrier.kind == "offset":
-        raise StudyError("experiment.simulated.carrier: live has none of constant velocity; take sine or square")
+        raise StudyError(
+            "live/study", "live has none of constant velocity; take sine or square", "experiment.simulated.carrier"
+        )
     if study.fit.robots:
-        raise StudyError("fit.robots: live identifies one robot; give each a study of its own")
+        raise StudyError("live/study", "live identifies one robot; give each a study of its own", "fit.robots")
     own = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
     if own:
-        raise StudyError(f"fit.parameters.{own[0]}.per: live chooses the configurations, so that no groups are known")
+        raise StudyError(
+            "live/study", "live chooses the configurations, so that no groups are known", f"fit.parameters.{own[0]}.per"
+        )
     if any(factor.configurations for factor in study.fit.weights.factors):
-        raise StudyError("fit.weights.factors: live chooses the configurations; leave their names out of the factors")
+        raise StudyError(
+            "live/study", "live chooses the configurations; leave their names out of the factors", "fit.weights.factors"
+        )
     if study.experiment.without_payload:
-        raise StudyError("experiment.without_payload: live measures all postures with the payload of the robot's file")
+        raise StudyError(
+            "live/study",
+            "live measures all postures with the payload of the robot's file",
+            "experiment.without_payload",
+        )

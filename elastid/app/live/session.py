@@ -84,7 +84,7 @@ def live_study(run: Run, folder: Path, asked: Asked) -> None:
     run_all(finished)
     used = session.goal.reached(read_fit(finished.path("fit")))
     if not reached or max(used.values()) > 1:
-        raise FitError(f"the goal is not reached: {session.worst(used) if reached else words}")
+        raise FitError("live/goal", f"{session.worst(used) if reached else words}", "the goal is not reached")
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class Session:
             plan = self._planned(plans, result)
             if isinstance(plan, str):
                 if not plans:
-                    raise StudyError(f"--goal: {plan}")
+                    raise StudyError("design/goal", plan, "--goal")
                 return plans, False, plan
             self._measured(plan, plans, result)
             plans.append(plan)
@@ -219,9 +219,10 @@ class Session:
         stamp = read_stamp(path)
         if stamp is None or stamp.inputs != self.stamp.inputs:
             raise StudyError(
+                "live/study",
                 f"{path} was planned for another study, other data or other options, or for logs that "
                 f"{'a robot measures' if self.asked.simulate else 'are simulated'}; give another folder with --run, or "
-                f"remove {path.parent} to begin again"
+                f"remove {path.parent} to begin again",
             )
 
     def _robots(self, result: FitResult | None, step: int) -> tuple[Robot, ...]:
@@ -286,8 +287,9 @@ class Session:
             planned = PlannedRun(plan, run, given, rehearsal, problem.robot, carrier is not None)
             if words := contradiction(planned, *self.folder.signals(plan, run)):
                 raise DataError(
-                    f"{path} contradicts its plan: {words}. Put the right log in its place and give the same command; "
-                    "all logs before it are kept"
+                    "live/logs",
+                    f"{words}. Put the right log in its place and give the same command; all logs before it are kept",
+                    f"{path} contradicts its plan",
                 )
 
     def _awaited(self, run: Experiment) -> Path:

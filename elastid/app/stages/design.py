@@ -61,7 +61,7 @@ def design(
     Raises StudyError for a design without a solution, DataError for an earlier result that cannot be read.
     """
     if excitation is None:
-        raise StudyError("excitation: this section is needed to design an experiment")
+        raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
     measured, fitted_values, like = _earlier_measurements(design, files)
     study = robot, excitation, experiment, fit, quantity, seed, design, left_out
     tests = placed_tests(loads.tests, named_configurations(experiment)) if loads is not None else ()

@@ -205,10 +205,14 @@ def imported_responses(
             response = in_quantity(_of_another_run(path, file, configuration, robot), estimator.quantity)
             if spec.is_held:
                 text = "hold is not taken out of it: the study that estimated it says in experiment.recorded.hold"
-                response = replace(response, notes=(*response.notes, Note("hold-not-taken-out", text, str(path))))
+                response = replace(response, notes=(*response.notes, Note("responses/hold", text, str(path))))
         else:
             if not spec.channels:
-                raise StudyError(f"{path}: its inputs and outputs are unknown; give them as channels beside the files")
+                raise StudyError(
+                    "responses/table",
+                    "its inputs and outputs are unknown; give them as channels beside the files",
+                    path,
+                )
             with naming(path, f"its values are no frequency response; look at them with `elastid inspect {path}`"):
                 table = read_table(path, spec, file.response)
                 response = link_side_response(table, spec, configuration, places, estimator.quantity)
@@ -216,7 +220,7 @@ def imported_responses(
             low, high = estimator.band_hz
             inside = (response.freq_hz >= low) & (response.freq_hz <= high)
             if not inside.any():
-                raise DataError(f"{path}: none of its lines lies in band_hz, {low:g} to {high:g} Hz")
+                raise DataError("responses/lines", f"none of its lines lies in band_hz, {low:g} to {high:g} Hz", path)
             response = response.lines(inside)
         yield replace(response, notes=(*response.notes, *channel_notes(response)))
 
@@ -239,7 +243,7 @@ def _of_another_run(
     name = file.response or configuration.name
     if name not in responses:
         known = ", ".join(responses) or "none"
-        raise StudyError(f"{path}: no response of configuration {name} in it; there are {known}")
+        raise StudyError("responses/table", f"no response of configuration {name} in it; there are {known}", path)
     response = responses[name]
     angles, given = response.configuration.angles, configuration.angles
     if robot is None:  # places are names, whatever they were measured on
@@ -248,8 +252,10 @@ def _of_another_run(
     if angles.shape != given.shape or np.any(np.abs(angles - given) > 1e-3):
         units = ", ".join(dict.fromkeys(joint.unit for joint in robot.driven))
         raise StudyError(
-            f"{path}: {name} was measured at {angles.tolist()} ({units}), the study's {configuration.name} is at "
-            f"{given.tolist()}; correct experiment.configurations"
+            "responses/table",
+            f"{name} was measured at {angles.tolist()} ({units}), the study's {configuration.name} is at "
+            f"{given.tolist()}; correct experiment.configurations",
+            path,
         )
     for place in (*response.inputs, *response.outputs):
         robot.check_location(place)

@@ -149,9 +149,9 @@ def conclude(run: Run) -> None:
     run.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
     status, meaning = result.status.replace("_", " "), result.meaning
     if result.status == "misfit":
-        raise MisfitError(f"done, but a misfit: {result.message.partition(':')[0]}; {meaning}")
+        raise MisfitError("fit/misfit", f"{result.message.partition(':')[0]}; {meaning}", "done, but a misfit")
     if result.status not in TRUSTED:
-        raise FitError(f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
+        raise FitError("fit/not-trusted", f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
     run.console.say(f"{status}: {result.message if linear.status == 'misfit' else meaning}")
 
 

@@ -221,9 +221,9 @@ def conclude(run: Run) -> None:
     run.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
     missing = [f"joint {each.joint}: {part_words(held)}" for each in result.joints for held in each.missing]
     if result.status == "failed":
-        raise FitError(f"no friction was identified: {result.message}; the notes above say why")
+        raise FitError("friction/no-record", f"{result.message}; the notes above say why", "no friction was identified")
     if result.status == "misfit":
-        raise MisfitError(f"done, but a misfit: {result.message}")
+        raise MisfitError("fit/misfit", result.message, "done, but a misfit")
     meaning = f"these data do not identify {', '.join(missing)}" if missing else "each joint has its curve of friction"
     run.console.say(f"{result.status}: {meaning}")
 
@@ -254,9 +254,9 @@ def follow_friction(
         try:
             followed.append(_followed(robot, joint, _records_of(measured, joint.joint), filter))
         except StudyError as error:
-            notes.append(Note("not-followed", str(error)))
+            notes.append(Note("filter/record", str(error)))
     if not followed:
-        raise StudyError("; ".join(note.text for note in notes))
+        raise StudyError("filter/start", "; ".join(note.text for note in notes))
 
     def report(console: Console) -> None:
         console.notes([*notes, *(note for each in followed for note in each.notes)])
@@ -281,10 +281,11 @@ def _followed(
     name = identified.joint
     if not records:
         raise StudyError(
-            f"joint {name} has no motion in which it moves alone, with the torque of gravity known; record one"
+            "filter/start",
+            f"joint {name} has no motion in which it moves alone, with the torque of gravity known; record one",
         )
     if identified.friction is None or identified.viscous is None:
-        raise StudyError(f"joint {name}: no friction was identified from which a filter could start")
+        raise StudyError("filter/start", "no friction was identified from which a filter could start", f"joint {name}")
     laws = frictions(with_laws(robot, {name: (identified.friction, identified.viscous)}))
     law = next(each for each in laws if each.place == f"motor {name}")
     joint = _joint(robot, identified, records, spec, law, identified.viscous)
@@ -355,8 +356,9 @@ def _inertia(identified: JointFriction) -> float:
     if "inertia" in identified.shared:
         return identified.shared["inertia"][0]
     raise StudyError(
+        "filter/start",
         f"joint {identified.joint} has no spring in the robot's file, and no motion from which its inertia is known: a "
-        "filter needs the inertia; record a motion that accelerates, or give the joint's spring"
+        "filter needs the inertia; record a motion that accelerates, or give the joint's spring",
     )
 
 

@@ -99,8 +99,9 @@ def on_straight_springs(
     further = sorted(set(result.parameters.free_names) - set(straight.parameters(straight.geometry)))
     if terms := [name for name in further if name in robot.parameters()]:
         raise StudyError(
+            "fit/parameters",
             f"fit.parameters frees {', '.join(terms)}, and gears finds the law of a spring from the records; leave out "
-            f"{', '.join(terms)}, or the section gears"
+            f"{', '.join(terms)}, or the section gears",
         )
     start = identify(responses, straight, spec, model=model, execution=execution.quiet, hypotheses=WITHOUT_OTHER_ROBOTS)
     return start, straight
@@ -111,7 +112,7 @@ def _summary(path: Path) -> dict[str, object]:
     try:
         content: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise StudyError(f"{path}: it cannot be read ({error}); the stage fit makes it again") from None
+        raise StudyError("files/damaged", f"it cannot be read ({error}); the stage fit makes it again", path) from None
     return content
 
 

@@ -155,8 +155,10 @@ def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
     """One pass about the middle of the window; StudyError where it has no room."""
     if speed > limits.velocity:
         raise StudyError(
-            f"friction.passes.speeds: {limits.place} may move at {limits.velocity:.4g} {limits.unit}/s, and a pass at "
-            f"{speed:.4g} is asked for; lower the highest speed, or correct limits.velocity"
+            "friction/plan",
+            f"{limits.place} may move at {limits.velocity:.4g} {limits.unit}/s, and a pass at "
+            f"{speed:.4g} is asked for; lower the highest speed, or correct limits.velocity",
+            "friction.passes.speeds",
         )
     # Both ramps of smooth shape cover half of what their time would at full speed.
     ramps, low, high = speed * ramp_time(speed, limits), *limits.window
@@ -167,9 +169,11 @@ def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
     travel = ramps + settling + speed * plateau_s
     if travel > (high - low) * (1 + 1e-9):
         raise StudyError(
-            f"friction.passes.window: a pass of {limits.place} at {speed:.4g} {limits.unit}/s takes {travel:.4g} "
+            "friction/plan",
+            f"a pass of {limits.place} at {speed:.4g} {limits.unit}/s takes {travel:.4g} "
             f"{limits.unit} (ramps {ramps:.3g}, settling {settling:.3g}, steady {speed * plateau_s:.3g}), and the "
-            f"window has {high - low:.4g}; widen it, or measure up to {fastest_speed(limits):.3g} {limits.unit}/s"
+            f"window has {high - low:.4g}; widen it, or measure up to {fastest_speed(limits):.3g} {limits.unit}/s",
+            "friction.passes.window",
         )
     middle = (low + high) / 2
     return PlannedPass(f"{speed:.4g}-{number}", speed, middle - travel / 2, middle + travel / 2, plateau_s)

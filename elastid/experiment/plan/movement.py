@@ -76,7 +76,7 @@ def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
     analysed = np.concatenate([plan.lines, plan.detection])
     refused = carrier_refusal(carrier, analysed, plan.rate_hz / plan.period_samples, len(plan.inputs))
     if refused:
-        raise StudyError(f"experiment.simulated.carrier: {refused}")
+        raise StudyError("experiment/simulated", refused, "experiment.simulated.carrier")
     position = movement(carrier, plan).position
     for configuration in plan.configurations:
         for i, (joint, angle) in enumerate(zip(robot.driven, configuration.angles, strict=True)):
@@ -84,9 +84,11 @@ def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
             low, high = position[:, i].min(), position[:, i].max()
             if angle + low < lower or angle + high > upper:
                 raise StudyError(
-                    f"experiment.simulated.carrier: {max(-low, high):.3g} {joint.unit} about {angle:g} {joint.unit} "
+                    "experiment/simulated",
+                    f"{max(-low, high):.3g} {joint.unit} about {angle:g} {joint.unit} "
                     f"take joint {joint.name} out of its limits [{lower:g}, {upper:g}] {joint.unit} in configuration "
-                    f"{configuration.name}; make the carrier smaller or move the configuration"
+                    f"{configuration.name}; make the carrier smaller or move the configuration",
+                    "experiment.simulated.carrier",
                 )
 
 

@@ -63,18 +63,20 @@ def torque_spectra(
     """
     inputs = robot.motor_locations
     if refused := line_count_refusal(len(lines), len(inputs), "motors"):
-        raise StudyError(f"excitation: {refused}")
+        raise StudyError("excitation/power", refused, "excitation")
     if refused := excitation.realisation_refusal(len(draws)):
-        raise StudyError(f"excitation.phases: {refused}")
+        raise StudyError("excitation/lines", refused, "excitation.phases")
     freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
     relative = relative_amplitudes(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
     responses = np.repeat(np.eye(len(inputs))[None], len(lines), axis=0).astype(np.complex128)
     if excitation.flat != "torque" or excitation.compress != ("torque",):
         if closed_loop is None:
             raise StudyError(
-                f"excitation: flat: {excitation.flat} with compress: [{', '.join(excitation.compress)}] needs the "
+                "excitation/power",
+                f"flat: {excitation.flat} with compress: [{', '.join(excitation.compress)}] needs the "
                 "robot's closed-loop response; call make_plan with closed_loop=elastid.closed_loop_of(robot, "
-                "experiment.simulated.controller, excitation.rate_hz), or set flat and compress to torque"
+                "experiment.simulated.controller, excitation.rate_hz), or set flat and compress to torque",
+                "excitation",
             )
         if excitation.flat == "precision":
             noise = experiment.as_simulated().noise
@@ -101,7 +103,7 @@ def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
     if not isinstance(rms, tuple):
         return np.full(len(robot.driven), rms)
     if refused := robot.count_refusal(len(rms), "torques"):
-        raise StudyError(f"excitation.torque_rms: {refused}, or one for all")
+        raise StudyError("excitation/power", f"{refused}, or one for all", "excitation.torque_rms")
     return np.array(rms)
 
 
@@ -124,7 +126,9 @@ def _precision(loop: ClosedLoopResponse, noise: NoiseSpec, robot: Robot) -> Floa
     variance = noise.torque_std**2 + noise.disturbance_std**2 + angle * (torque / position) ** 2
     if not np.all(variance > 0):
         raise StudyError(
-            "excitation.flat: precision needs the expected noise; set experiment.simulated.noise, or take another flat"
+            "excitation/power",
+            "precision needs the expected noise; set experiment.simulated.noise, or take another flat",
+            "excitation.flat",
         )
     return np.asarray(np.sqrt(variance) / torque)
 
@@ -243,13 +247,15 @@ def checked_configurations(experiment: ExperimentSpec, robot: Places) -> tuple[C
     """The configurations of a study; StudyError for a wrong number of angles or a joint outside its limits."""
     for name, angles in experiment.configurations.items():
         if refused := robot.count_refusal(len(angles)):
-            raise StudyError(f"configuration {name}: {refused}")
+            raise StudyError("experiment/limits", refused, f"configuration {name}")
         for joint, angle in zip(robot.driven, angles, strict=True):
             low, high = joint.limits.angle
             if not low <= angle <= high:
                 raise StudyError(
-                    f"configuration {name}: joint {joint.name} at {math.degrees(angle):.4g} deg is outside its limits "
-                    f"[{math.degrees(low):.4g}, {math.degrees(high):.4g}] deg; move it inside, or correct limits.angle"
+                    "experiment/limits",
+                    f"joint {joint.name} at {math.degrees(angle):.4g} deg is outside its limits "
+                    f"[{math.degrees(low):.4g}, {math.degrees(high):.4g}] deg; move it inside, or correct limits.angle",
+                    f"configuration {name}",
                 )
     return tuple(
         Configuration(name, np.array(angles), name not in experiment.without_payload)

@@ -75,7 +75,9 @@ class FrictionRun:
             return simulate(self.plant.loop, gains, commands, self.point.q, self._friction())
         except DataError as error:
             raise DataError(
-                f"{self.motion.name}: {error}. The controller needs more bandwidth, or this motion less speed or torque"
+                "experiment/diverged",
+                f"{error}. The controller needs more bandwidth, or this motion less speed or torque",
+                self.motion.name,
             ) from None
 
     def _friction(self) -> FloatArray:
@@ -93,7 +95,7 @@ class FrictionRun:
         try:
             return drifting(curves, len(self.path.position))
         except ValueError as error:
-            raise StudyError(f"{self.motion.name}: {error}") from None
+            raise StudyError("experiment/simulated", str(error), self.motion.name) from None
 
 
 def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
@@ -192,8 +194,10 @@ class SimulatedFrictionRig:
         true_robot(self.robot, self.simulated.truth)
         if self.plan.warm_ups and self.simulated.heat is None:
             raise StudyError(
-                "experiment.simulated.heat: a warm-up takes a joint that gets warm; give it, such as "
-                "heat: {conductance: 8 W/K, time_constant: 45 min}, or leave out friction.warm_up"
+                "experiment/simulated",
+                "a warm-up takes a joint that gets warm; give it, such as "
+                "heat: {conductance: 8 W/K, time_constant: 45 min}, or leave out friction.warm_up",
+                "experiment.simulated.heat",
             )
 
     @property
@@ -320,8 +324,8 @@ def _torque_notes(u: FloatArray, plant: Plant, index: int, motion: str) -> tuple
             f"clipped at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples: its level is "
             "not that of friction; lower the highest speed, or choose a posture with less gravity torque"
         )
-        return (Note("clipped-torque", text, f"{motion}, motor {joint.name}"),)
+        return (Note("experiment/limits", text, f"{motion}, motor {joint.name}"),)
     if peak > limit:
         text = f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; lower the highest speed"
-        return (Note("beyond-limit", text, f"{motion}, motor {joint.name}"),)
+        return (Note("experiment/limits", text, f"{motion}, motor {joint.name}"),)
     return ()

@@ -165,7 +165,7 @@ def drives(
     ratio = np.array([robot.ratio(joint.name) for joint in robot.driven])
     limit = np.array([joint.limits.torque if saturation else math.inf for joint in robot.driven])
     if saturation and (refused := saturation_refusal(robot)):
-        raise StudyError(f"experiment.simulated.saturation: {refused}")
+        raise StudyError("experiment/simulated", refused, "experiment.simulated.saturation")
     resolution = 2 * np.pi / (encoder_counts * np.abs(ratio)) if encoder_counts else np.zeros(len(ratio))
     T = robot.chain.torque_lag
     lags = [Lag(element.coefficients, T) for element in torque_elements(robot.chain) if T is not None]
@@ -204,7 +204,7 @@ def friction_of_a_run(
 
         return drifting(curves, n)
     except ValueError as error:
-        raise StudyError(f"configuration {run.configuration.name}: {error}") from None
+        raise StudyError("experiment/simulated", str(error), f"configuration {run.configuration.name}") from None
 
 
 def drifting(curves: Callable[[IntArray], Iterable[Sequence[FloatArray]]], n: int) -> FloatArray:
@@ -255,7 +255,7 @@ def extrapolated(
                     f"its friction was measured at a {name} of {ends[0]:.4g} to {ends[1]:.4g} {unit}, and the run goes "
                     f"to {reached:.4g} {unit}: the law is extrapolated; stay inside, or measure there"
                 )
-                notes.append(Note("friction-extrapolated", text, law.place))
+                notes.append(Note("experiment/simulated", text, law.place))
     return tuple(notes)
 
 

@@ -61,7 +61,7 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
             robot, {name: to_si(value, unit[name]) if name in unit else 0.0 for name, value in truth.items()}
         )
     except ValueError as error:
-        raise StudyError(f"experiment.simulated.truth: {error}") from None
+        raise StudyError("experiment/simulated", str(error), "experiment.simulated.truth") from None
 
 
 def model_of(robot: Robot, spec: ModelSpec = EXACT) -> ElasticModel:
@@ -119,9 +119,11 @@ def true_plant(
         substeps = max(substeps, needed)
     if substeps < needed:
         raise StudyError(
-            f"experiment.simulated.substeps: {substeps} steps a sample cannot follow the fastest motion of robot "
+            "experiment/simulated",
+            f"{substeps} steps a sample cannot follow the fastest motion of robot "
             f"{robot.name} in configuration {start.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or "
-            f"friction at standstill); take at least {needed}, or raise {rate_key}"
+            f"friction at standstill); take at least {needed}, or raise {rate_key}",
+            "experiment.simulated.substeps",
         )
     compiled = samples if spec.compiled else 0
     return plant_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, spec.controller), point
@@ -142,9 +144,10 @@ def exact_plant(
     substeps = max(2, least_steps(own, 1 / rate_hz))
     if substeps > MAX_SUBSTEPS:
         raise StudyError(
+            "experiment/simulated",
             f"the fastest motion of robot {robot.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or "
             f"friction at standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are "
-            "affordable"
+            "affordable",
         )
     return plant_of(robot, equations, rate_hz, substeps, 0, (), (), saturation, 0, controller), point
 

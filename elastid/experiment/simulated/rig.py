@@ -78,13 +78,14 @@ class SimulatedRig:
         true_robot(self.robot, self.simulated.truth)
         if self.plan.inputs != self.robot.motor_locations:
             raise StudyError(
+                "experiment/simulated",
                 f"the plan excites {', '.join(self.plan.inputs)}, robot {self.robot.name} has "
-                f"{', '.join(self.robot.motor_locations)}; design the plan for this robot"
+                f"{', '.join(self.robot.motor_locations)}; design the plan for this robot",
             )
         for place in self.outputs:
             self.robot.check_location(place)
         if refused := chain_refusal(self.robot):
-            raise StudyError(refused)
+            raise StudyError("experiment/simulated", refused)
         if self.simulated.carrier is not None:
             check_movement(self.simulated.carrier, self.plan, self.robot)
 
@@ -230,8 +231,9 @@ class SimulatedRig:
                     "run without them `elastid loops` designs gains that hold every configuration"
                 )
             raise DataError(
+                "experiment/diverged",
                 f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
-                f"{experiment.experiment}: {error}. {advice}"
+                f"{experiment.experiment}: {error}. {advice}",
             ) from None
 
 
@@ -243,17 +245,18 @@ def _clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note,
         unit = "N" if plant.model.robot.slides(name) else "N*m"
         if share > MAX_CLIPPED_SHARE:
             raise DataError(
+                "experiment/diverged",
                 f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
                 f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} {unit} in {share:.0%} of the "
                 "measured samples and cannot control the robot; lower excitation.torque_rms, choose a configuration "
-                "with less gravity torque, or correct limits.torque"
+                "with less gravity torque, or correct limits.torque",
             )
         if share > 0:
             text = (
                 f"clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the measured samples: "
                 "the response is no longer linear; lower excitation.torque_rms"
             )
-            notes.append(Note("clipped-torque", text, f"{experiment.name}, {name}"))
+            notes.append(Note("experiment/limits", text, f"{experiment.name}, {name}"))
     return tuple(notes)
 
 
@@ -269,7 +272,7 @@ def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: floa
             unit = of_translation(turning) if joint.slides else turning
             if peak > limit:
                 text = f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; lower excitation.torque_rms"
-                notes.append(Note("beyond-limit", text, f"motor {joint.name}"))
+                notes.append(Note("experiment/limits", text, f"motor {joint.name}"))
     return tuple(notes)
 
 
@@ -279,4 +282,4 @@ def _opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
     if left <= MAX_VIOLATION_M:
         return ()
     text = f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; raise "
-    return (Note("loops-opened", text + "experiment.simulated.substeps"),)
+    return (Note("experiment/simulated", text + "experiment.simulated.substeps"),)

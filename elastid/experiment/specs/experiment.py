@@ -98,13 +98,15 @@ class ExperimentSpec:
     def as_simulated(self) -> SimulatedSpec:
         """The section `simulated`; StudyError for an experiment of another kind."""
         if self.simulated is None:
-            raise StudyError(f"experiment: designing and simulating need the section simulated, not {self.kind}")
+            raise StudyError(
+                "study/stage", f"designing and simulating need the section simulated, not {self.kind}", "experiment"
+            )
         return self.simulated
 
     def as_recorded(self) -> RecordedSpec:
         """The section `recorded`; StudyError for an experiment of another kind."""
         if self.recorded is None:
-            raise StudyError(f"experiment: logs need the section recorded, not {self.kind}")
+            raise StudyError("study/stage", f"logs need the section recorded, not {self.kind}", "experiment")
         return self.recorded
 
     def with_truth(self, truth: dict[str, Quantity]) -> ExperimentSpec:

@@ -22,7 +22,7 @@ from elastid.parameters import Parameter, ParameterSet
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of notes on bounds.  False alarms of 300 clean logs: at-bound 0, bound-in-most-starts 0."""
+    """Thresholds of notes on bounds."""
 
     near: float = 1e-4  # share of a range within which x is at its bound
     starts: float = 0.5  # share of those that end at a bound
@@ -78,7 +78,7 @@ def bound_notes(result: FitResult, unbound: Unbound | None) -> Iterator[Note]:
         low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
         side, value = ("lower", parameter.lower) if low else ("upper", parameter.upper)
         text = f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}"
-        yield Note("at-bound", f"{text}: {_advice(parameter, low, x, int(i), unbound, result.exceeds_noise)}")
+        yield Note("fit/at-bound", f"{text}: {_advice(parameter, low, x, int(i), unbound, result.exceeds_noise)}")
     ends = [start.x for start in result.starts if math.isfinite(start.cost)]
     if len(ends) < 3 or result.has_tolerances:  # those ended with the file's numbers
         return
@@ -87,7 +87,7 @@ def bound_notes(result: FitResult, unbound: Unbound | None) -> Iterator[Note]:
         if part > LIMITS.starts and not held:
             often = f"in {round(100 * part)} % of the starts"
             text = f"{name} ended at a bound {often}: widen its bounds, or start it elsewhere"
-            yield Note("bound-in-most-starts", text)
+            yield Note("fit/at-bound", text)
 
 
 def _advice(parameter: Parameter, low: bool, x: float, i: int, unbound: Unbound | None, exceeds_noise: bool) -> str:

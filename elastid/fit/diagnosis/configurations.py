@@ -35,10 +35,7 @@ from elastid.parameters import Parameter, Prior
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the judgement of configurations.
-
-    False alarms of 300 clean logs: unlike-configuration 0, two-groups 0.
-    """
+    """Thresholds of the judgement of configurations."""
 
     explained_share: float = 0.8  # of the excess; where a cause explains more, no configurations are sought that differ
     residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
@@ -90,7 +87,7 @@ def find_unlike_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ..
     level = level / float(np.median(level))
     others = "those of the other configurations; is it of the same robot, with the same load, at the stated angles?"
     return tuple(
-        Note("unlike-configuration", f"its residuals are {ratio:.0f} times {others}", f"configuration {name}")
+        Note("fit/unlike-responses", f"its residuals are {ratio:.0f} times {others}", f"configuration {name}")
         for name, ratio in zip(postures, level, strict=True)
         if ratio > LIMITS.residual_ratio
     )
@@ -124,7 +121,7 @@ def find_foreign_configurations(fit: ElasticFit, x: FloatArray, alone: FloatArra
                 f"without configuration {foreign} the model fits the others far better (V of these falls to "
                 f"{100 * ratios[best]:.2g} %): are they of the same robot, with the same load, at the stated angles?"
             )
-            return (Note("foreign-configuration", text),)
+            return (Note("fit/unlike-responses", text),)
     return ()
 
 
@@ -183,7 +180,7 @@ def find_two_groups(
     members = f"configurations {', '.join(first)} on the one side and {', '.join(second)} on the other disagree"
     part = math.sqrt(cost_apart / cost)
     left = f"fitted apart they leave {part:.2g} times the rms residual{_differences(groups, ends)}"
-    return (Note("two-groups", f"{members}: {left}; {_advice(first, second, robots)}"),)
+    return (Note("fit/unlike-responses", f"{members}: {left}; {_advice(first, second, robots)}"),)
 
 
 def _advice(first: Sequence[str], second: Sequence[str], robots: Mapping[str, Sequence[str]]) -> str:

@@ -44,7 +44,6 @@ class Limits:
 
     (scripts/studies/modification_indices.py, 300 fits.)  false_alarm_rate: Bonferroni over all candidates, not a false
     discovery rate: a single false cause in a report is one too many, and their drops are strongly correlated.
-    False alarms of 300 clean logs: modification-index 2.
     """
 
     # Beyond this model error or, where the noise is unknown, below this share responses may have been misread.
@@ -245,7 +244,7 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
         )
         beyond = f"what the residuals have beyond the noise{which}"
         texts = [f"no cause that was tried explains{best} of {beyond}: {advice}"]
-    return tuple(Note("modification-index", text) for text in texts)
+    return tuple(Note("fit/likely-cause", text) for text in texts)
 
 
 def _sentence(index: ModificationIndex, evidence: Evidence) -> str:

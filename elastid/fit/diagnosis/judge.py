@@ -27,7 +27,7 @@ from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.result import FitResult
 
-CONSEQUENCES = ("at-bound", "weakly-determined")  # codes of notes
+CONSEQUENCES = ("fit/at-bound", "fit/weakly-determined")  # codes of notes
 
 
 def judge(

@@ -35,7 +35,7 @@ Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the judgement of lateness.  False alarms of 300 clean logs: modification-index 2."""
+    """Thresholds of the judgement of lateness."""
 
     edge_phase: float = 0.8  # f T at the upper edge of the longest that is sought
     evaluations: int = 14  # of the search in one dimension

@@ -37,7 +37,7 @@ from elastid.fit.solve.solvers import NEAR, ROUGH, solve
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the judgement of readings.  False alarms of 300 clean logs: modification-index 2."""
+    """Thresholds of the judgement of readings."""
 
     exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
     alone: int = 2  # configurations that fit worst, of which one alone may be read otherwise
@@ -338,4 +338,4 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
         f"{factor:.0f} times {side} the start, and (2 pi)^2 is 39: are the frequencies of the responses in {unit}, "
         f"where {other} was taken? Then all stiffnesses are off by it, and no residual shows it"
     )
-    return (Note("frequency-unit", text, names),)
+    return (Note("fit/frequency-unit", text, names),)

@@ -45,7 +45,7 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the search for springs.  False alarms of 300 clean logs: modification-index 2."""
+    """Thresholds of the search for springs."""
 
     explained_share: float = 0.9  # of the excess; where something else explains more, no spring is sought
     frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances

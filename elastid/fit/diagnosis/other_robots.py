@@ -32,7 +32,7 @@ from elastid.robot import Payload
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the search among other robots.  False alarms of 300 clean logs: modification-index 2."""
+    """Thresholds of the search among other robots."""
 
     explained_share: float = 0.9  # of the excess; where something else explains more, no other robot is tried
     whole: float = 0.99  # of it; where something else explains more, nor is another reading of the study
@@ -218,7 +218,7 @@ def find_missing_gravity(evidence: Evidence) -> tuple[Note, ...]:
         f"would move by {abs(moved[worst]):.2g} standard deviations, and no residual shows it; give gravity in the "
         "robot's file"
     )
-    return (Note("no-gravity", text, severity="information"),)
+    return (Note("fit/undetectable", text, severity="information"),)
 
 
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:

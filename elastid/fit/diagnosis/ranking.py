@@ -30,7 +30,7 @@ from elastid.fit.result import ModificationIndex
 
 @dataclass(frozen=True)
 class RankingLimits:
-    """Thresholds of the ranking of causes.  False alarms of 300 clean logs: modification-index 2."""
+    """Thresholds of the ranking of causes."""
 
     linear_error: float = 0.002  # of the excess that one step leaves of what the true cause explains
     # Squared, and the ratio of the drops, from which two candidates cannot be distinguished.

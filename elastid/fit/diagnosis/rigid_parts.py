@@ -69,7 +69,7 @@ def find_elastic_base(result: FitResult) -> tuple[Note, ...]:
         f"it takes {', '.join(f'{percent(-change)} from {name}' for name, change in taken.items())}, and is within the "
         f"intervals from {base.hidden_from:.2g} N*m/rad on; measure it, and give it a spring in the robot's file"
     )
-    return (Note("base-as-rigid", text, severity="information"),)
+    return (Note("fit/undetectable", text, severity="information"),)
 
 
 def _base(robot: Robot, k: dict[str, float], scores: Scores, asked: Sequence[Parameter]) -> Iterator[_Spring]:

@@ -229,7 +229,7 @@ def static_notes(result: FitResult) -> tuple[Note, ...]:
         return ()
     return (
         Note(
-            "static-stiffness",
+            "fit/loads",
             f"{contradiction(result.static)}; the numbers are those of the responses alone, and their intervals "
             "contain those of both together",
         ),

@@ -44,7 +44,7 @@ class MisfitLimits:
     Measured there: V 1.13 of its expectation, and the disagreement of blocks, whose noise is less well known than that
     of all lines together, 1.4; of 330 true models, some with a variance of two degrees of freedom, no number reached a
     drop of 20; friction in a simulated arm of three axes reached 61, with an effect of 2.1 deviations.  A missing
-    spring lowers V by 44 to 87 where V shows nothing (5 % of noise).  False alarms of 300 clean logs: status-misfit 0.
+    spring lowers V by 44 to 87 where V shows nothing (5 % of noise).
     """
 
     excess: float = 1.2
@@ -239,11 +239,7 @@ def _by_held_number(evidence: Evidence) -> str:
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of status and notes of an estimate.
-
-    False alarms of 300 clean logs: weakly-determined 0, correlated 0, undetermined 0, weakest-combination 0,
-    model-error 0, status-model_error 0.
-    """
+    """Thresholds of status and notes of an estimate."""
 
     interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
     correlation: float = 0.99  # beyond which two parameters cannot be distinguished
@@ -273,7 +269,7 @@ def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
     correlation = correlation_of(result.covariance_by_noise)  # a file that is off moves all alike
     if unreached.any():
         yield Note(
-            "undetermined",
+            "fit/undetermined",
             f"{listed(names, unreached)}: only some combination of them is determined (smallest singular value "
             f"{values[-1]:.1e}, largest {values[0]:.1e}); fix or tie one",
         )
@@ -282,16 +278,16 @@ def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
         low, high = result.interval(parameter.name)
         if not high < LIMITS.interval_factor * low:
             # Without the interval: that of the table may be found later, by profile likelihood.
-            yield Note("weakly-determined", f"{parameter.name} is weakly determined: the data barely constrain it")
+            yield Note("fit/weakly-determined", f"{parameter.name} is weakly determined: the data barely constrain it")
     for i, j in np.argwhere(np.triu(np.abs(correlation) > LIMITS.correlation, 1)):
         text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
-        yield Note("correlated", text)
+        yield Note("fit/correlated", text)
     is_judged = len(result.weakest) and len(values) > 1 and not result.has_tolerances
     if is_judged and 1e-8 * values[0] <= values[-1] <= LIMITS.singular_value * values[0]:
         places = [i for i in np.argsort(-np.abs(result.weakest)) if abs(result.weakest[i]) > LIMITS.part_of_direction]
         terms = " ".join(f"{result.weakest[i]:+.2f} {names[i]}" for i in places)
         yield Note(
-            "weakest-combination",
+            "fit/undetermined",
             f"the combination {terms} (of relative effects) is the least determined: singular value "
             f"{values[-1] / values[0]:.1e} of the largest; measure where their effects differ, or tie them",
         )
@@ -301,10 +297,10 @@ def _search(result: FitResult) -> Iterator[Note]:
     starts = result.starts
     lost = [start.message for start in starts if not math.isfinite(start.cost)]
     if lost:
-        yield Note("failed-starts", f"{len(lost)} of {len(starts)} starts failed; the first with: {lost[0]}")
+        yield Note("fit/starts", f"{len(lost)} of {len(starts)} starts failed; the first with: {lost[0]}")
     if result.hits == 1 < len(starts) - len(lost):
         yield Note(
-            "one-hit",
+            "fit/starts",
             f"only 1 of {len(starts)} starts reached the best optimum, and the next has residuals "
             f"{math.sqrt(starts[1].cost / max(starts[0].cost, 1e-300)):.4g} times as large: there may be a better "
             "optimum; raise fit.starts or lower fit.start_factor",
@@ -320,7 +316,7 @@ def _model_error(evidence: Evidence) -> Iterator[Note]:
     worst_line = max(float(np.sum(np.abs(r) ** 2, axis=(1, 2)).max(initial=0.0)) for r, _ in fit.blocks(x))
     if result.cost - worst_line > LIMITS.model_error**2 * result.cost_expected:
         yield Note(
-            "model-error",
+            "fit/model-error",
             f"the residuals are {result.model_error:.2f} times what the noise explains: the model lacks something; "
             "the intervals are widened, but not for errors that are alike at all lines",
         )

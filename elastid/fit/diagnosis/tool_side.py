@@ -260,4 +260,4 @@ def tool_notes(result: FitResult) -> tuple[Note, ...]:
         return ()
     both = "" if result.tool.is_misread else ", and their intervals contain those of both together"
     alone = f"the numbers are those of the motors' responses alone{both}"
-    return (Note("tool-side", f"{tool_contradiction(result.tool)}; {alone}"),)
+    return (Note("fit/tool", f"{tool_contradiction(result.tool)}; {alone}"),)

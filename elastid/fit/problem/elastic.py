@@ -229,7 +229,9 @@ def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearM
         if missing := ", ".join(name for name in wanted if name not in known):
             has_not = f"the response has the {kind} {missing}, which the model has not"
             there = ", ".join(known) or "none"
-            raise StudyError(f"configuration {response.configuration.name}: {has_not}; there are {there}")
+            raise StudyError(
+                "fit/responses", f"{has_not}; there are {there}", f"configuration {response.configuration.name}"
+            )
     if loads and model.inputs != response.inputs:
         model = acted_on(model, response.inputs, response.motors, response.loop)
     inputs = [model.inputs.index(name) for name in response.inputs]

@@ -137,7 +137,7 @@ def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], paramet
 def _moved_off(x: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> FloatArray:
     """x (n_x,) with its free inertias a little rounder where a body is at the border."""
     for body in impossible_inertias(inertias, parameters, x):
-        raise StudyError(f"fit.parameters: {body.refusal}")
+        raise StudyError("fit/parameters", body.refusal, "fit.parameters")
     flat = [body for body in inertias if body.roundness(body.theta(parameters, x)) < MIN_ROUNDNESS]
     if not flat:
         return x
@@ -172,4 +172,4 @@ def find_border_inertias(inertias: Sequence[BodyInertia], parameters: ParameterS
     )
     values = (np.linalg.eigvalsh(body.second_moment(body.theta(parameters, x))) for body in inertias)
     flat = [body for body, v in zip(inertias, values, strict=True) if v[0] < 1e-3 * v[-1]]
-    return tuple(dict.fromkeys(Note("impossible-inertia", text, f"body {body.name}") for body in flat))
+    return tuple(dict.fromkeys(Note("fit/impossible-inertia", text, f"body {body.name}") for body in flat))

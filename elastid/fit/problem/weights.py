@@ -102,12 +102,14 @@ def weighs_correlations(
         return False
     if smooth is None or smooth.is_diagonal:
         raise DataError(
-            f"{where}: fit.weights.covariance is full, but only {'variances are' if smooth else 'nothing is'} known of "
-            "its noise; take auto or diagonal, or measure more periods or realisations"
+            "fit/weights",
+            f"fit.weights.covariance is full, but only {'variances are' if smooth else 'nothing is'} known of "
+            "its noise; take auto or diagonal, or measure more periods or realisations",
+            where,
         )
     flaw = _flaw(response, smooth.covariance, sigma) if floor_of(response, spec) == 0 else ""
     if flaw and asked:
-        raise DataError(f"{where}: {flaw}; take fit.weights.covariance: diagonal, or a floor above zero")
+        raise DataError("fit/weights", f"{flaw}; take fit.weights.covariance: diagonal, or a floor above zero", where)
     return not flaw
 
 
@@ -178,8 +180,10 @@ def weigh(response: FrequencyResponse, spec: FitSpec, known: SmoothedNoise | Non
     floor = floor_of(response, spec.weights)
     if response.uncertainty is None and floor == 0:
         raise DataError(
-            f"configuration {where}: no variance is known (that takes two periods or two realisations) and "
-            "fit.weights.floor is 0; set the floor, for example 0.01"
+            "fit/weights",
+            "no variance is known (that takes two periods or two realisations) and "
+            "fit.weights.floor is 0; set the floor, for example 0.01",
+            f"configuration {where}",
         )
     is_known = known is not None and known.is_of(response, spec.weights.smooth)
     noise = known if is_known else smooth_noise(response, spec.weights.smooth)
@@ -189,14 +193,14 @@ def weigh(response: FrequencyResponse, spec: FitSpec, known: SmoothedNoise | Non
     used = (factor > 0) & _within(response.freq_hz, spec.band_hz or (-np.inf, np.inf))[:, None, None]
     texts: list[tuple[str, str]] = []
     if response.uncertainty is None:
-        texts.append(("no-variance", f"no variance is known; the floor of {floor:g} alone weighs its lines"))
+        texts.append(("fit/weights", f"no variance is known; the floor of {floor:g} alone weighs its lines"))
     mute = _no_more_than_noise(response, variance, used)
     if mute.any():
         names = ", ".join(f"{response.outputs[i]} from {response.inputs[j]}" for i, j in np.argwhere(mute))
-        texts.append(("elements-left-out", f"left out, no more than noise: {names}"))
+        texts.append(("fit/weights", f"left out, no more than noise: {names}"))
     used &= ~mute
     if silent := int((used & (sigma == 0)).sum()):
-        texts.append(("elements-left-out", f"left out, {silent} elements of zero variance and no floor"))
+        texts.append(("fit/weights", f"left out, {silent} elements of zero variance and no floor"))
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
     correlated = weighs_correlations(response, noise, sigma, spec.weights)
     if noise is not None:
@@ -296,4 +300,4 @@ def check_factors(responses: Sequence[FrequencyResponse], spec: FitSpec) -> None
     for i, factor in enumerate(spec.weights.factors):
         for path, noun, name in misnamed(factor, measured):
             known = did_you_mean(name, sorted(measured[str(path[0])]))
-            raise StudyError(f"fit.weights.factors[{i}]: no {noun} '{name}' was measured; {known}")
+            raise StudyError("fit/weights", f"no {noun} '{name}' was measured; {known}", f"fit.weights.factors[{i}]")

@@ -59,7 +59,9 @@ def solve(
     x0 = np.clip(x0, *problem.parameters.x_bounds)
     beginning = problem.evaluate(x0)
     if not np.isfinite(beginning.cost):
-        raise FitError(f"the cost is not finite at the start {problem.parameters.as_dict(x0)}; move the start")
+        raise FitError(
+            "fit/no-start", f"the cost is not finite at the start {problem.parameters.as_dict(x0)}; move the start"
+        )
     if len(x0) == 0:
         return LocalOptimum(x0, x0, beginning.cost, 0, True, "nothing is free")
     end = _SOLVERS[method](problem, x0, beginning, tolerance, max_iterations)
@@ -122,7 +124,7 @@ def multistart(
     rough = _solved(begin, {f"start-{i}": x for i, x in enumerate(starts)}, execution)
     best = min(end.cost for end in rough)
     if not np.isfinite(best):
-        raise FitError(f"all {len(rough)} starts failed; the first with: {rough[0].message}")
+        raise FitError("fit/no-start", f"all {len(rough)} starts failed; the first with: {rough[0].message}")
     reach = best + _deviation(best, problems[-1])
     # One that ran out of iterations is continued where it is near enough.
     hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or (not end.converged and end.cost <= 30 * best)]

@@ -33,10 +33,7 @@ _ROUNDING = 1e-11
 
 @dataclass(frozen=True)
 class Limits:
-    """Threshold of the ladder; poles that fit mere noise: one in 100 lines.
-
-    False alarms of 300 clean logs: local-false-peak 0.
-    """
+    """Threshold of the ladder; poles that fit mere noise: one in 100 lines."""
 
     log_gain: float = 9.0  # dof ln(residual power of a simpler model / its own) of an output, from which on it is taken
 

@@ -72,7 +72,7 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the local methods.  False alarms of 300 clean logs: local-refused 0, local-repeats-averaged 0."""
+    """Thresholds of the local methods."""
 
     dof: int = 6  # of a useful variance, at least: its standard deviation is then 40 %
     margin_dof: int = 2  # beyond the number of outputs
@@ -141,9 +141,11 @@ def local_response(
     usable = separates_inputs(fits.chosen, experiments)
     if not usable.any():
         raise DataError(
-            f"configuration {first.configuration.name}: {spec.method} cannot separate the {len(first.inputs)} inputs "
+            "frf/inputs-together",
+            f"{spec.method} cannot separate the {len(first.inputs)} inputs "
             f"({', '.join(first.inputs)}) at any line: one of them was not excited, or two move in proportion; give "
-            "each its own random phases"
+            "each its own random phases",
+            f"configuration {first.configuration.name}",
         )
     fitted = fitted_response(fits.chosen, experiments, usable)
     total = with_model_error(fitted, richer, experiments, usable)
@@ -158,13 +160,13 @@ def local_response(
             f"{len(logs)} records with {len(spectra)} different excitation{'s' if len(spectra) > 1 else ''}: repeats, "
             "whose inputs are the same up to a gain, are averaged first and count as one experiment"
         )
-        notes.append(Note("repeats-averaged", text, severity="information"))
+        notes.append(Note("frf/window", text, severity="information"))
     unit, n_w = "Hz" if first.rate_is_known else "of the sampling rate", fits.where.index.shape[1]
     text = (
         f"{spec.method} of order {fits.terms.order} in windows of {n_w} lines ({np.median(span_hz):.3g} {unit}), "
         f"{fits.chosen.dof:.3g} degrees of freedom"
     )
-    notes.append(Note("local-method", text, severity="information"))
+    notes.append(Note("frf/window", text, severity="information"))
     notes += wide_windows(local_modes(freq_hz, fitted.G, total.variance), freq_hz, span_hz, fits.terms.poles)
     response = measured_response(
         first, spec.quantity, freq_hz, fitted.G, noise=fitted.noise, total=total, quality=quality, notes=tuple(notes)
@@ -185,15 +187,17 @@ def _of_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[N
     seconds = f"{n / first.rate_hz:g} to {lengths.max() / first.rate_hz:g} s"
     if n < 0.5 * lengths.max():
         raise DataError(
-            f"{where}: its records last {seconds}, and a local method needs one length: cut them with "
-            "samples: [first, last], or take estimator.method h1"
+            "frf/records",
+            f"its records last {seconds}, and a local method needs one length: cut them with "
+            "samples: [first, last], or take estimator.method h1",
+            where,
         )
     cut = [
         replace(each, u=each.u[:n], y=each.y[:n], r=None if each.r is None else each.r[:n], period_samples=n)
         for each in records
     ]
     text = f"records of {seconds} are cut to the shortest, since a local method compares them line by line"
-    return cut, (Note("records-cut", text, where),)
+    return cut, (Note("frf/window", text, where),)
 
 
 def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SettledSpectra:
@@ -254,8 +258,10 @@ def _fits(
     widths = [_window_lines(signals, ladder[-1], len(first.outputs)) for ladder in ladders]
     if widths[0] > n_lines:
         raise DataError(
-            f"configuration {first.configuration.name}: {spec.method} needs {widths[0]} lines in a window, {n_lines} "
-            "are excited; widen band_hz, measure more experiments, or take a longer period or record"
+            "frf/lines",
+            f"{spec.method} needs {widths[0]} lines in a window, {n_lines} "
+            "are excited; widen band_hz, measure more experiments, or take a longer period or record",
+            f"configuration {first.configuration.name}",
         )
     fits = []
     for ladder, n_w in zip(ladders, widths, strict=True):
@@ -291,9 +297,11 @@ def _refuse_dead_inputs(first: Record, spectra: Sequence[SettledSpectra]) -> Non
     clear = signal > LIMITS.input_snr * noise
     for i in np.flatnonzero(clear.mean(axis=0) < LIMITS.excited_share):
         raise DataError(
-            f"configuration {first.configuration.name}: input {first.inputs[i]} is 10 dB above its noise at "
+            "frf/lines",
+            f"input {first.inputs[i]} is 10 dB above its noise at "
             f"{int(clear[:, i].sum())} of {len(clear)} lines only: it was not excited, so that its column of G cannot "
-            "be estimated; check its channel, or raise its torque"
+            "be estimated; check its channel, or raise its torque",
+            f"configuration {first.configuration.name}",
         )
 
 

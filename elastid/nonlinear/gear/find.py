@@ -44,7 +44,9 @@ def find_gear_effects(
     linearisation = Linearisation.of_robot(robot, model, result.parameters.names)
     if not elastic_joints(linearisation):
         raise DataError(
-            f"robot {robot.name} has no driven joint with a spring in its gear: what gears do is found by their springs"
+            "robot/no-spring",
+            f"robot {robot.name} has no driven joint with a spring in its gear: what gears do is found by "
+            "their springs",
         )
     data = [gather_lines(tuple(records), spec, planned) for records in measured]
     drives = [

@@ -145,8 +145,9 @@ class _RigidArm:
                 return q, np.asarray(follow)
             q[passive] -= np.einsum("kij,jk->ik", follow, phi)
         raise DataError(
+            "robot/loops",
             f"the loops of robot {self.model.robot.name} stay open by {gap:.2g} m along the motion of the records, so "
-            "that its own distortion is not known; check the lengths of its loops, and the angles of configurations"
+            "that its own distortion is not known; check the lengths of its loops, and the angles of configurations",
         )
 
     def _loops(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -116,14 +116,18 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     first = records[0]
     if not first.is_periodic:
         raise DataError(
-            f"configuration {first.configuration.name}: the records have no period; what gears do is found from the "
-            "lines of a periodic excitation, those between the excited ones among them"
+            "gears/records",
+            "the records have no period; what gears do is found from the "
+            "lines of a periodic excitation, those between the excited ones among them",
+            f"configuration {first.configuration.name}",
         )
     missing = [place for place in first.inputs if place not in first.outputs]
     if missing:
         raise DataError(
-            f"configuration {first.configuration.name}: the angle of {', '.join(missing)} is not among the outputs; "
-            "what a gear does is found from the motion of its motor: log it"
+            "gears/records",
+            f"the angle of {', '.join(missing)} is not among the outputs; "
+            "what a gear does is found from the motion of its motor: log it",
+            f"configuration {first.configuration.name}",
         )
     columns = [first.outputs.index(place) for place in first.inputs]
     excited = analysed_lines(spectra_of(records, spec, planned), spec, planned)

@@ -71,13 +71,15 @@ def _registered(point: EntryPoint) -> Format:
         registered = point.load()
     except Exception as error:
         raise StudyError(
+            "install/missing-package",
             f"the reader {point.name} ({point.value}) of another package cannot be loaded ({error}); update that "
-            "package, or uninstall it"
+            "package, or uninstall it",
         ) from error
     if not isinstance(registered, Format):
         raise StudyError(
+            "install/missing-package",
             f"the reader {point.name} ({point.value}) of another package is {type(registered).__name__} and not an "
-            "elastid.recorded.files.formats.Format; update that package, or uninstall it"
+            "elastid.recorded.files.formats.Format; update that package, or uninstall it",
         )
     return registered
 
@@ -120,7 +122,9 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     """A log file, whatever its format; arrays are read while it is open."""
     if not is_log(path):
         problem = "is a folder but no ROS 2 bag (it has no metadata.yaml)" if os.path.isdir(path) else "is not there"
-        raise StudyError(f"log file {path} {problem}; check path under files (relative to the study's folder)")
+        raise StudyError(
+            "files/missing", f"log file {path} {problem}; check path under files (relative to the study's folder)"
+        )
     head = b""
     if not os.path.isdir(path):
         with path.open("rb") as file:
@@ -142,7 +146,7 @@ def _refused(message: Callable[[Exception], str]) -> Iterator[None]:
     except (ElastidError, MemoryError):
         raise
     except Exception as error:
-        raise DataError(message(error)) from error
+        raise DataError("files/damaged", message(error)) from error
 
 
 def naming(path: Path, advice: str) -> AbstractContextManager[None]:

@@ -120,7 +120,9 @@ class ArrayLog:
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
             raise DataError(
-                f"{self.path}: the channels differ in length: {table} samples; all must come from one recording"
+                "records/channels",
+                f"the channels differ in length: {table} samples; all must come from one recording",
+                self.path,
             )
         return signals
 
@@ -132,12 +134,14 @@ class ArrayLog:
         name, shapes = channel.channel.strip("/"), self.shapes()
         name = next(iter(shapes)) if not name and len(shapes) == 1 else name
         if name not in self.arrays:
-            raise DataError(missing_channel(self.path, channel, shapes))
+            raise DataError("records/channels", missing_channel(self.path, channel, shapes))
         if name not in shapes:
             array = self.arrays[name]
             raise DataError(
-                f"{self.path}: channel {name} is no signal but {array.dtype} of shape {array.shape}; "
-                f"there are {', '.join(shapes) or 'none'}"
+                "records/channels",
+                f"channel {name} is no signal but {array.dtype} of shape {array.shape}; "
+                f"there are {', '.join(shapes) or 'none'}",
+                self.path,
             )
         return name, self.arrays[name]
 
@@ -152,7 +156,11 @@ class ArrayLog:
             # A piece may hold fewer samples than signals.
             return self._column(channel, name, values.reshape(len(values), -1))
         if values.ndim > 2:
-            raise DataError(f"{self.path}: channel {name} has {values.ndim} axes {values.shape}; it must have 1 or 2")
+            raise DataError(
+                "records/channels",
+                f"channel {name} has {values.ndim} axes {values.shape}; it must have 1 or 2",
+                self.path,
+            )
         # Samples outnumber signals: a matrix with its samples along a row is transposed.
         matrix = np.atleast_2d(values).T if values.ndim == 1 or values.shape[0] < values.shape[1] else values
         return self._column(channel, name, matrix)[part]
@@ -161,11 +169,15 @@ class ArrayLog:
         n, columns = matrix.shape
         if channel.column is None and columns > 1:
             raise DataError(
-                f"{self.path}: channel {name} holds {columns} signals of {n} samples; give column: 1 to {columns}"
+                "records/channels",
+                f"channel {name} holds {columns} signals of {n} samples; give column: 1 to {columns}",
+                self.path,
             )
         if channel.column is not None and channel.column > columns:
             raise DataError(
-                f"{self.path}: channel {name} has no column {channel.column}; it has {columns}, the first is column 1"
+                "records/channels",
+                f"channel {name} has no column {channel.column}; it has {columns}, the first is column 1",
+                self.path,
             )
         return matrix[:, (channel.column or 1) - 1]
 
@@ -192,6 +204,8 @@ def imported(module: str, path: Path, kind: str, extra: str) -> Any:
     except ImportError:
         package = module.partition(".")[0]
         raise StudyError(
-            f"{path}: {kind} is read by {package}, which is not installed; install it with `uv sync --extra {extra}` "
-            f"(or `pip install 'elastid[{extra}]'`)"
+            "install/missing-package",
+            f"{kind} is read by {package}, which is not installed; install it with `uv sync --extra {extra}` "
+            f"(or `pip install 'elastid[{extra}]'`)",
+            path,
         ) from None

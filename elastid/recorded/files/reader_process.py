@@ -80,7 +80,7 @@ def _ask(request: Mapping[str, Any]) -> Any:
             code = _end(_readers.pop((os.getpid(), where)))
             raise ValueError(f"the process that read it died, exit code {code}")
     if "error" in reply:
-        raise _KINDS.get(reply["error"], ValueError)(reply["message"])
+        raise _KINDS.get(reply["error"], ValueError)(*reply["arguments"])
     return reply if values is None else values
 
 
@@ -149,10 +149,10 @@ def serve() -> None:
                 reply = {"signals": [_described(name, array) for name, array in signals]}
         except MemoryError:
             amount = f"more than {limit / 1e9:.3g} GB of" if limit else "more"
-            reply = {"error": "MemoryError", "message": f"its reader asks for {amount} memory"}
+            reply = {"error": "MemoryError", "arguments": [f"its reader asks for {amount} memory"]}
         except Exception as error:
             kind = type(error).__name__
-            reply = {"error": kind, "message": str(error) if kind in _KINDS else f"{kind}: {error}"}
+            reply = {"error": kind, "arguments": error.args if kind in _KINDS else [f"{kind}: {error}"]}
         replies.write(json.dumps(reply).encode() + b"\n")
         if values is not None:
             replies.write(values.reshape(-1).view(np.uint8).data)

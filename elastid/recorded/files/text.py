@@ -71,8 +71,10 @@ class TextLog:
         table = self._table(range(self.n_columns // n))
         if len(table) % n:
             raise DataError(
-                f"{self.path}: its {len(table)} rows are no whole number of samples of {n} rows; correct "
-                "text.interleaved, or cut the file after a whole sample"
+                "records/text",
+                f"its {len(table)} rows are no whole number of samples of {n} rows; correct "
+                "text.interleaved, or cut the file after a whole sample",
+                self.path,
             )
         return np.asarray(table.reshape(len(table) // n, -1)[:, list(wanted)])
 
@@ -88,7 +90,7 @@ class TextLog:
                 ndmin=2,
             )
         except ValueError as error:
-            raise DataError(self._complaint(needed) or f"{self.path}: {error}") from None
+            raise DataError("records/text", self._complaint(needed) or f"{self.path}: {error}") from None
         return data[:, [needed.index(column) for column in wanted]]
 
     def _complaint(self, columns: Sequence[int]) -> str:
@@ -119,18 +121,23 @@ class TextLog:
             if not headed:
                 start = f"; data were taken to start in line {self.first + 1} (text.header_lines says otherwise)"
                 missing = missing_channel(self.path, channel, self.shapes())
-                raise DataError(missing + start + otherwise_written(self.path, self.format))
+                raise DataError("records/channels", missing + start + otherwise_written(self.path, self.format))
             if column not in (headed if len(headed) > 1 else (None, *headed)):
                 listed = ", ".join(map(str, headed))
                 raise DataError(
+                    "records/channels",
                     f"{self.path}: '{channel.channel}' is the heading of column {listed}; give column, too"
                     if column is None
-                    else f"{self.path}: column {column} is not headed '{channel.channel}', but column {listed} is"
+                    else f"{self.path}: column {column} is not headed '{channel.channel}', but column {listed} is",
                 )
             return (column or headed[0]) - 1
         column = column or 1
         if column > self.n_columns:
-            raise DataError(f"{self.path}: there is no column {column}; it has {self.n_columns}, the first is column 1")
+            raise DataError(
+                "records/channels",
+                f"there is no column {column}; it has {self.n_columns}, the first is column 1",
+                self.path,
+            )
         return column - 1
 
 
@@ -145,21 +152,27 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     delimiter = _delimiter(text)
     if delimiter == text.decimal:
         raise StudyError(
-            f"text: delimiter and decimal are both '{text.decimal}'; with decimal commas the delimiter is usually ';'"
+            "records/text",
+            f"delimiter and decimal are both '{text.decimal}'; with decimal commas the delimiter is usually ';'",
+            "text",
         )
     if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
-        raise StudyError(f"text: delimiter is '{text.delimiter}'; give a single character, tab or whitespace")
+        raise StudyError(
+            "records/text", f"delimiter is '{text.delimiter}'; give a single character, tab or whitespace", "text"
+        )
     lines = _decoded(path.read_bytes()).splitlines()
     numbers = tuple(line.replace(",", ".") for line in lines) if text.decimal == "," else tuple(lines)
     first = text.header_lines
     while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
         first += 1
     if not any(line.strip() for line in lines):
-        raise DataError(f"{path}: the file is empty; export it again, or name another one")
+        raise DataError("records/text", "the file is empty; export it again, or name another one", path)
     if first >= len(numbers):
         raise DataError(
-            f"{path}: no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter "
-            f"'{text.delimiter}'; set delimiter, decimal and header_lines under text{otherwise_written(path, text)}"
+            "records/text",
+            f"no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter "
+            f"'{text.delimiter}'; set delimiter, decimal and header_lines under text{otherwise_written(path, text)}",
+            path,
         )
     n_columns = len(_fields(numbers[first], text))
     headings = _headings(lines[:first], text, n_columns) if text.interleaved == 1 else ()

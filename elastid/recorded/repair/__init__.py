@@ -15,6 +15,13 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.note import Note
 
+_CODES = {  # of findings that mend nothing
+    "drifting channels": "records/drift",
+    "quantised channels": "records/quantised",
+    "samples at a limit": "records/clipped",
+    "stops": "records/stopped",
+}
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -26,7 +33,7 @@ class Finding:
 
     def note(self, place: str) -> Note:
         """The finding as a note on a record."""
-        return Note(self.kind.replace(" ", "-"), self.text, place)
+        return Note(_CODES.get(self.kind, "records/repaired"), self.text, place)
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ def in_runs(flags: BoolArray, least: int) -> BoolArray:
 
 @dataclass(frozen=True)
 class DriftLimits:
-    """Limits of the finding on drift.  False alarms of 300 clean logs: drifting-channels 0."""
+    """Limits of the finding on drift."""
 
     # A line is excited where the drivers have this part of the power of their strongest line.
     min_excited_share: float = 1e-3

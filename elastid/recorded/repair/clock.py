@@ -32,7 +32,7 @@ _TIMES_AT_ONCE = 4096
 
 @dataclass(frozen=True)
 class ClockLimits:
-    """Limits of delays, times and clocks.  False alarms of 300 clean logs: samples-resampled 0, late-torque 0."""
+    """Limits of delays, times and clocks."""
 
     # Correlation at the best delay at least; below, the signals are not the same.
     min_correlation: float = 0.5
@@ -183,8 +183,10 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
     periods = int((len(signals) + CLOCK.max_missing_end * N) // T)
     if periods < 2:
         raise DataError(
-            f"{log.where}: its period is {T:.3f} samples instead of {N}, and the log holds fewer than two of them; "
-            "measure more periods"
+            "records/clock",
+            f"its period is {T:.3f} samples instead of {N}, and the log holds fewer than two of them; "
+            "measure more periods",
+            log.where,
         )
     result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
     text = (

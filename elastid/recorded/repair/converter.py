@@ -21,10 +21,7 @@ CLIPPED = "samples at a limit"
 
 @dataclass(frozen=True)
 class ConverterLimits:
-    """Limits of the findings on clipping and quantisation.
-
-    False alarms of 300 clean logs: quantised-channels 0, samples-at-a-limit 0, refused 0.
-    """
+    """Limits of the findings on clipping and quantisation."""
 
     min_noise_share: float = 2e-3  # noise of steps is reported from this part of the signal on
     min_repeats: float = 3.0  # a signal of steps takes few values: on average each at least so many times
@@ -96,7 +93,9 @@ def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
         text = f"{name}: {n_clipped} of {len(x)} samples ({100 * share:.2g} %) are at its limits of "
         text += f"{np.min(x):.4g} and {np.max(x):.4g}"
         if share > LIMITS.max_clipped_share:
-            raise DataError(f"{log.where}: {text}: it is clipped; measure again with less torque or a wider range")
+            raise DataError(
+                "records/clipped", f"{text}: it is clipped; measure again with less torque or a wider range", log.where
+            )
         findings.append(Finding(CLIPPED, n_clipped, f"{text}: clipped there, measure with less torque"))
     return tuple(findings)
 

@@ -26,10 +26,7 @@ _CUBIC_SAMPLES = 2
 
 @dataclass(frozen=True)
 class MissingLimits:
-    """Limits of the search for shifts and of the filling of gaps.
-
-    False alarms of 300 clean logs: lost-samples-put-back 0, doubled-samples-taken-out 0.
-    """
+    """Limits of the search for shifts and of the filling of gaps."""
 
     min_periods: int = 4  # periods in which shifts are searched for, at least
     max_shift: float = 0.02  # larger shifts, as a part of the period, have other causes
@@ -172,8 +169,10 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     limit = f"{LIMITS.max_missing_of_repetition:.0%}"
     if P - len(left_out) < 2:
         raise DataError(
-            f"{log.where}: {len(left_out)} of {P} repetitions lack more than {limit} of their samples, and two are "
-            "needed; measure again, or cut the bad part off with samples"
+            "records/missing-samples",
+            f"{len(left_out)} of {P} repetitions lack more than {limit} of their samples, and two are "
+            "needed; measure again, or cut the bad part off with samples",
+            log.where,
         )
     if left_out.size:
         numbers = ", ".join(str(p + 1) for p in left_out)
@@ -201,12 +200,16 @@ def _filled(x: FloatArray, good: BoolArray, L: int, sign: int) -> FloatArray:
 def _check(good: BoolArray, P: int, L: int, log: Log, problem: str) -> None:
     missing, text = np.flatnonzero(~good), f"{log.where}: {problem}"
     if missing.size > LIMITS.max_missing_share * len(good):
-        raise DataError(f"{text}, the first is {log.time_of(missing[0])}; measure again, or cut them off with samples")
+        raise DataError(
+            "records/missing-samples",
+            f"{text}, the first is {log.time_of(missing[0])}; measure again, or cut them off with samples",
+        )
     lost = np.flatnonzero(~good.reshape(P, L).any(axis=0))
     if lost.size:
         raise DataError(
+            "records/missing-samples",
             f"{text}, and {lost.size} of them in every period at the same place, the first {log.time_of(lost[0])}: no "
-            "other period has that phase; measure again, or cut them off with samples"
+            "other period has that phase; measure again, or cut them off with samples",
         )
 
 
@@ -243,8 +246,10 @@ def bridged_gaps(signals: FloatArray, log: Log) -> Repaired:
             pieces = runs(np.asarray(np.isfinite(signals).all(axis=1)))
             first, last = max(pieces, key=np.ptp, default=(0, 0))
             raise DataError(
-                f"{log.where}: {text}, and a record without a period has no other one to fill them from; the longest "
-                f"piece without gaps is samples: [{log.number(first)}, {log.number(last)}]: use that, or measure again"
+                "records/missing-samples",
+                f"{text}, and a record without a period has no other one to fill them from; the longest "
+                f"piece without gaps is samples: [{log.number(first)}, {log.number(last)}]: use that, or measure again",
+                log.where,
             )
         for start, end in gaps:
             sides = np.flatnonzero(good[:start])[-_CUBIC_SAMPLES:].tolist()

@@ -26,10 +26,7 @@ REPLACED = "spikes replaced"
 
 @dataclass(frozen=True)
 class SpikeLimits:
-    """Limits that distinguish a spike from a signal.
-
-    False alarms of 300 clean logs: spikes-replaced 0, spikes-left 0.
-    """
+    """Limits that distinguish a spike from a signal."""
 
     min_sigmas: float = 8.0
     min_periods: int = 3

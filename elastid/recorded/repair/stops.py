@@ -23,10 +23,7 @@ STOPPED = "stops"
 
 @dataclass(frozen=True)
 class StopLimits:
-    """Limits that distinguish a stop from motion.
-
-    False alarms of 300 clean logs: stops 0, rest-left-out 0.
-    """
+    """Limits that distinguish a stop from motion."""
 
     # Windows of a repetition for long stops and for short ones, samples of one at least; so many in a row stand still.
     windows: int = 20
@@ -92,9 +89,11 @@ def without_stops(
     good = P - len(bad)
     if good < 2:
         raise DataError(
-            f"{log.where}: {event}, as after an emergency stop, and {good} of {P} repetitions is whole, where two are "
+            "records/stopped",
+            f"{event}, as after an emergency stop, and {good} of {P} repetitions is whole, where two are "
             f"needed: measure again, or take samples: [{log.first}, {log.first + start}] with period: none and "
-            "estimator.method local_rational"
+            "estimator.method local_rational",
+            log.where,
         )
     numbers = ", ".join(str(p + 1) for p in bad)
     text = f"{event}, as after an emergency stop or at the end of the excitation"
@@ -172,7 +171,7 @@ def _scatter(windows: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class StuckLimits:
-    """Limits of a channel that is stuck.  False alarms of 300 clean logs: stuck-samples 0."""
+    """Limits of a channel that is stuck."""
 
     min_run: int = 20  # samples with one value
     # Range of the other repetitions there: over the scatter of the channel, and in its steps.

@@ -31,7 +31,7 @@ _DAMPING = 1e-3
 
 @dataclass(frozen=True)
 class TimeStampLimits:
-    """Limits of time stamps.  False alarms of 300 clean logs: samples-resampled 0, samples-missing-in-time 0."""
+    """Limits of time stamps."""
 
     # Deviations from an even grid, in samples, that do no harm.
     max_deviation: float = 0.02
@@ -135,9 +135,11 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     for bad, what in ((~np.isfinite(time_s), "is missing"), (np.diff(time_s, prepend=-np.inf) < 0, "runs backwards")):
         if bad.any():
             place = log.time_of(np.flatnonzero(bad)[0])
-            raise DataError(f"{log.where}: the time {what} at {place}; cut that part off with samples")
+            raise DataError("records/clock", f"the time {what} at {place}; cut that part off with samples", log.where)
     if len(time_s) < 3 or time_s[-1] == time_s[0]:
-        raise DataError(f"{log.where}: its time does not rise; name another channel as time, or leave time out")
+        raise DataError(
+            "records/clock", "its time does not rise; name another channel as time, or leave time out", log.where
+        )
     time_s = time_s - time_s[0]
     steps = TimeSteps.of(time_s)
     _check_span(time_s, steps, rate_hz, log)
@@ -155,8 +157,10 @@ def _check_span(time_s: FloatArray, steps: TimeSteps, rate_hz: float, log: Log) 
     if not 1 / STAMPS.max_ratio < ratio < STAMPS.max_ratio:
         after = log.time_of(int(np.argmax(np.diff(time_s))))
         raise DataError(
-            f"{log.where}: its {len(time_s)} time stamps have {steps}, the longest after {after}, and rate_hz is "
-            f"{rate_hz:g}; give the time in s, correct rate_hz, or cut a jump off with samples"
+            "records/clock",
+            f"its {len(time_s)} time stamps have {steps}, the longest after {after}, and rate_hz is "
+            f"{rate_hz:g}; give the time in s, correct rate_hz, or cut a jump off with samples",
+            log.where,
         )
 
 
@@ -184,8 +188,10 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
         raise DataError(
-            f"{log.where}: its time has {steps}, which leaves frequencies up to {PASSBAND * knot_hz:.3g} Hz of the "
-            f"{PASSBAND * rate_hz:.3g} Hz that rate_hz {rate_hz:g} promises; state rate_hz: {advised_hz:g}"
+            "records/clock",
+            f"its time has {steps}, which leaves frequencies up to {PASSBAND * knot_hz:.3g} Hz of the "
+            f"{PASSBAND * rate_hz:.3g} Hz that rate_hz {rate_hz:g} promises; state rate_hz: {advised_hz:g}",
+            log.where,
         )
     knot_hz = min(knot_hz, rate_hz)  # a lower rate than that of the stamps holds the lower band alone
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz

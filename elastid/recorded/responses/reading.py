@@ -73,7 +73,9 @@ def link_side_response(
     freq_hz, G = freq_hz[order], table.G[order][:, rows][:, :, columns]
     for i, j in np.argwhere(np.isnan(G).all(axis=0)):
         raise DataError(
-            f"{table.path}: the response of {outputs[i].name_in_file} to {inputs[j].name_in_file} is not in it"
+            "responses/table",
+            f"the response of {outputs[i].name_in_file} to {inputs[j].name_in_file} is not in it",
+            table.path,
         )
     f_y, f_u = (np.array([link_side_factor(c, robot) for c in side]) for side in (outputs, inputs))
     powers = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[c.quantity] for c in outputs])
@@ -85,7 +87,11 @@ def link_side_response(
     freq_hz, G = freq_hz[good], G[good]
     _refuse_uncomputable(table.path, G, outputs, inputs)
     if np.any(np.diff(freq_hz) == 0):
-        raise DataError(f"{table.path}: {freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz is there twice; keep one of them")
+        raise DataError(
+            "responses/lines",
+            f"{freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz is there twice; keep one of them",
+            table.path,
+        )
     gain = (2j * np.pi * freq_hz[:, None]) ** powers * f_y
     gain_of_elements = gain[:, :, None] / (f_u * _hold_response(table.path, freq_hz, inputs, spec))[:, None, :]
     T_y, T_u = to_joints(outputs, robot), np.linalg.inv(to_joints(inputs, robot))
@@ -125,8 +131,10 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
             continue
         if freq_hz[-1] > rate_hz / 2:
             raise DataError(
-                f"{path}: its lines reach {freq_hz[-1]:g} Hz, and {channel.name_in_file} is a command held at "
-                f"{rate_hz:g} Hz, which excites up to {rate_hz / 2:g} Hz; correct rate_hz, or keep the lines below it"
+                "responses/lines",
+                f"its lines reach {freq_hz[-1]:g} Hz, and {channel.name_in_file} is a command held at "
+                f"{rate_hz:g} Hz, which excites up to {rate_hz / 2:g} Hz; correct rate_hz, or keep the lines below it",
+                path,
             )
         H[:, j] = zero_order_hold(freq_hz / rate_hz)
     return H
@@ -142,8 +150,10 @@ def _refuse_uncomputable(
         return
     line, i, j = worst[0]
     raise DataError(
-        f"{path}: the response of {outputs[i].name_in_file} to {inputs[j].name_in_file} is {size[line, i, j]:.3g} at "
-        f"{len(worst)} places, which no sensor measures; check the file's placeholder for missing values"
+        "responses/table",
+        f"the response of {outputs[i].name_in_file} to {inputs[j].name_in_file} is {size[line, i, j]:.3g} at "
+        f"{len(worst)} places, which no sensor measures; check the file's placeholder for missing values",
+        path,
     )
 
 
@@ -151,10 +161,14 @@ def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tup
     if good.all():
         return ()
     if not good.any():
-        raise DataError(f"{table.path}: none of its {len(good)} lines is finite and above 0 Hz in all of its elements")
+        raise DataError(
+            "responses/lines",
+            f"none of its {len(good)} lines is finite and above 0 Hz in all of its elements",
+            table.path,
+        )
     n_out, static = int(np.sum(~good)), int(np.sum(freq_hz <= 0))
     reasons = [f"{n} {reason}" for n, reason in ((static, "at 0 Hz"), (n_out - static, "not finite")) if n]
     text = f"{n_out} of {len(good)} lines are left out: {' and '.join(reasons)}"
     # Analysers begin at 0 Hz, where no motion has an acceleration.
     severity: Severity = "information" if n_out == static else "warning"
-    return (Note("lines-left-out", text, table.path.name, severity=severity),)
+    return (Note("frf/lines-left-out", text, table.path.name, severity=severity),)

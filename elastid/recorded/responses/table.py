@@ -57,12 +57,18 @@ class ResponseTable:
     def __post_init__(self) -> None:
         F, rows, columns = (*self.G.shape, 0, 0, 0)[:3]
         if self.G.ndim != 3 or len(self.freq) != F or F == 0:
-            raise DataError(f"{self.path}: {len(self.freq)} frequencies and a response of shape {self.G.shape}")
+            raise DataError(
+                "responses/table", f"{len(self.freq)} frequencies and a response of shape {self.G.shape}", self.path
+            )
         for kind, names, n in (("outputs", self.outputs, rows), ("inputs", self.inputs, columns)):
             if names and len(names) != n:
-                raise DataError(f"{self.path}: {len(names)} names of {n} {kind}: {', '.join(names)}")
+                raise DataError("responses/table", f"{len(names)} names of {n} {kind}: {', '.join(names)}", self.path)
         if self.variance is not None and self.variance.shape != self.G.shape:
-            raise DataError(f"{self.path}: the variance has shape {self.variance.shape}, the response {self.G.shape}")
+            raise DataError(
+                "responses/table",
+                f"the variance has shape {self.variance.shape}, the response {self.G.shape}",
+                self.path,
+            )
 
     def freq_hz(self, unit: str) -> FloatArray:
         """The frequencies (F,) in Hz; `auto` is the file's own unit.  DataError for an unknown or missing unit."""
@@ -70,7 +76,7 @@ class ResponseTable:
         known = name.lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
         if known not in _IN_HZ:
             problem = f"its unit of frequency is '{name}'" if name else "it does not say the unit of its frequencies"
-            raise DataError(f"{self.path}: {problem}; set frequency_unit to Hz, rad/s, kHz or rpm")
+            raise DataError("responses/table", f"{problem}; set frequency_unit to Hz, rad/s, kHz or rpm", self.path)
         return self.freq * _IN_HZ[known]
 
     def index(self, channel: ChannelSpec) -> int:
@@ -84,7 +90,7 @@ class ResponseTable:
         if not channel.channel and channel.column is not None and channel.column <= n:
             return channel.column - 1
         listed = ", ".join(names) or f"{n}, named by column: 1 to {n}"
-        raise DataError(f"{self.path}: no {kind} is '{name}'; there are {listed}")
+        raise DataError("responses/table", f"no {kind} is '{name}'; there are {listed}", self.path)
 
 
 def label(channel: ChannelSpec) -> str:
@@ -122,8 +128,10 @@ def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
     if missing:
         listed = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
         raise DataError(
-            f"{path}: no column {', '.join(missing)}; give their names under columns ({{y}}, {{u}} stand for the "
-            f"channels). There are {listed}"
+            "responses/table",
+            f"no column {', '.join(missing)}; give their names under columns ({{y}}, {{u}} stand for the "
+            f"channels). There are {listed}",
+            path,
         )
     return log.columns([log.headings.index(name) for name in names])
 
@@ -141,10 +149,12 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
         name = structs[0]
     if name not in structs:
         listed = ", ".join(struct or "its own variables" for struct in structs) or f"none; {HOW_TO_SAVE}"
-        raise DataError(f"{path}: no response '{name}' in it (name it with response); responses in it: {listed}")
+        raise DataError(
+            "responses/table", f"no response '{name}' in it (name it with response); responses in it: {listed}", path
+        )
     prefix = f"{name}." if name else ""
     if f"{prefix}Frequency" not in leaves:
-        raise DataError(f"{path}: {prefix}{_DATA} has no {prefix}Frequency; save the frequencies, too")
+        raise DataError("responses/table", f"{prefix}{_DATA} has no {prefix}Frequency; save the frequencies, too", path)
     data = complex_array(leaves, f"{prefix}{_DATA}")
     assert data is not None  # it is listed by structs_in
     G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
@@ -152,7 +162,9 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     texts = {key: _text(leaves[prefix + key]) for key in keys}
     unit = texts.get("FrequencyUnit") or texts.get("Units", "")
     if "timeunit" in unit.lower() and texts.get("TimeUnit", "").lower() not in ("", "seconds", "s"):
-        raise DataError(f"{path}: {prefix}TimeUnit is not seconds; set frequency_unit, or save it in rad/s")
+        raise DataError(
+            "responses/table", f"{prefix}TimeUnit is not seconds; set frequency_unit, or save it in rad/s", path
+        )
     freq = np.ravel(np.asarray(leaves[f"{prefix}Frequency"], dtype=np.float64))
     outputs, inputs = (_names(leaves, f"{prefix}{side}Name") for side in ("Output", "Input"))
     variance = _variance(path, leaves.get(f"{prefix}CovarianceData"), G)
@@ -166,11 +178,15 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
     if G is None or columns.frequency not in leaves:
         lacking = columns.response if G is None else columns.frequency
         listed = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
-        raise DataError(f"{path}: no {lacking} in it; name response and frequency under columns. There are {listed}")
+        raise DataError(
+            "responses/table",
+            f"no {lacking} in it; name response and frequency under columns. There are {listed}",
+            path,
+        )
     freq = np.ravel(np.asarray(leaves[columns.frequency], dtype=np.float64))
     std = complex_array(leaves, columns.std) if columns.std else None
     if columns.std and std is None:
-        raise DataError(f"{path}: no {columns.std} in it; correct columns.std, or leave it out")
+        raise DataError("responses/table", f"no {columns.std} in it; correct columns.std, or leave it out", path)
     G = _frequency_first(path, G, len(freq), spec)
     variance = None if std is None else np.abs(_frequency_first(path, std, len(freq), spec)) ** 2
     return ResponseTable(path, freq, leaves[columns.frequency].units or "Hz", G, variance=variance)
@@ -191,8 +207,10 @@ def _frequency_first(path: Path, array: ComplexArray, F: int, spec: ResponsesSpe
     axes = [axis for axis, n in enumerate(array.shape) if n == F]
     if not axes or array.ndim > 3:
         raise DataError(
-            f"{path}: {spec.columns.response} has shape {array.shape}, and there are {F} frequencies; one of at most "
-            "three axes must have their length"
+            "responses/table",
+            f"{spec.columns.response} has shape {array.shape}, and there are {F} frequencies; one of at most "
+            "three axes must have their length",
+            path,
         )
     first = np.moveaxis(array, axes[0], 0)
     if first.ndim == 3:
@@ -208,7 +226,7 @@ def _variance(path: Path, covariance: StoredArray | None, G: ComplexArray) -> Fl
     C = np.asarray(covariance, dtype=np.float64)
     F, n_y, n_u = G.shape
     if C.size != F * n_y * n_u * 4 or C.shape[-2:] != (2, 2):
-        raise DataError(f"{path}: CovarianceData has shape {C.shape}, expected {(n_y, n_u, F, 2, 2)}")
+        raise DataError("responses/table", f"CovarianceData has shape {C.shape}, expected {(n_y, n_u, F, 2, 2)}", path)
     return np.asarray(np.moveaxis(np.einsum("yukaa->yuk", C.reshape(n_y, n_u, F, 2, 2)), 2, 0))
 
 

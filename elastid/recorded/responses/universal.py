@@ -53,8 +53,10 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
         output, input_ = _place(data_set, "rsp"), _place(data_set, "ref")
         if not np.array_equal(np.asarray(data_set["x"]), freq):
             raise DataError(
-                f"{path}: the response of {output} to {input_} has other frequencies than that of {outputs[0]} to "
-                f"{inputs[0]}; export all with the same lines"
+                "responses/table",
+                f"the response of {output} to {input_} has other frequencies than that of {outputs[0]} to "
+                f"{inputs[0]}; export all with the same lines",
+                path,
             )
         sign = np.prod([-1 if int(data_set[f"{side}_dir"]) < 0 else 1 for side in ("rsp", "ref")])
         G[:, outputs.index(output), inputs.index(input_)] = sign * np.asarray(data_set["data"])
@@ -134,7 +136,7 @@ def _in_si(
         f"its data set 164 states lengths of {metre:g} m and forces of {newton:g} N, from which its numbers are turned "
         "into SI; a channel with another unit, or with scale, overrides it"
     )
-    return of_outputs[:, None] / of_inputs, (Note("units-of-file", text, path.name, severity="information"),)
+    return of_outputs[:, None] / of_inputs, (Note("responses/units", text, path.name, severity="information"),)
 
 
 def _sets(path: Path, *types: int) -> list[dict[str, Any]]:
@@ -143,14 +145,16 @@ def _sets(path: Path, *types: int) -> list[dict[str, Any]]:
         import pyuff
     except ImportError:
         raise StudyError(
-            f"{path}: universal files are read by pyuff, which is not installed: pip install 'elastid[uff]'"
+            "install/missing-package",
+            "universal files are read by pyuff, which is not installed: pip install 'elastid[uff]'",
+            path,
         ) from None
     try:
         file = pyuff.UFF(str(path))
         return [file.read_sets(int(i)) for i in np.flatnonzero(np.isin(file.get_set_types(), types))]
     except Exception as error:  # a damaged file makes pyuff raise anything
         text = f"{path}: damaged, cut short or no universal file ({error}); copy it or export it again"
-        raise DataError(text) from error
+        raise DataError("responses/table", text) from error
 
 
 def _responses(path: Path) -> list[dict[str, Any]]:
@@ -158,7 +162,9 @@ def _responses(path: Path) -> list[dict[str, Any]]:
     responses = [data_set for data_set in sets if int(data_set["func_type"]) == 4]
     if not responses:
         raise DataError(
-            f"{path}: none of its {len(sets)} data sets 58 is a frequency response (function type 4); export those"
+            "responses/table",
+            f"none of its {len(sets)} data sets 58 is a frequency response (function type 4); export those",
+            path,
         )
     return responses
 
@@ -178,5 +184,7 @@ def _check_quantity(path: Path, data_set: dict[str, Any], output: str, channels:
     for channel in channels:
         if channel.role == "y" and label(channel) == output and quantity not in (None, channel.quantity):
             raise StudyError(
-                f"{path}: output {output} is of quantity {quantity}, its channel states {channel.quantity}"
+                "responses/table",
+                f"output {output} is of quantity {quantity}, its channel states {channel.quantity}",
+                path,
             )

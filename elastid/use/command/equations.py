@@ -206,9 +206,11 @@ class CommandedRobot:
                 return q
             motors = motors + step
         raise StudyError(
-            f"robot {self.robot.name}: no posture of the motors brings frame {self.frame} at rest to where it is "
+            "robot/no-rest",
+            f"no posture of the motors brings frame {self.frame} at rest to where it is "
             f"without deflection at {', '.join(f'{angle:.4g}' for angle in angles)} rad; the posture is near a "
-            "singular one, choose another"
+            "singular one, choose another",
+            f"robot {self.robot.name}",
         )
 
     def rigid_posture(self, angles: FloatArray) -> FloatArray:

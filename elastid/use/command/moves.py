@@ -155,11 +155,13 @@ def read_move(path: Path, robot: Robot, frame: str, duration: float | None = Non
     """
     table = read_table(path)
     if len(table.values) < 2:
-        raise DataError(f"{path}: a move has a row for its start and one for its end, and there is one row")
+        raise DataError("use/path", "a move has a row for its start and one for its end, and there is one row", path)
     times = _times(table)
     if times is None and duration is None:
         raise DataError(
-            f"{path}: no column t holds times; give one in s, or --time for the duration of the move, or --fastest"
+            "use/path",
+            "no column t holds times; give one in s, or --time for the duration of the move, or --fastest",
+            path,
         )
     angles = table.angles(robot)
     if angles is not None:
@@ -180,8 +182,10 @@ def _times(table: Table) -> FloatArray | None:
     if falling := np.flatnonzero(np.diff(times) <= 0).tolist():
         row = falling[0] + 1
         raise DataError(
-            f"{table.path}:{table.lines[row]}: column {table.heads[column]} is {times[row]:g} s after "
-            f"{times[row - 1]:g} s; times must rise from row to row"
+            "use/path",
+            f"column {table.heads[column]} is {times[row]:g} s after "
+            f"{times[row - 1]:g} s; times must rise from row to row",
+            f"{table.path}:{table.lines[row]}",
         )
     return times
 
@@ -228,8 +232,10 @@ def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | N
         row = min(int(np.searchsorted(shares, share)), len(shares) - 1)
         place = ", ".join(f"{value:.4g}" for value in spline(share))
         raise DataError(
-            f"{table.path}:{table.lines[row]}: on the way to this pose, at ({place}) m, frame {frame} is out of reach "
-            "within the limits of the joints; move the path, or widen robot.bodies.joints.limits.angle"
+            "use/unreachable",
+            f"on the way to this pose, at ({place}) m, frame {frame} is out of reach "
+            "within the limits of the joints; move the path, or widen robot.bodies.joints.limits.angle",
+            f"{table.path}:{table.lines[row]}",
         )
     _check_limits(table, angles, robot)
     return _at_rest(s, angles)
@@ -242,8 +248,10 @@ def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
         line = table.lines[row] if len(angles) == len(table.lines) else table.lines[-1]
         name, unit = robot.driven[joint].name, robot.driven[joint].unit
         raise DataError(
-            f"{table.path}:{line}: joint {name} at {angles[row, joint]:.4g} {unit} is beyond its limits "
-            f"[{low[joint]:.4g}, {high[joint]:.4g}] {unit}; move the path, or name a column of degrees `{name} deg`"
+            "use/unreachable",
+            f"joint {name} at {angles[row, joint]:.4g} {unit} is beyond its limits "
+            f"[{low[joint]:.4g}, {high[joint]:.4g}] {unit}; move the path, or name a column of degrees `{name} deg`",
+            f"{table.path}:{line}",
         )
 
 
@@ -251,5 +259,7 @@ def point_to_point(start: FloatArray, end: FloatArray, duration: float) -> Move:
     """The move of the joints from angles (n_u,) to others; StudyError where they are the same."""
     points = np.stack([start, end])
     if not np.any(np.diff(points, axis=0)):
-        raise StudyError("a move from a posture to the same posture has nothing to follow; give another end")
+        raise StudyError(
+            "use/path", "a move from a posture to the same posture has nothing to follow; give another end"
+        )
     return Move(_through(np.array([0.0, 1.0]), points, False), duration)

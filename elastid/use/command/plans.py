@@ -70,15 +70,19 @@ def require_ends(commanded: CommandedRobot, move: Move, limits: MotionLimits) ->
             low, high = limits.angle[i]
             if not low <= at[i] <= high:
                 raise DataError(
-                    f"the move cannot be made: at its {end} the motor of joint {joint.name} stands at {at[i]:.4g} "
-                    f"{joint.unit}, deflection included, and may be within [{low:.4g}, {high:.4g}]; move the path"
+                    "use/move",
+                    f"at its {end} the motor of joint {joint.name} stands at {at[i]:.4g} "
+                    f"{joint.unit}, deflection included, and may be within [{low:.4g}, {high:.4g}]; move the path",
+                    "the move cannot be made",
                 )
             if not abs(torque[i]) <= limits.torque[i]:
                 unit = "N" if joint.slides else "N*m"
                 raise DataError(
-                    f"the move cannot be made: at its {end} gravity takes {abs(torque[i]):.4g} {unit} of joint "
+                    "use/move",
+                    f"at its {end} gravity takes {abs(torque[i]):.4g} {unit} of joint "
                     f"{joint.name}, whose limit is {limits.torque[i]:.4g} {unit}; choose a posture with less load, or "
-                    "correct robot.bodies.joints.limits.torque"
+                    "correct robot.bodies.joints.limits.torque",
+                    "the move cannot be made",
                 )
 
 

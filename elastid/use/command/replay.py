@@ -79,9 +79,10 @@ class TwinLoop:
         substeps = max(2, least_steps(own, 1 / rate_hz))
         if substeps > MAX_SUBSTEPS:
             raise StudyError(
+                "experiment/diverged",
                 f"the fastest motion of robot {robot.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, "
                 f"or friction at standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} "
-                "are affordable; raise --rate"
+                "are affordable; raise --rate",
             )
         clips = clips and any(np.isfinite(joint.limits.torque) for joint in robot.driven)
         hardware = drives(robot, 0, (), (), clips)
@@ -114,7 +115,7 @@ class TwinLoop:
                     "this is a robot drawn from the fit, whose intervals hold robots that no loop moves: fix or leave "
                     "out what is at a bound or hardly known, or give --draws 0"
                 )
-            raise DataError(f"{error}; {advice}") from error
+            raise DataError("experiment/diverged", f"{error}; {advice}") from error
         return moved.q, moved.u
 
     def error(self, q: FloatArray, target: FloatArray) -> FloatArray:

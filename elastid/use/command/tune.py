@@ -106,14 +106,16 @@ def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) 
         begun = move.in_time(first_duration(commanded, move, limits))
         if not begun.duration:
             raise DataError(
+                "use/move",
                 f"robot {given.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
-                "the shortest; give its joints limits, or a duration"
+                "the shortest; give its joints limits, or a duration",
             )
         fastest = shortest(commanded, begun, _spared(limits), margin_s, given.error_m)
         if fastest is None:
             raise DataError(
+                "use/move",
                 f"the tool stays within {1e3 * given.error_m:g} mm of its path in no time from {begun.duration:.3g} s "
-                "on; raise --error, or move the path away from limits and singular postures"
+                "on; raise --error, or move the path away from limits and singular postures",
             )
         move = fastest
     gains = tune(commanded.model, commanded.rigid_posture(move.ends[0]), given.bandwidth_hz, DAMPING_RATIO)
@@ -150,7 +152,7 @@ def _within_limits(
         progress(attempt * (n + 1), PASSES * (n + 1))
         planned = best_plan(commanded, move, narrowed, margin_s)
         if not planned.is_feasible:
-            raise DataError(_refusal(given, commanded, move, limits, margin_s))
+            raise DataError("use/move", _refusal(given, commanded, move, limits, margin_s))
         references = sampled(commanded, planned, given.rate_hz, SETTLING_S)
         target = commanded.poses(commanded.rigid(move, references.time_s)[0]).position
         used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
@@ -171,8 +173,9 @@ def _within_limits(
     kind = max(used, key=lambda each: float(used[each].max()))
     joint = commanded.robot.driven[int(np.argmax(used[kind]))].name
     raise DataError(
+        "use/move",
         f"no plan keeps the {kind} limit of joint {joint} on {n} draws of the fit: the last takes "
-        f"{100 * used[kind].max():.4g} % of it. Give the move more time, or lower --bandwidth, whose feedback takes it"
+        f"{100 * used[kind].max():.4g} % of it. Give the move more time, or lower --bandwidth, whose feedback takes it",
     )
 
 

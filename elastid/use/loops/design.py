@@ -114,8 +114,9 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
     best = max(kept, key=scene.reached, default=None)
     if best is None:
         raise FitError(
+            "use/gains",
             f"no gains keep the sensitivity below {limit_db:.3g} dB in all postures with a delay of {delay} samples at "
-            f"{scene.plants.rate_hz:g} Hz: raise the rate, or leave out the posture that falls over fastest"
+            f"{scene.plants.rate_hz:g} Hz: raise the rate, or leave out the posture that falls over fastest",
         )
     yield best
     best = searched(scene, best, limit_db) or best
@@ -282,5 +283,7 @@ def robust(
         if own is not None and (found is None or scene.reached(own) > scene.reached(found)):
             found = own
     if found is None:
-        raise FitError("no gains keep the sensitivity below 6 dB on 95 % of the draws: the fit knows too little")
+        raise FitError(
+            "use/gains", "no gains keep the sensitivity below 6 dB on 95 % of the draws: the fit knows too little"
+        )
     return found, peaks(found)

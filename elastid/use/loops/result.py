@@ -146,7 +146,9 @@ def _sprung(modes: tuple[PlantMode, ...], posture: str) -> tuple[PlantMode, ...]
     kept = tuple(mode for mode in modes if mode.share >= 0.5)
     if not kept:
         raise StudyError(
-            f"posture {posture}: no spring of the robot swings behind its motors, so that none limits them"
+            "use/gains",
+            "no spring of the robot swings behind its motors, so that none limits them",
+            f"posture {posture}",
         )
     return kept
 

@@ -284,7 +284,7 @@ def test_the_frf_of_a_study_is_read_by_another_without_a_robot(bench: Path, tmp_
     (measured,), (again,) = read_responses(bench / "run" / "frf.h5"), read_responses(tmp_path / "run" / "frf.h5")
     np.testing.assert_array_equal(again.G, measured.G)
     assert again.outputs == measured.outputs
-    assert "hold-not-taken-out" in {note.code for note in again.notes}
+    assert "responses/hold" in {note.code for note in again.notes}
 
 
 def test_the_template_of_logs_runs_at_once(tmp_path: Path) -> None:

@@ -486,7 +486,7 @@ def test_a_run_beyond_the_measured_range_of_its_friction_says_so() -> None:
         friction = Friction(0.1, load=LoadDependence(0.02), measured=measured)
         simulated = rig(arm(friction=friction), SimulatedSpec(warming=warming), runs=1)
         record = simulated.measure(simulated.experiments[0])
-        said.append([str(note) for note in record.notes if note.code == "friction-extrapolated"])
+        said.append([str(note) for note in record.notes if note.code == "experiment/simulated"])
     assert said[0] == []
     assert [text.split(" at a ")[1].split(" of ")[0] for text in said[1]] == ["speed", "load", "temperature"]
     assert all(text.startswith("motor ") and "extrapolated" in text for text in said[1])

@@ -51,7 +51,7 @@ def test_an_invented_hypothesis_is_found_first_where_it_is_true() -> None:
     assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)
     assert first.share > 0.95
     assert first.steps[0] == pytest.approx(SHARE, rel=0.05)
-    sentence = next(note.text for note in result.notes if note.code == "modification-index")
+    sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
     assert sentence.startswith("4.0 % of motor 1's torque logged at motor 2 would explain 9")
     assert sentence.endswith("check the wiring of 2")
 
@@ -71,7 +71,7 @@ def test_an_invented_hypothesis_is_not_named_where_another_one_is_true(fault: st
     assert with_it.indices[0].name == without.indices[0].name != "crosstalk_2"
     assert with_it.status == without.status
     sentences = [
-        [note.text for note in result.notes if note.code == "modification-index"][:1] for result in (with_it, without)
+        [note.text for note in result.notes if note.code == "fit/likely-cause"][:1] for result in (with_it, without)
     ]
     assert sentences[0] == sentences[1]
 

@@ -47,7 +47,7 @@ def test_a_wrong_number_is_the_first_that_is_named(fault: str, name: str, step: 
     assert (first.name, first.place) == (name, 1)
     assert first.share > 0.95
     assert first.steps[0] == pytest.approx(step, rel=0.05)
-    sentence = next(note.text for note in result.notes if note.code == "modification-index")
+    sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
     assert re.search(words, sentence)
 
 
@@ -66,7 +66,7 @@ def test_a_wrong_number_is_the_first_that_is_named(fault: str, name: str, step: 
 )
 def test_readings_bodies_and_springs_that_the_robot_lacks_have_sentences(fault: str, words: str) -> None:
     """Two of a robot's motors that both are mirrored, or neither: the data cannot distinguish them."""
-    sentence = next(note.text for note in fitted(fault).notes if note.code == "modification-index")
+    sentence = next(note.text for note in fitted(fault).notes if note.code == "fit/likely-cause")
     assert sentence.startswith(words)
 
 
@@ -86,7 +86,7 @@ def test_a_fit_of_the_true_robot_has_no_sentence() -> None:
     case = true_case()
     for seed in range(8):
         notes = identify(drawn(case, np.random.default_rng(seed)), case.robot, SPEC).notes
-        assert not any(note.code == "modification-index" for note in notes)
+        assert not any(note.code == "fit/likely-cause" for note in notes)
 
 
 def test_the_drop_is_that_of_least_squares_with_the_number_free() -> None:

@@ -67,7 +67,7 @@ def test_a_fit_hints_at_the_hold_that_the_study_does_not_say(
 ) -> None:
     """Half a sample at 1 kHz is found to 8 %; following the hint leaves no hint."""
     for seed in range(3):
-        notes = [note.text for note in fitted(tmp_path, seed, taken, acts).notes if note.code == "modification-index"]
+        notes = [note.text for note in fitted(tmp_path, seed, taken, acts).notes if note.code == "fit/likely-cause"]
         assert len(notes) == bool(says)
         if says:
             found = re.search(says, notes[0])

@@ -50,7 +50,7 @@ def test_angles_of_an_axis_that_are_off_in_every_posture_are_named_together() ->
     first = result.indices[0]
     assert first.name == "angles_2"
     assert first.steps == pytest.approx(off, abs=np.radians(0.6))
-    assert not any(note.code == "two-groups" for note in result.notes)
+    assert not any(note.code == "fit/unlike-responses" for note in result.notes)
 
 
 @pytest.mark.slow

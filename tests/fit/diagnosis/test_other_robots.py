@@ -32,7 +32,7 @@ def test_a_robot_on_the_ceiling_is_named() -> None:
     first = result.indices[0]
     assert first.name == "gravity along +z of the base"
     assert first.share > 0.9
-    sentence = next(note.text for note in result.notes if note.code == "modification-index")
+    sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
     assert sentence.startswith("gravity along +z of the base instead of the file's")
 
 

@@ -55,8 +55,8 @@ def test_friction_that_depends_on_the_posture_is_no_second_robot() -> None:
     case = rubbing_by_posture(true_case())
     result = identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
     assert result.indices[0].name.startswith("friction_2")
-    assert {note.code for note in result.notes} & {"two-groups", "unlike-configuration"} == set()
-    sentence = next(note.text for note in result.notes if note.code == "modification-index")
+    assert {note.code for note in result.notes} & {"fit/unlike-responses"} == set()
+    sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
     assert sentence.startswith("friction of motor 2 that depends on the posture (")
     assert "in c2" in sentence
 
@@ -69,5 +69,5 @@ def test_a_mass_beyond_its_tolerance_is_named_though_the_fit_converged() -> None
     result = identify(drawn(case, np.random.default_rng(0)), robot, SPEC)
     first = result.indices[0]
     assert first.name in ("m_fore", "payload_fore")
-    sentence = next(note.text for note in result.notes if note.code == "modification-index")
+    sentence = next(note.text for note in result.notes if note.code == "fit/likely-cause")
     assert "beyond" in sentence

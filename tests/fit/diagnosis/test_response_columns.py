@@ -157,7 +157,7 @@ def fit_of_samples(response: FrequencyResponse, robot: Robot | None = None) -> F
 
 def causes_of(result: FitResult) -> list[str]:
     """Sentences on causes."""
-    return [note.text for note in result.notes if note.code == "modification-index"]
+    return [note.text for note in result.notes if note.code == "fit/likely-cause"]
 
 
 @pytest.mark.parametrize(("rate_hz", "is_named"), [(200.0, True), (4000.0, False)])

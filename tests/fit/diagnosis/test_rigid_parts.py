@@ -69,7 +69,7 @@ def test_the_stiffness_from_which_on_a_base_is_hidden_is_where_it_moves_by_an_in
     (base,) = [part for part in result.rigid_parts if part.is_base]
     softened = base.stiffness * 1e-2 / base.hidden_from
     assert softened == pytest.approx(1.96 * result.std["k_1"] / result.values["k_1"], rel=0.01)
-    (note,) = [note for note in result.notes if note.code == "base-as-rigid"]
+    (note,) = [note for note in result.notes if note.code == "fit/undetectable"]
     assert "takes 1.00 % from k_1" in note.text
     assert f"{base.hidden_from:.2g} N*m/rad on" in note.text
 

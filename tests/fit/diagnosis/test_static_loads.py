@@ -46,7 +46,7 @@ def test_a_fault_is_a_misfit_with_its_cause(case):
     assert result.status == "misfit"
     assert "static load tests contradict the responses" in result.message
     assert words in result.static.cause, result.static.cause
-    assert [note for note in result.notes if note.code == "static-stiffness"]
+    assert [note for note in result.notes if note.code == "fit/loads"]
 
 
 @pytest.mark.slow
@@ -88,4 +88,4 @@ def test_true_tests_agree():
     result = fitted()
     assert result.status == "converged"
     assert abs(result.static.ratio - 1) < 3.5 * result.static.ratio_std
-    assert not [note for note in result.notes if note.code == "static-stiffness"]
+    assert not [note for note in result.notes if note.code == "fit/loads"]

@@ -61,10 +61,10 @@ def test_one_line_beyond_the_noise_is_no_error_of_the_model() -> None:
     result = identify(spoilt, case.robot, SPEC)
     assert result.exceeds_noise
     assert result.model_error > 1.5
-    assert "model-error" not in {note.code for note in result.notes}
+    assert "fit/model-error" not in {note.code for note in result.notes}
     wrong = FAULTS["link mass +5 %"](case)
     judged = identify(drawn(wrong, np.random.default_rng(0)), wrong.robot, SPEC)
-    assert "model-error" in {note.code for note in judged.notes}
+    assert "fit/model-error" in {note.code for note in judged.notes}
 
 
 def test_an_error_that_all_blocks_share_is_a_misfit_by_the_number_that_was_held() -> None:

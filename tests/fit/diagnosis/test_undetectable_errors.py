@@ -21,7 +21,7 @@ def fitted(case: Case, noise: float = 0.005, seed: int = 0) -> FitResult:
 
 
 def exactness(result: FitResult) -> list[Note]:
-    return [note for note in result.notes if note.code == "held-as-exact"]
+    return [note for note in result.notes if note.code == "fit/held-as-exact"]
 
 
 def test_a_held_number_moves_a_parameter_as_predicted_and_nothing_warns(monkeypatch: pytest.MonkeyPatch) -> None:

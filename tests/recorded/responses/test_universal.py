@@ -47,7 +47,7 @@ def test_units_of_a_file_are_believed(tmp_path: Path, code: int, metre: float, n
     """Metres, millimetres with millinewton, inches with pounds, and factors of the file's own."""
     table = uff_table(written(tmp_path / "a.uff", code), channels("m/s^2"))
     np.testing.assert_allclose(table.G[:, 0, 0], -G * metre / newton, rtol=1e-6)
-    assert [note.code for note in table.notes] == ([] if code == 1 else ["units-of-file"])
+    assert [note.code for note in table.notes] == ([] if code == 1 else ["responses/units"])
 
 
 def test_a_unit_of_the_study_overrides_that_of_the_file(tmp_path: Path) -> None:

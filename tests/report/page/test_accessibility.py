@@ -106,7 +106,7 @@ def friction(folder: Path) -> Path:
 
 def responses(folder: Path) -> Path:
     measured = tuple(pair(2, name=name, seed=i)[0] for i, name in enumerate(("near", "far")))
-    modes = tuple(without_modes(each, Note("no-modes", "too few lines")) for each in measured)
+    modes = tuple(without_modes(each, Note("modal/lines", "too few lines")) for each in measured)
     return written(folder, html_of_responses(ResponsesContent("A bench", measured, modes, "a: b", {"seed": "1"}), []))
 
 

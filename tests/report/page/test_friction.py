@@ -23,7 +23,7 @@ def page(friction: FrictionTakenOut | None) -> str:
 
 
 def page_of_responses(friction: FrictionTakenOut | None) -> str:
-    modes = (without_modes(pair(2)[0], Note("no-modes", "none")),)
+    modes = (without_modes(pair(2)[0], Note("modal/lines", "none")),)
     return html_of_responses(ResponsesContent("a", (pair(2)[0],), modes, "", {}, friction), [])
 
 
