@@ -1,6 +1,6 @@
 """What the command line costs: loading, a report, and the demo with one process and two, as ratios.
 
-    python scripts/benchmarks/cli.py [--quick] [--other PYTHON] [STUDY]
+    python scripts/benchmarks/cli.py [--quick | --loading] [--other PYTHON] [STUDY]
 
 Loading: user and system time of fresh processes, with compiled byte code as after a first start, over that of a bare
 Python. Imports of estimate: the sum that `python -X importtime` shows while it estimates the demo's responses. Report
@@ -100,6 +100,7 @@ def main() -> None:
     """The table, then the JSON line."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--quick", action="store_true", help="one round of loading, to see that it runs")
+    parser.add_argument("--loading", action="store_true", help="leave out the report and the demo")
     parser.add_argument("--other", help="the Python of another checkout")
     parser.add_argument("study", nargs="?", type=Path, help="default: the template of `elastid new`")
     arguments = parser.parse_args()
@@ -112,7 +113,7 @@ def main() -> None:
         loads = {who + name: line for who, p in pythons.items() for name, line in loading(p, study).items()}
         cpu = medians(cpu_s, loads, empty, rounds)
         wall = {}
-        if not arguments.quick:
+        if not (arguments.quick or arguments.loading):
             demos = {who: Path(folder) / f"demo-{number}" for number, who in enumerate(pythons)}
             works, estimates = (
                 {who + name: line for who, p in pythons.items() for name, line in commands(p, demos[who]).items()}

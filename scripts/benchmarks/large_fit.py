@@ -36,7 +36,7 @@ from typing import Any
 
 import numpy as np
 from fit import IDENTIFIED, build_robot, measured
-from timing import machine
+from timing import bare_work_s, machine
 
 from elastid.base.execution import Execution
 from elastid.base.workers import lasting_workers
@@ -78,7 +78,7 @@ def fit(path: Path, jobs: int) -> None:
             "V_over_expected": result.cost / result.cost_expected,
             "sha256": sha256(result.x.tobytes() + result.covariance.tobytes()).hexdigest()[:16],
         }
-    print(json.dumps(found))
+    print(json.dumps(found | {"cpu_over_work": found["cpu_s"] / bare_work_s()}))
 
 
 def run(path: Path, jobs: int) -> dict[str, Any]:

@@ -190,11 +190,12 @@ def main() -> None:
     }
     seconds, rounds = (1.0, 1) if quick else (5.0, 9)
     results = {name: benched(robot, seconds, rounds, with_mujoco) for name, robot in robots.items()}
-    print(f"times real time, CPU\n{'robot':10}{'coordinates':>12}{'elastid':>10}{'no compiler':>13}{'MuJoCo':>10}")
+    print("times real time, CPU; the last column is elastid's time over MuJoCo's")
+    print(f"{'robot':10}{'coordinates':>12}{'elastid':>10}{'no compiler':>13}{'MuJoCo':>10}{'ratio':>8}")
     for name, row in results.items():
         peer = row.get("mujoco_times_real_time", float("nan"))
         own, virtual = row["elastid_times_real_time"], row["virtual_machine_times_real_time"]
-        print(f"{name:10}{row['coordinates']:>12.0f}{own:>10.1f}{virtual:>13.1f}{peer:>10.1f}")
+        print(f"{name:10}{row['coordinates']:>12.0f}{own:>10.1f}{virtual:>13.1f}{peer:>10.1f}{peer / own:>8.2f}")
     if not quick:
         check(results["six_axes"])
     print(json.dumps(results))

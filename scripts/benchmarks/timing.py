@@ -30,6 +30,19 @@ def in_turn(functions: Mapping[str, Callable[[], object]], repeats: int) -> dict
     return {name: statistics.median(each) for name, each in times.items()}
 
 
+def bare_work_s() -> float:
+    """CPU time of a fixed mixture of FFT, products of matrices and Python: the unit of whole programs on a machine."""
+    x = np.random.default_rng(0).standard_normal((6, 1 << 18))
+    A = x[:, :15000].reshape(-1, 150, 150) + 0j
+
+    def work() -> None:
+        np.fft.rfft(x, axis=1)
+        A @ A
+        sum(i * i for i in range(1_000_000))
+
+    return cpu_seconds(work, 9)
+
+
 def machine() -> str:
     """The processor, the kernels of this package, and those of BLAS with its number of threads, in words."""
     return f"{_processor()}; {description()}; {_blas()}"

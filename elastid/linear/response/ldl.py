@@ -70,9 +70,12 @@ class Elimination:
         B_ordered, Y_ordered = B.take(self.order, axis=0), Y.take(self.order, axis=0)
         matrices = (matrix.take(places) for matrix in (M, D, K))
         call("eliminate", *sizes, *matrices, B_ordered, omega, later, many, Y_ordered, products, smallest)
-        for line in np.flatnonzero(~(smallest > LIMITS.elimination**2)):  # not above: NaN too
-            Z = K + 1j * omega[line] * D - omega[line] ** 2 * M
-            products[:, :, line] = Y.T @ np.linalg.solve(Z, B.astype(complex))
+        weak = np.flatnonzero(~(smallest > LIMITS.elimination**2))  # not above: NaN too
+        if len(weak):
+            of_lines = omega[weak, None, None]
+            X = np.linalg.solve(K + 1j * of_lines * D - of_lines**2 * M, B.astype(complex))
+            # Y is real: as a product of real matrices.
+            products[:, :, weak] = (Y.T @ X.view(np.float64)).view(np.complex128).transpose(1, 2, 0)
         return np.asarray(products.T)
 
     @cached_property
