@@ -29,7 +29,6 @@ GIVEN_THROUGH_HELPERS = {
     "recorded/test_rig.py": ("RecordedSpec.text",),
     "excitation/test_grids.py": ("MultisineSpec.group", "MultisineSpec.ratio"),
     "excitation/test_multisine.py": ("MultisineSpec.spectrum",),
-    "design/test_design.py": ("MultisineSpec.least",),
     "frf/test_welch.py": ("EstimatorSpec.window",),
     "study/test_loading.py": ("FitSpec.wanted",),
     "robot/test_denavit_hartenberg.py": ("Link.name", "DenavitHartenberg.frames", "DenavitHartenberg.tolerances"),
