@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.friction_axis import LIMITS, axis, planned
+from plants.refusals import refused
 
 from elastid.base.errors import StudyError
 from elastid.design.friction_axis import axis_of
@@ -112,7 +113,7 @@ def test_a_part_of_the_law_without_its_conditions_is_refused(law: LawSpec, word:
 
 def test_loops_do_not_tell_a_lugre_law() -> None:
     """What does is named."""
-    with pytest.raises(StudyError, match=r"lugre, and slow loops .* give friction.at_rest"):
+    with refused("friction/plan", place="friction.law.presliding"):
         planned(FrictionSpec(law=LawSpec(presliding="lugre"), presliding=PreslidingSpec()))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from plants.limited_arm import CARRIERS, EXCITATION, LIMITS, arm, experiment
 from plants.notes import said
+from plants.refusals import refused
 from plants.studies import study
 
 from elastid.app.cli import run_command
@@ -98,7 +99,7 @@ def test_limits_that_leave_no_room_are_refused_with_what_is_in_the_way(
 
 def test_a_motor_without_any_limit_cannot_be_scaled_to_it() -> None:
     """The message says which motor, and both ways out."""
-    with pytest.raises(StudyError, match=r"limits needs a limit of every motor, and motor 1, motor 2 has none"):
+    with refused("design/limits", place="excitation.torque_rms"):
         within(robot=arm(Limits()))
 
 

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from plants.marks import SEEDS, slow
 from plants.notes import said
+from plants.refusals import refused
 
 from elastid.app import cli
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import StudyError
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
@@ -154,7 +155,7 @@ def test_wrong_groups_are_named(given: dict[str, ParameterSpec], message: str) -
 
 
 def test_robots_must_be_named_once_and_at_all() -> None:
-    with pytest.raises(StudyError, match=r"fit.parameters.k_1.per: no robots are named"):
+    with refused("fit/parameters", place="fit.parameters.k_1.per"):
         choose(replace(SPEC, robots={}), arm(), ["a1"])
     with pytest.raises(ValueError, match="robots: configuration a1 is given to A, B"):
         FitSpec(robots={"A": ("a1",), "B": ("a1",)})
@@ -192,7 +193,7 @@ def test_one_robot_with_wrong_masses_is_not_taken_for_two() -> None:
 def test_one_measurement_under_two_names_is_refused() -> None:
     (first, *_), rest = measure(A, "a", 0), measure(A, "b", 1)
     twin = replace(first, configuration=replace(first.configuration, name="copy"))
-    with pytest.raises(DataError, match="the responses of a1 and copy are the same numbers at the same angles"):
+    with refused("fit/responses"):
         identify([first, twin, *rest], arm(), FitSpec(starts=1))
 
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from plants.noise_record import RATE, noise_record
 from plants.notes import said
+from plants.refusals import refused
 from scipy.signal import lfilter
 
-from elastid.base.errors import DataError
 from elastid.frf import automatic
 from elastid.frf.estimate import estimate
 from elastid.frf.local.response import local_response
@@ -118,7 +118,7 @@ def test_where_one_candidate_refuses_the_records_the_other_is_taken(
 def test_where_both_refuse_the_records_so_does_auto() -> None:
     """Two inputs in proportion."""
     record = noise_record(3000, 0)
-    with pytest.raises(DataError, match="do not separate the 2 inputs"):
+    with refused("frf/inputs-together", place="configuration c"):
         estimate([replace(record, u=record.u[:, [0, 0]])], AUTO)
 
 

@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.noise_record import noise_record
 from plants.notes import said
+from plants.refusals import refused
 
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.fit.problem.smoothed_noise import smooth_noise
 from elastid.frf import spectra
@@ -302,9 +303,9 @@ def test_fewer_experiments_than_inputs_are_refused_with_both_numbers() -> None:
     """And so are experiments that were numbered as realisations."""
     records = _experiments(_plant(10, 2, 3), np.arange(5, 15), 1, np.random.default_rng(0))
     spec = replace(ALL_PERIODS, method="arithmetic")
-    with pytest.raises(DataError, match=r"realisation 0: 2 experiments for 3 inputs .* at least 3"):
+    with refused("frf/inputs-together", place="configuration c, realisation 0"):
         estimate(records[:2], spec)
-    with pytest.raises(DataError, match="realisation 0: 1 experiments for 3 inputs"):
+    with refused("frf/inputs-together", place="configuration c, realisation 0"):
         estimate([replace(r, realisation=i) for i, r in enumerate(records)], spec)
 
 
@@ -314,7 +315,7 @@ def test_experiments_that_do_not_tell_the_inputs_apart_are_refused() -> None:
     first = _experiments(_plant(55, 2, 2), lines, 1, rng)[0]
     noisy = [replace(first, experiment=e, u=first.u + 1e-3 * rng.normal(size=first.u.shape)) for e in range(2)]
     for records in ([first, replace(first, experiment=1)], noisy):
-        with pytest.raises(DataError, match=r"2 experiments move the 2 inputs .* in 1 independent ways only"):
+        with refused("frf/inputs-together", place="configuration c, realisation 0"):
             estimate(records, ALL_PERIODS, lines)
 
 
@@ -333,7 +334,7 @@ def test_one_missing_sample_is_told_and_does_not_reach_the_response() -> None:
     a, b = _experiments(_plant(10, 2, 2), np.arange(5, 15), 1, np.random.default_rng(0))
     y = b.y.copy()
     y[77, 1] = np.nan
-    with pytest.raises(DataError, match="record c-r0-e1: y at joint 2 is NaN or infinite from sample 77 on"):
+    with refused("records/values", place="record c-r0-e1"):
         estimate([a, replace(b, y=y)], ALL_PERIODS)
 
 
@@ -379,7 +380,7 @@ def test_a_record_without_a_period_is_estimated_by_methods_that_need_none() -> N
     record = noise_record(1500, 0, noise=0.1)
     spec = EstimatorSpec(quantity="velocity", band_hz=(5.0, 80.0))
     assert "estimator.method auto takes" in " ".join(said(estimate([record], spec).notes))
-    with pytest.raises(StudyError, match=r"has no period, which estimator\.method harmonic needs"):
+    with refused("frf/periods"):
         estimate([record], replace(spec, method="harmonic"))
 
 
@@ -392,7 +393,7 @@ def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:
     assert in_band[-1] <= 60.0
     odd = estimate(records, replace(ALL_PERIODS, lines="odd", band_hz=(20.0, 60.0))).freq_hz
     np.testing.assert_array_equal(odd, in_band)
-    with pytest.raises(DataError, match="no excited line between 150 and 200 Hz"):
+    with refused("frf/lines", place="configuration c"):
         estimate(records, replace(ALL_PERIODS, band_hz=(150.0, 200.0)), lines)
-    with pytest.raises(StudyError, match="holds no line"):
+    with refused("excitation/lines"):
         estimate(records, replace(ALL_PERIODS, lines="full", band_hz=(20.0, 20.5)))

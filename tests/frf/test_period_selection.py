@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.notes import said
+from plants.refusals import refused
 from plants.steady_record import AUTO, LINES, N, periods_of, steady_record
 
-from elastid.base.errors import DataError
 from elastid.frf import period_selection
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
@@ -48,7 +48,7 @@ def test_a_slow_transient_is_found_below_fast_noise(seed: int) -> None:
 def test_the_transient_that_is_stated_is_left_out_whether_seen_or_not() -> None:
     """A number in the study; one that leaves less than two periods is refused."""
     assert _kept(steady_record(6), replace(AUTO, transient_periods=2))[0] == [2, 3, 4, 5]
-    with pytest.raises(DataError, match="transient_periods 3 leaves 1 of 4 periods; at least two"):
+    with refused("frf/periods", place="record c-r0-e0"):
         _kept(steady_record(4), replace(AUTO, transient_periods=3))
 
 

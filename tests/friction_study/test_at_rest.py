@@ -8,10 +8,10 @@ import casadi as ca
 import numpy as np
 import pytest
 from plants.lugre_joint import COUNT, JOINT, RATE, TRUTH, angle
+from plants.refusals import refused
 from scipy.signal import butter, sosfilt
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
@@ -75,7 +75,7 @@ def test_noise_and_counts_leave_the_numbers_inside_their_intervals() -> None:
 
 def test_a_few_counts_are_refused() -> None:
     few = measured((0.01,), 3, 0.0, COUNT)
-    with pytest.raises(DataError, match=r"counts of its encoder; a response takes 3: raise the torque at rest"):
+    with refused("friction/at-rest"):
         rest_responses(few)
 
 

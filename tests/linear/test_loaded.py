@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from plants.linkages import linkage
 from plants.predicted_arm import closed_form, robot
+from plants.refusals import refused
 
-from elastid.base.errors import StudyError
 from elastid.linear.loaded import Load, LoadedRobot
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
@@ -89,5 +89,5 @@ def test_without_rest_and_without_frame_it_says_so():
     infinite = np.where(np.char.startswith(model.parameters, "k_"), np.inf, model.theta)
     with pytest.raises(np.linalg.LinAlgError):
         own.deflections((infinite,))
-    with pytest.raises(StudyError, match="no frame hook"):
+    with refused("robot/unknown-name"):
         LoadedRobot.of(model, (replace(load(), frame="hook"),), (model.theta,), ())

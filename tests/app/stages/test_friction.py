@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.friction_records import TEMPLATE
+from plants.refusals import refused
 
 from elastid.app import cli
 from elastid.app.cli import run_command
@@ -15,7 +16,6 @@ from elastid.app.export import export
 from elastid.app.overview import overview
 from elastid.app.run import Run, run_all, run_stage
 from elastid.app.stage_table import FRICTION, stages_of
-from elastid.base.errors import StudyError
 from elastid.friction_study.identify import identify_friction
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.friction_study import read_filter, read_friction_records, read_friction_result, read_levels
@@ -92,22 +92,22 @@ def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
         if number.name in numbers:
             assert numbers[number.name][0] == pytest.approx(number.value, rel=1e-9)
     assert path.read_text() == (finished / "run" / "identified_robot.yml").read_text()
-    with pytest.raises(StudyError, match="identifies friction, and matlab takes a fitted elastic model"):
+    with refused("study/stage"):
         export(run, "matlab")
 
 
 def test_stages_of_elasticity_are_refused(finished: Path, tiny: Path) -> None:
     """And those of friction in a study of elasticity, each with the stages that there are."""
-    with pytest.raises(StudyError, match="identifies friction, which has no stage `fit`; its stages are design, meas"):
+    with refused("study/stage", place="study.yml"):
         run_stage(run_of(finished, *SMALL), "fit")
     elastic = Run(load(tiny), tiny.parent / "run", 1, Console(-1))
-    with pytest.raises(StudyError, match="identifies elasticity, which has no stage `levels`"):
+    with refused("study/stage", place="study.yml"):
         run_stage(elastic, "levels")
 
 
 def test_a_stage_says_what_to_run_first(tmp_path: Path) -> None:
     """As in every study."""
-    with pytest.raises(StudyError, match=r"records.h5 is missing: run `elastid measure .*study.yml` first"):
+    with refused("run/earlier-stage"):
         run_stage(run_of(copied(tmp_path / "new")), "levels")
 
 

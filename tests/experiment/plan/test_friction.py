@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.friction import (
@@ -68,5 +69,5 @@ def test_the_fastest_speed_just_fits() -> None:
     fastest = fastest_speed(tight)
     planned = [one for one in plan_passes((fastest,), 1, tight, 0) if isinstance(one, PlannedPass)]
     assert planned[1].speed == fastest
-    with pytest.raises(StudyError, match="widen it"):
+    with refused("friction/plan", place="friction.passes.window"):
         plan_passes((1.3 * fastest,), 1, tight, 0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from plants.refusals import refused
 
-from elastid.base.errors import StudyError
 from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
@@ -15,7 +15,7 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 def test_exactly_one_rig_with_its_kind() -> None:
     spec = ExperimentSpec(simulated=SimulatedSpec())
     assert (spec.kind, spec.channels, spec.runs(3)) == ("simulated", (), 3)
-    with pytest.raises(StudyError, match="logs need the section recorded"):
+    with refused("study/stage", place="experiment"):
         spec.as_recorded()
     with pytest.raises(ValueError, match="exactly one"):
         ExperimentSpec()

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 
 import elastid.base.arrays as base_arrays
 import elastid.base.placed as placed
 import elastid.fit.problem.elastic as elastic
 import elastid.fit.problem.weights as weights
-from elastid.base.errors import DataError
 from elastid.base.execution import Execution
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import weigh, weigh_all
@@ -106,7 +106,7 @@ def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(
         assert one.noise.smooth.matrix.tobytes() == other.noise.smooth.matrix.tobytes()
         assert isinstance(other.noise.smooth.matrix, base_arrays.FileArray)
     bare = [replace(response, noise=None) for response in responses]
-    with pytest.raises(DataError, match="configuration c0: no variance is known"):
+    with refused("fit/weights", place="configuration c0"):
         weigh_all(bare, NO_FLOOR, Execution(2))
 
 

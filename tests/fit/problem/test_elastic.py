@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.marks import slow
+from plants.refusals import refused
 from plants.three_mass import (
     ACROSS_ARM,
     ACROSS_GEAR,
@@ -21,7 +22,6 @@ from plants.three_mass import (
     plant,
 )
 
-from elastid.base.errors import StudyError
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.line_sums import autocovariance, correlation_length
 from elastid.fit.problem.elastic import elastic_fit
@@ -78,7 +78,7 @@ def test_inputs_and_outputs_are_matched_by_name():
     model = plant((0, 1, 2))
     swapped = measured(plant((2, 0)), np.array([0.01]))
     assert fit_of(swapped, model).evaluate(parameters().x).cost < 1e-20
-    with pytest.raises(StudyError, match="response has the output joint 2, which the model has not; there are motor 1"):
+    with refused("fit/responses", place="configuration c1"):
         fit_of(swapped, plant((0, 1)))
 
 

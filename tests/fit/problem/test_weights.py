@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.notes import said
+from plants.refusals import refused
 
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import StudyError
 from elastid.fit.problem.smoothed_noise import smooth_variance
 from elastid.fit.problem.weights import check_factors, weigh
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
@@ -141,7 +142,7 @@ def test_without_a_variance_the_floor_weighs_and_says_so():
     weights = weigh(measured, FitSpec())
     np.testing.assert_allclose(weights.sigma[:, 0, 0], 0.01 * np.abs(G))
     assert "no variance is known" in said(weights.notes)[0]
-    with pytest.raises(DataError, match=r"configuration c1: no variance .* set the floor, for example 0.01"):
+    with refused("fit/weights", place="configuration c1"):
         weigh(measured, NO_FLOOR)
 
 
