@@ -57,6 +57,7 @@ def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
     check_demo(folder / "runs" / "demo")
     check_library(reader)
     check_friction(folder / "runs" / "friction_of_an_axis")
+    check_pictures(folder / "runs")
 
 
 def check_demo(folder: Path) -> None:
@@ -115,6 +116,21 @@ def check_friction(folder: Path) -> None:
         low, high = found[name]["interval95"]
         assert abs(value[0] - found[name]["value"]) < 2 * value[1], name
         assert abs(half[0] - (high - low) / 2) < 2 * half[1], name
+
+
+def check_pictures(runs: Path) -> None:
+    """No picture is older than what it shows: words as they stand there, numbers within 5 % or two last digits."""
+    sys.path.append(str(ROOT / "scripts" / "docs"))
+    from pictures import shown
+
+    now, then = (
+        shown(runs / "demo", runs / "friction_of_an_axis"),
+        (ROOT / "scripts" / "docs" / "shown.txt").read_text(),
+    )
+    number = re.compile(r"\d+\.?\d*(?:e[-+]\d+)?")
+    assert number.sub("#", now) == number.sub("#", then), "make the pictures again: scripts/docs/pictures.py"
+    for new, old in zip(numbers(now), numbers(then), strict=True):
+        assert abs(new[0] - old[0]) <= max(0.05 * abs(old[0]), 2 * old[1])
 
 
 def numbers(text: str) -> list[tuple[float, float]]:

@@ -282,15 +282,6 @@ def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() 
     assert planned < min(level(draw.uniform(-1.9, 1.9, (3, 2))) for _ in range(5))
 
 
-def test_given_candidates_keep_their_names_and_may_be_chosen_twice() -> None:
-    """Two candidates, two experiments; a configuration chosen twice has twice the realisations."""
-    given = {"near": (0.0, 1.9), "far": (0.0, 0.2)}
-    found = design(_with(count=2, candidates=CandidateSpec(given=given)))
-    assert {c.name for c in found.plan.configurations} <= set(given)
-    assert sum(found.plan.realisations) == 4
-    assert len(found.plan.experiments) == 4 * 2
-
-
 def test_robot_time_is_filled_with_the_periods_that_tell_most() -> None:
     """Without friction and with one candidate the transient is best spread over many periods."""
     one = CandidateSpec(given={"a": (0.1, 0.9)})
@@ -448,14 +439,6 @@ def test_a_spectrum_found_for_one_fit_is_found_again_for_another(tiny: Path, tmp
     """The plan then depends on the fit, and the records on the plan."""
     assert not _keeps_records(tiny, tmp_path, "excitation.flat=information")
     assert np.abs(read_plan(tmp_path / "plan.h5").R - read_plan(tmp_path / "first.h5").R).max() > 0
-
-
-def test_another_fit_has_another_forecast_and_keeps_the_records(tiny: Path, tmp_path: Path) -> None:
-    """Where the configurations are given, the plan does not depend on the fit."""
-    assert _keeps_records(tiny, tmp_path)
-    forecasted = read_forecast(tmp_path / "plan.h5")
-    assert forecasted is not None
-    assert forecasted.parameters == ("k_1",)
 
 
 @pytest.mark.parametrize(
