@@ -130,9 +130,13 @@ def _heat(
         return None, None, (Note("friction/warm-up", str(error), f"warm-up of joint {joint}"),)
 
 
+# Codes of notes that say why a part of the friction was not identified.
+_REASONS = ("friction/law", "friction/presliding", "friction/at-rest", "friction/warm-up", "friction/no-record")
+
+
 def _first_numbers(joint: JointFriction) -> str:
     numbers = ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
-    return numbers or next((note.text for note in joint.notes if note.code.startswith("no")), "nothing was found")
+    return numbers or next((note.text for note in joint.notes if note.code in _REASONS), "nothing was found")
 
 
 def joint_law(

@@ -12,14 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import StudyError
-from elastid.model.frame_tree import BodyFrame, Tree, Turn, carriers, tree, turns
+from elastid.model.frame_tree import BodyFrame, Tree, Turn, tree, turns
 from elastid.robot import Robot
 
 
@@ -202,31 +200,3 @@ def regressor(robot: Robot) -> ca.Function:
     layout = tree(robot)
     tau = bias(layout, tuple(carried), turns(layout, q), v, np.array(robot.gravity), a)
     return ca.Function("regressor", [q, v, a], [ca.jacobian(tau, ca.vec(pi))], ["q", "v", "a"], ["Y"])
-
-
-def external_torque(robot: Robot, frame: str, axes: Literal["base", "frame"] = "base") -> ca.Function:
-    """tau(q, w) (n_l,): generalised forces of a wrench w (6,) = [force in N, moment in Nm] at a named frame's origin.
-
-    axes: in which w is given.  In the equations it stands on the right, next to B u, zero for the motors' coordinates.
-    StudyError where the robot has no such frame.
-    """
-    names = [named.name for named in robot.frames]
-    if frame not in names:
-        raise StudyError(
-            "robot/unknown-name", f"robot {robot.name} has no frame {frame}; there are {', '.join(names) or 'none'}"
-        )
-    q, w = ca.SX.sym("q", len(robot.joints)), ca.SX.sym("w", 6)
-    layout = tree(robot)
-    turned = turns(layout, q)
-    row = 3 * len(robot.all_bodies) + 6 * names.index(frame)
-    J = seen_from_frames(robot, layout, turned)[0][row : row + 6, :]
-    seat = layout.named[names.index(frame)]
-
-    def own(vector: ca.SX) -> ca.SX:
-        """A vector of the base in the frame's axes."""
-        for i in reversed(carriers(layout, seat.frame)):
-            vector = turned[i].back(ca.DM(layout.frames[i].R.T) @ vector)
-        return ca.DM(seat.R.T) @ vector
-
-    wrench = w if axes == "frame" else ca.vertcat(own(w[:3]), own(w[3:]))
-    return ca.Function("external_torque", [q, w], [J.T @ wrench], ["q", "w"], ["tau"])

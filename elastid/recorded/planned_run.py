@@ -1,4 +1,4 @@
-"""A log against the plan that it was measured by: length, excitation, posture, channels, saturation, payload.
+"""A log against the plan that it was measured by: length, excitation, posture, signals, saturation, payload.
 
 The plan was rehearsed on the robot as it is known so far, which may be off by a third in its stiffnesses: signals are
 compared by their correlation over the excited lines, means by what hold the robot up.
@@ -6,11 +6,9 @@ compared by their correlation over the excited lines, means by what hold the rob
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.display import number
@@ -30,7 +28,7 @@ class PlanLimits:
     late_s: float = 0.02  # by which a log may begin before or after the plan
     excitation_gain: float = 0.02  # relative error of the injected torque
     posture: float = 0.01  # rad or m, of the mean position
-    exchanged: float = 0.7  # correlation with another channel's plan, from which on two are exchanged
+    exchanged: float = 0.7  # correlation with another channel's plan, from which on it is that channel
     exchanged_lead: float = 0.2  # by which it exceeds that with the own plan
     mirrored: float = -0.5
     unit: float = 3.0  # ratio of a signal's size to the expected one, to either side
@@ -38,7 +36,6 @@ class PlanLimits:
     flat_share: float = 0.01  # of samples within 1 % of the peak, of a signal that is clipped
     flat_ratio: float = 5.0  # by which that share exceeds the one of the rehearsal
     holding: float = 0.12  # relative error of a holding torque; masses of files are off by 3 to 5 %
-    explained: float = 0.8  # share of the power of such errors that a mass at the tool explains
 
 
 LIMITS = PlanLimits()
@@ -80,8 +77,8 @@ def contradiction(run: PlannedRun, r: FloatArray, u: FloatArray, y: FloatArray) 
     return (
         _excitation(run, r)
         or _posture(run, y)
-        or _exchange(run, "acting torques (u)", u, run.rehearsal.torque)
-        or _exchange(run, "positions (y)", y, run.rehearsal.position)
+        or _signals(run, "acting torque (u)", u, run.rehearsal.torque)
+        or _signals(run, "position (y)", y, run.rehearsal.position)
         or _saturation(run, u)
         or _holding_torque(run, u)
     )
@@ -104,13 +101,22 @@ def _correlation(a: FloatArray | ComplexArray, b: FloatArray | ComplexArray) -> 
 
 
 def _excitation(run: PlannedRun, r: FloatArray) -> str:
-    """The injected torque is another than the planned one."""
-    plan = run.plan
-    planned = run.reference.injected(plan.torque(run.experiment))
-    own = np.diag(_correlation(r, planned))
+    """The injected torque is another than the planned one, or begins at another time."""
+    plan, planned = run.plan, run.reference.injected(run.plan.torque(run.experiment))
+    spectrum = np.fft.rfft(r, 2 * len(r), axis=0) * np.fft.rfft(planned, 2 * len(r), axis=0).conj()
+    lag = int(np.argmax(np.fft.irfft(spectrum.sum(axis=1))))
+    lag -= 2 * len(r) if lag > len(r) else 0
+    late = abs(lag) / plan.rate_hz
+    own = np.diag(_correlation(np.roll(r, -lag, axis=0), planned))
     if own.min() < LIMITS.same_excitation:
-        return _other_excitation(run, r, planned)
-    gain = np.sum(r * planned, axis=0) / np.sum(planned**2, axis=0)
+        worst = int(np.argmin(own))
+        return (
+            f"the injected torque of {plan.inputs[worst]} is not the planned one (correlation {own[worst]:.2f}): "
+            "another reference was played, or the channel is another"
+        )
+    if late > LIMITS.late_s:
+        return f"it begins {late:.3g} s {'before' if lag > 0 else 'after'} the planned run: log from its first sample"
+    gain = np.sum(np.roll(r, -lag, axis=0) * planned, axis=0) / np.sum(planned**2, axis=0)
     worst = int(np.argmax(np.abs(gain - 1)))
     if abs(gain[worst] - 1) <= LIMITS.excitation_gain:
         return ""
@@ -120,73 +126,34 @@ def _excitation(run: PlannedRun, r: FloatArray) -> str:
     )
 
 
-def _other_excitation(run: PlannedRun, r: FloatArray, planned: FloatArray) -> str:
-    plan = run.plan
-    if words := _exchanged_names(plan.inputs, _correlation(r, planned), 1 - LIMITS.same_excitation):
-        return f"the injected torques (r) of {words}"
-    for other in plan.experiments:
-        if np.diag(_correlation(r, run.reference.injected(plan.torque(other)))).min() >= LIMITS.same_excitation:
-            return f"its injected torque is that of {other.name}: the logs, or the references, were exchanged"
-    spectrum = np.fft.rfft(r, 2 * len(r), axis=0) * np.fft.rfft(planned, 2 * len(r), axis=0).conj()
-    lag = int(np.argmax(np.fft.irfft(spectrum.sum(axis=1))))
-    lag -= 2 * len(r) if lag > len(r) else 0
-    late = lag / plan.rate_hz
-    shifted = np.diag(_correlation(np.roll(r, -lag, axis=0), planned))
-    if abs(late) > 0 and shifted.min() >= LIMITS.same_excitation:
-        if abs(late) <= LIMITS.late_s:
-            return ""
-        side = "before" if late > 0 else "after"
-        return f"it begins {abs(late):.3g} s {side} the planned run: log from its first sample"
-    worst = int(np.argmin(np.diag(_correlation(r, planned))))
-    return (
-        f"the injected torque of {plan.inputs[worst]} is not the planned one (correlation "
-        f"{_correlation(r, planned)[worst, worst]:.2f}): another reference was played, or the channel is another"
-    )
-
-
-def _exchanged_names(names: Sequence[str], C: FloatArray, lead: float) -> str:
-    """The places whose channels fit one another's plans; empty where each fits its own best.  C: log by plan."""
-    rows, columns = linear_sum_assignment(-np.abs(C))
-    moved = [i for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if i != j]
-    if not moved or any(abs(C[i, columns[i]]) < max(LIMITS.exchanged, abs(C[i, i]) + lead) for i in moved):
-        return ""
-    return f"{' and '.join(names[i] for i in moved)} are exchanged: each fits the plan of the other"
-
-
-def _exchange(run: PlannedRun, what: str, signal: FloatArray, expected: FloatArray) -> str:
-    X, planned = run.lines(signal), run.lines(expected)
-    C = _correlation(X, planned)
-    if words := _exchanged_names(run.plan.inputs, C, LIMITS.exchanged_lead):
-        return f"the {what} of {words}"
-    for i, place in enumerate(run.plan.inputs):
+def _signals(run: PlannedRun, what: str, signal: FloatArray, expected: FloatArray) -> str:
+    """A channel that fits the plan of another motor, moves against its own, or has another size."""
+    X, planned, names = run.lines(signal), run.lines(expected), run.plan.inputs
+    C, size = _correlation(X, planned), np.linalg.norm(X, axis=0) / np.linalg.norm(planned, axis=0)
+    for i, place in enumerate(names):
+        other = int(np.argmax(np.abs(C[i])))
+        if other != i and abs(C[i, other]) > max(LIMITS.exchanged, abs(C[i, i]) + LIMITS.exchanged_lead):
+            return f"the {what} of {place} fits the plan of {names[other]}: channels are exchanged"
         if C[i, i] < LIMITS.mirrored:
-            return f"the {what} of {place} move against the plan (correlation {C[i, i]:.2f}): their sign is the other"
-    size = np.linalg.norm(X, axis=0) / np.linalg.norm(planned, axis=0)
-    worst = int(np.argmax(np.abs(np.log(np.maximum(size, 1e-300)))))
-    if 1 / LIMITS.unit <= size[worst] <= LIMITS.unit:
-        return ""
-    return (
-        f"the {what} of {run.plan.inputs[worst]} are {number(float(size[worst]), 3)} times the expected ones: their "
-        "unit or their side of the gear is another"
-    )
+            return f"the {what} of {place} moves against the plan (correlation {C[i, i]:.2f}): its sign is the other"
+        if not 1 / LIMITS.unit <= size[i] <= LIMITS.unit:
+            return (
+                f"the {what} of {place} is {number(float(size[i]), 3)} times the expected one: its unit or its side of "
+                "the gear is another"
+            )
+    return ""
 
 
 def _posture(run: PlannedRun, y: FloatArray) -> str:
-    """Another posture than the planned one, or positions that are exchanged."""
+    """Another posture than the planned one."""
     mean, planned = y[run.measured].mean(axis=0), run.rehearsal.position[run.measured].mean(axis=0)
-    off = mean - planned
-    if np.abs(off).max() <= LIMITS.posture:
+    i = int(np.argmax(np.abs(mean - planned)))
+    if abs(mean[i] - planned[i]) <= LIMITS.posture:
         return ""
-    names, joints = run.plan.inputs, run.robot.driven
-    rows, columns = linear_sum_assignment(np.abs(mean[:, None] - planned[None]))
-    moved = [i for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if i != j]
-    if moved and np.abs(mean - planned[columns]).max() <= LIMITS.posture:
-        exchanged = " and ".join(names[i] for i in moved)
-        return f"the positions (y) of {exchanged} are exchanged: each is where the other is planned"
-    i = int(np.argmax(np.abs(off)))
+    joint = run.robot.driven[i]
     return (
-        f"it was measured in another posture: joint {joints[i].name} was at {mean[i]:.4g} {joints[i].unit}, planned is "
-        f"{planned[i]:.4g} {joints[i].unit} (configuration {run.experiment.configuration.name})"
+        f"it was measured in another posture: joint {joint.name} was at {mean[i]:.4g} {joint.unit}, planned is "
+        f"{planned[i]:.4g} {joint.unit} (configuration {run.experiment.configuration.name})"
     )
 
 
@@ -221,8 +188,8 @@ def _holding_torque(run: PlannedRun, u: FloatArray) -> str:
     mass = float(off @ per_mass / max(per_mass @ per_mass, 1e-300))
     i = int(np.argmax(np.abs(off) / allowed))
     unit = drive_unit(run.robot.driven[i].slides)
-    torque = f"{run.plan.inputs[i]} holds {mean[i]:.4g} {unit}, and {planned[i]:.4g} {unit} are planned"
-    if np.sum((off - mass * per_mass) ** 2) <= (1 - LIMITS.explained) * np.sum(off**2):
-        carries = f"{abs(mass):.3g} kg {'more' if mass > 0 else 'less'} at the tool than the robot's file says"
-        return f"it carries another payload: {torque}, as with {carries}"
-    return f"{torque}: the payload, the posture or the scale of the torque is another"
+    return (
+        f"it carries another payload, or the scale of the torque is another: {run.plan.inputs[i]} holds {mean[i]:.4g} "
+        f"{unit}, and {planned[i]:.4g} {unit} are planned, as with {abs(mass):.3g} kg {'more' if mass > 0 else 'less'} "
+        "at the tool than the robot's file says"
+    )

@@ -114,20 +114,15 @@ def page(run: Path, path: Path) -> None:
         browser.close()
 
 
-def shown(demo: Path, of_friction: Path) -> str:
-    """The text of the first screen, and the numbers of the other pictures, line by line."""
+def shown(demo: Path) -> str:
+    """The text of the page's first screen, and the numbers that were found, line by line."""
     text = (demo / "report.html").read_text(encoding="utf-8")
     screen = text[text.index('<header class="top">') : text.index('id="q-next"')]
     screen = re.sub(r"<(svg|script|style|output)\b.*?</\1>", " ", screen, flags=re.DOTALL)
     words = [html.unescape(" ".join(part.split())) for part in re.split(r"<[^>]*>", screen)]
-    parameters = {
-        name: parameter
-        for run in (demo, of_friction)
-        for name, parameter in json.loads((run / "summary.json").read_text(encoding="utf-8"))["parameters"].items()
-    }
+    parameters = json.loads((demo / "summary.json").read_text(encoding="utf-8"))["parameters"]
     numbers = [f"{name} {each['value']:.4g} +- {each['std']:.2g}" for name, each in parameters.items() if "std" in each]
-    errors = [f"{each.name}: {1e3 * each.error.max():.2g} mm" for each in read_tune(demo / "tune.h5").outcomes]
-    return "\n".join([*filter(None, words), *numbers, *errors, ""])
+    return "\n".join([*filter(None, words), *numbers, ""])
 
 
 def _chromium() -> str:
@@ -174,4 +169,4 @@ if __name__ == "__main__":
     parser.add_argument("--friction", type=Path, default=Path("runs/friction_of_an_axis"), metavar="DIR")
     asked = parser.parse_args()
     print(json.dumps(dict(made(asked.demo, asked.friction))))
-    (Path(__file__).parent / "shown.txt").write_text(shown(asked.demo, asked.friction), encoding="utf-8")
+    (Path(__file__).parent / "shown.txt").write_text(shown(asked.demo), encoding="utf-8")

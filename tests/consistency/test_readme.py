@@ -56,8 +56,7 @@ def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
     assert json.loads((folder / "runs" / "demo" / "summary.json").read_text())["status"] == "converged"
     check_demo(folder / "runs" / "demo")
     check_library(reader)
-    check_friction(folder / "runs" / "friction_of_an_axis")
-    check_pictures(folder / "runs")
+    check_pictures(folder / "runs" / "demo")
 
 
 def check_demo(folder: Path) -> None:
@@ -106,27 +105,12 @@ def check_table(summary: dict[str, Any]) -> None:
             assert abs(value - number) < 2 * digit, (in_readme, of_run)
 
 
-def check_friction(folder: Path) -> None:
-    """The README's friction law has the numbers and half intervals of this run, to within two of their last digit."""
-    assert (folder / "report.html").stat().st_size > 50_000
-    (row,) = (line for line in README.splitlines() if line.startswith("| identified, 95 %"))
-    said = [numbers(cell) for cell in row.split("|")[2:-1]]
-    found = json.loads((folder / "summary.json").read_text())["parameters"]
-    for name, (value, half) in zip(("Fc_m1", "Fs_m1", "vs_m1", "f_m1", "a_m1"), said, strict=True):
-        low, high = found[name]["interval95"]
-        assert abs(value[0] - found[name]["value"]) < 2 * value[1], name
-        assert abs(half[0] - (high - low) / 2) < 2 * half[1], name
-
-
-def check_pictures(runs: Path) -> None:
+def check_pictures(demo: Path) -> None:
     """No picture is older than what it shows: words as they stand there, numbers within 5 % or two last digits."""
     sys.path.append(str(ROOT / "scripts" / "docs"))
     from pictures import shown
 
-    now, then = (
-        shown(runs / "demo", runs / "friction_of_an_axis"),
-        (ROOT / "scripts" / "docs" / "shown.txt").read_text(),
-    )
+    now, then = shown(demo), (ROOT / "scripts" / "docs" / "shown.txt").read_text(encoding="utf-8")
     number = re.compile(r"\d+\.?\d*(?:e[-+]\d+)?")
     assert number.sub("#", now) == number.sub("#", then), "make the pictures again: scripts/docs/pictures.py"
     for new, old in zip(numbers(now), numbers(then), strict=True):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from elastid.base.errors import StudyError
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, frame_poses
-from elastid.model.rigid_body import external_torque, inverse_dynamics, regressor
+from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import BASE, Body, Frame, Joint, Motor, Payload, Placement, Robot, unit_axis
 from elastid.study import load_robot
 
@@ -158,9 +158,6 @@ def assert_equal_to_pinocchio(pin, robot: Robot, seed: int) -> None:
         ):
             expected = pin.getFrameJacobian(reference, data, index, axes).reshape(6, -1)[:, order]  # (6,) of one joint
             np.testing.assert_allclose(J, expected, atol=1e-10)
-        wrench = rng.normal(size=6)
-        pushed = external_torque(robot, frame.name)(q, wrench).full()[:, 0]
-        np.testing.assert_allclose(pushed, frame_jacobians(robot, q[None], frame.name)[0].T @ wrench, atol=1e-10)
 
 
 def rigid(robot: Robot) -> Robot:
@@ -219,27 +216,8 @@ def test_coriolis_forces_do_no_work_beyond_the_change_of_kinetic_energy(seed):
     assert v @ c == pytest.approx(rate, rel=1e-9, abs=1e-9)
 
 
-@given(seed=seeds)
-@settings(deadline=None, max_examples=10)
-def test_a_force_at_the_tool_does_the_work_that_the_joints_feel(seed):
-    """w . (displacement of the tool) = tau . dq, the displacement by differences of the poses."""
-    robot = random_robot(seed)
-    rng = np.random.default_rng(seed)
-    q, dq = rng.normal(size=(2, len(robot.joints)))
-    force = rng.normal(size=3)
-    tau = external_torque(robot, "tool")(q, np.append(force, [0, 0, 0])).full()[:, 0]
-    h = 1e-6
-    ahead, behind = (frame_poses(robot, (q + sign * h * dq)[None], "tool").position[0] for sign in (1, -1))
-    assert tau @ dq == pytest.approx(force @ (ahead - behind) / (2 * h), rel=1e-6, abs=1e-7)
-    R = frame_poses(robot, q[None], "tool").rotation[0]
-    own = external_torque(robot, "tool", axes="frame")(q, np.append(R.T @ force, [0, 0, 0])).full()[:, 0]
-    np.testing.assert_allclose(own, tau, atol=1e-12)
-
-
 def test_a_frame_that_is_not_there_is_refused():
     """With the names of those that are."""
-    with pytest.raises(StudyError, match="no frame nose; there are tool, flange"):
-        external_torque(random_robot(0), "nose")
     with pytest.raises(StudyError, match="no frame and no body nose; there are b0, b1"):
         frame_poses(random_robot(0), np.zeros((1, len(random_robot(0).joints))), "nose")
 

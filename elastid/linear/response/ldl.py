@@ -73,9 +73,13 @@ class Elimination:
         weak = np.flatnonzero(~(smallest > LIMITS.elimination**2))  # not above: NaN too
         if len(weak):
             of_lines = omega[weak, None, None]
-            X = np.linalg.solve(K + 1j * of_lines * D - of_lines**2 * M, B.astype(complex))
-            # Y is real: as a product of real matrices.
-            products[:, :, weak] = (Y.T @ X.view(np.float64)).view(np.complex128).transpose(1, 2, 0)
+            X = np.linalg.solve(K + 1j * of_lines * D - of_lines**2 * M, B.astype(complex)).transpose(1, 2, 0)
+            # One product of real matrices, since Y is real and may have thousands of columns.
+            real = np.ascontiguousarray(X).reshape(len(Y), -1).view(np.float64)
+            if len(weak) == len(omega):
+                np.matmul(Y.T, real, out=products.reshape(Y.shape[1], -1).view(np.float64))
+            else:
+                products[:, :, weak] = (Y.T @ real).view(np.complex128).reshape(-1, *X.shape[1:])
         return np.asarray(products.T)
 
     @cached_property

@@ -277,13 +277,3 @@ def round_ticks(low: float, high: float, most: int) -> list[float]:
         return ticks
     even = MaxNLocator(min(most, 4)).tick_values(low, high)
     return [round(float(tick), 12) for tick in even if low <= tick <= high]
-
-
-def db_ticks(low: float, high: float, most: int) -> list[float]:
-    """Steps of 5, 10, 20, 40 dB between low and high, at most so many.
-
-    >>> db_ticks(-63.0, 12.0, 6)
-    [-60.0, -40.0, -20.0, 0.0]
-    """
-    step = next((step for step in (5, 10, 20, 40) if (high - low) / step <= most), 80)
-    return [float(step * k) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]

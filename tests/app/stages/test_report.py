@@ -47,7 +47,7 @@ def refusal(study: Path, *overrides: str) -> str:
 # Figures of a response and its modes.
 KINDS = (
     *("levels", "coherence"),
-    *("modes", "stabilisation", "synthesis"),
+    *("modes", "stabilisation"),
 )
 
 

@@ -21,21 +21,21 @@ def at_stated_rate(response: FrequencyResponse, e: float) -> FrequencyResponse:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("e", [2.0, 0.1])
-def test_a_sampling_rate_that_is_off_by_a_factor_is_a_misfit(e: float) -> None:
+def test_a_sampling_rate_that_is_off_by_a_factor_is_not_believed(e: float) -> None:
     """Twice it, or logs of every tenth sample."""
     case = true_case()
     data = [at_stated_rate(G, e) for G in drawn(case, np.random.default_rng(0))]
-    assert identify(data, case.robot, SPEC).status == "misfit"
+    assert identify(data, case.robot, SPEC).status == "model_error"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("names", "factor"), [(("Jm_1",), 0.1), (("Jm_1", "Jm_2"), 1e-4)])
-def test_an_inertia_of_a_motor_that_is_far_off_is_a_misfit(names: tuple[str, ...], factor: float) -> None:
+def test_an_inertia_of_a_motor_that_is_far_off_is_not_believed(names: tuple[str, ...], factor: float) -> None:
     """A tenth of it, or all in g m^2 times ten."""
     case = true_case()
     known = case.robot.parameters()
     wrong = case.robot.with_parameters({name: factor * known[name][0] for name in names})
-    assert identify(drawn(case, np.random.default_rng(0)), wrong, SPEC).status == "misfit"
+    assert identify(drawn(case, np.random.default_rng(0)), wrong, SPEC).status == "model_error"
 
 
 @pytest.mark.slow

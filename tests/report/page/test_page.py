@@ -136,7 +136,7 @@ def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
         assert name in page.text
     files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file())
     assert all(re.fullmatch(r"run/(report\.html|figures/[A-Za-z0-9_.-]+\.png)", file) for file in files)
-    assert len(files) == 2 + 2 * (3 * len(frf) + 5)
+    assert len(files) == 1 + len(frf) + 2
 
 
 @pytest.mark.slow
@@ -145,7 +145,7 @@ def test_the_same_content_gives_the_same_bytes(report_folder, tmp_path):
     write_report(report_content(), tmp_path, ("png",), Execution(2))
     folders = (report_folder, tmp_path)
     first, second = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()} for f in folders)
-    assert len(first) == 24
+    assert len(first) == 5
     assert first == second
 
 
