@@ -1,21 +1,28 @@
-"""Mutants of each module that the test at its mirrored path, `test_<module>` in the same folder of tests, kills.
+"""Mutants of each room of elastid that its tests kill: the judge of what a test is worth.
 
-A mutant has one operator, comparison, number or condition of one function changed. Tests run in copies of one process
-that has loaded the libraries (POSIX alone).
+    uv run --all-groups python scripts/mutants.py [ROOM ...] [--count 25] [--seed 1]
+    uv run --all-groups python scripts/mutants.py --changed main
 
-    uv run python scripts/studies/mutants.py --each 3
+A mutant has one operator, comparison, number or condition of one function changed; so many are drawn over a room's
+modules. Each meets the fast tests at its module's mirrored path, `test_<module>`, and where it survives them all fast
+tests of the room. Tests run in copies of one process that has loaded the libraries (POSIX alone). tests/kills.csv keeps
+the last count of each room with the commit and the seconds that it took; survivors are printed. --changed takes the
+rooms that differ from a commit.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
+import csv
 import io
 import json
 import os
 import random
 import signal
+import subprocess
 import sys
-from argparse import ArgumentParser
+import time
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from copy import deepcopy
@@ -26,9 +33,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
+TABLE = ROOT / "tests" / "kills.csv"
 # Seconds after which tests of a mutant, which may loop for ever, count as failed.
-LIMIT_S = 120
+LIMIT_S = 90
 SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
@@ -85,17 +93,17 @@ def changes_of(node: Any) -> Iterator[Callable[[], None]]:
         yield lambda: setattr(node, "op", ast.UAdd())
 
 
-def mutants(path: Path, each: int, seed: int) -> list[tuple[int, ast.Module]]:
-    """(line, tree) of so many mutants of a module, drawn by seed and name."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    count = len(changes(tree))
-    drawn = random.Random(f"{seed} {path.relative_to(ROOT)}").sample(range(count), min(each, count))
+def mutants(room: str, count: int, seed: int) -> list[tuple[Path, int, ast.Module]]:
+    """(module, line, tree) of so many mutants of a room, drawn by seed and name."""
+    paths = sorted([*(ROOT / "elastid" / room).rglob("*.py"), *(ROOT / "elastid").glob(f"{room}.py")])
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths if path.name != "__init__.py"}
+    places = [(path, index) for path, tree in trees.items() for index in range(len(changes(tree)))]
     found = []
-    for index in sorted(drawn):
-        copy = deepcopy(tree)
+    for path, index in sorted(random.Random(f"{seed} {room}").sample(places, min(count, len(places)))):
+        copy = deepcopy(trees[path])
         line, change = changes(copy)[index]
         change()
-        found.append((line, ast.fix_missing_locations(copy)))
+        found.append((path, line, ast.fix_missing_locations(copy)))
     return found
 
 
@@ -155,46 +163,64 @@ def module_name(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts)
 
 
+def changed_rooms(base: str) -> list[str]:
+    """Rooms whose code or tests differ from a commit."""
+    command = ["git", "diff", "--name-only", base, "--", "elastid", "tests"]
+    said = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    named = {Path(line).parts[1].removesuffix(".py") for line in said.splitlines() if len(Path(line).parts) > 1}
+    return [room for room in rooms() if room in named]
+
+
+def rooms() -> list[str]:
+    """Folders of the package that have tests."""
+    return sorted(path.name for path in (ROOT / "elastid").iterdir() if (ROOT / "tests" / path.name).is_dir())
+
+
+def judged(room: str, count: int, seed: int) -> dict[str, object]:
+    """The row of a room; its survivors are printed."""
+    begin, drawn, killed = time.monotonic(), mutants(room, count, seed), 0
+    if fails(ROOT / "tests" / room, None):
+        raise SystemExit(f"the tests of {room} fail without a mutant")
+    for path, line, tree in drawn:
+        mutant = MutantLoader(module_name(path), path, tree)
+        tests = [mirrored(path)] * mirrored(path).exists() + [ROOT / "tests" / room]
+        if any(fails(test, mutant) for test in tests):
+            killed += 1
+        else:
+            print(f"{path.relative_to(ROOT)}:{line}: survives: {changed(path, tree)}", flush=True)
+    command = ["git", "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
+    seconds = round(time.monotonic() - begin)
+    return {"room": room, "mutants": len(drawn), "killed": killed, "commit": commit, "seconds": seconds}
+
+
+def kept(rows: dict[str, dict[str, object]]) -> None:
+    """The table with new rows in it."""
+    lines = list(csv.DictReader(TABLE.open(encoding="utf-8"))) if TABLE.exists() else []
+    table = {line["room"]: line for line in lines} | rows
+    with TABLE.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, ("room", "mutants", "killed", "commit", "seconds"), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table[room] for room in sorted(table))
+
+
 def main() -> None:
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--each", type=int, default=3, help="mutants of a module")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("rooms", nargs="*", metavar="ROOM", help="default: all")
+    parser.add_argument("--changed", metavar="BASE", help="the rooms that differ from this commit")
+    parser.add_argument("--count", type=int, default=25, help="mutants of a room")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--sample", type=int, help="so many modules, drawn at random (default: all)")
-    parser.add_argument("--under", default="elastid", help="only modules whose path begins so")
-    parser.add_argument("--quick", action="store_true", help="one mutant of each of two modules")
     given = parser.parse_args()
-    each, count = (1, 2) if given.quick else (given.each, given.sample)
     import casadi  # noqa: F401  loaded once, for all copies
     import h5py  # noqa: F401
     import pytest  # noqa: F401
     import scipy.optimize
     import scipy.signal  # noqa: F401
 
-    paths = sorted((ROOT / "elastid").rglob("*.py"))
-    modules = [p for p in paths if p.name != "__init__.py" and str(p.relative_to(ROOT)).startswith(given.under)]
-    if count is not None:
-        modules = sorted(random.Random(given.seed).sample(modules, min(count, len(modules))))
-    counts = {"modules": 0, "with a test": 0, "with a mutant killed": 0, "mutants": 0, "killed": 0}
-    for path in modules:
-        trees = mutants(path, each, given.seed)
-        if not trees:
-            continue
-        counts["modules"] += 1
-        test = mirrored(path)
-        if not test.exists() or fails(test, None):
-            words = "its mirrored test fails unchanged" if test.exists() else "has no mirrored test"
-            print(f"{path.relative_to(ROOT)}: {words}", flush=True)
-            continue
-        alive = [(line, tree) for line, tree in trees if not fails(test, MutantLoader(module_name(path), path, tree))]
-        counts["with a test"] += 1
-        counts["mutants"] += len(trees)
-        counts["killed"] += len(trees) - len(alive)
-        counts["with a mutant killed"] += len(alive) < len(trees)
-        for line, tree in alive:
-            print(
-                f"{path.relative_to(ROOT)}:{line}: survives {test.relative_to(ROOT)}: {changed(path, tree)}", flush=True
-            )
-    print(json.dumps(counts))
+    for room in changed_rooms(given.changed) if given.changed else given.rooms or rooms():
+        row = judged(room, given.count, given.seed)
+        kept({room: row})
+        print(json.dumps(row), flush=True)
 
 
 if __name__ == "__main__":

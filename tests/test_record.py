@@ -20,13 +20,6 @@ def record(n: int = 100, period: int = 50, **changes: object) -> Record:
     return Record("test", HOME, 0, 0, 1000.0, period, **(values | changes))  # type: ignore[arg-type]
 
 
-def test_a_record_counts_its_whole_periods() -> None:
-    """A trailing part of a period does not count."""
-    assert record(n=149).n_periods == 2
-    assert record(period=100, is_periodic=False).n_periods == 1
-    assert record(n=149, half_wave=True).n_repeats == 5
-
-
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -50,12 +43,3 @@ def test_a_held_torque_acts_half_a_sample_late_and_weaker_by_a_sinc() -> None:
     held = np.repeat(np.cos(2 * np.pi * 0.1 * np.arange(50)), 1000)
     by_dft = np.mean(2 * held * np.exp(-2j * np.pi * 0.1e-3 * (np.arange(50000) + 0.5)))
     np.testing.assert_allclose(H, by_dft, atol=1e-6)
-
-
-def test_values_cannot_be_edited_on_their_way() -> None:
-    """Neither a field nor an array in it."""
-    value = record()
-    with pytest.raises(AttributeError):
-        value.rate_hz = 1.0  # type: ignore[misc]
-    with pytest.raises(ValueError, match="read-only"):
-        value.u[0, 0] = 5.0

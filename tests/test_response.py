@@ -5,7 +5,7 @@ import pytest
 
 from elastid.base.errors import UnknownNameError
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse, Responses, in_quantity
+from elastid.response import Covariance, FrequencyResponse, in_quantity
 
 HOME = Configuration("home", np.zeros(1))
 
@@ -37,19 +37,6 @@ def test_a_response_refuses_what_is_not_one(freq_hz: np.ndarray, G: np.ndarray, 
     """Frequencies that do not increase, NaN, a wrong shape."""
     with pytest.raises(ValueError, match=says):
         FrequencyResponse(freq_hz, G, ("motor 1",), ("motor 1",), "acceleration", HOME)
-
-
-def test_lines_cuts_the_covariance_with_the_response() -> None:
-    """Cutting a response cuts its covariances with it."""
-    G = np.arange(3).reshape(3, 1, 1) + 1.0
-    response = FrequencyResponse(
-        np.array([1.0, 2.0, 3.0]), G, ("motor 1",), ("motor 1",), "acceleration", HOME, Covariance(G.real, 4.0)
-    )
-    cut = response.lines(np.array([True, False, True]))
-    assert cut.freq_hz.tolist() == [1.0, 3.0]
-    assert cut.noise is not None
-    assert cut.noise.variance.ravel().tolist() == [1.0, 3.0]
-    assert cut.uncertainty is cut.noise
 
 
 def test_another_quantity_scales_the_response_and_its_variance() -> None:
@@ -99,16 +86,3 @@ def test_places_choose_elements_and_their_covariance() -> None:
         response["motor 1"]  # type: ignore[index]
     with pytest.raises(ValueError, match="home: it has no coherence"):
         _ = response.coherence
-
-
-def test_responses_are_found_by_the_name_of_their_configuration() -> None:
-    G, places = np.ones((1, 1, 1)), ("motor 1",)
-    one, other = (
-        FrequencyResponse(np.array([3.0]), G, places, places, "position", Configuration(name, np.zeros(1)))
-        for name in ("low", "high")
-    )
-    responses = Responses((one, other))
-    assert responses["high"] is responses[1] is other
-    assert responses[:1] == (one,)
-    with pytest.raises(UnknownNameError, match="no configuration folded; there are low, high"):
-        responses["folded"]

@@ -3,13 +3,16 @@
     uv run --group docs python scripts/docs/pictures.py [--demo runs/demo] [--friction runs/friction_of_an_axis]
 
 Each is below 120 KB, beside this script in pictures/.  The report's first screen needs chromium; without it, that
-picture stays as it is.
+picture stays as it is. `shown.txt` has in words and numbers what the pictures show; a slow test compares it with a run
+of the README, so that a picture of an earlier page is found.
 """
 
 from __future__ import annotations
 
 import argparse
+import html
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -111,6 +114,17 @@ def page(run: Path, path: Path) -> None:
         browser.close()
 
 
+def shown(demo: Path) -> str:
+    """The text of the page's first screen, and the numbers that were found, line by line."""
+    text = (demo / "report.html").read_text(encoding="utf-8")
+    screen = text[text.index('<header class="top">') : text.index('id="q-next"')]
+    screen = re.sub(r"<(svg|script|style|output)\b.*?</\1>", " ", screen, flags=re.DOTALL)
+    words = [html.unescape(" ".join(part.split())) for part in re.split(r"<[^>]*>", screen)]
+    parameters = json.loads((demo / "summary.json").read_text(encoding="utf-8"))["parameters"]
+    numbers = [f"{name} {each['value']:.4g} +- {each['std']:.2g}" for name, each in parameters.items() if "std" in each]
+    return "\n".join([*filter(None, words), *numbers, ""])
+
+
 def _chromium() -> str:
     from shutil import which
 
@@ -155,3 +169,4 @@ if __name__ == "__main__":
     parser.add_argument("--friction", type=Path, default=Path("runs/friction_of_an_axis"), metavar="DIR")
     asked = parser.parse_args()
     print(json.dumps(dict(made(asked.demo, asked.friction))))
+    (Path(__file__).parent / "shown.txt").write_text(shown(asked.demo), encoding="utf-8")

@@ -16,7 +16,7 @@ from unittest.mock import create_autospec
 import numpy as np
 import pytest
 
-from elastid.app import cli, scaffold
+from elastid.app import cli
 from elastid.app import run as running
 from elastid.app.cli import insisting, run_command
 from elastid.app.run import Run
@@ -69,43 +69,6 @@ def tree(folder: Path) -> dict[str, bytes]:
 # --- thin ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("stage", STAGES)
-def test_a_stage_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, stage: str) -> None:
-    """read, one call, done: the word, the study, the folder, the options."""
-    run_stage = create_autospec(running.run_stage)
-    monkeypatch.setattr(running, "run_stage", run_stage)
-    options = ["--run", "elsewhere", "--set", "fit.starts=3", "--jobs", "2", "-v"]
-    assert cli.run_command([stage, str(tiny), *options]) == 0
-    (run, name), _ = run_stage.call_args
-    assert name == stage
-    assert isinstance(run, Run)
-    assert (run.folder, run.jobs, run.console.verbosity) == (Path("elsewhere"), 2, 1)
-    assert run.study.fit.starts == 3
-
-
-@pytest.mark.parametrize(("options", "formats"), [([], ()), (["--png"], ("png",))])
-def test_files_of_figures_are_drawn_on_demand(
-    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], formats: tuple[str, ...]
-) -> None:
-    """A report draws those of its page alone, unless it is asked for files."""
-    run_stage = create_autospec(running.run_stage)
-    monkeypatch.setattr(running, "run_stage", run_stage)
-    assert cli.run_command(["report", str(tiny), *options]) == 0
-    (run, _), _ = run_stage.call_args
-    assert run.study.report.formats == formats
-
-
-def test_run_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The default folder is runs/<name of the study>."""
-    run_all = create_autospec(running.run_all)
-    monkeypatch.setattr(running, "run_all", run_all)
-    assert cli.run_command(["run", str(tiny), "-q"]) == 0
-    (run,), _ = run_all.call_args
-    assert run.folder == Path("runs/tiny")
-    assert run.jobs >= 1
-    assert run.console.verbosity == -1
-
-
 def test_demo_is_a_study_of_ones_own_and_one_call(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In runs/demo, to copy and edit; edits are kept."""
     run_all = create_autospec(running.run_all)
@@ -145,26 +108,6 @@ def test_every_command_has_help(command: list[str], capsys: pytest.CaptureFixtur
 # --- new, check, inspect, schema ----------------------------------------------------------------------------------
 
 
-def test_a_new_study_passes_check(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With robot and schema beside it."""
-    assert cli.run_command(["new", "mine"]) == 0
-    assert sorted(tree(here)) == ["mine/robot.yml", "mine/study.schema.json", "mine/study.yml"]
-    assert (here / "mine" / "study.yml").read_text().startswith("# yaml-language-server: $schema=study.schema.json")
-    capsys.readouterr()
-    assert cli.run_command(["check", "mine/study.yml"]) == 0
-    said = capsys.readouterr().out
-    for part in ("three-axis elastic arm", "10 coordinates", "17 unknowns", "k_3z", "30 experiments", "390 s"):
-        assert part in said
-
-
-def test_one_of_a_kind_is_counted_in_the_singular(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One body, one joint; two coordinates, since the motor of an elastic gear has its own."""
-    assert cli.run_command(["check", str(tiny), "--set", "experiment.realisations=1"]) == 0
-    said = capsys.readouterr().out
-    assert "1 body, 1 joint, of which" in said
-    assert "2 configurations (a, b) x 1 realisation x 1 experiment" in said
-
-
 def test_new_does_not_touch_what_is_there(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2 and a word."""
     (here / "mine").mkdir()
@@ -172,15 +115,6 @@ def test_new_does_not_touch_what_is_there(here: Path, capsys: pytest.CaptureFixt
     assert cli.run_command(["new", "mine", "--template", "recorded"]) == 2
     assert "not empty" in capsys.readouterr().err
     assert tree(here) == {"mine/study.yml": b"precious"}
-
-
-def test_check_counts_numbers_of_the_file_that_may_move(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of a log of a current the torque constant; none where the file is exact."""
-    assert cli.run_command(["new", "bench", "--template", "recorded"]) == 0
-    capsys.readouterr()
-    for said, options in ((True, []), (False, ["--set", "robot.tolerances=exact"])):
-        assert cli.run_command(["check", "bench/study.yml", *options]) == 0
-        assert ("1 number of the robot's file may move within tolerances" in capsys.readouterr().out) == said
 
 
 def test_check_lists_all_errors_and_writes_nothing(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -197,19 +131,6 @@ def test_schema_is_json(capsys: pytest.CaptureFixture[str]) -> None:
     """To stdout, for `elastid schema > study.schema.json`."""
     assert cli.run_command(["schema"]) == 0
     assert json.loads(capsys.readouterr().out)["properties"]["fit"]
-
-
-def test_inspect_tells_what_is_in_a_file(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A log by its channels; what is missing or foreign by one sentence."""
-    (here / "log.csv").write_text("time,current,angle\n" + "0,1,2\n" * 7)
-    assert cli.run_command(["inspect", "log.csv"]) == 0
-    out = capsys.readouterr().out
-    assert all(name in out for name in ("time", "current", "angle", "7"))
-    assert cli.run_command(["inspect", "nope.csv"]) == 2
-    assert capsys.readouterr().err == "nope.csv: no such file [files/missing]\n"
-    (here / "broken.mat").write_bytes(b"MATLAB 5.0 MAT-file, or so it says" * 9)
-    assert cli.run_command(["inspect", "broken.mat"]) == 1
-    assert "broken.mat" in capsys.readouterr().err
 
 
 # --- a whole run ----------------------------------------------------------------------------------------------------
@@ -308,24 +229,6 @@ def test_a_channel_that_is_not_in_the_file(tiny: Path, here: Path, capsys: pytes
     message = refused(recorded(tiny, bench(), motor="mottor"), 1, capsys)
     assert all(part in message for part in ("log.csv", "mottor", "motor", "arm"))
     assert sorted(p.name for p in (here / "runs" / "tiny").iterdir()) in (["run.log"], ["records.partial", "run.log"])
-
-
-@pytest.mark.parametrize(
-    ("spoil", "period", "parts"),
-    [
-        (lambda logs: {n: x[:700] for n, x in logs.items()}, "1 s", ("log.csv", "1.4", "two")),
-        (lambda logs: logs, "0.9 s", ("log.csv", "period")),
-        (lambda logs: logs | {"arm": np.where(np.arange(4 * N) >= 777, np.nan, logs["arm"])}, "1 s", ("arm", "777")),
-        (lambda logs: logs | {"motor": np.full(4 * N, 0.25)}, "1 s", ("log.csv", "motor", "constant")),
-    ],
-    ids=["short", "period", "nan", "constant"],
-)
-def test_data_that_cannot_be_used(
-    tiny: Path, here: Path, capsys: pytest.CaptureFixture[str], spoil: Any, period: str, parts: tuple[str, ...]
-) -> None:
-    """Exit code 1 and what, where."""
-    message = refused(recorded(tiny, spoil(bench()), period), 1, capsys)
-    assert all(part in message for part in parts), message
 
 
 def test_a_channel_of_opposite_sign_is_warned_of(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -593,11 +496,6 @@ def _descendants(pid: int) -> list[int]:
             child = int(status.parent.name)
             found += [child, *_descendants(child)]
     return found
-
-
-def test_the_demo_is_the_packaged_study(here: Path) -> None:
-    """Its study is in the package and is right."""
-    assert cli.run_command(["check", str(scaffold.demo(here / "demo"))]) == 0
 
 
 def test_processes_default_to_all_cores(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:

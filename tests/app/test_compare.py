@@ -2,14 +2,12 @@
 
 import json
 from pathlib import Path
-from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
 from plants.refusals import refused
 from plants.two_axes import ROBOT, STUDY, measured
 
-from elastid.app import cli
 from elastid.app import compare as comparing
 from elastid.app.compare import compare, variants
 from elastid.app.console import Console
@@ -98,15 +96,6 @@ def test_another_study_is_fitted_to_the_responses_of_the_first(study: Path) -> N
     assert found(run)["models"][1]["cost"] > 10 * found(run)["models"][0]["cost"]
 
 
-def test_keys_of_the_study_make_variants_as_on_the_command_line(study: Path) -> None:
-    """set: any key, beside the overrides of the run itself."""
-    option = 'compare.variants=[{name: heavier, set: ["robot.bodies.1.mass=25"]}]'
-    loaded = load(study, (option, "robot.bodies.0.mass=31"))
-    own, heavier = variants(loaded)
-    assert [body.mass for body in own.robot.bodies] == [31, 20]
-    assert [body.mass for body in heavier.robot.bodies] == [31, 25]
-
-
 @pytest.mark.parametrize(
     ("option", "says"),
     [
@@ -149,13 +138,3 @@ def test_the_report_shows_the_comparison(tiny: Path) -> None:
     changed = Run(load(tiny, (option, "seed=5")), tiny.parent / "run", 1, Console(-1))
     run_all(changed)
     assert "Comparison of models" not in changed.path("report").read_text()
-
-
-def test_the_command_passes_its_studies_on(tiny: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """elastid compare A B: the run of A, and B loaded."""
-    worked = create_autospec(comparing.compare)
-    monkeypatch.setattr(comparing, "compare", worked)
-    monkeypatch.chdir(tmp_path)
-    assert cli.run_command(["compare", str(tiny), str(tiny), "--jobs", "1", "-q"]) == 0
-    (run, others), _ = worked.call_args
-    assert (run.loaded.path, [other.path for other in others]) == (tiny, [tiny])

@@ -43,11 +43,6 @@ PARALLEL = {
     "friction": {"measure", "report"},
 }
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="kills as POSIX does"),
-]
-
 
 class DyingOnce:
     """The work of a stage; the process that has the first value of it is killed, as by a system without memory."""

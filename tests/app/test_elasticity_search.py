@@ -13,11 +13,8 @@ from plants.two_axes import ROBOT, STUDY, measured
 
 from elastid.app import cli
 from elastid.app import compare as comparing
-from elastid.app.compare import search_elasticity, trial_table, variants
+from elastid.app.compare import search_elasticity, trial_table
 from elastid.app.run import Run
-from elastid.linear.linearise import linearise
-from elastid.model.formulation import formulate
-from elastid.record import Configuration
 from elastid.report.page.page import html
 from elastid.store.results import read_comparison
 from elastid.study import load
@@ -149,21 +146,6 @@ def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, see
             assert abs(trial["criterion"]) < 10
     names = {row["name"] for row in content["models"]}
     assert {"linkage", "driven joints alone", "rod rod elastic", "rod rod elastic, gear 2 rigid"} <= names
-
-
-def test_a_model_with_a_rigid_rod_chooses_its_own_coordinates(tmp_path: Path) -> None:
-    """The independent coordinates of the study are too many for it; parameters of the rod are gone from its fit."""
-    shutil.copy(Path(__file__).parents[2] / "configs" / "robots" / "linkage_arm.yml", tmp_path / "robot.yml")
-    (tmp_path / "study.yml").write_text(LINKAGE)
-    chosen = "[joint 2, joint b2, joint 3, joint elbow, motor 2, motor 3]"
-    options = f"model={{formulation: minimal, independent: {chosen}}}", "compare.variants=[{name: stiff, rigid: [rod]}]"
-    own, stiff = variants(load(tmp_path / "study.yml", options))
-    assert len(own.model.independent) == 6
-    for each, n in ((own, 6), (stiff, 5)):
-        model = formulate(each.robot, each.model)
-        linear = linearise(model, Configuration("a", (0.1, 0.2)), model.theta, model.inputs, "acceleration")
-        assert linear.M.shape == (n, n)
-    assert set(own.fit.parameters) - set(stiff.fit.parameters) == {"k_rod", "d_rod"}
 
 
 def test_a_search_that_cannot_be_is_refused(study: Path) -> None:

@@ -1,7 +1,5 @@
 """elastid.run: a study from Python, its results as values, and what is done with them."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from plants.refusals import refused
@@ -64,13 +62,3 @@ def test_other_numbers_are_those_of_another_robot(done: elastid.FinishedRun) -> 
         result.with_parameters(k_9=1.0)
     with pytest.raises(ValueError, match="k_1 = -1: give a finite positive number in N"):
         result.with_parameters(k_1=-1.0)
-
-
-def test_what_a_kind_of_study_lacks_is_said(done: elastid.FinishedRun, tmp_path: Path) -> None:
-    frf, hidden = done.run.folder / "frf.h5", tmp_path / "frf.h5"
-    frf.rename(hidden)
-    with refused("run/earlier-stage"):
-        done.compare()
-    hidden.rename(frf)
-    with refused("files/missing", place="study.yml"):
-        elastid.run(tmp_path / "study.yml")

@@ -186,30 +186,6 @@ def test_a_folder_that_cannot_be_written_is_told_before_work(tiny: Path, capsys:
     assert "no results can be written there (Not a directory)" in capsys.readouterr().err
 
 
-def test_logs_that_a_table_names_and_that_are_missing_are_told_before_work(
-    tiny: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Each with its robot and date."""
-    recorded = """
-rate_hz: 500, period: 1 s, channels: [{role: u, at: motor 1, channel: u, quantity: torque, unit: N*m},
-{role: y, at: motor 1, channel: y, quantity: position, unit: rad}], files: [{path: LOG, configuration: a}]
-"""
-    text = tiny.read_text()
-    i, j = text.index("  simulated:"), text.index("fit:")
-    tiny.write_text(text[:i] + "  recorded: {" + " ".join(recorded.split()) + "}\n" + text[j:])
-    path = tiny.parent / "fleet.yml"
-    path.write_text("name: f\nstudy: study.yml\ntable: t.csv\n")
-    files = "experiment.recorded.files"
-    with (tiny.parent / "t.csv").open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(["robot", "date", files])
-        rows.writerows([[robot, "2026-01-31", f"[{{path: {robot}.csv, configuration: a}}]"] for robot in "ab"])
-    assert run_command(["fleet", str(path)]) == 2
-    said = capsys.readouterr().err
-    assert all(f"{robot} on 2026-01-31: " in said for robot in "ab"), said
-    assert "no such file" in said
-
-
 def test_folders_name_their_members(tiny: Path) -> None:
     """Robot and date from a pattern, and a path that is built from them."""
     for robot, date in (("a", "2026-01-01"), ("a", "2026-02-01"), ("b", "2026-01-01"), ("b", "notes")):

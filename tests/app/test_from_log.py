@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from elastid.app import cli
-from elastid.app.scaffold import EXAMPLE_LOGS
 from elastid.store.friction_study import read_friction_records
 from elastid.study import load_with_logs
 
@@ -62,32 +61,6 @@ def test_temperatures_of_the_joints_are_channels_of_them(motion: Path, tmp_path:
     heat = [c for c in study.experiment.as_recorded().channels if c.role == "t"]
     assert [(c.at, c.channel, c.unit) for c in heat] == [("joint 1", "Temp 1", "degC"), ("joint 2", "Temp 2", "K")]
     assert "# hold: zero-order" in (tmp_path / "new" / "study.yml").read_text()
-
-
-def test_periodic_logs_become_a_study_of_responses(tmp_path: Path) -> None:
-    """Three masses with two shakers, four logs: inputs, outputs, units of acceleration and period."""
-    EXAMPLE_LOGS["frf"](tmp_path)
-    logs = sorted(map(str, (tmp_path / "logs").glob("*.csv")))
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
-    recorded = study.experiment.as_recorded()
-    assert [c.channel for c in recorded.channels if c.role == "u"] == ["force_1", "force_3"]
-    assert [c.channel for c in recorded.channels if c.role == "y"] == ["acc_1", "acc_2", "acc_3"]
-    assert recorded.period_of(recorded.files[0]) == 2048
-    assert len(recorded.files) == 4
-
-
-def test_millimetres_are_of_a_joint_that_slides(tmp_path: Path) -> None:
-    """And a voltage of its drive counts as a force, which the line says."""
-    t = np.arange(4000) / 200
-    q, v, a = (sum(0.05 * w**m * np.sin(w * t + m * np.pi / 2) for w in (0.9, 2.3, 3.1)) for m in range(3))
-    rows = np.stack([t, 2 * a + 5 * v + np.sign(v), 1000 * q], axis=1)
-    np.savetxt(tmp_path / "log.csv", rows, "%.8g", ",", header="t,voltage,pos_mm", comments="")
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "log.csv")]) == 0
-    study = load_with_logs(tmp_path / "new" / "study.yml").study
-    assert study.as_robot().driven[0].slides
-    assert [c.quantity for c in study.experiment.channels] == ["force", "position"]
-    assert "scale is the N of one V" in (tmp_path / "new" / "study.yml").read_text()
 
 
 def written(log: Path, rows: np.ndarray, folder: Path, *more: Path) -> str:

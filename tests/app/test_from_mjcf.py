@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from plants.mjcf_arm import ARM
 
-from elastid.app.cli import run_command
 from elastid.app.from_robot import read_mjcf
 from elastid.base.errors import StudyError
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics
-from elastid.study import load
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is in the group 'oracles'")
 
@@ -66,15 +64,6 @@ def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque(tmp
 def _takes_data() -> bool:
     """From release 3.4 on mj_fullM takes the data."""
     return "data" in (mujoco.mj_fullM.__doc__ or "").partition("->")[0].lower().replace("mjdata", "data")
-
-
-def test_a_study_of_it_checks(tmp_path: Path) -> None:
-    (tmp_path / "crane.xml").write_text(ARM)
-    assert run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "crane.xml")]) == 0
-    assert run_command(["check", str(tmp_path / "new" / "study.yml")]) == 0
-    robot = load(tmp_path / "new" / "study.yml").study.as_robot()
-    assert all(joint.spring is not None for joint in robot.driven)
-    assert "motors of x, lift, with as much inertia" in (tmp_path / "new" / "robot.yml").read_text()
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from plants.two_mass_gear import RATIO, Gear, robot
 
 from elastid.app.identified_robot import (
     SLOPE,
-    VISCOUS,
     WITH_COULOMB,
     contents,
     truth,
@@ -36,27 +35,6 @@ ROBOT = Robot(
     ),
 )
 PARAMETERS = tuple(Parameter(name, 1e-3) for name in ("k_1", "fm_1", "fm_1@warm", "f_1", "fm_2", "f_2", "fm_3"))
-
-
-def test_a_viscous_number_is_marked_with_the_coulomb_friction_in_it() -> None:
-    """Also that of a joint which turns rigidly with its motor; a motor without dry friction has none."""
-    assert contents(ROBOT, True, None, PARAMETERS) == {
-        "fm_1": WITH_COULOMB,
-        "fm_1@warm": WITH_COULOMB,
-        "fm_2": WITH_COULOMB,
-        "f_2": WITH_COULOMB,
-        "fm_3": VISCOUS,
-    }
-
-
-def test_friction_taken_out_leaves_viscous_friction_which_then_has_a_truth() -> None:
-    """At motor 1 alone."""
-    marked = contents(ROBOT, True, taken_friction(), PARAMETERS)
-    assert (marked["fm_1"], marked["fm_2"]) == (SLOPE, WITH_COULOMB)
-    known = truth(ROBOT, SimulatedSpec(), (), taken_friction())
-    assert known is not None
-    assert {"fm_1", "fm_3", "f_3"} <= set(known)
-    assert not {"fm_2", "f_2"} & set(known)
 
 
 def test_of_a_recorded_robot_no_motor_is_known_to_be_without_friction() -> None:

@@ -12,10 +12,7 @@ from plants.refusals import refused
 from scipy.io import savemat
 
 from elastid.app.inspection import described
-from elastid.base.arrays import ValueRange, value_range
-from elastid.record import Configuration, Record
 from elastid.recorded.files import log as log_of_arrays
-from elastid.store.measured import write_records
 
 T = np.arange(50) / 20.0
 
@@ -69,21 +66,6 @@ def test_a_matlab_file_is_no_text_and_what_only_matlab_reads_has_a_way_out(tmp_p
     assert "x = T.Variables; save('log.mat', 't', 'x', '-v7')" in page
 
 
-def test_results_show_their_numbers(tmp_path: Path) -> None:
-    """Axes and short arrays one by one, long ones by their range, with rate and unit."""
-    u, y = np.linspace(-2, 3, 60)[:, None], np.linspace(0, 0.1, 60)[:, None]
-    record = Record(
-        "home-r0-e0", Configuration("home", [0.5]), 0, 0, 20.0, 20, ("motor 1",), ("joint 1",), ("position",), u, y
-    )
-    write_records(tmp_path / "records.h5", [record])
-    page = described(tmp_path / "records.h5")
-    assert "rate_hz = 20" in page
-    assert "torque that acts, link side [N*m] = -2 to 3" in page
-    assert "motion, link side [rad] = 0 to 0.1" in page
-    assert "angle of the driven joints [rad] = 0.5" in page
-    assert "inputs (1) = motor 1" in page
-
-
 def test_a_summary_shows_its_numbers(tmp_path: Path) -> None:
     """Every key with its value; a list of numbers in a line; a damaged one is refused."""
     content = {"status": "converged", "parameters": {"k_1": {"value": 50.0, "interval95": [49.5, 50.5]}}, "notes": []}
@@ -108,10 +90,3 @@ def test_what_cannot_be_shown_is_refused_with_a_reason(tmp_path: Path) -> None:
         described(tmp_path / "nothing.h5")
     with refused("files/kind"):
         described(tmp_path)
-
-
-def test_a_range_is_that_of_the_finite_values() -> None:
-    """Complex ones by their magnitude, none as NaN, flags as 0 and 1."""
-    assert value_range([np.array([3 + 4j, np.nan])]) == ValueRange(5.0, 5.0, 5.0, 1)
-    assert value_range([np.array([True, False])]) == ValueRange(1.0, 0.0, 1.0, 0)
-    assert np.isnan(value_range([]).low)

@@ -62,16 +62,6 @@ def test_logs_of_another_number_of_joints_are_refused(tmp_path: Path, capsys: py
     assert not (tmp_path / "new").exists()
 
 
-def test_joints_without_names_are_in_the_order_of_the_robot(tmp_path: Path) -> None:
-    """Which the line of the study says."""
-    (tmp_path / "arm.urdf").write_text(ARM)
-    log = logged(tmp_path / "log.csv", ("1", "2"), (0.5, -0.5))
-    assert run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "arm.urdf"), log]) == 0
-    text = (tmp_path / "new" / "study.yml").read_text()
-    assert "at: motor shoulder, channel: tau_1" in text
-    assert "of shoulder by its place in the robot's file" in text
-
-
 def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path: Path) -> None:
     """The signs of orthogonal experiments, on a carrier that is most of the second drive: `run` would refuse them."""
     t, lines, rng = np.arange(1500) / 500, np.arange(7, 100, 4), np.random.default_rng(0)
@@ -85,22 +75,6 @@ def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path
     assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
     recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
     assert [file.realisation for file in recorded.files] == [0, 1]
-
-
-def test_logs_of_one_excitation_are_one_realisation(tmp_path: Path) -> None:
-    """Two that hold further periods, from another sample on, and one with other phases."""
-    rng, period, lines = np.random.default_rng(0), 500, np.arange(1, 100)
-    for number, (phases, start) in enumerate(((0, 0), (0, 177), (1, 0))):
-        phase = np.random.default_rng(phases).uniform(0, 2 * np.pi, len(lines))
-        u = np.cos(2 * np.pi * np.outer(np.arange(start, start + 4 * period) / period, lines) + phase).sum(axis=1)
-        rows = np.stack([u, u + 0.1 * rng.standard_normal(len(u))], axis=1)
-        np.savetxt(tmp_path / f"{number}.csv", rows, "%.8g", ",", header="force_N,acc_g", comments="")
-    logs = [str(tmp_path / f"{number}.csv") for number in range(3)]
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
-    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
-    assert [file.realisation for file in recorded.files] == [0, 0, 1]
-    motion = next(channel for channel in recorded.channels if channel.role == "y")
-    assert (motion.unit, motion.scale) == ("m/s^2", 9.80665)
 
 
 def _states(folder: Path, logs: dict[str, np.ndarray], head: str) -> list[str]:

@@ -103,14 +103,6 @@ class Page(HTMLParser):
             self.texts.append(data)
 
 
-def test_check_says_them_as_texts(tmp_path: Path) -> None:
-    path, names = written(tmp_path, 27)
-    code, said = on_a_terminal(tmp_path, "check", path.name)
-    assert code == 0, said
-    assert not controls_in(said)
-    assert names[0] in said
-
-
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -78,11 +78,6 @@ def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return done
 
 
-def edit(path: Path, old: str, new: str) -> None:
-    assert old in path.read_text()
-    path.write_text(path.read_text().replace(old, new))
-
-
 @pytest.mark.parametrize(
     ("overrides", "expected"),
     [
@@ -206,13 +201,6 @@ def test_touching_or_commenting_the_study_does_not_measure_again(copy: Path, wor
     assert worked_on == ["report"]
 
 
-def test_the_order_of_configurations_counts(copy: Path, worked_on: list[str]) -> None:
-    """It decides which random phases each gets."""
-    edit(copy / "study.yml", "    a: [0]\n    b: [30 deg]\n", "    b: [30 deg]\n    a: [0]\n")
-    run_all(run_of(copy / "study.yml", copy / "run"))
-    assert worked_on == ALL
-
-
 def test_a_change_of_the_code_does_everything_again(
     copy: Path, worked_on: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -290,12 +278,6 @@ def test_a_stage_alone_asks_for_what_it_reads(finished: Path, copy: Path, tmp_pa
     (copy / "run" / "frf.h5").write_text("no")
     with refused("run/earlier-stage"):
         run_stage(run_of(copy / "study.yml", copy / "run"), "fit")
-
-
-def test_a_stage_alone_is_always_done(finished: Path, worked_on: list[str]) -> None:
-    """Whoever asks for a stage by name wants it done."""
-    run_stage(run_of(finished / "study.yml", finished / "run"), "estimate")
-    assert worked_on == ["estimate"]
 
 
 class Interrupting(SimulatedRig):
@@ -450,18 +432,6 @@ def test_a_fit_that_did_not_converge_is_still_shown(copy: Path) -> None:
         assert run.is_current("report")
         assert read_fit(run.path("fit")).status == "not_converged"
     assert json.loads((copy / "run" / "summary.json").read_text())["status"] == "not_converged"
-
-
-def test_the_log_tells_the_whole_story(copy: Path) -> None:
-    """Appended to, with warnings and with the reason for a stop."""
-    log = copy / "run" / "run.log"
-    before = log.read_text()
-    with pytest.raises(FitError):
-        run_all(run_of(copy / "study.yml", copy / "run", "fit.parameters.m_load.start=1"))
-    after = log.read_text()
-    assert after.startswith(before)
-    assert "design: 4 experiments" in before
-    assert "m_load" in after[len(before) :]
 
 
 def test_responses_are_on_the_planned_lines(finished: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from plants.artefacts import some_fit
 from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
 
-from elastid.app.summaries import failure, summary
+from elastid.app.summaries import summary
 from elastid.base.statistics import QUANTILE_95
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.robot import Body, Joint, Motor, Robot, Spring
@@ -28,14 +28,6 @@ ROBOT = Robot(
 def summary_of(friction: FrictionTakenOut | None) -> Any:
     """The section `friction` of summary.json."""
     return summary("s", ROBOT, some_fit(), (), (), (), (), friction)["friction"]
-
-
-def test_a_fit_that_failed_has_the_keys_of_one_that_did_not() -> None:
-    """No program that reads it stumbles; without numbers."""
-    failed, done = failure("s", 7, "why"), summary("s", ROBOT, some_fit(), (), (), (), ())
-    assert list(failed) == list(done)
-    assert (failed["status"], failed["starts"], failed["parameters"]) == ("failed", 7, {})
-    assert done["starts"] == len(some_fit().starts)
 
 
 def test_the_summary_has_levels_shapes_and_what_they_explain() -> None:

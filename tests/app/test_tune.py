@@ -14,16 +14,6 @@ from elastid.store.results import read_tune
 from elastid.use.command.tune import IDENTIFIED, RIGID
 
 
-@pytest.mark.parametrize("name", ["--time", "--error", "--rate", "--bandwidth"])
-@pytest.mark.parametrize("value", ["nan", "inf", "0"])
-def test_a_number_of_a_move_is_finite_and_positive(
-    name: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """nan passes the bounds of a range; it is refused before the study is read."""
-    assert command("tune", tmp_path / "study.yml", "--path", "move.csv", name, value) == 2
-    assert name in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """All files are there and agree; the same bytes again; a wrong cell is refused and nothing is touched."""

@@ -13,7 +13,6 @@ from elastid.study.reference import explain
 
 PACKAGE = Path(elastid.__file__).parent
 CODED = {"ElastidError", "StudyError", "DataError", "FitError", "MisfitError", "Note"}
-ROOMS = {code.partition("/")[0] for code in CODES}
 
 
 def calls() -> Iterator[tuple[str, ast.Call]]:

@@ -56,6 +56,7 @@ def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
     assert json.loads((folder / "runs" / "demo" / "summary.json").read_text())["status"] == "converged"
     check_demo(folder / "runs" / "demo")
     check_library(reader)
+    check_pictures(folder / "runs" / "demo")
 
 
 def check_demo(folder: Path) -> None:
@@ -102,6 +103,18 @@ def check_table(summary: dict[str, Any]) -> None:
     for in_readme, of_run in zip(said, found, strict=True):
         for (value, digit), number in zip(in_readme, of_run, strict=True):
             assert abs(value - number) < 2 * digit, (in_readme, of_run)
+
+
+def check_pictures(demo: Path) -> None:
+    """No picture is older than what it shows: words as they stand there, numbers within 5 % or two last digits."""
+    sys.path.append(str(ROOT / "scripts" / "docs"))
+    from pictures import shown
+
+    now, then = shown(demo), (ROOT / "scripts" / "docs" / "shown.txt").read_text(encoding="utf-8")
+    number = re.compile(r"\d+\.?\d*(?:e[-+]\d+)?")
+    assert number.sub("#", now) == number.sub("#", then), "make the pictures again: scripts/docs/pictures.py"
+    for new, old in zip(numbers(now), numbers(then), strict=True):
+        assert abs(new[0] - old[0]) <= max(0.05 * abs(old[0]), 2 * old[1])
 
 
 def numbers(text: str) -> list[tuple[float, float]]:

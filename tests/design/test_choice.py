@@ -9,11 +9,9 @@ import pytest
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
-from elastid.design.choice import Choice, dexterity, draw_candidates
+from elastid.design.choice import dexterity, draw_candidates
 from elastid.design.spec import BoxSpec, CandidateSpec
-from elastid.experiment.plan.plan import ChosenConfiguration
 from elastid.model.kinematics import skeleton
-from elastid.record import Configuration
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot
 
 MOTOR = Motor(1e-3)
@@ -49,18 +47,6 @@ def test_a_grid_reaches_from_limit_to_limit() -> None:
     angles = _angles(CandidateSpec(grid=(1, 2, 3), singular=0, margin=0.0))
     assert sorted(set(angles[:, 2].tolist())) == pytest.approx([-1.5, 0.25, 2.0])
     assert set(angles[:, 0].tolist()) == {0.0}
-
-
-def test_stretched_and_overhead_postures_are_singular() -> None:
-    """Elbow stretched along the fore arm's centre of mass; that centre above axis 1; nothing in between."""
-    stretched = [0.3, 0.6, -math.pi / 2 + math.pi]
-    overhead = [0.3, -0.4636476, 0.0]
-    # Above axis 1: 0.5 sin(q2) + 0.5 cos(q2 + q3) = 0.
-    overhead = [0.3, -0.5, math.acos(math.sin(0.5)) + 0.5]
-    found = dexterity(ARM, np.array([stretched, overhead, [0.3, 0.6, -0.4]]))
-    assert found[0] < 1e-9
-    assert found[1] < 1e-9
-    assert found[2] > 0.1
 
 
 def test_planar_arms_are_not_singular_everywhere() -> None:
@@ -131,11 +117,3 @@ def test_a_carrier_too_wide_for_the_limits_is_refused() -> None:
     """Nothing is left between them."""
     with refused("design/candidates", place="design.candidates"):
         draw_candidates(CandidateSpec(), ARM, 1, swing=1.8)
-
-
-def test_sentence_names_configurations_efficiency_and_the_gain_over_random_ones() -> None:
-    chosen = ChosenConfiguration(Configuration("c1", np.zeros(1)), 4)
-    assert Choice((chosen,), 2, 0.9712, 1.3, 200).sentence == (
-        "chosen among 200 candidates: c1 (4 realisations), 2 periods each; 97.1 % of the best possible allocation, "
-        "standard deviations 1.30 times smaller in the mean than for the median of random choices"
-    )

@@ -188,15 +188,6 @@ def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() 
     assert planned < min(level(draw.uniform(-1.9, 1.9, (3, 2))) for _ in range(5))
 
 
-def test_given_candidates_keep_their_names_and_may_be_chosen_twice() -> None:
-    """Two candidates, two experiments; a configuration chosen twice has twice the realisations."""
-    given = {"near": (0.0, 1.9), "far": (0.0, 0.2)}
-    found = design(_with(count=2, candidates=CandidateSpec(given=given)))
-    assert {c.name for c in found.plan.configurations} <= set(given)
-    assert sum(found.plan.realisations) == 4
-    assert len(found.plan.experiments) == 4 * 2
-
-
 def test_robot_time_is_filled_with_the_periods_that_tell_most() -> None:
     """Without friction and with one candidate the transient is best spread over many periods."""
     one = CandidateSpec(given={"a": (0.1, 0.9)})

@@ -4,17 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elastid.design.forecast import Forecast, LimitUse
-
-
-def test_strongest_correlation_is_named_with_its_sign() -> None:
-    covariance = np.array([[1.0, 0.1, -1.8], [0.1, 1.0, 0.0], [-1.8, 0.0, 4.0]])
-    forecast = Forecast(
-        ("k_1", "d_1", "k_2"), ("", "", ""), np.ones(3), (True,) * 3, covariance, ("bent",), np.ones(1),
-        np.ones((1, 1, 3)), np.zeros((0, 3)), (),
-    )  # fmt: skip
-    name, correlation = forecast.strongest("k_1")
-    assert (name, round(correlation, 12)) == ("k_2", -0.9)
+from elastid.design.forecast import LimitUse
 
 
 def test_closest_limit_is_the_one_with_the_largest_share() -> None:

@@ -11,9 +11,7 @@ from plants.friction_axis import LIMITS, axis, planned
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
-from elastid.design.friction_axis import axis_of
 from elastid.experiment.plan.friction import pass_reference
-from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.friction_study.spec import (
     AtRestSpec,
     FrictionSpec,
@@ -23,7 +21,6 @@ from elastid.friction_study.spec import (
     PreslidingSpec,
     WarmUpSpec,
 )
-from elastid.record import Configuration
 from elastid.robot import Limits
 
 
@@ -115,13 +112,3 @@ def test_loops_do_not_tell_a_lugre_law() -> None:
     """What does is named."""
     with refused("friction/plan", place="friction.law.presliding"):
         planned(FrictionSpec(law=LawSpec(presliding="lugre"), presliding=PreslidingSpec()))
-
-
-def test_default_speeds_slide_with_a_loop_of_any_bandwidth() -> None:
-    """Where slow sliding would be unstable, the slowest pass is the first that is not."""
-    robot = axis()
-    for bandwidth_hz in (0.3, 1.0, 8.0):
-        found = axis_of(
-            robot, robot.driven[0], Configuration("up", np.zeros(1)), PassesSpec(), ControllerSpec(bandwidth_hz)
-        )
-        assert not found.sticks_at(found.slowest)

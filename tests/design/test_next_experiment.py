@@ -137,13 +137,6 @@ def test_a_robot_without_room_for_any_excitation_is_refused() -> None:
 NAMES = ("k_1", "k_2", "d_1", "c_1")
 
 
-def test_patterns_lists_and_several_goals_name_parameters() -> None:
-    """The narrower counts where two goals name one."""
-    assert read_goal(["k_*: 1 %"], NAMES).widths == {"k_1": 0.01, "k_2": 0.01}
-    assert read_goal(["k_*: 1 %, d_1:5%", "k_2: 0.5 %"], NAMES).widths == {"k_1": 0.01, "k_2": 0.005, "d_1": 0.05}
-    assert read_goal(["k_2: 0.5 %", "k_*: 1 %"], NAMES).widths["k_2"] == 0.005
-
-
 @pytest.mark.parametrize("text", ["", "k_1", "k_1: ", "k_1: one %", "k_1: 0 %", "k_1: 100 %", "k_1: nan %", ": 1 %"])
 def test_a_text_without_a_width_is_refused_with_an_example(text: str) -> None:
     with refused("design/goal"):

@@ -141,18 +141,6 @@ def test_what_is_known_already_is_not_measured_again() -> None:
     assert whole_experiments(H, relaxed_design(H, criterion, known / 2).weights, 2, criterion, known).tolist() == [0, 2]
 
 
-def test_a_subset_criterion_serves_the_subset() -> None:
-    """The variance of the wanted parameters is smaller than where all count, that of the others larger."""
-    H = random_information(5, Q=60)
-    every, some = DesignCriterion("D", np.eye(4)), DesignCriterion("D", np.eye(4)[:, :1])
-    variances = [
-        np.diag(np.linalg.inv(np.einsum("q,qij->ij", relaxed_design(H, criterion).weights, H[0])))
-        for criterion in (every, some)
-    ]
-    assert variances[1][0] < 0.95 * variances[0][0]
-    assert np.prod(variances[1][1:]) > np.prod(variances[0][1:])
-
-
 def test_the_worst_guess_fares_better_where_the_worst_counts() -> None:
     """At the price of the mean."""
     H = random_information(2, S=3, Q=40)

@@ -12,9 +12,7 @@ from plants.notes import said
 from elastid.design.design import moved_posture_notes, sticking
 from elastid.design.problem import DesignProblem
 from elastid.experiment.plan.plan import make_plan
-from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.robot import Frame, Placement
 from elastid.study import load
 
 
@@ -57,18 +55,3 @@ def test_a_motion_that_would_move_a_stiffness_by_its_deviation_is_told(torque: f
     prospect, configuration, _ = within[1]
     motion = prospect.motor_motion(configuration, x)
     np.testing.assert_allclose(motion.rms / torque, [9.2e-6, 1.77e-5], rtol=0.02)
-
-
-def test_a_forecast_has_the_images_of_held_torques_that_records_of_its_rig_state(tiny: Path) -> None:
-    """Of a motor's angle and of an accelerometer, whose samples are differences of sampled motion."""
-    study = load(tiny).study
-    assert study.excitation is not None
-    robot = replace(study.as_robot(), frames=(Frame("tool", "load", Placement((0.5, 0, 0))),))
-    simulated = replace(study.experiment.as_simulated(), outputs=("motor 1", "accelerometer tool y"))
-    experiment = replace(study.experiment.with_truth({}), simulated=simulated)
-    problem = DesignProblem(robot, study.excitation, experiment, study.fit, "acceleration", 1)
-    plan = problem.plan(experiment)
-    prospect, configuration, M = problem.fitted(plan)[0]
-    rig = SimulatedRig(robot, experiment, plan, 1)
-    expected = prospect.expected(configuration, problem.parameters.x, M)
-    assert expected.model.hold == rig.measure(rig.experiments[0]).images

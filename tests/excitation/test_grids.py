@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
 
-from elastid.excitation.grids import chosen_lines, grid_lines, line_frequencies, with_detection, zippered
+from elastid.excitation.grids import grid_lines, line_frequencies, with_detection, zippered
 
 
 def test_full_grid_holds_every_line_of_the_band_and_its_edges() -> None:
@@ -62,24 +62,3 @@ def test_every_input_of_a_zippered_grid_has_its_own_interleaved_lines() -> None:
     assert zippered(7, 3).tolist() == [0, 1, 2, 0, 1, 2, 0]
     with refused("excitation/lines", place="excitation.orthogonal"):
         zippered(2, 3)
-
-
-def test_lines_of_the_users_own_are_sorted_and_must_lie_in_the_band() -> None:
-    """Any order; outside the band or twice is refused with what would fit."""
-    assert chosen_lines([9, 3, 4], (1.0, 10.0), 100.0, 100).tolist() == [3, 4, 9]
-    with refused("excitation/lines", place="excitation.lines"):
-        chosen_lines([3, 12], (1.0, 10.0), 100.0, 100)
-    with refused("excitation/lines", place="excitation.lines"):
-        chosen_lines([3, 3], (1.0, 10.0), 100.0, 100)
-
-
-def test_grid_keeps_clear_of_zero_and_of_half_the_rate() -> None:
-    """Neither DC nor the line at half the rate carries a phase."""
-    assert grid_lines("full", (0.0, 50.0), 100.0, 10).tolist() == [1, 2, 3, 4]
-    assert grid_lines("full", (0.0, 50.0), 100.0, 11).tolist() == [1, 2, 3, 4, 5]
-
-
-def test_a_band_without_lines_is_refused_with_the_spacing() -> None:
-    """The message says how far apart the lines are and what to change."""
-    with refused("excitation/lines"):
-        grid_lines("odd", (2.1, 2.9), 100.0, 100)

@@ -63,23 +63,6 @@ def test_c_code_has_the_response(model: FittedRobot, tmp_path: Path) -> None:
     assert close(G, responses_of(model), accuracy(model))
 
 
-def test_coordinates_are_named(model: FittedRobot, tmp_path: Path) -> None:
-    """Every entry of q and u, and the equation that the functions are parts of."""
-    text = write_casadi(tmp_path, model)[-1].read_text()
-    assert ("phi(q) = 0" in text) == (model.model.n_c > 0)
-    for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
-        assert all(f"{letter}[{i}]  {name}\n" in text for i, name in enumerate(names))
-
-
-def test_the_header_says_what_the_functions_take(model: FittedRobot, tmp_path: Path) -> None:
-    """Sizes, coordinates and units stand above the declarations."""
-    header = write_c(tmp_path, model)[1].read_text()
-    n = model.model.n_q
-    assert f"robot_mass: arg[0] q ({n}) -> res[0] M ({n} x {n})" in header
-    assert f"q[0]  {model.model.coordinates[0]} (rad" in header
-    assert header.count("/*") == header.count("*/")
-
-
 def test_equilibria_are_at_rest(model: FittedRobot, tmp_path: Path) -> None:
     """Loaded again, f(q, 0) + Phi^T lambda = B u in each posture of the study, whose columns the text names."""
     text = write_casadi(tmp_path, model)[-1].read_text()

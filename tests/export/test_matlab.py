@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.fitted_models import close, fitted_model, responses_of
+from plants.fitted_models import close, responses_of
 from scipy.io import loadmat
-from scipy.signal import StateSpace
 
 from elastid.export.matlab import write_matlab
 from elastid.fit.fitted_robot import FittedRobot
@@ -32,24 +31,6 @@ def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedR
         assert row["value"].item() == model.result.values[name]
         assert row["std"].item() == pytest.approx(model.result.std.get(name, np.nan), nan_ok=True)
     assert "idfrd(" in script.read_text()
-
-
-def test_the_tool_is_an_array_of_systems_over_the_postures(tmp_path: Path) -> None:
-    """Read back, each page of A, B, C, D is the response of `result.at`."""
-    model = fitted_model("arm")
-    data, script = write_matlab(tmp_path, model)
-    tool = loadmat(data, squeeze_me=True)["tool"][()]
-    assert "tool = ss(tool.A" in script.read_text()
-    assert tool["configurations"].tolist() == ["one", "two"]
-    ports = [f"{kind} tool {axis}" for kind in ("force", "torque") for axis in "xyz"]
-    assert tool["InputName"].tolist() == ports
-    for i, linear in enumerate(model.linear):
-        expected = model.result.at(linear.configuration, ports, tool["OutputName"].tolist(), axes="world")
-        system = StateSpace(*(tool[name][:, :, i] for name in "ABCD"))
-        w = np.array([2.0, 30.0, 200.0])
-        s = 1j * w[:, None, None]
-        G = system.C @ np.linalg.solve(s * np.eye(len(system.A)) - system.A, system.B.astype(complex)) + system.D
-        assert close(G, expected.response(w / (2 * np.pi)).G, 1e-9)
 
 
 @pytest.mark.slow

@@ -10,18 +10,13 @@ import pytest
 from plants.fitted_models import fitted_model
 from scipy.io import loadmat
 
-from elastid.app.identified_robot import robot_of_fit
-from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control
 from elastid.export.csv import write_csv
-from elastid.export.fmu import Subject, unit_sources
 from elastid.export.matlab import write_matlab
 from elastid.export.mujoco import write_mujoco
-from elastid.export.numbers import HELD, interval_lines, known_numbers
-from elastid.export.urdf import write_urdf
+from elastid.export.numbers import interval_lines, known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.parameters import ParameterSet, Tie
-from elastid.study import load_robot
 
 SPRING = "k_1"
 
@@ -30,34 +25,6 @@ SPRING = "k_1"
 def fitted() -> FittedRobot:
     """The bench with one spring that was identified."""
     return fitted_model("bench")
-
-
-def test_heads_of_text_files_have_the_interval(fitted: FittedRobot, tmp_path: Path) -> None:
-    """Of C, CasADi, URDF and the robot's file; the delay is named, the masses that were held are not."""
-    line = next(line for line in interval_lines(fitted) if f" {SPRING} =" in line)
-    low, high = fitted.result.interval(SPRING)
-    assert f"{low:.6g} to {high:.6g}" in line
-    texts = [
-        write_c(tmp_path, fitted)[1].read_text(),
-        write_casadi(tmp_path, fitted)[-1].read_text(),
-        write_urdf(tmp_path, fitted)[0].read_text(),
-        robot_of_fit("study", fitted.robot, None, interval_lines(fitted)),
-    ]
-    for text in texts:
-        assert line.strip() in text
-        assert "Jm_1 =" not in text
-    ET.fromstring(texts[2].partition("\n")[2])
-    (tmp_path / "robot.yml").write_text(texts[3])
-    assert load_robot(tmp_path / "robot.yml").parameters() == fitted.robot.parameters()
-
-
-def test_units_say_what_is_known_of_each_parameter(fitted: FittedRobot) -> None:
-    """In the description of the variable, of both versions of FMI."""
-    known = {number.name: number.words for number in known_numbers(fitted)}
-    for text in unit_sources(Subject.fitted(fitted))[1].values():
-        described = {each.get("name"): each.get("description", "") for each in ET.fromstring(text).iter()}
-        assert described[SPRING].endswith(known[SPRING])
-        assert described["Jm_1"].endswith(HELD)
 
 
 def test_mujoco_carries_them_as_custom_arrays(fitted: FittedRobot, tmp_path: Path) -> None:

@@ -4,11 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.fitted_models import close, responses_of
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.export.uff import write_uff
-from elastid.fit.fitted_robot import FittedRobot
 from elastid.modal.estimate import estimate_modes
 from elastid.modal.spec import GeometrySpec
 from elastid.record import Configuration
@@ -35,16 +33,6 @@ def test_modes_are_read_back(tmp_path: Path, outputs: tuple[str, ...]) -> None:
         expected = shape / np.sign(shape[np.abs(shape).argmax()])
         np.testing.assert_allclose(each["r1"], [expected[0], expected[2]], atol=1e-4)
         np.testing.assert_allclose(each["r3"], [expected[1], 0], atol=1e-4)
-
-
-def test_responses_are_those_of_the_linear_model(model: FittedRobot, tmp_path: Path) -> None:
-    """Element by element, to the digits of the format."""
-    pyuff = pytest.importorskip("pyuff")
-    for i, path in enumerate(write_uff(tmp_path, model.name, model.responses)[: len(model.linear)]):
-        sets, G = pyuff.UFF(str(path)).read_sets(), responses_of(model, i)
-        each_set = sets if isinstance(sets, list) else [sets]
-        read = np.array([each["data"] for each in each_set if each["type"] == 58]).T.reshape(G.shape)
-        assert close(read, G, 1e-6)
 
 
 def test_geometry_and_roving_hammer_are_read_back(tmp_path: Path) -> None:

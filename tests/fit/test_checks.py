@@ -52,19 +52,6 @@ def test_three_postures_declared_as_one_are_reported() -> None:
     assert note.text in said(result.notes)
 
 
-@pytest.mark.parametrize("other", [arm(friction=2e-2), arm(k_1=3.3e4)], ids=["warmer", "softer"])
-def test_a_posture_measured_twice_is_not(other: Robot) -> None:
-    """With the friction of another day, or a spring that is 10 % off: the fit has its own words for these."""
-    responses = [measured(arm(), POSTURES[0], "one"), measured(other, POSTURES[0], "again")]
-    assert find_contradictions(responses, {}) == ()
-
-
-def test_robots_that_are_named_may_differ() -> None:
-    responses = [measured(arm(), POSTURES[0], "a"), measured(arm(k_1=6e4), POSTURES[0], "bb")]
-    assert find_contradictions(responses, {"A": ("a",), "B": ("bb",)}) == ()
-    assert find_contradictions(responses, {}) != ()
-
-
 @pytest.mark.slow
 def test_amplitudes_of_a_posture_that_differ_are_no_two_robots() -> None:
     """A spring that is stiffer at the larger one is named as such; one that is not is passed over."""

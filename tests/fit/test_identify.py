@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.elastic_arm import FREQ, arm, deviations, measure, pendulum, started_elsewhere
-from plants.marks import slow
 from plants.notes import said
 from plants.refusals import refused
 
@@ -121,16 +120,6 @@ def test_inertia_friction_and_delay_of_a_bench_are_recovered():
     np.testing.assert_allclose([result.values[n] for n in names], [1e-3, 2e-3, 100], rtol=0.02)
 
 
-def test_a_parameter_without_effect_is_refused_by_name():
-    """The inertia about an axis about which nothing turns reaches no response; no solver is started."""
-    body = pendulum().bodies[0]
-    robot = replace(pendulum(), bodies=(replace(body, inertia=(2e-3, 2e-3, 2e-3)),))
-    spec = FitSpec(parameters={"k_1": ParameterSpec(), "I_load_xx": ParameterSpec()})
-    responses = measure(robot, [(0.0,)])
-    with refused("fit/undetermined"):
-        identify(responses, robot, spec)
-
-
 def test_what_only_a_sum_determines_is_ill_conditioned():
     """Friction of a motor and of the joint that it drives rigidly: only their sum is seen, and the fit says so.
 
@@ -145,14 +134,6 @@ def test_what_only_a_sum_determines_is_ill_conditioned():
     assert np.isinf([result.std["f_1"], result.std["fm_1"]]).all()
     assert result.std["I_load"] < 1e-4
     assert result.singular_values[-1] < 1e-8 * result.singular_values[0]
-
-
-def test_a_weakly_determined_parameter_is_reported_with_its_interval():
-    """A damping a thousand times below what the noise lets one see."""
-    robot = pendulum().with_parameters({"d_1": 1e-6})
-    (response,) = measure(robot, [(0.0,)], np.random.default_rng(1))
-    result = identify([response], robot, FitSpec(parameters={"k_1": ParameterSpec(), "d_1": ParameterSpec()}, starts=2))
-    assert any(warning.startswith("d_1 is weakly determined: ") for warning in said(result.notes))
 
 
 def test_a_prior_decides_what_the_data_do_not():
@@ -253,14 +234,6 @@ def test_a_channel_of_the_wrong_sign_is_named(output: str, source: str) -> None:
     assert said(result.notes)[0].startswith(f"{name} with the other sign would explain 9")
 
 
-def test_input_and_output_of_the_only_motor_are_named_together() -> None:
-    """With one channel of each kind, the data do not show which of the two is wrong."""
-    (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(1))
-    result = identify([turned(response, "motor 1")], pendulum(), FitSpec(starts=2))
-    either = "y at motor 1 with the other sign (or u at motor 1 with the other sign: the data cannot distinguish them)"
-    assert said(result.notes)[0].startswith(f"{either} would explain 99 %")
-
-
 @pytest.mark.slow
 def test_no_sign_is_blamed_for_a_wrong_scale() -> None:
     """Torques in the wrong unit: nothing is explained, and not by a sign but by a factor."""
@@ -269,37 +242,6 @@ def test_no_sign_is_blamed_for_a_wrong_scale() -> None:
     assert said(result.notes)[0].startswith("channels in another scale (u at motor 1 times")
     factors = [float(one) for one in re.findall(r"u at motor \d times ([\d.]+)", said(result.notes)[0])]
     np.testing.assert_allclose(factors, [20, 20], rtol=0.1)
-
-
-def read_as(response: FrequencyResponse, conjugate: bool, factor: complex, power: int) -> FrequencyResponse:
-    """As a file would hold it that means something else by its numbers; noise and all."""
-    times = factor * (2j * np.pi * response.freq_hz[:, None, None]) ** power
-    total = Covariance(response.total.variance * np.abs(times) ** 2, response.total.dof)
-    return replace(response, G=times * (response.G.conj() if conjugate else response.G), total=total)
-
-
-@pytest.mark.parametrize("noise", ["known", slow("unknown")])
-@pytest.mark.parametrize(
-    ("conjugate", "factor", "power", "says"),
-    [
-        (True, 1, 0, "all phases negated"),
-        slow(True, 1j, 0, "real and imaginary parts exchanged"),
-        (False, 1, -1, "responses differentiated once more in time"),
-        slow(False, 1, -2, "responses differentiated twice more in time"),
-        slow(False, 1, 1, "responses differentiated once less in time"),
-    ],
-)
-def test_what_was_written_otherwise_is_named(
-    conjugate: bool, factor: complex, power: int, says: str, noise: str
-) -> None:
-    """Phases, parts and quantities that a file and its study mean differently: no such fit passes for one."""
-    (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(6), outputs=("motor 1", "joint 1"))
-    response = read_as(response, conjugate, factor, power)
-    response = response if noise == "known" else replace(response, total=None)
-    result = identify([response], started_elsewhere(pendulum(), 2.0), FitSpec(starts=3, seed=3))
-    assert result.status == "model_error"
-    assert said(result.notes)[0].startswith(f"{says} would explain 99 %")
-    assert "another reading of them far more" in result.message
 
 
 @pytest.mark.slow

@@ -1,18 +1,13 @@
 """Blocks of a configuration and a band: their scatter states the variance, their disagreement an error of the model."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from scipy.stats import t as student
 
 from elastid.fit.line_sums import (
-    MAX_BANDS,
-    MIN_BANDS,
     Blocks,
     LineSums,
     autocovariance,
-    bands,
     block_disagreement,
     block_variance,
     disagreement,
@@ -59,16 +54,6 @@ def test_of_correlated_residuals_long_blocks_state_the_scatter_and_single_lines_
     assert variance[:, place].mean() > 0.7 * x[:, place].var()
     assert single[:, place].mean() < 0.5 * x[:, place].var()
     assert np.mean(parted) > 2
-
-
-def test_bands_are_twice_as_long_as_the_residuals_are_correlated() -> None:
-    """Within limits; every line is in one of them."""
-    for n_lines, length in ((60, 1.0), (240, 3.0), (240, 500.0), (3, 1.0)):
-        edges = [(band.start, band.stop) for band in bands(n_lines, length)]
-        assert edges[0][0] == 0
-        assert edges[-1][1] == n_lines
-        assert all(one[1] == other[0] for one, other in pairwise(edges))
-        assert len(edges) == min(n_lines, int(np.clip(n_lines / (2 * length), MIN_BANDS, MAX_BANDS)))
 
 
 def test_few_blocks_and_unknown_noise_say_nothing() -> None:

@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters, identify
@@ -18,7 +17,6 @@ from elastid.linear.moving_posture import posture_effect
 from elastid.linear.response.transfer import to_response
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse, MotorMotion
-from elastid.store.results import read_motion, write_fit
 from elastid.study import load_robot
 
 LINKAGE = load_robot(Path(__file__).parents[2] / "configs" / "robots" / "linkage_arm.yml")
@@ -72,15 +70,3 @@ def test_the_fitted_model_answers_as_it_was_measured() -> None:
     (first, *_), still = measured(), replace(measured()[0], motion=None)
     (at_rest,) = FittedRobot.of(fitted(), LINKAGE, [still]).responses
     assert np.abs(at_rest.G - first.G).max() > 1e-3 * np.abs(first.G).max()
-
-
-def test_what_the_motion_adds_is_worked_out_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """fit.h5 keeps it for those who read it with the same responses; one without it has the same from the equations."""
-    robot = FittedRobot.of(fitted(), LINKAGE, measured())
-    write_fit(tmp_path / "fit.h5", fitted(), motion=robot.motion)
-    write_fit(tmp_path / "older.h5", fitted())
-    assert read_motion(tmp_path / "older.h5") == ()
-    monkeypatch.setattr("elastid.fit.fitted_robot.effect_of_motion", None)
-    again = FittedRobot.of(fitted(), LINKAGE, measured(), known=read_motion(tmp_path / "fit.h5"))
-    for before, after in zip(robot.responses, again.responses, strict=True):
-        assert before.G.tobytes() == after.G.tobytes()

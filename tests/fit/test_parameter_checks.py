@@ -15,7 +15,6 @@ from plants.marks import SEEDS, slow
 from elastid.app import cli
 from elastid.base.errors import FitError, StudyError
 from elastid.fit.assembly import Assembly
-from elastid.fit.checks import geometry_problems
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
@@ -210,24 +209,6 @@ def test_a_robot_that_cannot_stand_at_its_start_is_named() -> None:
     variant = ModelSpec("minimal", "constant_stiffness")
     said = refusal(linkage(), {"p1_rod_x": ParameterSpec()}, variant)
     assert "p1_rod_x cannot be identified with it; choose series_stiffness or exact" in said
-
-
-def test_bounds_that_bring_both_ends_together_are_named() -> None:
-    """In the posture in which they do, and where; a coil without rest length may pass through."""
-    ends = Anchor("base", (0, 0, 0.5)), Anchor("root", (0, 0, 0.2))
-    robot = replace(bending_arm(), compensators=(Compensator("c", ends, coil=CoilSpring(1e4, 0.1)),))
-    wanted = {"pc1_c_z": ParameterSpec(bounds=(0.1, 0.6)), "pc1_c_x": ParameterSpec(bounds=(-0.3, 0.3))}
-    said = refusal(robot, wanted)
-    assert said == (
-        "fit.parameters.pc1_c_x: within the bounds both ends of compensator c come together in configuration c1, at "
-        "pc1_c_x = 0.07788 m, pc1_c_z = 0.1842 m, where its force has no direction; narrow them, so that its ends stay "
-        "apart"
-    )
-    both = {f"pc{i}_c_z": ParameterSpec(start=0.0) for i in (1, 2)}
-    assert "come together in configuration c1, at its start, where" in refusal(robot, both)
-    without = replace(robot, compensators=(Compensator("c", ends, coil=CoilSpring(1e4)),))
-    parameters = choose(FitSpec(parameters=wanted), without)
-    assert not list(geometry_problems(parameters, without, {"c1": POSTURES[0]}))
 
 
 STUDY = """

@@ -45,30 +45,6 @@ def parameters(**specs):
     return choose(FitSpec(parameters=specs), ROBOT)
 
 
-def test_by_default_springs_and_what_damps_them_are_identified():
-    """Every stiffness, every damping and motor friction above zero; all else keeps the robot's number."""
-    chosen = choose(FitSpec(), ROBOT)
-    assert chosen.free_names == ("k_1", "d_1", "fm_1", "k_1x")
-    assert chosen["m_link"].value == 10
-    assert not chosen["m_link"].free
-    assert chosen.names == (*ROBOT.parameters(), "delay")
-
-
-def test_a_name_wins_over_patterns_and_a_later_pattern_over_an_earlier():
-    """k_1 keeps its own start under k_*; k_1x takes that of the last pattern that matches."""
-    chosen = choose(
-        FitSpec(
-            parameters={
-                "k_1": ParameterSpec(start=5e4),
-                "k_*": ParameterSpec(start=3e5),
-                "k_*x": ParameterSpec(start=4e5),
-            }
-        ),
-        ROBOT,
-    )
-    assert (chosen["k_1"].value, chosen["k_1x"].value) == (5e4, 4e5)
-
-
 def test_positive_quantities_are_logarithmic_the_others_linear():
     """Centres of mass, products of inertia and the delay may be zero or change sign; the rest may not."""
     chosen = parameters(**{name: ParameterSpec() for name in ("k_1", "m_link", "I_link_x*", "c_link_x", "delay")})
@@ -180,15 +156,6 @@ def test_friction_of_its_own_for_each_temperature_is_found_in_one_fit(tmp_path: 
     np.testing.assert_allclose(result.share.sum(axis=0), 1.0)
 
 
-def test_per_configuration_is_one_of_its_own_for_each():
-    """Three configurations, three parameters; where nothing is known of configurations there is one."""
-    spec = FitSpec(parameters={"fm_1": ParameterSpec(per="configuration")})
-    assert choose(spec, bench(), ["a", "b"]).free_names == ("fm_1@a", "fm_1@b")
-    assert choose(spec, bench()).free_names == ("fm_1",)
-    some = FitSpec(parameters={"fm_1": ParameterSpec(per={"cold": ("b",)})})
-    assert choose(some, bench(), ["a", "b"]).free_names == ("fm_1", "fm_1@cold")
-
-
 def test_one_ratio_damps_all_springs():
     """d = beta k with one beta for both dampers, and as a loss factor at 10 Hz: beta = eta / (2 pi 10)."""
     data = [measure(bench(), "c1", np.random.default_rng(1))]
@@ -296,15 +263,6 @@ def test_wrong_sets_of_responses_are_named(data):
             identify(given, bench(), spec)
 
 
-def test_weights_that_are_all_zero_are_named(data):
-    """Nothing is left to fit, because the study says so."""
-    from elastid.fit.spec import FactorSpec
-
-    spec = FitSpec(weights=WeightSpec(factors=(FactorSpec(0.0),)))
-    with refused("fit/undetermined", place="nothing is left to fit"):
-        identify(data, bench(), spec)
-
-
 def test_a_configuration_of_another_robot_is_named(data):
     """The same axes, but twice as soft: the fit cannot follow both, and says which one stands apart."""
     rng = np.random.default_rng(3)
@@ -392,16 +350,6 @@ def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
     well = identify(data, bench(), replace(spec, seed=1))
     springs = [i for i, name in enumerate(names) if name.startswith(("k_", "d_"))]
     assert not len(well.profile95) or np.isnan(well.profile95[springs]).all()
-
-
-@pytest.mark.parametrize("solver", ["trust_region", "ipopt"])
-def test_solvers_end_at_the_same_optimum(data, solver):
-    """Trust region and IPOPT."""
-    spec = FitSpec(starts=4, solver=solver)
-    result = identify(data, bench(d=0.1, k=60.0), spec)
-    truth = bench().parameters()
-    assert result.status == "converged"
-    assert max(off(result, name, truth[name][0]) for name in result.parameters.free_names) < 4
 
 
 @pytest.mark.slow

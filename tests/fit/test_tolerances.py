@@ -9,9 +9,7 @@ import pytest
 from plants.data_sheet_arm import SPEC, arm
 
 from elastid.fit.parameter_choice import choose
-from elastid.fit.spec import ParameterSpec, PriorSpec
 from elastid.fit.tolerances import with_tolerances
-from elastid.parameters import Prior
 from elastid.robot import Body, Joint, Motor, Robot, Spring, Tolerances
 
 
@@ -29,17 +27,6 @@ def test_numbers_are_free_within_their_tolerance_and_zero_lengths_stay() -> None
     theta = parameters.as_dict(x)
     assert theta["I_upper_xx"] == pytest.approx(3.3)
     assert theta["I_upper_zz"] == pytest.approx(0.55)
-
-
-def test_numbers_that_a_study_frees_or_fixes_itself_stay_as_it_says() -> None:
-    """One with a prior of its own keeps it, and one that is fixed is held."""
-    own = {"m_fore": ParameterSpec(prior=PriorSpec(0.5)), "m_upper": ParameterSpec(fixed=True)}
-    spec, robot = replace(SPEC, parameters=SPEC.parameters | own), arm(Tolerances())
-    parameters = with_tolerances(choose(spec, robot), robot, spec)
-    assert parameters["m_fore"] in parameters.asked
-    assert parameters["m_fore"].prior == Prior(25.0, 0.5)
-    assert "m_upper" not in parameters.free_names
-    assert "I_upper" in parameters.free_names
 
 
 def test_numbers_that_no_response_shows_have_no_tolerance() -> None:

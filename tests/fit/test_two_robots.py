@@ -20,7 +20,7 @@ from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult
-from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, TieSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.formulation import EXACT, serial
@@ -119,24 +119,6 @@ def test_one_stiffness_for_both_is_worse_on_what_was_left_out() -> None:
         refit(data, RefitTask(ComparedVariant("v", arm(), spec, EXACT), ("a2", "b2"))) for spec in (SPEC, shared)
     )
     assert one.left_out["a2"].misfit > 5 * own.left_out["a2"].misfit
-
-
-def test_a_group_may_have_a_start_bounds_and_a_prior_of_its_own() -> None:
-    given = SPEC.parameters | {
-        "fm_*": ParameterSpec(start=2e-2, per="robot"),
-        "fm_*@B": ParameterSpec(bounds=(1e-3, 1.0)),
-        "fm_1@B": ParameterSpec(start=4e-2, prior=PriorSpec(3e-2, 0.2)),
-        "k_1@A": ParameterSpec(start=3e4, fixed=True),
-    }
-    parameters = choose(replace(SPEC, parameters=given), arm(), [*ROBOTS["A"], *ROBOTS["B"]])
-    assert parameters["fm_1@A"].value == 2e-2
-    assert parameters["fm_1@A"].prior is None
-    assert (parameters["fm_1@B"].value, parameters["fm_1@B"].upper) == (4e-2, 4e-2 * 1e4)
-    assert parameters["fm_1@B"].prior is not None
-    assert (parameters["fm_2@B"].value, parameters["fm_2@B"].upper) == (2e-2, 1.0)
-    assert not parameters["k_1@A"].is_free
-    assert parameters["k_1@B"].is_free
-    assert parameters.expand(parameters.x, "a2")[parameters.index("k_1")] == 3e4
 
 
 @pytest.mark.parametrize(
@@ -308,27 +290,3 @@ def test_a_study_of_two_robots_from_files_to_export(tmp_path: Path, capsys: pyte
         assert float(values["k_1"]) == found[f"k_1@{robot}"]["value"]
         assert float(values["k_2"]) == found["k_2"]["value"]
         assert (run / "export" / "csv" / robot / f"{robot.lower()}2-fitted.csv").is_file()
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("fit.robots", "{A: [a1, a2], B: [b1, b2, b3]}", "configuration a3 is assigned to no robot"),
-        ("fit.robots", "{A: [a1, a2, a3, b9], B: [b1, b2, b3]}", "no configuration is called 'b9'"),
-        ("fit.robots", "{A: [a1, a2, a3, b1], B: [b1, b2, b3]}", "configuration b1 is given to A, B"),
-        ("fit.robots", "{A/1: [a1, a2, a3], B: [b1, b2, b3]}", "the name 'A/1' cannot name a file"),
-        ("fit.parameters.fm_2", "{per: {cold: [a1, zz]}}", "no configuration is called 'zz'"),
-        ("fit.parameters.fm_1@C", "{start: 1e-2}", "fit.parameters.fm_1@C: there is no group C; there are A, B"),
-        ("fit.parameters.fm_1@B", "{start: 2 kg}", "unit 'kg' measures kg"),
-    ],
-)
-def test_a_study_says_what_is_wrong_with_its_robots(
-    tmp_path: Path, key: str, value: str, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for names in ROBOTS.values():
-        for name in names:
-            (tmp_path / f"{name}.csv").write_text("freq_hz\n")
-    path = tmp_path / "study.yml"
-    path.write_text(STUDY)
-    assert cli.run_command(["check", str(path), "--set", f"{key}={value}"]) == 2
-    assert message in capsys.readouterr().err

@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 from plants.noise_record import RATE, noise_record
 from plants.notes import said
-from plants.refusals import refused
 from scipy.signal import lfilter
 
 from elastid.frf import automatic
 from elastid.frf.estimate import estimate
 from elastid.frf.local.response import local_response
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import inputs_pass
-from elastid.record import Configuration, Record
+from elastid.record import Record
 from elastid.response import FrequencyResponse
 
 ARM = Path(__file__).parents[3] / "shared" / "data" / "daisy_robot_arm" / "robot_arm_dat.mat"
@@ -115,13 +113,6 @@ def test_where_one_candidate_refuses_the_records_the_other_is_taken(
     assert words in _choice(estimate(records, spec))
 
 
-def test_where_both_refuse_the_records_so_does_auto() -> None:
-    """Two inputs in proportion."""
-    record = noise_record(3000, 0)
-    with refused("frf/inputs-together", place="configuration c"):
-        estimate([replace(record, u=record.u[:, [0, 0]])], AUTO)
-
-
 def test_a_local_method_that_takes_long_must_be_much_better(monkeypatch: pytest.MonkeyPatch) -> None:
     """A record on which it is a little better, with a limit below its lines; the note has the price."""
     record = noise_record(6000, 0, n=1, noise=0.05)
@@ -162,17 +153,3 @@ def test_a_swept_arm_keeps_its_antiresonance_at_2_45_hz(band_hz: tuple[float, fl
     response = estimate([record], EstimatorSpec(band_hz=band_hz))
     near = (response.freq_hz > 1.5) & (response.freq_hz < 3.5)
     assert response.freq_hz[near][np.argmin(np.abs(response.G[near, 0, 0]))] == pytest.approx(2.45, abs=0.04)
-
-
-@pytest.mark.parametrize(("kind", "passes"), [("sweep", True), ("hits", True), ("noise", False)])
-def test_sweeps_and_hits_pass_and_noise_does_not(kind: str, passes: bool) -> None:
-    """A sine from 5 to 120 Hz in 16 s, four blows, and noise, at 512 samples a second."""
-    rng = np.random.default_rng(0)
-    t = np.arange(8192) / 512
-    u = {"sweep": np.sin(2 * np.pi * (5 * t + 115 / 32 * t**2)), "noise": rng.normal(size=8192),
-         "hits": np.isin(np.arange(8192), [200, 2300, 4400, 6500]).astype(float)}[kind]  # fmt: skip
-    names = ("u",), ("y",), ("acceleration",)
-    own = Record(
-        "r", Configuration("c", np.zeros(0)), 0, 0, 512.0, 8192, *names, u[:, None], u[:, None], is_periodic=False
-    )
-    assert inputs_pass([own]) is passes

@@ -290,25 +290,6 @@ def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts()
     np.testing.assert_allclose(variance[:, 0], 4 * 0.01 / 256 / 2, rtol=0.08)
 
 
-def test_realisations_with_the_same_phases_are_told() -> None:
-    """They cannot show nonlinear distortion."""
-    lines = np.arange(5, 50)
-    records = _experiments(_plant(45, 1, 1), lines, 1, np.random.default_rng(0))
-    again = replace(records[0], realisation=1)
-    response = estimate([*records, again], ALL_PERIODS, lines)
-    assert "realisations 0 and 1 have the same phases" in said(response.notes)[-1]
-
-
-def test_fewer_experiments_than_inputs_are_refused_with_both_numbers() -> None:
-    """And so are experiments that were numbered as realisations."""
-    records = _experiments(_plant(10, 2, 3), np.arange(5, 15), 1, np.random.default_rng(0))
-    spec = replace(ALL_PERIODS, method="arithmetic")
-    with refused("frf/inputs-together", place="configuration c, realisation 0"):
-        estimate(records[:2], spec)
-    with refused("frf/inputs-together", place="configuration c, realisation 0"):
-        estimate([replace(r, realisation=i) for i, r in enumerate(records)], spec)
-
-
 def test_experiments_that_do_not_tell_the_inputs_apart_are_refused() -> None:
     """The same file twice, above the noise only one way of moving two inputs."""
     rng, lines = np.random.default_rng(0), np.arange(5, 60)
@@ -348,31 +329,6 @@ def test_records_that_do_not_fit_together_are_refused_by_name() -> None:
     ):
         with pytest.raises(DataError, match=f"records c-r0-e0 and c-r0-e1 .* do not fit together: {what}"):
             estimate([a, changed], ALL_PERIODS)
-
-
-def _two_mass(freq_hz: np.ndarray, delay: float = 0.0) -> np.ndarray:
-    """Motor acceleration per motor torque of two inertias and a spring (textbook form)."""
-    J_m, J_l, k, d = 1e-3, 2e-3, 100.0, 0.02
-    s = 2j * np.pi * freq_hz
-    top = J_l * s**2 + d * s + k
-    return np.asarray(s**2 * top / ((J_m * s**2 + d * s + k) * top - (d * s + k) ** 2) * np.exp(-s * delay))
-
-
-@pytest.mark.parametrize("delay", [0.0, 1e-3])
-@pytest.mark.parametrize("quantity", ["acceleration", "velocity", "position"])
-def test_a_sign_that_contradicts_a_passive_mechanism_is_told(quantity: Motion, delay: float) -> None:
-    """Right way round no word, even with a millisecond of delay; turned round one word with the number of lines."""
-    rng, lines, N = np.random.default_rng(0), np.arange(5, 120), 600
-    G = _two_mass(lines * RATE / N, delay)[:, None, None]
-    noise = (rng, np.zeros((1, 1)), 0.5 * np.eye(1))
-    (record,) = _experiments(G, lines, 1, rng, P=4, N=N, noise=noise)
-    record = replace(record, outputs=("motor 1",))
-    spec = replace(ALL_PERIODS, quantity=quantity)
-    assert said(estimate([record], spec, lines).notes) == ()
-    for turned in (replace(record, y=-record.y), replace(record, u=-record.u)):
-        (note,) = said(estimate([turned], spec, lines).notes)
-        assert "sign of y or of u at motor 1 looks wrong: Re(velocity/torque) is negative" in note
-    assert said(estimate([replace(record, y=-record.y, outputs=("joint 1",))], spec, lines).notes) == ()
 
 
 def test_a_record_without_a_period_is_estimated_by_methods_that_need_none() -> None:

@@ -9,7 +9,6 @@ from plants.notes import said
 from elastid.app.console import Console
 from elastid.app.overview import overview
 from elastid.app.run import Run, run_all, run_stage
-from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import make_plan
 from elastid.store.measured import read_forecast, read_plan, read_responses
 from elastid.store.results import read_fit
@@ -117,24 +116,6 @@ def test_a_design_fits_more_configurations_into_the_time_where_each_has_fewer_ex
     plan = read_plan(run.path("design"))
     assert len(plan.experiments) == 3
     assert plan.robot_time_s == 39
-
-
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        (["experiment.experiments=0"], "experiments is 0; it must be at least 1"),
-        (["experiment.experiments=3"], "an orthogonal set for 2 motors has 2; give 2 at most"),
-        (["estimator.method=arithmetic"], "method arithmetic needs at least 2 to separate 2 motors; .* local_ration"),
-        (["estimator.method=joint"], "method joint needs at least 2"),
-        (["excitation.phases=schroeder"], "with schroeder phases all motors move in proportion"),
-    ],
-)
-def test_too_few_or_too_many_experiments_are_refused_with_what_would_fit(
-    study: Path, overrides: list[str], message: str
-) -> None:
-    """Before the robot moves, at the key."""
-    with pytest.raises(StudyError, match=message):
-        load(study, overrides)
 
 
 @pytest.mark.parametrize("overrides", [["estimator.method=auto"], ["estimator.method=h1", "experiment.realisations=2"]])

@@ -9,7 +9,7 @@ import pytest
 
 from elastid.excitation.multisine import synthesise
 from elastid.fit.problem.least_squares import as_real
-from elastid.frf.distortion import OWN_SHARE, TURNED_SHARE, unit_impedance
+from elastid.frf.distortion import OWN_SHARE, TURNED_SHARE
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record
@@ -101,17 +101,6 @@ def test_the_phase_of_the_second_order_is_within_what_a_fit_leaves_free(coulomb:
 def test_without_friction_there_is_no_bias() -> None:
     """Noise alone is no friction."""
     assert estimate(rubbing(0.0, 6, noise=1e-5), EstimatorSpec(), LINES).bias is None
-
-
-def test_lines_from_the_first_one_on_have_a_second_order() -> None:
-    """Lags end before the period, after which everything repeats."""
-    lines, record = np.arange(1, 61, 2), rubbing(0.0, 1)[0]
-    omega = 2j * np.pi * lines * RATE / N
-    V = np.zeros((1, N // 2 + 1), complex)
-    V[0, lines] = np.exp(2j * np.pi * np.random.default_rng(0).random(len(lines)))
-    density, second = unit_impedance(V, omega / (J * omega**2 + VISCOUS * omega + STIFFNESS), lines, record)
-    assert density > 0
-    assert np.isfinite(second).all()
 
 
 def test_friction_far_below_the_noise_is_left_to_the_noise() -> None:

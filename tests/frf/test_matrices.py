@@ -86,17 +86,6 @@ def test_the_positive_part_keeps_positive_eigenvalues_alone(n: int, lines_are_la
     np.testing.assert_array_less(np.abs(found - expected), 1e-13 * size + 1e-300 + 0 * found.real)
 
 
-@pytest.mark.usefixtures("way")
-def test_a_matrix_without_inverse_is_refused_wherever_it_is() -> None:
-    """In a full batch and in the last; the lanes that fill it up have no inverse, and none is needed."""
-    for F, line in ((8, 3), (11, 10)):
-        A = circular(np.random.default_rng(F), (F, 3, 3))
-        matrices.inverse(A)
-        A[line, :, 1] = 0.0
-        with pytest.raises(np.linalg.LinAlgError):
-            matrices.inverse(A)
-
-
 def test_values_in_parts_are_those_of_all_lines() -> None:
     """Where the last part is incomplete, and where there is one only."""
     for F in (3, matrices.LINES_AT_ONCE, 2 * matrices.LINES_AT_ONCE + 1):

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from plants.notes import said
 
 from elastid.excitation.multisine import synthesise
@@ -56,16 +54,3 @@ def test_a_transient_of_a_hundredth_of_a_percent_stays_where_friction_scatters_t
     settled = estimate(records, replace(SPEC, transient_periods=2))
     moved = np.abs(response.G - settled.G)
     assert np.sqrt(np.mean(moved**2)) < 0.1 * np.sqrt(np.mean(_total(settled)))
-
-
-@pytest.mark.parametrize(("scatter", "transient", "count"), [(3e-3, 3e-2, M), (1e-6, 3e-4, M), (3e-3, 3e-4, 1)])
-def test_a_transient_that_matters_is_left_out(scatter: float, transient: float, count: int) -> None:
-    """It is large, or realisations agree, or there is a single one, which does not show the total."""
-    response = estimate(_records(scatter, transient, count), SPEC)
-    assert "left out as a transient" in _words(response)
-
-
-def test_records_without_a_transient_give_what_they_gave() -> None:
-    """Nothing is left out, nothing kept: no second look."""
-    records: Sequence[Record] = _records(3e-3, 0.0)
-    assert "transient" not in _words(estimate(records, SPEC))

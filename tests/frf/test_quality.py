@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.artefacts import STAMP
-from plants.notes import said
-from plants.random_plants import ALL_PERIODS, ODD, N, nonlinear, record_of
+from plants.random_plants import ALL_PERIODS, ODD, N, record_of
 
 from elastid.app.stages.estimate import estimate_configuration
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
-from elastid.frf.quality import coherences, described_lines, left_out_note, local_modes, segment_notes, wide_windows
+from elastid.frf.quality import coherences, local_modes, wide_windows
 from elastid.record import Configuration, Record
 from elastid.report.figures.responses import coherence, levels
 from elastid.store.measured import read_configurations, write_records
@@ -52,40 +51,6 @@ def test_singular_values_and_condition_are_those_of_the_matrices() -> None:
     assert quality is not None
     np.testing.assert_allclose(quality.condition, 1, rtol=1e-9)
     np.testing.assert_allclose(quality.singular_values[7], np.linalg.svd(G, compute_uv=False), rtol=1e-9)
-
-
-def test_an_input_that_was_hardly_excited_is_named() -> None:
-    """Motor 2 ten times weaker than the other and 15 dB above its noise; also inputs that move nearly together."""
-    rng, lines = np.random.default_rng(0), np.arange(10, 200)
-    records = []
-    for e, U in enumerate(orthogonal_set(np.array([1.0, 0.1]) * np.ones((190, 2)), rng)):
-        u, y = (np.tile(synthesise(lines, X, N), (8, 1)) for X in (U, U))
-        s = 0.1 * np.sqrt(N * 8 / 4) * 10 ** (-15 / 20)
-        records.append(record_of(u + s * rng.normal(size=u.shape), y, 0, e))
-    notes = said(estimate(records, ALL_PERIODS, lines).notes)
-    weak = [note for note in notes if "barely excited" in note]
-    assert len(weak) == 1
-    assert "input motor 2 was barely excited: less than 20 dB above its noise" in weak[0]
-    together = []
-    for e in range(2):
-        U = np.ones((190, 2)) * np.exp(2j * np.pi * rng.random((190, 1))) * [1, 1 if e else 1.1]
-        u = np.tile(synthesise(lines, U, N), (2, 1))
-        together.append(record_of(u, u, 0, e))
-    notes = said(estimate(together, ALL_PERIODS, lines).notes)
-    assert any("the inputs move nearly together" in note for note in notes)
-
-
-def test_lines_of_a_response_take_their_quality_with_them() -> None:
-    """Every array is cut alike; the even levels stay as they are."""
-    response = estimate(nonlinear(lambda u: u + 0.1 * u**2, ODD, 2), ALL_PERIODS, ODD)
-    keep = np.arange(len(ODD)) % 3 == 0
-    cut = response.lines(keep)
-    assert cut.quality is not None
-    assert response.quality is not None
-    assert len(cut.quality.coherence) == len(cut.quality.excited.amplitude) == keep.sum()
-    assert cut.quality.even == response.quality.even
-    assert cut.distortion is not None
-    assert len(cut.distortion.variance) == keep.sum()
 
 
 @pytest.mark.parametrize("n", [1, 4])
@@ -168,26 +133,6 @@ def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     assert wide_windows(found, FREQ, span / 3, poles=0) == []
     assert wide_windows(found, FREQ, span, poles=2) == []
     assert "2 modes share a window of 90 Hz" in wide_windows(found, FREQ, 10 * span, poles=1)[0].text
-
-
-def test_segments_get_a_word_where_a_mode_is_narrower_than_four_of_their_lines() -> None:
-    """Modes of 4.5 and 8 Hz at lines of 1.25 Hz: the narrower one is named, with the segment that resolves it."""
-    record = record_of(np.zeros((N, 1)), np.zeros((N, 1)))
-    modes, lines = (np.array([45.0, 80.0]), np.array([4.5, 8.0])), np.arange(20.0, 120.0, 1.25)
-    (word,) = segment_notes(modes, lines, record)
-    assert "segments of 0.8 s barely resolve 1 of 2 resonances, that at 45 Hz least" in word.text
-    assert "take estimator.segment 1.78 or more" in word.text
-    assert segment_notes(modes, 0.8 * lines, record) == []
-    assert "2 of 2 resonances, that at 45 Hz" in segment_notes(modes, 2 * lines, record)[0].text
-    assert segment_notes((np.array([]), np.array([])), lines[:1], record) == []
-
-
-def test_lines_are_described_by_their_number_and_range() -> None:
-    """In Hz where the rate is known."""
-    record = record_of(np.zeros((N, 1)), np.zeros((N, 1)))
-    assert described_lines(np.array([128, 192, 256]), record) == "3 (125 to 250 Hz)"
-    assert described_lines(np.array([128]), replace(record, rate_is_known=False)) == "1 (125 of the sampling rate)"
-    assert left_out_note(np.array([128]), record, "why").text == "lines 1 (125 Hz) are left out: why"
 
 
 def test_the_noise_of_a_level_is_that_of_a_mean_over_the_periods() -> None:

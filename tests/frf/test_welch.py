@@ -12,10 +12,9 @@ from plants.notes import said
 from plants.refusals import refused
 from scipy.signal import coherence, csd, lfilter
 
-from elastid.frf import segments
 from elastid.frf.estimate import estimate
 from elastid.frf.segments import Segments, make_segments
-from elastid.frf.spec import EstimatorSpec, Method
+from elastid.frf.spec import Method
 
 
 @pytest.mark.parametrize("window", ["hann", "hamming", "boxcar"])
@@ -172,15 +171,6 @@ def test_inputs_in_proportion_are_refused_and_a_narrow_resonance_is_reported() -
     assert "barely resolve 1 of 1 resonances, that at 29.69 Hz" in words
 
 
-def test_segments_of_a_long_record_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To 400 numbers in four channels: 64 samples, where 30 s leave enough segments of 512."""
-    record = noise_record(6000, 0)
-    spec = EstimatorSpec(method="h1")
-    assert len(make_segments([record], spec).window) == 512
-    monkeypatch.setattr(segments, "_MAX_NUMBERS", 400)
-    assert len(make_segments([record], spec).window) == 64
-
-
 def test_independent_segments_without_overlap_are_all_and_with_it_those_of_welch() -> None:
     """Hann: 50 % overlap correlates neighbours by 1/6, so that their power by 1/36 (Welch, 1967); boxcar by 1/4."""
     hann = np.sin(np.pi * np.arange(256) / 256) ** 2
@@ -194,11 +184,3 @@ def test_errors_of_neighbouring_lines_are_correlated_over_as_many_as_the_window_
     """1 for a boxcar, 35 / 18 for Hann's window."""
     assert Segments(np.ones(256), 128).correlated_lines == pytest.approx(1)
     assert Segments(np.sin(np.pi * np.arange(256) / 256) ** 2, 128).correlated_lines == pytest.approx(35 / 18)
-
-
-def test_segments_must_be_worth_one_independent_one_more_than_there_are_inputs() -> None:
-    """Four segments that overlap are worth 3.8, enough for two inputs; three are worth 2.9."""
-    spec = replace(H1, segment=1.0)
-    assert estimate([noise_record(500, 0)], spec).n_lines > 10
-    with refused("frf/segment"):
-        estimate([noise_record(499, 0)], spec)

@@ -8,7 +8,6 @@ import casadi as ca
 import numpy as np
 import pytest
 from plants.lugre_joint import COUNT, JOINT, RATE, TRUTH, angle
-from plants.refusals import refused
 from scipy.signal import butter, sosfilt
 
 from elastid.base.arrays import FloatArray
@@ -71,12 +70,6 @@ def test_noise_and_counts_leave_the_numbers_inside_their_intervals() -> None:
     std = np.sqrt(np.diag(found.covariance)) / [300, 0.5]
     assert np.all(np.abs(errors(found)) < 3 * std)
     assert std[0] < 0.004
-
-
-def test_a_few_counts_are_refused() -> None:
-    few = measured((0.01,), 3, 0.0, COUNT)
-    with refused("friction/at-rest"):
-        rest_responses(few)
 
 
 def noisy(rms: float, seed: int) -> FrictionRecord:

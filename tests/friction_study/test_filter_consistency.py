@@ -33,25 +33,6 @@ def white(seed: int = 0) -> FloatArray:
     return np.random.default_rng(seed).standard_normal(N)
 
 
-def test_a_filter_as_it_should_be_is_honest() -> None:
-    """Coulomb friction wanders as its drift has it."""
-    wander = DRIFT / np.sqrt(RATE_HZ) * np.cumsum(white(1)) * 0.5
-    judged = consistency(track(wander, white()), 1.0)
-    assert judged.is_honest
-    assert not list(_noise("joint 1", judged))
-
-
-def test_a_number_that_moves_with_the_motion_is_beyond_its_band() -> None:
-    """By 8 % with the cycle of 4 s, of a band of 2 %."""
-    sway = 0.08 * np.sin(2 * np.pi * np.arange(N) / RATE_HZ / 4)
-    judged = consistency(track(sway, white()), 1.0)
-    assert not judged.is_honest
-    assert [movement.name for movement in judged.restless] == ["Fc"]
-    (note,) = _noise("joint 1", judged)
-    assert note.code == "filter/inconsistent"
-    assert "give a larger filter.drift" in note.text
-
-
 def test_a_pattern_that_repeats_at_stops_is_named_by_direction() -> None:
     """Half a std at each sample of 0.2 s after stops, forwards alone."""
     innovation = white()

@@ -41,13 +41,6 @@ def test_constant_speed_says_what_it_cannot_know() -> None:
     assert not {"filter/not-excited", "filter/inconsistent"} & set(notes(followed(simulate(rich(7), 4))))
 
 
-def test_a_filter_whose_nis_leaves_its_band_says_so() -> None:
-    """At stops, where it takes the bristle for certain; and correlated innovations are said beside it."""
-    found = notes(followed(simulate(stops_and_moves(7), 1), noise=replace(NOISE, slip=0.0)))
-    assert "outside 0.5 to 1.15: innovations are larger than expected" in found["filter/inconsistent"]
-    assert "give filter.correlation_time" in found["filter/inconsistent"]
-
-
 def test_a_filter_that_has_lost_the_log_says_so() -> None:
     """Viscous friction a thousand times too large to begin with."""
     lost = notes(followed(simulate(rich(7), 4), replace(FOLLOWED, viscous=1e3 * FOLLOWED.viscous)))

@@ -7,9 +7,8 @@ import pytest
 from plants.friction_records import records, simulated, template
 
 from elastid.app.identified_robot import robot_of_friction
-from elastid.app.summaries import friction_study_summary
 from elastid.friction_study.identify import identify_friction
-from elastid.friction_study.joint_levels import find_joint_levels, turns_against_gravity
+from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.levels import Levels, PassLevels
 from elastid.friction_study.result import FrictionResult, JointLevels
 from elastid.record import FrictionRecords
@@ -78,19 +77,6 @@ def test_numbers_that_no_contact_has_make_no_law() -> None:
     assert "it would drive in one direction" in note.text
 
 
-def test_the_summary_has_value_interval_origin_and_truth(found: FrictionResult) -> None:
-    """And by name what was not identified."""
-    content = friction_study_summary(template().study.name, found)
-    row = content["parameters"]["Fc_m1"]
-    assert row["interval95"][0] < row["value"] < row["interval95"][1]
-    assert (row["unit"], row["truth"]) == ("N*m", 22.0)
-    assert "levels from" in row["learnt_from"]
-    assert {"joint": "1", "part": "temperature"} in [
-        {key: entry[key] for key in ("joint", "part")} for entry in content["not_identified"]
-    ]
-    assert content["measured"]["1"]["load"] is None
-
-
 def test_every_artefact_is_read_as_it_was_written(found: FrictionResult, tmp_path: Path) -> None:
     """To the last bit, the same bytes each time."""
     loaded = template()
@@ -106,11 +92,3 @@ def test_every_artefact_is_read_as_it_was_written(found: FrictionResult, tmp_pat
     assert repr(read_levels(tmp_path / "levels.h5")) == repr(levels)
     assert repr(read_friction_result(tmp_path / "friction.h5")) == repr(found)
     assert (tmp_path / "friction.h5").read_bytes() == (tmp_path / "again.h5").read_bytes()
-
-
-def test_gravity_is_looked_for_where_it_changes_with_the_angle() -> None:
-    """The axis lifts an arm; about the vertical it would not."""
-    robot = template().study.as_robot()
-    assert turns_against_gravity(robot, robot.driven[0], None)
-    upright = template("robot.gravity=[0, -9.81, 0]").study.as_robot()
-    assert not turns_against_gravity(upright, upright.driven[0], None)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from plants.published_friction import drawn, published_levels
 
-from elastid.base.errors import DataError, FitError
+from elastid.base.errors import DataError
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels
@@ -89,13 +89,6 @@ def test_directions_are_one_unless_the_levels_tell_them_apart() -> None:
     assert law.values["directions.viscous"] == pytest.approx(-37.0, abs=3 * 1.3)
     assert {n.symbol: n.unit for n in numbers_of_law("1", law, {})}["delta_v"] == "N*s/m"
     assert "stiction" not in law.names
-
-
-def test_a_part_that_is_asked_for_and_cannot_be_told_is_an_error() -> None:
-    with pytest.raises(FitError, match=r"law.temperature cannot be identified: one temperature"):
-        StaticLaw.of(plain(), LawSpec(temperature="yes"))
-    without = StaticLaw.of(drawn(published_levels(), 0), LawSpec(load="no"))
-    assert not any(name.startswith("load") for name in without.names)
 
 
 def test_friction_that_drives_is_refused() -> None:

@@ -133,15 +133,6 @@ def test_passes_that_tell_nothing_are_refused(wrong, word: str) -> None:  # type
         find_levels(wrong(passes(0, SPEEDS[:3])), True)
 
 
-def test_a_pass_that_sticks_is_left_out_by_name() -> None:
-    some = passes(0, SPEEDS[:4])
-    some[0] = replace(some[0], velocity=some[0].velocity * np.where(np.arange(len(some[0].velocity)) % 50, 1.0, 0.0))
-    found = find_levels(some, True)
-    assert found.levels.n_levels == 3
-    assert [note.code for note in found.notes] == ["friction/passes"]
-    assert str(found.notes[0]).startswith("pass 1/0: the joint stands or turns back within the pass")
-
-
 def test_a_level_below_gravity_and_noise_does_not_count() -> None:
     """Noise of five times the friction, 10 s a pass."""
     with pytest.raises(DataError, match=r"no level is known to 20%"):

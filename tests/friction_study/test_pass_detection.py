@@ -13,7 +13,7 @@ from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.friction_study.levels import find_levels, levels_of_records
-from elastid.friction_study.pass_detection import detect_passes, lone_plateaus
+from elastid.friction_study.pass_detection import detect_passes
 from elastid.friction_study.passes import passes_of
 from elastid.record import FrictionRecord
 
@@ -56,17 +56,6 @@ def test_a_motion_without_plateaus_has_no_passes() -> None:
 def test_a_log_without_its_pass_is_refused(position: FloatArray, word: str) -> None:
     with pytest.raises(DataError, match=word):
         detect_passes(record(position, speed=0.5), True)
-
-
-def test_a_speed_in_one_direction_only_is_said() -> None:
-    """There at 0.5 rad/s, back at 0.2 rad/s."""
-    there, back = trapezoids((0.5,)), trapezoids((0.2,))
-    n = len(there) // 2
-    turned = np.concatenate([there[:n], there[n - 1] - back[: len(back) // 2]])
-    one = record(turned)
-    (note,) = lone_plateaus(one, detect_passes(one, True))
-    assert (note.code, note.severity) == ("friction/passes", "information")
-    assert "at 0.2, 0.5 rad/s without the way back" in note.text
 
 
 def test_ways_whose_speed_wanders_with_the_cogging_are_passes() -> None:

@@ -38,16 +38,6 @@ def test_two_logs_know_more_than_one_and_the_rest_is_free_of_the_rigid_body() ->
     assert np.std(left[200:-200]) < 0.1 * np.std(logs[1].motions["2"].torque)
 
 
-def test_a_torque_that_the_rigid_body_lacks_is_said_and_a_misfit() -> None:
-    found = regress_robot_motion(two_axes(), [RobotLog(motion(3, missing=20.0), {})]).friction["1"]
-    assert "the rigid body and its friction do not explain the torque" in found.misfit
-    (note,) = found.notes
-    assert (note.code, note.severity) == ("friction/rigid-body", "warning")
-    assert "hold only together with it" in note.text
-    assert "of what friction takes" in note.text
-    assert "directions.coulomb" in [held.part for held in found.held]
-
-
 def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> None:
     """Torque there is any below break-away: 30 Nm at rest and reversals of the second joint change nothing."""
     log = motion(6)
@@ -63,12 +53,6 @@ def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> 
     assert fits[0]["2"].seconds["near a reversal or rest"] > 1.0
     for name in ("coulomb", "viscous"):
         assert fits[1]["2"].alike[name] == pytest.approx(fits[0]["2"].alike[name], rel=1e-6)
-
-
-def test_torque_of_the_wrong_sign_is_refused() -> None:
-    turned = {name: replace(each, torque=-each.torque) for name, each in motion(4).items()}
-    with pytest.raises(DataError, match=r"friction drives .* turn one channel"):
-        regress_robot_motion(two_axes(), [RobotLog(turned, {})])
 
 
 def test_torques_of_the_motors_are_not_taken_for_those_of_the_joints() -> None:

@@ -92,13 +92,6 @@ def test_levels_are_those_of_the_law_at_their_speeds(tmp_path: Path) -> None:
     np.testing.assert_allclose(levels.levels.torque, truth, rtol=0.03)
 
 
-def test_the_inertia_of_the_file_is_stated(tmp_path: Path) -> None:
-    result = identified(tmp_path, (40.0,))
-    (text,) = [note.text for note in result.joints[0].notes if note.code == "friction/inertia"]
-    assert "the inertia of the robot's file, 2 kg*m^2: 1 % of it is 1 % of every level" in text
-    assert "an offset of the torque is part of Coulomb friction" in text
-
-
 def test_a_known_torque_that_brakes_is_no_friction(tmp_path: Path) -> None:
     result = identified(tmp_path, (40.0,), drive=-1.0)
     number = next(number for number in result.numbers if number.symbol == "F_c")

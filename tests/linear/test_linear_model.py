@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants.elastic_arm import arm
 
-from elastid.linear.linear_model import BUTTERWORTH, DifferenceElement, LagElement, LinearModel, elements
+from elastid.linear.linear_model import BUTTERWORTH, DifferenceElement, LagElement, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
@@ -39,12 +39,6 @@ def test_a_butterworth_filter_is_flat_and_at_half_power_at_its_corner(order):
 def test_a_difference_over_a_time_is_the_mean_of_the_derivative():
     """(x(t) - x(t - T)) / T of e^(s t), over its derivative s e^(s t)."""
     np.testing.assert_allclose(DifferenceElement("d").response(S, T), (1 - np.exp(-S * T)) / (S * T), rtol=1e-9)
-
-
-def test_the_elements_of_a_chain_are_those_it_has_torque_before_sensor():
-    found = elements(Chain(torque_lag=1e-3, torque_order=2, torque_damping=0.6, sensor_lag=2e-3, sensor_order=3))
-    assert found == (LagElement("torque_lag", (1.2, 1.0)), LagElement("sensor_lag", BUTTERWORTH[3]))
-    assert elements(Chain()) == ()
 
 
 FREQ_HZ = np.linspace(3.0, 40.0, 9)

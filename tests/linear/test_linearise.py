@@ -27,11 +27,3 @@ def test_matrices_without_slopes_are_those_with_them(name: str, formulation: str
         np.testing.assert_array_equal(getattr(plain, letter), getattr(full, letter), err_msg=letter)
     assert full.slopes
     assert not plain.slopes
-
-
-def test_equations_of_a_robot_are_differentiated_once() -> None:
-    """Names that are no parameters on demand make no other model; geometry does."""
-    robot, again = (load_robot(ROBOTS / "manutec_r3.yml") for _ in range(2))
-    once = Linearisation.of_robot(robot)
-    assert Linearisation.of_robot(again, geometry=("k_1", "delay")) is once
-    assert Linearisation.of_robot(again, geometry=tuple(robot.geometry)[:1]) is not once

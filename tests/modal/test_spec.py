@@ -7,16 +7,6 @@ from elastid.modal.spec import GeometrySpec, ModalSpec
 POINTS = {"foot": (0.0, 0.0, 0.0), "tip": (0.0, 0.0, 1.0)}
 
 
-def test_an_output_is_at_its_point() -> None:
-    """By its name, or by `motion`."""
-    spec = ModalSpec(max_order=20, poles_hz=(11.0, 27.0), exponential=0.5, geometry=GeometrySpec(points=POINTS))
-    assert spec.geometry is not None
-    assert spec.geometry.direction_of("tip -x") == ("tip", "-x")
-    assert spec.geometry.direction_of("tip") is None
-    named = GeometrySpec(points=POINTS, motion={"sensor 3": ("foot", "z")})
-    assert named.direction_of("sensor 3") == ("foot", "z")
-
-
 @pytest.mark.parametrize(
     ("keys", "says"),
     [

@@ -10,12 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
-from scipy.integrate import solve_ivp
 
 from elastid.export.mujoco import write_mujoco
-from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import serial
-from elastid.model.open_chain import elastic_model, open_chain
 from elastid.robot import BASE, Body, GearCoupling, Joint, Motor, Placement, Robot, Spring, unit_axis
 
 seeds = st.integers(0, 2**31)
@@ -185,61 +182,6 @@ def test_coupling_relative_to_the_motor_falls_as_one_over_the_ratio():
         model = serial(six_axes(carriers, ratio))
         M = model.mass(np.zeros(model.n_q), model.theta).full()
         assert M[0, 7] / M[7, 7] == pytest.approx(1 / ratio, rel=1e-12)
-
-
-def drift(model: ElasticModel, seconds: float = 1.0) -> float:
-    """Largest change of energy, relative to the kinetic energy at the start, of a free motion from a random state."""
-    rng = np.random.default_rng(7)
-    start = np.r_[0.5 * rng.normal(size=model.n_q), 3 * rng.normal(size=model.n_q)]
-    q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
-    M, f = model.mass(q, model.theta), model.force(q, v, model.theta)
-    rate = ca.Function("rate", [ca.vertcat(q, v)], [ca.vertcat(v, ca.solve(M, -f))])
-    # dV/dq is what the model has of its potential: work against it is V but for a constant.
-    g = model.potential_gradient(q, model.theta)
-    work = ca.Function("work", [ca.vertcat(q, v)], [ca.dot(g, v)])
-    kinetic = ca.Function("kinetic", [ca.vertcat(q, v)], [v.T @ M @ v / 2])
-
-    def with_work(_: float, x: np.ndarray) -> np.ndarray:
-        return np.r_[rate(x[:-1]).full()[:, 0], float(work(x[:-1]))]
-
-    path = solve_ivp(with_work, (0, seconds), np.r_[start, 0.0], method="DOP853", rtol=1e-12, atol=1e-12)
-    energy = np.array([float(kinetic(x[:-1])) + x[-1] for x in path.y.T])
-    return float(np.abs(energy - energy[0]).max() / energy[0])
-
-
-def spinning() -> Robot:
-    """Three elastic axes whose motors turn fast and ride across the axes that carry them."""
-    carriers = [("link1", "z"), ("link1", "y"), ("link2", "x")]
-    arm = six_axes([*carriers, *[("", "")] * 3], 10.0)
-    bodies = [replace(body, joints=(replace(body.joints[0], spring=Spring(2e3)),)) for body in arm.bodies[:3]]
-    heavy = [replace(b, joints=(replace(b.joints[0], motor=replace(b.joints[0].motor, inertia=0.02)),)) for b in bodies]
-    return replace(arm, bodies=tuple(heavy))
-
-
-def test_energy_of_the_undamped_complete_model_is_conserved():
-    """To 1e-8 over 1 s; and it is not where C_1 and C_2 are left out beside S."""
-    robot = spinning()
-    assert drift(serial(robot)) < 1e-8
-    complete = open_chain(robot)
-    reduced = serial(
-        replace(
-            robot,
-            bodies=tuple(
-                replace(b, joints=tuple(replace(j, motor=replace(j.motor, on="", axis=None)) for j in b.joints))
-                for b in robot.bodies
-            ),
-        )
-    )
-    without = replace(complete, f=reduced.force(complete.q, complete.v, complete.theta))
-    assert drift(elastic_model(robot, without)) > 1e-5
-
-
-def test_a_rotor_on_the_base_or_without_carrier_turns_about_its_own_axis_only():
-    """The reduced model of Spong: no S, whichever of the two is said."""
-    carriers = [(BASE, "z")] * 6
-    q = np.full(6, 0.3)
-    assert not coupling(six_axes(carriers), q).any()
-    assert not coupling(six_axes([("", "")] * 6), q).any()
 
 
 def test_coriolis_terms_of_the_rotors_cost_little():

@@ -39,15 +39,3 @@ def test_places_read_their_rates_and_an_accelerometer_gravity_as_it_tilts() -> N
     np.testing.assert_allclose(T[:5], 0)
     np.testing.assert_allclose(T[5], [-9.81, -9.81, -9.81, 0])
     np.testing.assert_allclose(model.output_jacobian(q, places), C)
-
-
-def test_the_robot_at_a_theta_has_the_geometry_that_it_names() -> None:
-    """Without geometry among the parameters it is the robot itself."""
-    robot = arm()
-    plain, model = serial(robot), serial(robot, ("p_b_z",))
-    assert plain.geometry == ()
-    assert plain.robot_at(plain.theta + 1) is robot
-    assert model.geometry == ("p_b_z",)
-    theta = model.theta.copy()
-    theta[model.parameters.index("p_b_z")] = 0.7
-    assert model.robot_at(theta).bodies[1].placement.xyz == (0.0, 0.0, 0.7)

@@ -10,8 +10,6 @@ import pytest
 
 from elastid.base.errors import StudyError
 from elastid.export.mujoco import mjcf
-from elastid.fit.parameter_choice import choose, named_geometry
-from elastid.fit.spec import FitSpec, ParameterSpec, TieSpec
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
@@ -235,30 +233,6 @@ def test_mujoco_sees_the_joints_where_they_are() -> None:
 
 def _stiff(joint: Joint) -> Joint:
     return joint if joint.motor is None else replace(joint, spring=None)
-
-
-def test_names_of_the_geometry() -> None:
-    """Per body, joint, end and axis; in the robot's table only where it is asked for."""
-    arm, mechanism = bending_arm(), linkage(ELASTIC, False)
-    assert {"p_tip_z", "pj_1b_z", "pc1_gas_x", "pc2_gas_z"} <= arm.geometry.keys()
-    assert {"p1_rod_x", "p2_rod_z", "l_rod", "p_upper_z", "pj_elbow_x"} <= mechanism.geometry.keys()
-    assert not arm.geometry.keys() & arm.parameters().keys()
-    assert arm.parameters(("pj_1b_z", "k_1"))["pj_1b_z"] == (0.35, "m")
-    moved = arm.with_parameters({"pj_1b_z": 0.2, "pc2_gas_x": -0.3, "p_fore_z": 0.9})
-    assert moved.bodies[1].joints[0].point == (0.0, 0.0, 0.2)
-    assert moved.compensators[0].ends[1].point == (-0.3, 0.01, 0.1)
-    assert moved.bodies[2].placement.xyz == (0, 0.1, 0.9)
-    with pytest.raises(ValueError, match=r"the length of the rod is -1 m"):
-        mechanism.with_parameters({"l_rod": -1.0})
-    with pytest.raises(ValueError, match="joint 1: it slides, so that the place of its axis has no effect"):
-        Joint("1", "z", Spring(1e3), motion="translation", point=(0.1, 0.0, 0.0))
-    names = named_geometry({"pc1_*": ParameterSpec(), "*": ParameterSpec(), "*_z": ParameterSpec()}, arm)
-    assert names == ("pc1_gas_x", "pc1_gas_y", "pc1_gas_z")
-    tied = {"pc2_gas_x": ParameterSpec(tie=TieSpec("pc1_gas_x", -1.0))}
-    assert named_geometry(tied, arm) == ("pc1_gas_x", "pc2_gas_x")
-    everything = choose(FitSpec(parameters={"*": ParameterSpec(fixed=True), "k_*": ParameterSpec()}), arm)
-    assert set(everything.names) == {*arm.parameters(), "delay"}
-    assert set(choose(FitSpec(), arm).names) == {*arm.parameters(), "delay"}
 
 
 def jointed(pin: Pin | None) -> Robot:

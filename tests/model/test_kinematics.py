@@ -12,7 +12,7 @@ from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
 from elastid.model.closed_posture import followed
 from elastid.model.formulation import formulate, serial
-from elastid.model.kinematics import frame_poses, joint_without_inertia, skeleton, stick_figure, tool_jacobian
+from elastid.model.kinematics import frame_poses, skeleton, stick_figure, tool_jacobian
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import (
@@ -194,12 +194,3 @@ def test_a_rod_is_drawn_and_stretches_by_what_the_model_says(kind: str, rod: Rod
     expected = rows.full()[model.springs.index("k_rod")] @ shapes if rod.is_elastic else 0.0
     np.testing.assert_allclose(parting, expected, atol=1e-9)
     assert (np.abs(parting).max() > 1e-3) == rod.is_elastic
-
-
-@pytest.mark.parametrize(("offset", "joint"), [(0.0, 1), (0.2, None)])
-def test_a_point_mass_has_inertia_only_off_the_axis(offset: float, joint: int | None) -> None:
-    """The second joint turns a mass about z, in axes that are turned about x by a quarter."""
-    placement = Placement((0.5, 0, 0), (np.pi / 2, 0, 0))
-    mass = Body("mass", "arm", placement, (Joint("2", "z"),), 1.0, (offset, 0.0, 0.3))
-    arm = Body("arm", joints=(Joint("1", "z", motor=MOTOR),), mass=1.0, inertia=1.0)
-    assert joint_without_inertia(Robot("held", (arm, mass)), np.zeros(2)) == joint

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-import copy
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
-from plants.refusals import refused
 
-from elastid.base.errors import StudyError
-from elastid.base.units import Measured
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
-from elastid.study import load
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ = np.linspace(1, 80, 60)
 
@@ -113,12 +105,6 @@ def test_stiffer_and_stiffer_elastic_joints_become_the_flexible_joint_model(wher
     assert errors[2] < 1e-3
 
 
-def test_an_elastic_turn_about_the_driven_axis_itself_is_refused():
-    """No inertia is between the two, so that they cannot be distinguished; both are named."""
-    with refused("robot/no-rest", place="configuration c"):
-        response(arm(elastic(1e6, "xyz")))
-
-
 def test_an_elastic_base_has_the_frequency_of_the_mass_on_it():
     """A machine on a soft foot that only slides: f = sqrt(k / m) / 2 pi, joint held."""
     foot = Joint("b", "x", Spring(1e5), motion="translation")
@@ -129,101 +115,3 @@ def test_an_elastic_base_has_the_frequency_of_the_mass_on_it():
     model = serial(robot)
     linear = linearise(model, Configuration("c", [0.0]), model.theta, model.inputs, "position")
     assert modes(linear, linear.theta_ref).freq_hz[0] == pytest.approx(np.sqrt(1e5 / 100) / (2 * np.pi), rel=1e-9)
-
-
-STUDY = """
-name: slide
-robot:
-  name: slide
-  bodies:
-    - name: carriage
-      joints:
-        - name: x
-          axis: x
-          motion: translation
-          motor: {inertia: 2e-3, ratio: 1256.6, viscous: 1e-4}
-          spring: {stiffness: 5 kN/mm, damping: 300 N*s/m}
-          viscous: 20
-          limits: {angle: [-100 mm, 0.6 m], velocity: 1.2 m/s, torque: 4 kN}
-      mass: 40
-excitation: {rate_hz: 500, period: 2, band_hz: [2, 50], torque_rms: 1}
-experiment:
-  configurations: {left: [100 mm]}
-  simulated: {truth: {k_x: 4e6 N/m}}
-fit:
-  parameters: {k_x: {bounds: [1 MN/m, 9 MN/m]}}
-"""
-
-
-def read(text: str, folder: Path):
-    """As a user's study."""
-    (folder / "study.yml").write_text(text)
-    return load(folder / "study.yml").study
-
-
-def test_a_study_of_a_slide_is_read_in_metres_and_newtons(tmp_path):
-    """Stiffness, damping, limits, configuration, truth and bounds."""
-    study = read(STUDY, tmp_path)
-    (joint,) = study.robot.joints
-    assert joint.spring == Spring(5e6, 300.0)
-    assert joint.limits == Limits((-0.1, 0.6), 1.2, 4000.0)
-    assert study.experiment.configurations["left"] == (0.1,)
-    assert study.experiment.simulated.truth == {"k_x": 4e6}
-    assert study.fit.parameters["k_x"].bounds == (1e6, 9e6)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "says"),
-    [
-        (
-            "5 kN/mm",
-            "5e6 N*m/rad",
-            r":12:19: robot.bodies\[0\].joints\[0\].spring: stiffness is given in units of N\*m/rad",
-        ),
-        ("5 kN/mm", "5e6 N*m/rad", r"but joint x is a translation; give it in N/m"),
-        (
-            "motion: translation",
-            "motion: rotation",
-            r"spring: stiffness is given in units of N/m, but joint x is a rotation",
-        ),
-        ("motion: translation", "motion: rotation", r"\(motion: translation makes it slide\); give it in N\*m/rad"),
-        (
-            "300 N*s/m",
-            "300 N*m*s/rad",
-            r"spring: damping is given in units of N\*m\*s/rad, but joint x is a translation",
-        ),
-        ("-100 mm", "-10 deg", r"limits: angle is given in units of rad, but joint x is a translation; give it in m"),
-        ("[100 mm]", "[10 deg]", r":18:27: experiment.configurations.left\[0\]: is given in units of rad, but joint x"),
-        ("[100 mm]", "[0.7]", r"joint x at 0.7 m is outside its limits \[-0.1, 0.6\] m"),
-        (
-            "viscous: 1e-4",
-            "viscous: 1 N*s/m",
-            r"motor: viscous of joint x is given in units of N\*s/m, but a motor turns",
-        ),
-        ("motion: translation", "motion: sliding", r"motion: expected one of rotation, translation"),
-        ("5 kN/mm", "5 kg", r"unit 'kg' measures kg, not N\*m/rad or N/m; units that fit here: .*N/mm"),
-        ("4e6 N/m", "4e6 N*m/rad", r"truth.k_x: unit 'N\*m/rad' measures N\*m/rad, not N/m"),
-    ],
-)
-def test_units_of_the_other_motion_are_refused_where_they_stand(old, new, says, tmp_path):
-    """With line and column, and what to do."""
-    assert old in STUDY
-    with pytest.raises(StudyError, match=says):
-        read(STUDY.replace(old, new), tmp_path)
-
-
-def test_a_number_remembers_its_dimension_through_copies():
-    """Pickled or copied, it is the number with what it measures."""
-    number = Measured(5.0, "N/m")
-    assert copy.deepcopy(number).dimension == "N/m"
-    assert number == 5.0
-    assert hash(number) == hash(5.0)
-
-
-def test_a_mass_of_zero_at_the_end_of_a_slide_is_refused():
-    """Nothing would move: the joint is named."""
-    robot = slide()
-    light = replace(robot, bodies=(robot.bodies[0], replace(robot.bodies[1], mass=0.0)))
-    model = serial(light)
-    with refused("robot/no-rest", place="configuration c"):
-        equilibrium(model, model.theta, Configuration("c", [0.0]))

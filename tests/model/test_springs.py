@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from plants.notes import said
 from scipy.linalg import expm
 
-from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -241,36 +240,11 @@ def test_a_held_operating_point_would_mislead() -> None:
     assert followed < 0.6 * held
 
 
-def test_linear_springs_keep_one_term_a_spring() -> None:
-    """Where no spring is nonlinear the operating point is held, and the slope of a stiffness has rank one."""
-    model = serial(beam(Spring(1e6), 1000.0))
-    linearisation = Linearisation.of(model)
-    assert not linearisation.follows
-    slope = linearisation.at(HORIZONTAL, model.theta, ("motor 1",), "acceleration").slopes["k_1"]
-    assert slope.M is None
-    assert np.linalg.matrix_rank(slope.K) == 1
-
-
 def test_nonlinear_springs_are_cheap_to_simulate() -> None:
     """A few instructions a spring in the force that a simulation evaluates at every step."""
     plain = serial(beam(Spring(1e6), 100.0)).force.n_instructions()
     for spring, cost in ((Spring(1e6, cubic=1e11), 12), (Spring(1e6, backlash=1e-4), 32)):
         assert serial(beam(spring, 100.0)).force.n_instructions() - plain <= cost
-
-
-def test_a_spring_inside_its_gap_is_named() -> None:
-    """Joint, configurations, deflection against b; silent where gravity presses the gear onto a flank."""
-    model = serial(beam(Spring(1e6, backlash=2e-4), 1000.0))
-    points = [
-        equilibrium(model, model.theta, Configuration(name, (angle,)))
-        for name, angle in (("level", 0.0), ("hanging", math.pi / 2), ("nearly", math.pi / 2 + 1e-2))
-    ]
-    (word,) = said(spring_notes(model, model.theta, points))
-    assert word.startswith("joint 1 rests inside its backlash of +-0.0002 rad in hanging (deflected by")
-    assert "nearly" in word
-    assert "level" not in word
-    assert "amplitude" in word
-    assert said(spring_notes(model, model.theta, points[:1])) == ()
 
 
 def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
@@ -317,27 +291,6 @@ def test_monotone_springs_are_accepted() -> None:
         k2, k2s, k3 = spring.quadratic or 0.0, spring.symmetric_quadratic or 0.0, spring.cubic or 0.0
         torque = 1e6 * deflection + k2 * deflection**2 + k2s * deflection * np.abs(deflection) + k3 * deflection**3
         assert np.all(np.diff(torque) > 0)
-
-
-def test_names_are_those_of_what_a_spring_has() -> None:
-    """A linear spring has k and d, a polynomial its coefficients, a gap b, ki, e."""
-    names = {
-        "k_1 d_1": Spring(1.0),
-        "k_1 d_1 k3_1": Spring(1.0, cubic=0.0),
-        "k_1 d_1 k2_1 k2s_1": Spring(1.0, quadratic=0.0, symmetric_quadratic=0.0),
-        "k_1 d_1 b_1 ki_1 e_1": Spring(1.0, backlash=1e-3),
-    }
-    for expected, spring in names.items():
-        assert " ".join(spring.numbers("1")) == expected
-    changed = beam(Spring(1e6, cubic=0.0), 10.0).with_parameters({"k3_1": 2e11})
-    assert changed.joints[0].spring.cubic == 2e11
-
-
-def test_a_soft_spring_lets_its_arm_fall() -> None:
-    """Away from the upright the beam falls over: named with the angle that it falls by."""
-    model = serial(beam(Spring(600.0), 1000.0))
-    with pytest.raises(StudyError, match=r"configuration up: joint 1 tips over, it comes to rest .* from where"):
-        equilibrium(model, model.theta, Configuration("up", (-math.pi / 2 + 0.01,)))
 
 
 def sampled_response(model: ElasticModel, q0: np.ndarray, lines_hz: np.ndarray, rate_hz: float) -> np.ndarray:

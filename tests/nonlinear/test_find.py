@@ -95,18 +95,6 @@ def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
         np.testing.assert_allclose((raw - net)[:, i], at_lines, atol=1e-12)
 
 
-def test_without_the_motors_angle_friction_stays() -> None:
-    """A sentence names the motor whose angle is missing."""
-    configurations, lines = measured()
-    blind = [
-        [replace(r, outputs=("motor 1",), quantities=r.quantities[:1], y=r.y[:, :1], sampled=()) for r in records]
-        for records in configurations
-    ]
-    (note,) = find_friction(blind, AUTO, lines).notes
-    assert "motor 2" in note.text
-    assert "log the motor angles" in note.text
-
-
 def test_one_realisation_shows_friction_where_lines_are_not_excited() -> None:
     """On the odd-random grid, within 2 %; where all lines are excited a sentence asks for another realisation."""
     configurations, lines = measured()

@@ -55,9 +55,3 @@ def test_the_noise_of_the_velocity_is_known() -> None:
     """To a tenth, where it is small: only lines between those of the period are left out."""
     motion, error = noisy(1e-5)
     assert abs(motion.velocity_noise - error) < 0.1 * error
-
-
-def test_a_noisy_velocity_keeps_the_lines_that_stand_out() -> None:
-    """A tenth of the noise of differences is left."""
-    _, error = noisy(1e-3)
-    assert error < 0.1 * 1e-3 * np.pi * RATE / np.sqrt(3)

@@ -264,26 +264,6 @@ def wrist() -> Arm:
     return Arm(robot, in_mujoco(robot), drives, postures, np.array([90.0, 40.0]), np.array([2e-3, 2e-3]), 2)
 
 
-def extended() -> Arm:
-    """Two parallel axes, the first on a bearing that tilts, with an upper arm that bends."""
-    robot = Robot(
-        "extended",
-        (
-            Body("lower", joints=(_joint("1", "z", 10.0, 2e5, 60.0, 15.0), Joint("tilt", "x", Spring(2e5, 60.0))),
-                 mass=30.0, center_of_mass=(0.25, 0.02, 0.15), inertia=(0.8, 2.0, 2.2)),
-            Body("upper", "lower", Placement((0.6, 0.0, 0.2)), (_joint("2", "z", 4.0, 6e4, 18.0, 6.0),), 10.0,
-                 (0.15, 0.04, 0.12), (0.1, 0.3, 0.3)),
-            Body("fore", "upper", Placement((0.3, 0.0, 0.1)), (Joint("bend", "z", Spring(2e4, 8.0)),), 8.0,
-                 (0.2, 0.02, 0.02), (0.1, 0.3, 0.3)),
-        ),
-    )  # fmt: skip
-    postures = {"a": (0.2, 0.3), "b": (-0.4, 1.4)}
-    drives = _drives(robot, (25.0, 8.0), (15.0, 5.0))
-    rms, turn = np.array([200.0, 60.0]), np.array([1e-3, 2e-3])
-    free = ("k_1", "k_2", "k_tilt", "k_bend", "d_*", "fm_*")
-    return Arm(robot, in_mujoco(robot), drives, postures, rms, turn, 4, free=free)
-
-
 def six_axes() -> Arm:
     """Six axes of a handling robot."""
     rows = (  # joint, axis, J, k, d, f; place of the body on the one before, mass, centre of mass, inertia
@@ -353,23 +333,3 @@ def parallel_linkage() -> Arm:
     plain = Drives((0, 1), drives.J, drives.k, drives.d, drives.f, drives.F_m, drives.F_l, np.eye(2), drives.k_3,
                    drives.gap)  # fmt: skip
     return Arm(robot, links, plain, postures, np.array([400.0, 350.0]), np.array([1e-3, 1e-3]), 2)
-
-
-def preloaded(torque: float = 98.1, gap: float = 1e-4) -> Arm:
-    """One axis with lost motion in its gear, which a weight bends by a torque (Nm) at rest."""
-    mass, c, inertia = 20.0, torque / (20.0 * 9.81), 15.0
-    body = Body("link", joints=(_joint("1", "y", 10.0, 2e5, 60.0, 15.0),), mass=mass, center_of_mass=(c, 0.0, 0.0),
-                inertia=(inertia, inertia, inertia))  # fmt: skip
-
-    def links(link: FloatArray, velocity: FloatArray, on_link: FloatArray) -> FloatArray:
-        return np.asarray((on_link + torque * np.cos(link)) / (inertia + mass * c**2))
-
-    robot = Robot("preloaded", (body,))
-    drives = _drives(robot, (15.0,), (10.0,), gap=np.array([gap]))
-    return Arm(robot, links, drives, {"level": (0.0,)}, np.array([200.0]), np.array([1e-3]), 1)
-
-
-ARMS: dict[str, Callable[[], Arm]] = {
-    "coupled motors": wrist, "extended joints": extended, "six axes": six_axes, "linkage": parallel_linkage,
-    "gap under gravity": preloaded,
-}  # fmt: skip

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.recorded.channel_doubts import channel_doubts
@@ -35,20 +34,6 @@ def test_right_channels_raise_no_doubt() -> None:
     assert doubts((U, Q, LINK), signals()) == []
 
 
-@pytest.mark.parametrize(
-    ("factors", "expected"),
-    [
-        ((1, 1, 57.29578), (2, "unit")),
-        ((1, 1, -1), (2, "sign")),
-        ((-1, 1, 1), (0, "sign")),
-        ((1, RATIO, 1), (1, "side")),
-        ((1, 1, 0), (2, "channel")),
-    ],
-)
-def test_a_factor_of_one_channel_is_found(factors: tuple[float, ...], expected: tuple[int, str]) -> None:
-    assert doubts((U, Q, LINK), signals() * np.array(factors)) == [expected]
-
-
 def test_a_scale_that_no_unit_explains_is_no_doubt() -> None:
     """A sensor that is not calibrated has a gain, which the fit finds."""
     assert doubts((U, Q, LINK), signals() * np.array([1, 1, 1.6])) == []
@@ -78,20 +63,6 @@ def test_a_velocity_is_no_position() -> None:
     values = signals()
     values[:, 2] = np.gradient(values[:, 1], 1 / RATE)
     assert doubts((U, Q, LINK), values) == [(2, "quantity")]
-
-
-def test_a_joint_at_rest_bears_the_motion_of_another_one() -> None:
-    """Its torque is explained by that motion, as is the bend of its gear; no channel is exchanged."""
-    values, rng = signals(), np.random.default_rng(8)
-    arm, fore = ROBOT.bodies[0], replace(ROBOT.bodies[0], name="fore", parent="arm")
-    robot = replace(ROBOT, bodies=(arm, replace(fore, joints=(replace(fore.joints[0], name="2"),))))
-    channels = (U, Q, LINK, replace(U, at="motor 2"), replace(Q, at="motor 2"), replace(LINK, at="joint 2"))
-    load = 30 * np.sin(2 * values[:, 1]) + 0.05 * rng.standard_normal(len(values))
-    held = 1e-6 * rng.standard_normal(len(values))
-    at_rest = np.stack([load, held, held + load / 1e5], axis=1)
-    assert doubts(channels, np.hstack([at_rest, values]), robot) == []
-    exchanged = np.hstack([values, values[::-1]])[:, [3, 1, 2, 0, 4, 5]]
-    assert doubts(channels, exchanged, robot) == [(0, "at"), (3, "at")]
 
 
 def test_a_torque_beside_the_angle_of_the_motor_is_on_its_side_too() -> None:

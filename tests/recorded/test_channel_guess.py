@@ -3,57 +3,18 @@
 import numpy as np
 import pytest
 
-from elastid.recorded.channel_guess import guess_by_name, guess_log, is_clock, motions_in, rows_of_a_sample
+from elastid.recorded.channel_guess import guess_by_name, guess_log, is_clock, motions_in
 
 RATE = 500.0
-
-
-@pytest.mark.parametrize(
-    ("name", "quantity", "unit"),
-    [
-        ("rec.act_torque_abs_nm", "torque", "N*m"),
-        ("rec.act_vel_mot_deg_per_s", "velocity", "deg/s"),
-        ("Torque [Nm]", "torque", "N*m"),
-        ("theta_mx", "position", ""),
-        ("iq_adx", "current", ""),
-        ("motorSpeed", "velocity", ""),
-        ("acc (m/s^2)", "acceleration", "m/s^2"),
-        ("Impact [N]", "force", "N"),
-        ("hammer", "force", ""),
-        ("qm", "position", ""),
-        ("xyzzy", "", ""),
-    ],
-)
-def test_names_as_loggers_write_them(name: str, quantity: str, unit: str) -> None:
-    guess = guess_by_name(name, None)
-    assert (guess.quantity, guess.unit) == (quantity, unit)
 
 
 def test_a_unit_that_the_file_states_counts_more_than_the_name() -> None:
     assert guess_by_name("channel_1", None, "deg/s").quantity == "velocity"
 
 
-@pytest.mark.parametrize(
-    ("name", "unit", "expected"),
-    [
-        ("Kanal 3", "Nm", ("torque", "N*m", 1.0)), ("Kanal 3", "°/s", ("velocity", "deg/s", 1.0)),
-        ("Kanal 3", "N", ("force", "N", 1.0)), ("Acc1", "g", ("acceleration", "m/s^2", 9.80665)),
-        ("Motormoment", "", ("torque", "", 1.0)), ("Abtriebswinkel", "", ("position", "", 1.0)),
-        ("Drehzahl", "1/min", ("velocity", "rpm", 1.0)), ("Motorstrom", "", ("current", "", 1.0)),
-    ],
-)  # fmt: skip
-def test_a_line_of_units_and_german_headings_are_read(name: str, unit: str, expected: tuple[str, str, float]) -> None:
-    guess = guess_by_name(name, None, unit)
-    assert (guess.quantity, guess.unit, guess.scale) == expected
-
-
 def test_the_unit_behind_a_name_is_no_part_of_a_place() -> None:
     assert guess_by_name("acc_a [m/s^2]", None).place == "acc_a"
     assert guess_by_name("x (left)", None).place == "x left"
-
-
-def test_measured_signals_are_preferred_to_references() -> None:
-    assert guess_by_name("iq_adx", None).rank > guess_by_name("iq_refx", None).rank
 
 
 def rows(n: int = 2) -> list[tuple[object, np.ndarray]]:
@@ -92,20 +53,6 @@ def joint(k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     q, v, a = (sum(0.2 * w**m * np.sin(w * T + w * k + m * np.pi / 2) for w in omega) for m in range(3))
     noise = 0.05 * np.random.default_rng(k).standard_normal(len(T))
     return q, v, 3 * a + 5 * v + 4 * np.sign(v) + 30 * np.cos(q) + noise
-
-
-@pytest.mark.parametrize("n", [1, 3, 7])
-def test_signals_one_below_the_other_are_counted(n: int) -> None:
-    table = np.stack([joint(k)[0] + 0.3 * k for k in range(n)], axis=1).reshape(-1, 1)
-    assert rows_of_a_sample(table) == n
-
-
-def test_noise_and_a_multisine_have_one_row_a_sample() -> None:
-    rng = np.random.default_rng(0)
-    lines = np.arange(1, 400)
-    multisine = np.cos(2 * np.pi * np.outer(np.arange(4000) / 2000, lines) + rng.uniform(0, 6, len(lines))).sum(axis=1)
-    assert rows_of_a_sample(rng.standard_normal((4000, 3))) == 1
-    assert rows_of_a_sample(multisine[:, None]) == 1
 
 
 def test_stamps_are_a_clock_and_a_motion_is_none() -> None:

@@ -105,34 +105,6 @@ def _error(record: Record) -> float:
 AT_ONCE = np.random.default_rng(7)
 
 
-def test_gaps_in_a_column_of_times_are_filled(tmp_path: Path) -> None:
-    """Seven samples left out of the file, all channels alike."""
-    keep = np.delete(np.arange(P * N), [100, 1200, 1201, 1202, 1203, 2700, 2701])
-    signals = {name: x[keep] for name, x in CLEAN.items()}
-    write_log(tmp_path / "log.h5", signals | {"t": keep / RATE + 12.5})
-    record = _measure(tmp_path, _spec(time="t"))
-    assert record.repairs == {"samples missing in time": 7, "missing samples filled": 21}
-    assert _error(record) < 1.5 * _error(_of(tmp_path, CLEAN))
-    write_log(tmp_path / "log.h5", signals | {"t": keep / 300.0})
-    with pytest.raises(DataError, match=r"up to 135 Hz of the 225 Hz that rate_hz 500 promises; state rate_hz: 300"):
-        _measure(tmp_path, _spec(time="t"))
-
-
-@pytest.mark.parametrize("late", [123.4, -37.0, 700.25])
-def test_two_logs_that_started_at_different_times_are_shifted_into_step(late: float, tmp_path: Path) -> None:
-    """y and r in a second file, late by any fraction: the delay found to 1e-2 samples, no phase error left."""
-    other = log(np.arange(P * N) - late, noise=1e-4)
-    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
-    write_log(tmp_path / "encoder.h5", {"r": other["r"], "y": other["y"]})
-    channels = (*CHANNELS[:2], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
-    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.h5", "home", also=("encoder.h5",)),)))
-    wrapped = (late + N / 2) % N - N / 2
-    assert f"encoder.h5 lags log.h5 by {wrapped:.2f}" in said(record.notes)[0].replace("-0.00", "0.00")
-    assert record.repairs == {"logs shifted": 1}
-    assert record.n_periods >= P - 2
-    assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
-
-
 @pytest.mark.parametrize("ppm", [40.0, -120.0])
 def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm: float, tmp_path: Path) -> None:
     """y and r by a second logger: 40 ppm turn a line at 100 Hz by 9 degrees in six seconds."""
@@ -144,16 +116,6 @@ def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm: float, tmp_path: P
     clock = next(note for note in said(record.notes) if "clocks of encoder.h5 and log.h5 differ" in note)
     assert abs(float(clock.split("by ")[1].split()[0]) + ppm) < 2
     assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
-
-
-def test_logs_whose_start_is_known_to_whole_samples_say_so(tmp_path: Path) -> None:
-    """The first file has no r: the phase of the loop is part of the delay of u."""
-    other = log(np.arange(P * N) - 7.5, noise=1e-4)
-    write_log(tmp_path / "log.h5", {"u": CLEAN["u"]})
-    write_log(tmp_path / "encoder.h5", {"r": other["r"], "y": other["y"]})
-    channels = (CHANNELS[1], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
-    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.h5", "home", also=("encoder.h5",)),)))
-    assert any("up to 1 ms early or late: log r in both files" in note for note in said(record.notes))
 
 
 def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_anywhere(tmp_path: Path) -> None:
@@ -179,19 +141,6 @@ def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
         _measure(tmp_path, _spec(channels=(*CHANNELS[:2], y), files=files))
     with pytest.raises(DataError, match=r"its start cannot be determined \(best correlation 0\.\d+ at motor 1"):
         _measure(tmp_path, _spec(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
-
-
-@pytest.mark.parametrize("late_s", [0.0, 0.5, -0.3])
-def test_a_log_without_the_excitation_is_in_step_by_the_times_of_one_clock(late_s: float, tmp_path: Path) -> None:
-    """The encoder's log starts later or earlier than that of the torques."""
-    t = np.arange(P * N)
-    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "t": 7 + t / RATE})
-    write_log(tmp_path / "encoder.h5", {"y": log(t + late_s * RATE, noise=1e-4)["y"], "t": 7 + late_s + t / RATE})
-    channels = (*CHANNELS[:2], replace(CHANNELS[2], file=2))
-    files = (FileSpec("log.h5", "home", also=("encoder.h5",)),)
-    record = _measure(tmp_path, _spec(channels=channels, files=files, time="t"))
-    assert "encoder.h5 has no r: taken to be in step with log.h5 by their times" in said(record.notes)[0]
-    assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
 
 
 def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:

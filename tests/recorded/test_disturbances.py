@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.friction_logs import CHANNELS as MOTOR_CHANNELS
 from plants.friction_logs import COULOMB, RATE, ROBOT, VISCOUS, logs, sliding_torque, trapezoids
 from plants.notes import said
 from scipy.signal import lfilter
@@ -61,14 +60,6 @@ def test_pulses_that_are_known_are_no_noise_of_a_response(tmp_path: Path) -> Non
     assert np.median(unknown / known) > 10
     # Noise of 0.01 in P N samples, lines of amplitude 1.
     assert np.median(known) == pytest.approx(0.01 * np.sqrt(4 / (P * N)), rel=0.5)
-
-
-def test_a_disturbance_without_a_torque_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("u,d,y\n1,2,3\n")
-    channels = (ChannelSpec("u", "motor 1", "u"), MOTOR_CHANNELS[1], ChannelSpec("d", "motor 2", "d"))
-    spec = logs(FileSpec("log.csv", "home"), channels=channels)
-    with pytest.raises(StudyError, match="motor 2"):
-        RecordedRig(ROBOT, ExperimentSpec({"home": (0.0,)}, recorded=spec.recorded), tmp_path)
 
 
 def pushed(folder: Path, with_pulses: bool) -> tuple[float, float, float]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.lab_logs import CHANNELS, N, measured, save_csv, study_of, with_names
+from plants.lab_logs import N, measured, save_csv, study_of, with_names
 from plants.notes import said
 
-from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.excitation.multisine import synthesise
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.record import Configuration, Record
 from elastid.recorded.drive_notes import drive_notes, posture_notes
@@ -18,29 +17,8 @@ from elastid.recorded.drive_notes import drive_notes, posture_notes
 R, U = ChannelSpec("r", "motor 1", "r"), ChannelSpec("u", "motor 1", "u")
 
 
-def _log(periods: int, seed: int = 0, N: int = N) -> dict[str, np.ndarray]:
-    lines = np.arange(2, 60)
-    spectra = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(seed))[0]
-    x = np.tile(synthesise(lines, spectra, N), (periods, 1))
-    x += 1e-3 * x.std() * np.random.default_rng(1).normal(size=x.shape)
-    return dict(zip(("i1", "i2", "phi", "w2"), x.T, strict=True))
-
-
 def _notes(r: np.ndarray, u: np.ndarray, N: int | None = N) -> list[str]:
     return [note.code for note in drive_notes((R, U), np.stack([r, u], axis=1), N, "record a")]
-
-
-def test_a_command_that_was_logged_twice_is_named(tmp_path: Path) -> None:
-    """u equals r to the last bit; with noise of a millionth it is a measurement."""
-    log = _log(4)
-    r = tuple(replace(channel, role="r") for channel in CHANNELS[:2])
-    save_csv(tmp_path / "log.csv", log)
-    notes = said(measured(tmp_path, study_of("log.csv", (*r, *CHANNELS))).notes)
-    assert [note.split(": ", 1)[1][:37] for note in notes] == [
-        f"u at motor {i} equals r to the last bit" for i in (2, 1)
-    ]
-    x = log["i1"]
-    assert _notes(x, x + 1e-6 * np.random.default_rng(0).normal(size=len(x))) == []
 
 
 @pytest.mark.parametrize("step", [1, 2, 3])
@@ -85,14 +63,6 @@ def _same_signal_notes(tmp_path: Path, log: dict[str, np.ndarray], second_curren
     channels = with_names({"i1": "i1", "i2": second_current, "phi": "phi", "w2": "w2"})
     notes = said(measured(tmp_path, study_of("log.csv", channels)).notes)
     return [note for note in notes if "holds the samples of" in note]
-
-
-def test_a_column_that_stands_for_two_motors_is_named(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
-    """With both motors, by the names of the study; of columns of their own nothing is said."""
-    (note,) = _same_signal_notes(tmp_path, log, "i1")
-    assert "i1 (u at motor 1) holds the samples of" in note
-    assert "i1 (u at motor 2): one of the two is not the signal of its motor" in note
-    assert _same_signal_notes(tmp_path, log, "i2") == []
 
 
 def test_a_signal_that_was_logged_twice_is_named(tmp_path: Path, log: dict[str, np.ndarray]) -> None:

@@ -6,7 +6,6 @@ import pytest
 from elastid.recorded.evidence import (
     derivative,
     motion_relations,
-    nearest_factor,
     torque_relation,
     travel,
 )
@@ -63,30 +62,6 @@ def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int) -
     assert relation.inertia == pytest.approx(J, rel=0.03)
     assert relation.dissipated > 0
     assert not relation.is_against_motion
-
-
-@pytest.mark.parametrize("order", [0, 1])
-def test_a_sign_that_is_wrong_makes_power_of_friction(order: int) -> None:
-    assert torque_relation(torque(), -motion()[order], order, RATE).is_against_motion
-
-
-def test_only_the_right_quantity_explains_the_torque() -> None:
-    """By nearly all of it, with a positive inertia."""
-    explained = [torque_relation(torque(), motion()[0], order, RATE).explained for order in range(3)]
-    assert explained[0] > 0.99
-    assert max(explained[1:]) < 0.9
-
-
-def test_gravity_is_explained_where_the_joint_turns() -> None:
-    q = 3 * motion()[0]
-    u = torque() + 40 * np.cos(q)
-    assert torque_relation(u, q, 0, RATE).explained > torque_relation(u, q, 0, RATE, turns=False).explained + 0.1
-
-
-def test_the_nearest_factor_is_named_within_the_tolerance_only() -> None:
-    factors = [(57.3, "unit: deg"), (9.55, "unit: rpm")]
-    assert nearest_factor(-60.0, factors, 0.1) == "unit: deg"
-    assert nearest_factor(30.0, factors, 0.1) == ""
 
 
 def test_travel_leaves_a_single_spike_out() -> None:

@@ -51,19 +51,6 @@ def test_a_temperature_is_read_in_its_unit(unit: str, values: float, tmp_path: P
     assert record.mean_temperature == pytest.approx(40.0)
 
 
-@pytest.mark.parametrize(
-    ("values", "word"),
-    [
-        (313.0, r"is 313 to 313 degC, which no joint bears; if the thermometer is in kelvin, give .* unit: K"),
-        (104.0, r"is 104 to 104 degC, hotter than grease bears; .* unit: degF"),
-    ],
-)
-def test_a_temperature_of_another_unit_is_refused(values: float, word: str, tmp_path: Path) -> None:
-    write_log(tmp_path / "log.csv", Q, U, np.full(len(Q), values))
-    with pytest.raises(DataError, match=word):
-        read(tmp_path, FileSpec("log.csv"), channels=(*CHANNELS, THERMOMETER))
-
-
 def test_a_temperature_written_by_hand_and_loops_are_of_their_file(tmp_path: Path) -> None:
     write_log(tmp_path / "loops.csv", 1e-4 * Q, U)
     (record,) = read(tmp_path, FileSpec("loops.csv", joint="1", purpose="loops", temperature=35.0))
@@ -95,21 +82,6 @@ def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
     write_log(tmp_path / "log.csv", 1e-4 * Q, U)
     with pytest.raises(DataError, match="no joint moves in it whose torque and position are logged"):
         read(tmp_path, FileSpec("log.csv"))
-
-
-def test_rate_is_that_of_the_section(tmp_path: Path) -> None:
-    write_log(tmp_path / "log.csv", Q, U)
-    assert read(tmp_path, FileSpec("log.csv", samples=(100, 1100)))[0].duration_s == 1000 / RATE
-
-
-def test_logs_of_one_name_are_told_apart(tmp_path: Path) -> None:
-    """In two folders, or parts of one file; their times follow each other."""
-    for folder in ("cold", "warm"):
-        (tmp_path / folder).mkdir()
-        write_log(tmp_path / folder / "log.csv", Q, U)
-    found = read(tmp_path, FileSpec("cold/log.csv"), FileSpec("warm/log.csv", temperature=50.0))
-    assert [record.name for record in found] == ["log-1", "log-2"]
-    assert found[1].start_s == found[0].duration_s
 
 
 def test_a_motion_with_gaps_is_one_in_parts(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from plants.lab_logs import CHANNELS, RATE, measured, save_csv, study_of
 
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.link_side import hold_samples
 from elastid.recorded.rig import RecordedRig
 
 FIRST, SECOND, *MOTIONS = CHANNELS
@@ -38,13 +37,6 @@ def test_a_torque_is_held_as_its_channel_says_or_else_as_the_section_does(
     freq_hz = np.array([RATE / 10])
     expected = np.sinc(0.1 * np.array(held)) * np.exp(-0.1j * np.pi * np.array(held))
     np.testing.assert_allclose(record.hold_response(freq_hz), [expected], rtol=1e-12)
-
-
-def test_a_torque_of_a_higher_rate_is_held_for_a_sample_of_its_own() -> None:
-    """Commands of 4 RATE in a record of RATE act an eighth of a sample late, not half a one."""
-    channels = (replace(FIRST, rate_hz=4 * RATE), SECOND, *MOTIONS)
-    recorded = study_of("log.csv", channels, hold="zero-order").as_recorded()
-    assert hold_samples(recorded, channels, RATE) == (0.25, 1.0)
 
 
 def test_hold_is_a_key_of_torques_that_act() -> None:

@@ -25,17 +25,6 @@ from elastid.recorded.rig import RecordedRig
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 
-@pytest.mark.parametrize(("stated", "found"), [(199, 200), (210, 200), (100, 200), (90, 200)])
-def test_a_wrong_period_is_found_and_the_right_one_said(
-    stated: int, found: int, tmp_path: Path, log: dict[str, np.ndarray]
-) -> None:
-    """By autocorrelation of the inputs; a multiple of the period is right too, and the drift of a position is none."""
-    save_csv(tmp_path / "log.csv", log)
-    with pytest.raises(DataError, match=rf"does not repeat with the period of {stated} .* every {found} samples"):
-        measured(tmp_path, study_of("log.csv", period_samples=stated))
-    assert measured(tmp_path, study_of("log.csv", period_samples=400)).n_periods == 2
-
-
 @pytest.mark.parametrize(("lost", "place"), [(2, 500), (3, 450), (-3, 310)])
 def test_samples_that_are_lost_in_three_periods_are_said(
     lost: int, place: int, tmp_path: Path, log: dict[str, np.ndarray]
@@ -52,14 +41,6 @@ def test_samples_that_are_lost_in_three_periods_are_said(
     save_csv(tmp_path / "log.csv", {name: x[:600] for name, x in log.items()})
     with pytest.raises(DataError, match="every 200 samples"):
         measured(tmp_path, study_of("log.csv", period_samples=202))
-
-
-def test_an_excitation_without_a_period_is_refused(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
-    """Noise instead of a multisine."""
-    rng = np.random.default_rng(0)
-    save_csv(tmp_path / "log.csv", {name: rng.normal(size=800) for name in log})
-    with pytest.raises(DataError, match=r"nor at any other lag .* needs a periodic excitation"):
-        measured(tmp_path, study_of("log.csv"))
 
 
 def test_repetition_survives_drift_noise_and_an_input_at_rest() -> None:
@@ -111,23 +92,6 @@ def test_a_clock_that_runs_a_thousandth_wrong_shows_in_the_period() -> None:
         assert found.best_samples == pytest.approx(500.5, abs=0.02)
 
 
-def test_half_wave_records_need_one_period_and_say_so(tmp_path: Path) -> None:
-    """Odd lines: x(t + T/2) = -x(t). One period gives two repetitions; without the key the message names it."""
-    lines = np.arange(1, 60, 2)
-    U = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(3))[0]
-    save_csv(tmp_path / "log.csv", dict(zip(("i1", "i2", "phi", "w2"), synthesise(lines, U, N).T, strict=True)))
-    record = measured(tmp_path, study_of("log.csv", half_wave=True, rate_hz="unknown"))
-    assert record.half_wave
-    assert record.repeat_samples == 100
-    assert not record.rate_is_known
-    assert record.rate_hz == 1.0
-    for stated in (100, 200):
-        with pytest.raises(DataError, match="with period_samples: 200 and half_wave: true one period is enough"):
-            measured(tmp_path, study_of("log.csv", period_samples=stated))
-    with pytest.raises(DataError, match="second half minus first"):
-        measured(tmp_path, study_of("log.csv", period_samples=150, half_wave=True))
-
-
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 EMPS = SHARED / "emps_prismatic_axis" / "DATA_EMPS.mat"
 KUKA = SHARED / "kuka_kr300" / "traj_A.mat"
@@ -160,15 +124,6 @@ def test_a_period_of_a_fraction_of_samples_has_the_lines_of_its_own_frequencies(
     u = record.u[:, 0].reshape(-1, 200)
     assert np.abs(u[1:-1] - u[2]).max() < 1e-3 * np.ptp(u)
     assert any("200.3 samples is brought to 200" in note for note in said(record.notes))
-
-
-def test_each_file_has_its_own_period(tmp_path: Path) -> None:
-    """The first has that of the section, the second its own."""
-    save_csv(tmp_path / "a.csv", _log_of_period(N, 800))
-    save_csv(tmp_path / "b.csv", _log_of_period(150, 600))
-    files = (FileSpec("a.csv", "home"), FileSpec("b.csv", "home", 1, period=1.5))
-    rig = RecordedRig(ROBOT, study_of("", files=files), tmp_path)
-    assert [rig.measure(e).period_samples for e in rig.experiments] == [200, 150]
 
 
 def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(tmp_path: Path) -> None:
@@ -318,21 +273,6 @@ def test_a_slow_motion_does_not_repeat_after_any_lag(lag: int) -> None:
     found = repetition(np.asarray(x)[:, None], lag)
     assert not found.is_as_stated
     assert found.best_samples == 0
-
-
-@pytest.mark.skipif(not EMPS.is_file(), reason="the record of the prismatic axis is not there")
-def test_the_prismatic_axis_repeats_twice_within_the_period_that_is_known() -> None:
-    """24 841 samples are 1.99 periods of 12 480.02, which hold two equal motions of 6240: that one is found."""
-    rig = _emps(period_samples=12480.02)
-    record = rig.measure(rig.experiments[0])
-    assert (record.period_samples, record.n_periods, record.left_out) == (12480, 2, ())
-    assert "24840 samples are 1.99 repetitions of 12480" in " ".join(said(record.notes))
-    found = _emps(period="find")
-    record = found.measure(found.experiments[0])
-    assert (record.period_samples, record.n_periods) == (6240, 3)
-    wrong = _emps(period_samples=12470)
-    with pytest.raises(DataError, match=r"does not repeat with the period of 12470 .* every 6240.01 samples"):
-        wrong.measure(wrong.experiments[0])
 
 
 @pytest.mark.skipif(not EMPS.is_file(), reason="the record of the prismatic axis is not there")

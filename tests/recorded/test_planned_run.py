@@ -94,13 +94,6 @@ def test_the_log_of_another_run_is_named(planned: PlannedRun) -> None:
     assert "not the planned one" in said(planned, rig.log(planned.plan.experiments[1]))
 
 
-def test_another_posture_is_named_with_the_joint(planned: PlannedRun) -> None:
-    elsewhere = replace(EXPERIMENT, configurations={"a": (0.2, 0.45)})
-    message = said(planned, measured(robot(), make_plan(EXCITATION, elsewhere, robot(), 3), elsewhere))
-    assert "another posture" in message
-    assert "joint 2 was at 0.45" in message
-
-
 @pytest.mark.parametrize("mass", [12.0, 25.0])
 def test_another_payload_is_weighed(planned: PlannedRun, mass: float) -> None:
     """By the torques that hold it, on a robot whose springs are unknown."""

@@ -20,11 +20,9 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.record import Configuration, Record
+from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
-from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.store.measured import read_records, read_responses, write_records, write_responses
 
 N, P, RATE = 500, 6, 500.0
 
@@ -158,29 +156,6 @@ def test_without_its_repair_each_fault_would_spoil_the_response(tmp_path: Path) 
     assert np.max(np.abs(response.G[:, 0, 0] / plant(response.freq_hz) - 1)) > 30 * _error(record)
 
 
-@pytest.mark.parametrize("ppm", [300.0, -120.0])
-def test_a_log_whose_clock_differs_gives_the_same_response(ppm: float, tmp_path: Path) -> None:
-    """0.15 samples a period: 20 times better than as it was logged, at lines up to a fifth of the rate."""
-    t = np.arange(P * N + 5) / (1 + ppm * 1e-6)
-    record = _of(tmp_path, log(t, noise=1e-4))
-    assert record.repairs == {"samples resampled": P * N}
-    assert f"differ by {ppm:.0f}" in said(record.notes)[0]
-    assert _error(record) < 4e-3
-    write_log(tmp_path / "wrong.h5", log(np.arange(P * N) / 1.002))
-    with pytest.raises(DataError, match=r"does not repeat .* it repeats every 501"):
-        _measure(tmp_path, _spec("wrong.h5"))
-
-
-def test_a_clock_that_differs_and_missing_samples_go_together(tmp_path: Path) -> None:
-    """What is missing stays missing while the log is resampled, and is filled then."""
-    signals = log(np.arange(P * N + 5) / (1 + 2e-4))
-    signals["y"][[600, 601, 1900]] = np.nan
-    record = _of(tmp_path, signals)
-    assert record.repairs["samples resampled"] == P * N
-    assert record.repairs["missing samples filled"] >= 3
-    assert _error(record) < 5e-3
-
-
 def test_a_clipped_torque_is_counted_or_refused(tmp_path: Path) -> None:
     """At its largest 4 % a word; at a tenth refused with what to do."""
     limit = float(np.quantile(np.abs(CLEAN["u"]), 0.96))
@@ -227,23 +202,3 @@ def test_records_of_unequal_numbers_of_periods_go_together(tmp_path: Path) -> No
         estimated.append(response.noise.variance[:, 0, 0] / np.abs(truth) ** 2)
         errors.append(np.abs(response.G[:, 0, 0] / truth - 1) ** 2)
     assert np.mean(np.median(estimated, axis=0) / np.mean(errors, axis=0)) == pytest.approx(1.0, abs=0.3)
-
-
-def test_repairs_are_kept_in_the_files(tmp_path: Path) -> None:
-    """records.h5 and frf.h5 hold counts and the repetitions that are no measurement."""
-    record = _of(tmp_path, FAULTS[3][1])
-    assert record.left_out == (2,)
-    write_records(tmp_path / "records.h5", [record])
-    (again,) = read_records(tmp_path / "records.h5")
-    assert (again.repairs, again.left_out) == (record.repairs, record.left_out)
-    response = FrequencyResponse(
-        np.array([1.0]),
-        np.ones((1, 1, 1)),
-        ("motor 1",),
-        ("motor 1",),
-        "position",
-        Configuration("home", np.zeros(1)),
-        repairs=record.repairs,
-    )
-    write_responses(tmp_path / "frf.h5", [response])
-    assert read_responses(tmp_path / "frf.h5")[0].repairs == record.repairs

@@ -147,15 +147,6 @@ def test_the_transient_of_each_start_is_left_out(tmp_path: Path) -> None:
     assert np.mean(errors(stated)[1] / errors(long)[1]) == pytest.approx(1.0, abs=0.25)
 
 
-def test_half_periods_of_further_logs_have_the_sign_of_the_first(tmp_path: Path) -> None:
-    """Odd lines: logs of three half periods, the second of which starts with the negative one."""
-    logs = [run(3 * N // 2, 1, noise=0.01) + 2.0, run(5 * N // 2, 2, first=N // 2, noise=0.01) - 1.0]
-    joined = record_of(tmp_path, logs, half_wave=True)
-    assert joined.n_repeats == 2 + 4
-    error, variance = errors(estimate([joined], SPEC))
-    assert np.median(error / variance) < 4
-
-
 @pytest.mark.parametrize(
     ("second", "words"),
     [

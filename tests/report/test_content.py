@@ -11,7 +11,6 @@ from plants.report_values import fit_result, pair, report_content
 
 from elastid.base.note import Note
 from elastid.nonlinear.gear_result import ARCMIN, ARCSEC, GearNumber, GearResult, GearSheet
-from elastid.parameters import Parameter, ParameterSet
 from elastid.report.content import gear_line, gear_table, parameter_rows, seen_words
 from elastid.report.figures.fit import hysteresis
 from elastid.report.page.page import html
@@ -25,16 +24,6 @@ def many_notes():
     first, second = ((replace(pair(1, name=n)[0], notes=notes), pair(1)[1]) for n, notes in (("a", LOGS), ("b", LOGS)))
     result = fit_result()
     return report_content(frf=(first, second), result=replace(result, notes=(*result.notes, REMARK)))
-
-
-def test_findings_of_the_fit_come_first_and_the_same_note_of_108_logs_is_one():
-    """Whatever its numbers, and although two responses have it."""
-    content = many_notes()
-    assert [group.first.code for group in content.notes] == [
-        *(note.code for note in content.result.notes),
-        "late-log",
-    ]
-    assert len(content.notes[-1].places) == 108
 
 
 def test_the_page_shows_it_in_one_line_with_a_count():
@@ -57,27 +46,12 @@ def test_remarks_alone_are_no_warning():
     assert 'class="notes warnings"' in html(report_content(), [])
 
 
-def test_repairs_are_those_of_the_configurations_that_have_any():
-    (one, model), (two, other) = report_content().frf
-    content = report_content(frf=((replace(one, repairs={"spikes replaced": 3}), model), (two, other)))
-    assert content.repairs == {"c1": {"spikes replaced": 3}}
-
-
 def test_rows_say_how_many_standard_deviations_the_estimate_is_from_the_truth():
     """In the solver's variable: ln p for a logarithmic parameter, p for a linear one; none without a truth."""
     rows = parameter_rows(fit_result(), {"k_1": 3e5, "x_c": -0.02})
     assert rows[0].deviation == pytest.approx(math.log(3.02 / 3) / 0.01)
     assert rows[1].deviation is None
     assert rows[3].deviation == pytest.approx(0.005 / 0.004)
-
-
-def test_a_parameter_of_one_configuration_has_the_truth_of_the_one_it_stands_for():
-    """Unless it has a truth of its own."""
-    warm = Parameter("k_1@warm", 2e5, log=True, only=("warm",))
-    parameters = ParameterSet((Parameter("k_1", 2e5, free=False), warm))
-    result = fit_result(parameters)
-    assert parameter_rows(result, {"k_1": 3e5})[0].truth == 3e5
-    assert parameter_rows(result, {"k_1": 3e5, "k_1@warm": 2e5})[0].truth == 2e5
 
 
 def sheets() -> GearResult:

@@ -19,7 +19,7 @@ from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
 from elastid.report.modes import SWING, ModeRow, load_name, mode_drawing, shares_in_words, spring_names
 from elastid.response import FrequencyResponse
-from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Motor, Placement, Robot, Rod, Spring
+from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Robot, Rod, Spring
 
 
 def test_springs_are_called_what_they_are() -> None:
@@ -163,12 +163,3 @@ def test_where_nothing_is_seen_to_move_nothing_is_drawn() -> None:
     assert one is not None
     assert np.abs(one.moved[:, :, 0]).max() > 0.1
     assert not one.moved[:, :, 1].any()
-
-
-def test_a_slide_moves_along_its_axis() -> None:
-    """Straight, and its mode is drawn."""
-    joint = Joint("x", "x", Spring(5e6, 300.0), Motor(2e-3, 600.0), motion="translation")
-    load = Body("load", "carriage", Placement((0, 0, 0.3)), (Joint("e", "x", Spring(8e5), motion="translation"),), 25)
-    drawing = drawn(Robot("slide", (Body("carriage", joints=(joint,), mass=40), load)), (0.3,))
-    assert not drawing.moved[:, 1:].any()
-    assert drawing.views(0) == ((0, 2),)

@@ -113,26 +113,6 @@ def test_a_prior_is_advised_with_the_interval_that_conditioning_gives():
     assert prior.text == "--set 'fit.parameters.k_1={prior: {std: 0.05}}'"
 
 
-def test_a_longer_measurement_is_advised_only_as_far_as_the_file_lets_it_narrow():
-    """Half of what the data hold of a variance that is the noise in all, a fifth or nothing."""
-    result = fit_result()
-    covariance = np.diag(np.array([0.001, 0.04, 0.001, 0.001]) ** 2)
-    names = ("near", "far")
-    result = replace(
-        result, covariance=covariance, status="converged", configurations=names, share=np.full((2, 4), 0.5), indices=()
-    )
-
-    def gains(of_noise: float) -> list[str]:
-        actions = next_steps(replace(result, repeated=np.full(4, of_noise)), rows_of(result))
-        return [action.gain for action in actions if "twice as long" in action.what]
-
-    width = half_width(rows_of(result)[1])
-    for of_noise in (1.0, 0.2):
-        (gain,) = gains(of_noise)
-        assert gain.endswith(f"would become ±{percent(width / np.sqrt(1 + 0.5 * of_noise))}.")
-    assert not gains(0.0)
-
-
 def test_the_answer_says_how_exact_what_was_held_must_be():
     """Of a measured robot: up to 5 % of a torque constant shows in no residual; a simulated one is its file."""
     held = "the intervals take as exact ...; up to 5 % of gain_u_* shows in no residual: measure them as exactly"
@@ -211,15 +191,6 @@ def test_lines_of_the_model_hold_the_measured_ones_and_resolve_a_resonance():
     for f in (29.68, 32.96):
         assert np.sum(np.abs(lines - f) < 0.01 * f) >= 4
     assert len(model_lines(measured, [29.68], [0.01], 40)) == 40
-
-
-def test_a_reading_that_explains_a_wrong_model_is_named_before_any_check():
-    """Of channels that were exchanged, where nothing else is known of the model."""
-    result = replace(fit_result(), status="model_error", cost=4000.0, cost_expected=100.0, cost_dof=200.0)
-    none, effects = np.zeros(0), [0.0] * len(result.x)
-    reading = ModificationIndex("y exchanged", "order", (), none, (), (), none, 0.1, 9.0, 0.97, effects, (), 1)
-    assert "y exchanged" in next_steps(replace(result, indices=(reading,)), rows_of(result))[0].what
-    assert "channels" in next_steps(replace(result, indices=()), rows_of(result))[0].what
 
 
 def test_a_fit_that_converged_a_little_beyond_the_noise_is_not_told_of_missing_joints():

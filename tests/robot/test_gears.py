@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from elastid.robot import Body, GearCoupling, Joint, Motor, Robot, Spring
 from elastid.robot.gears import spring_directions
@@ -74,12 +73,3 @@ def test_springs_of_joint_and_shaft_are_in_series() -> None:
     directions = spring_directions(coupled.driven, coupled.gears)
     np.testing.assert_allclose(directions["km_6"], np.array([0, 40.0 / 80.0, 1.0]) / RATIOS[2])
     np.testing.assert_allclose(directions["k_5"], [0, 1, 0])
-
-
-def test_what_is_computed_once_cannot_be_edited() -> None:
-    """The arrays of a robot and of its gear boxes are read-only, and the same object every time."""
-    robot = wrist(GearCoupling("5", "6", 40.0))
-    assert robot.gearboxes is robot.gearboxes
-    for array in (robot.mixing, robot.eta, robot.gearboxes[1].X, robot.gearboxes[1].range):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1.0

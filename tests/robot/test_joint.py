@@ -13,17 +13,10 @@ from plants.two_mass_gear import Gear as Plant
 from plants.two_mass_gear import robot
 
 from elastid.model.formulation import serial
-from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Limits, Motor, Spring, TransmissionError
-from elastid.robot.simplified import stiffened, with_joints, without_dry_friction
+from elastid.robot import Gear, GearRipple, Hysteresis, Joint, Motor, Spring, TransmissionError
+from elastid.robot.simplified import with_joints
 from elastid.study import load_robot
 from elastid.study.robots import yaml_text
-
-
-def test_coulomb_alone_is_coulombs_law_and_excludes_another() -> None:
-    assert Motor(1e-3).dry_friction is None
-    assert Motor(1e-3, coulomb=0.2).dry_friction == Friction(0.2)
-    with pytest.raises(ValueError, match="leave one out"):
-        Motor(1e-3, coulomb=0.2, friction=Friction(0.3))
 
 
 def test_the_spring_of_the_shaft_adds_its_names_and_is_linear() -> None:
@@ -38,19 +31,6 @@ def test_a_sliding_joint_has_no_point_and_units_of_a_translation() -> None:
     assert rail.geometry == {}
     with pytest.raises(ValueError, match="leave out point"):
         Joint("rail", motion="translation", point=(0.0, 0.0, 0.1))
-
-
-def test_limits_leave_room_for_motion() -> None:
-    with pytest.raises(ValueError, match="limits leave no motion"):
-        Limits(angle=(1.0, 1.0))
-
-
-def test_a_spring_of_the_gear_or_of_the_shaft_makes_a_driven_joint_flexible() -> None:
-    """A joint without a motor has no gear, whatever its spring."""
-    spring, motor = Spring(1e4), Motor(1e-3)
-    flexible = [Joint("1", spring=spring, motor=motor), Joint("1", motor=Motor(1e-3, spring=spring))]
-    assert [joint.is_flexible for joint in flexible] == [True, True]
-    assert [joint.is_flexible for joint in (Joint("1", motor=motor), Joint("1", spring=spring))] == [False, False]
 
 
 def test_a_joint_with_a_zero_stands_where_one_is_at_its_position_plus_that() -> None:
@@ -100,10 +80,3 @@ def test_a_robot_file_keeps_every_effect(tmp_path: Path) -> None:
     assert load_robot(path).driven[0].gear == FULL
     path.write_text(text.replace("amplitude: 2e-05", "amplitude: 10 arcsec"))
     assert load_robot(path).driven[0].gear.error[0].amplitude == pytest.approx(4.8481368e-5)
-
-
-def test_friction_of_a_gear_goes_with_the_rest_of_it() -> None:
-    """Without dry friction a gear keeps its error and ripple; a gear that is rigid has none of its effects."""
-    geared = with_joints(robot(Plant()), lambda joint: replace(joint, gear=FULL))
-    assert without_dry_friction(geared).driven[0].gear == replace(FULL, load=0.0, hysteresis=())
-    assert stiffened(geared, ["1"]).driven[0].gear is None

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elastid.base.errors import StudyError
 from elastid.robot import (
     Anchor,
     Body,
@@ -22,7 +21,6 @@ from elastid.robot import (
     Robot,
     Spring,
 )
-from elastid.robot.simplified import elastic_coordinates, stiffened
 
 JOINT = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 100.0, 1e-3))
 
@@ -80,16 +78,6 @@ def test_what_no_mechanism_can_be_is_refused(make: object, says: str) -> None:
         make()  # type: ignore[operator]
 
 
-def test_numbers_are_read_and_replaced_by_name() -> None:
-    """with_parameters changes just what it names, and what it gives reads back."""
-    robot = one_joint(mass=5.0, inertia=(1.0, 1.0, 1.5))
-    values = {"k_1": 2e4, "d_1": 3.0, "Jm_1": 2e-3, "m_arm": 6.0, "c_arm_x": 0.1, "I_arm_zz": 1.6}
-    changed = {name: value for name, (value, _) in robot.with_parameters(values).parameters().items()}
-    assert changed == {name: value for name, (value, _) in robot.parameters().items()} | values
-    with pytest.raises(StudyError, match="no parameter k_2"):
-        robot.with_parameters({"k_2": 1.0})
-
-
 @given(st.tuples(*[st.floats(-3, 3)] * 3))
 def test_a_placement_is_a_rotation(rpy: tuple[float, float, float]) -> None:
     """R is orthogonal, right-handed, and roll comes first."""
@@ -109,54 +97,6 @@ def test_a_placement_is_found_from_its_rotation(pitch: float) -> None:
     assert found.xyz == placement.xyz
 
 
-def test_a_spring_may_soften_as_long_as_its_tangent_stays_positive() -> None:
-    """quadratic^2 < 3 k cubic."""
-    assert Spring(1.0, quadratic=1.7, cubic=1.0).quadratic == 1.7
-
-
-def test_a_shaft_spring_alone_makes_a_gear_elastic() -> None:
-    """It counts among the elastic coordinates, and goes with them."""
-    shaft = replace(JOINT, spring=None, motor=replace(JOINT.motor, spring=Spring(5.0)))
-    robot = Robot("r", (Body("arm", joints=(shaft, Joint("1x", "x", Spring(1e5)))),))
-    assert [each.label for each in elastic_coordinates(robot)] == ["gear 1", "1x"]
-    assert elastic_coordinates(stiffened(robot, ["1", "1x"])) == ()
-
-
-def test_places_are_known_by_name() -> None:
-    """`motor`, `joint` and `body ... axis` exist; anything else is refused with the list of those there are."""
-    robot = one_joint()
-    for place in ("motor 1", "joint 1", "body arm z"):
-        robot.check_location(place)
-    with pytest.raises(StudyError, match=r"motor 1, joint 1, body arm x"):
-        robot.check_location("motor 2")
-
-
-def test_the_branches_of_a_loop_end_where_both_ends_are_carried() -> None:
-    """From each end towards the base, as far as the joints differ; all of them are joints in loops."""
-    names = ("turret", "lever", "arm", "rod", "tip")
-    parents = ("base", "turret", "turret", "lever", "arm")
-    joints = [replace(JOINT, name=f"j{i}") for i in range(len(names))]
-    bodies = tuple(Body(n, p, joints=(j,)) for n, p, j in zip(names, parents, joints, strict=True))
-    loops = (
-        Loop("l", (Anchor("rod"), Anchor("tip", (1.0, 0.0, 0.0)))),
-        Loop("m", (Anchor("base"), Anchor("lever"))),
-        Loop("n", (Anchor("arm"), Anchor("tip"))),
-    )
-    robot = Robot("r", bodies, loops=loops)
-    assert robot.branches == (((3, 1), (4, 2)), ((), (1, 0)), ((), (4,)))
-    assert robot.joints_in_loops == (0, 1, 2, 3, 4)
-    assert replace(robot, loops=loops[2:]).joints_in_loops == (4,)
-
-
-def test_driven_joints_are_counted_and_found() -> None:
-    """Their indices among all joints; as many numbers as driven joints, or a message with both counts."""
-    elastic = Joint("1x", "x", Spring(1e5))
-    robot = Robot("r", (Body("arm", joints=(elastic, JOINT)), Body("tip", "arm", joints=(replace(JOINT, name="2"),))))
-    assert robot.driven_indices == (1, 2)
-    assert robot.count_refusal(2) == ""
-    assert robot.count_refusal(3, "torques") == "3 torques for 2 driven joints (1, 2) of robot r; give one for each"
-
-
 @pytest.mark.parametrize(
     ("loop", "says"),
     [
@@ -169,16 +109,3 @@ def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop: Loop, says: str) ->
     """Its parameters could not be distinguished from those of a body or joint."""
     with pytest.raises(ValueError, match=says):
         Robot("r", (Body("arm", joints=(JOINT,)), Body("tip", "arm")), loops=(loop,))
-
-
-def test_places_of_a_sliding_joint_and_origins_of_frames_translate() -> None:
-    """Motor and joint alike; bodies and what turns are measured in rad."""
-    rail = replace(JOINT, name="rail", motion="translation")
-    robot = Robot("r", (Body("cart", joints=(rail,)), Body("arm", "cart", joints=(JOINT,))))
-    places = ("motor rail", "joint rail", "motor 1", "joint 1", "body arm x")
-    assert robot.sliding(places) == ("motor rail", "joint rail")
-    assert [robot.slides(place) for place in ("accelerometer tcp x", "frame tcp x", "frame tcp rx")] == [
-        True,
-        True,
-        False,
-    ]

@@ -18,7 +18,7 @@ from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_friction
+from elastid.robot.simplified import elastic_coordinates, stiffened, without_friction
 
 LINES = np.geomspace(1, 60, 30)
 SERIAL, CONSTRAINED, MINIMAL = ModelSpec(), ModelSpec("constrained"), ModelSpec("minimal")
@@ -87,14 +87,6 @@ def test_a_rigid_gear_is_the_rotor_on_the_joint() -> None:
     np.testing.assert_allclose(response(robot, SERIAL, up)[:, 0, 0], expected, rtol=1e-9)
     model = formulate(robot)
     assert equilibrium(model, model.theta, Configuration("c", (0.1,))).q.tolist() == [0.1]
-
-
-def test_what_is_elastic_is_listed_in_one_place() -> None:
-    """Gears of driven joints, one each whatever springs they have, further joints, rods; with labels for people."""
-    robot = linkage(bends=True)
-    assert [each.label for each in elastic_coordinates(robot)] == ["gear 2", "b2", "gear 3", "rod rod"]
-    assert further_elastic(robot) == ("b2",)
-    assert [each.label for each in elastic_coordinates(wrist(links=True))] == ["gear 4", "gear 5", "gear 6"]
 
 
 @pytest.mark.parametrize(("name", "says"), [("9", "joint 9 has no spring"), ("elbow", "joint elbow has no spring")])

@@ -10,7 +10,7 @@ from elastid.base.errors import StudyError
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics
-from elastid.robot import Robot, Tolerances
+from elastid.robot import Robot
 from elastid.study import load_robot
 
 MOTOR = {"inertia": 1e-300}
@@ -102,33 +102,6 @@ ARM = """\
 </robot>
 """
 BESIDE = {"a1": {"motor": {"inertia": 1e-3, "ratio": 80}, "spring": {"stiffness": "50 kN*m/rad"}}}
-
-
-def test_limits_damping_and_frames_are_taken_over_and_the_side_file_adds_elasticity(tmp_path):
-    """Limits of the link side, `tool0` as a frame, spring, motor and a further elastic joint from beside."""
-    beside = {"a1": BESIDE["a1"] | {"elastic": [{"name": "a1x", "axis": "x", "spring": {"stiffness": 1e6}}]}}
-    robot = read(ARM, beside, tmp_path, payload={"mass": 2, "at": "tool0"})
-    joint, tilt = robot.joints
-    assert (joint.limits.angle, joint.limits.velocity, joint.limits.torque) == ((-1, 2), 3, 40)
-    assert joint.viscous == 0.7
-    assert joint.spring is not None
-    assert joint.spring.stiffness == 5e4
-    assert (tilt.name, tilt.axis) == ("a1x", "x")
-    assert [frame.name for frame in robot.frames] == ["base_link", "tool0"]
-    assert frame_poses(robot, np.zeros((1, 2)), "tool0").position[0].tolist() == [0, 0, 0.4]
-    assert robot.parameters()["m_payload"] == (2.0, "kg")
-    assert robot.name == "arm"
-
-
-def test_the_side_file_replaces_limits_and_adds_frames_and_a_source(tmp_path):
-    """Limits of the URDF give way to those of the side file."""
-    joints = {"a1": BESIDE["a1"] | {"limits": {"angle": [-0.5, 0.5], "torque": 12}}}
-    frames = [{"name": "probe", "body": "upper", "placement": {"xyz": [0, 0, 0.1]}}]
-    robot = read(ARM, joints, tmp_path, frames=frames, source="a drawing", tolerances={"mass": 0.2})
-    assert (robot.joints[0].limits.angle, robot.joints[0].limits.torque) == ((-0.5, 0.5), 12)
-    assert [frame.name for frame in robot.frames] == ["base_link", "tool0", "probe"]
-    assert robot.source == "a drawing"
-    assert robot.tolerances == Tolerances(mass=0.2)
 
 
 @pytest.mark.parametrize(

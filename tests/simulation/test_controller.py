@@ -82,13 +82,6 @@ def test_feed_forward_does_the_work_where_the_linkage_is_no_parallelogram(crank:
     np.testing.assert_allclose(E - E[0], work, rtol=0, atol=2e-4 * np.ptp(work))
 
 
-def test_the_integral_gain_is_the_rate_of_the_velocity_loop() -> None:
-    """1 / T_i, and none without an integral time."""
-    model = serial(motor())
-    assert tune(model, np.zeros(1), 2.0, 0.7, 0.25).ki.tolist() == [4.0]
-    assert tune(model, np.zeros(1), 2.0, 0.7).ki.tolist() == [0.0]
-
-
 RATE_HZ = 1000.0
 SPEC = ControllerSpec(
     kind="cascade", delay_samples=1,

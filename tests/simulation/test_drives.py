@@ -41,12 +41,6 @@ def test_encoders_count() -> None:
     assert len(np.unique(np.round(counts))) > 10
 
 
-def test_drives_clip_to_both_sides() -> None:
-    """A drive without a limit takes every command."""
-    drives = Drives(np.zeros(3), np.array([2.0, 2.0, np.inf]))
-    assert np.array(ca.DM(drives.clipped(ca.SX([-5.0, 5.0, 9.0])))).ravel().tolist() == [-2.0, 2.0, 9.0]
-
-
 def test_ripple_is_a_sine_of_the_angle_with_its_phase() -> None:
     """Of the torque, and of the reading before it is counted."""
     ripple = Ripple(np.array([0.1]), np.array([12.0]), np.array([0.4]))

@@ -23,7 +23,7 @@ from plants.two_links import (
 
 from elastid.friction.static import SLIDING_VELOCITY
 from elastid.model.formulation import serial
-from elastid.simulation.dynamics import CLASSICAL, FIFTH_ORDER, Tableau, fastest_rate, least_steps
+from elastid.simulation.dynamics import CLASSICAL, FIFTH_ORDER, Tableau, fastest_rate
 
 
 @given(st.lists(st.floats(-1, 1), min_size=10, max_size=10))
@@ -79,12 +79,6 @@ def test_a_mode_gets_the_frequency_and_damping_error_that_the_docstring_states(
     y = omega * step
     np.testing.assert_allclose(1 - pole.imag / omega, slower * y**power, rtol=0.1)
     np.testing.assert_allclose(-pole.real / omega, damped * y**5, rtol=0.1)
-
-
-@pytest.mark.parametrize(("pole", "steps"), [(-24.0, 10), (-26.0, 11), (8.4j, 10), (8.6j, 11), (4.0, 2), (0.0, 1)])
-def test_as_many_steps_as_keep_each_motion_from_growing(pole: complex, steps: int) -> None:
-    """|R| is 1 at 0.852 on the imaginary axis, and beyond 2.5 on the real one; a motion that grows may."""
-    assert least_steps(np.array([pole], dtype=complex), 1.0) == steps
 
 
 def test_the_fastest_rate_is_friction_at_standstill_or_the_stiffest_mode() -> None:

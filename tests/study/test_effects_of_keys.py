@@ -9,7 +9,6 @@ from plants.two_axes import ROBOT, STUDY, measured
 
 from elastid.app import cli
 from elastid.app.compare import variants
-from elastid.base.errors import StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec, TextFormatSpec
 from elastid.fit.result import FitResult
@@ -24,7 +23,6 @@ from elastid.recorded.responses.reading import read_table
 from elastid.robot import Anchor, Body, Chain, Joint, Loop, Pin, Placement, Rod
 from elastid.store.results import read_fit
 from elastid.study import load
-from elastid.study.checks import PLAN_KEYS
 
 
 def test_the_other_axis_of_a_pin_is_in_the_axes_of_the_second_body() -> None:
@@ -110,13 +108,3 @@ def test_log_first_is_the_way_and_not_the_end(fitted) -> None:
     """Without the stage in the logarithm the same optimum is found from a good start."""
     with_stage, without = fitted(), fitted("log_first=false")
     np.testing.assert_allclose(with_stage.x, without.x, atol=1e-4)
-
-
-@pytest.mark.parametrize("key", PLAN_KEYS)
-def test_a_plan_of_logs_is_refused(key: str, tmp_path: Path) -> None:
-    """Realisations, periods and ramps are in the files: a number for them would do nothing."""
-    assert cli.run_command(["new", str(tmp_path / "logs"), "--template", "recorded"]) == 0
-    study = tmp_path / "logs" / "study.yml"
-    assert load(study, []).study.kind == "recorded"
-    with pytest.raises(StudyError, match=f"experiment.{key}: the experiment is recorded: its files determine this"):
-        load(study, [f"experiment.{key}=3"])

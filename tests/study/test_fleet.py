@@ -16,15 +16,6 @@ def fleet(tmp_path: Path) -> Path:
     return tmp_path / "fleet.yml"
 
 
-def test_a_table_has_a_member_in_each_row_with_its_overrides(fleet: Path) -> None:
-    """In the order of robots and dates; an empty cell overrides nothing."""
-    (fleet.parent / "members.csv").write_text("robot,date,fit.starts\nb,2024-05-01,3\na,2024-05-02,\n")
-    fleet.write_text(fleet.read_text() + "table: members.csv\n")
-    first, second = load_fleet(fleet).members
-    assert (first.name, first.overrides) == ("a_2024-05-02", ())
-    assert (second.name, second.overrides) == ("b_2024-05-01", ("fit.starts=3",))
-
-
 def test_folders_are_members_by_their_names(fleet: Path) -> None:
     """Overrides have them in braces; a folder whose date is none is no member."""
     for name in ("a_2024-05-01", "a_old"):

@@ -13,7 +13,7 @@ from elastid.app.run import Run, run_all
 from elastid.base.errors import StudyError
 from elastid.design.design import sticking
 from elastid.experiment.plan.plan import make_plan
-from elastid.friction.dynamic import Bristle, SwitchedMaxwellSlip
+from elastid.friction.dynamic import Bristle
 from elastid.friction.robot_friction import frictions
 from elastid.study import load
 
@@ -92,15 +92,6 @@ def test_a_study_with_lugre_friction_and_a_lag_finds_stiffness_and_lag(tiny: Pat
     assert found["torque_lag"]["unit"] == "s"
 
 
-def test_joints_may_slip_by_events(tiny: Path) -> None:
-    """Generalised Maxwell slip across the joint, link side."""
-    law = "{coulomb: 0.1, maxwell_slip: {stiffness: [50, 20], shares: [0.4, 0.6], attraction: 5, switching: events}}"
-    study = rewritten(tiny, ("        spring:", f"        friction: {law}\n        spring:"))
-    (found,) = frictions(load(study).study.robot)
-    assert found.place == "joint 1"
-    assert isinstance(found.law, SwitchedMaxwellSlip)
-
-
 def test_sticking_is_told_for_every_law(tiny: Path) -> None:
     """LuGre's Coulomb level against the rms torque."""
     robot = lugre_robot()
@@ -110,28 +101,6 @@ def test_sticking_is_told_for_every_law(tiny: Path) -> None:
     plan = make_plan(study.excitation, study.experiment, study.robot, 0)
     (note,) = sticking(plan, study.robot, None)
     assert "motor 1: its Coulomb friction (0.1 N*m) is more than a third" in str(note)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "word"),
-    [
-        ("coulomb: 4 mN*m", "colomb: 4 mN*m", "unknown key; did you mean 'coulomb'?"),
-        ("stiction: 6 mN*m", "stiction: 1 mN*m", "stiction (F_s) is 0.001 N*m, below coulomb (F_c) of 0.004"),
-        ("coulomb: 4 mN*m", "coulomb: -4 mN*m", "coulomb (F_c) is -0.004; it must be positive"),
-        ("stiffness: 20", "stiffness: -20", "stiffness (sigma_0) is -20"),
-        ("stiffness: 20", "stifness: 20", "unknown key; did you mean 'stiffness'?"),
-        ("damping: 1e-3, damping_velocity: 2", "damping: 0.01", "not passive, it can supply energy"),
-        ("damping: 1e-3, damping_velocity: 2", "damping: 1, damping_velocity: 2", "can supply energy; lower it"),
-        ("stiffness: 20", "stiffness: 20 kg", "unit 'kg' measures kg, not N*m/rad"),
-    ],
-)
-def test_wrong_friction_is_refused_at_its_line(tiny: Path, old: str, new: str, word: str) -> None:
-    """With file, line, column."""
-    robot = lugre_robot()
-    assert old in robot[1]
-    said = refusal(rewritten(tiny, (robot[0], robot[1].replace(old, new))))
-    assert word in said
-    assert "robot.yml:" in said
 
 
 @pytest.mark.parametrize(
@@ -159,9 +128,3 @@ def test_a_temperature_that_friction_does_not_bear_is_refused_at_its_line(tiny: 
     said = refusal(rewritten(tiny, (robot[0], law), rig))
     assert "study.yml:" in said
     assert "friction of motor 1 under a load of 0 N*m at 40 degC: stiction falls to -0.009 N*m" in said
-
-
-def test_a_wrong_chain_is_refused_at_its_line(tiny: Path) -> None:
-    assert "torque_lag is -0.001 s; it must be positive" in refusal(
-        rewritten(tiny, extra="chain: {torque_lag: -1 ms}\n")
-    )

@@ -73,22 +73,6 @@ def test_true_inertias_are_possible_together_or_not_at_all() -> None:
     assert "truth.I_fore_arm_yy: no robot has this number: inertia of body fore_arm" in alone
 
 
-@pytest.mark.parametrize(
-    ("template", "section", "file"),
-    [
-        ("ros2", "recorded", "bag_1"),
-        ("responses", "responses", "bench.csv"),
-    ],
-)
-def test_a_template_lacks_only_its_data(template: str, section: str, file: str, tmp_path: Path) -> None:
-    """A new study of measured data says which file to bring."""
-    for source in (TEMPLATES / template).iterdir():
-        (tmp_path / source.name).write_text(source.read_text())
-    error, *_ = errors(tmp_path / "study.yml")
-    assert f"experiment.{section}.files[0].path: no such file" in error
-    assert file in error
-
-
 # (what stands in the study, what is written instead, the key path, part of the message)
 WRONG = [
     ("rate_hz: 500", "rate_hs: 500", "excitation.rate_hs", "unknown key; did you mean 'rate_hz'?"),
@@ -241,25 +225,6 @@ def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(ti
     load(edited(tiny, "start: 5", "start: 1.9e-3"))
 
 
-def test_all_errors_come_at_once_in_the_order_of_the_file(tiny: Path) -> None:
-    """Three sections, the robot's file last."""
-    edited(tiny, "rate_hz: 500", "rate_hs: 500")
-    edited(tiny, "  starts: 2", "  strats: 2")
-    edited(tiny, "stiffness: 50", "stiffness: -50", "robot.yml")
-    found = errors(tiny)
-    places = [(line.split(":")[0], int(line.split(":")[1])) for line in found]
-    assert [file for file, _ in places] == ["study.yml"] * 3 + ["robot.yml"]
-    assert places[:3] == sorted(places[:3])
-
-
-def test_errors_in_meaning_come_at_once_too(tiny: Path) -> None:
-    """Checks across sections do not stop at the first."""
-    edited(tiny, "a: [0]", "a: [0, 0]")
-    edited(tiny, "truth: {k_1: 60 N*m/rad}", "truth: {k_9: 60}")
-    edited(tiny, "    d_1: {}", "    d_9: {}")
-    assert len(errors(tiny)) == 3
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -286,46 +251,6 @@ def test_what_is_no_study_is_refused_by_place(tiny: Path, content: bytes, messag
     assert message in error
 
 
-def test_a_missing_study_or_robot_is_named(tiny: Path) -> None:
-    """And other errors of the study still come."""
-    edited(tiny, "robot: robot.yml", "robot: ronot.yml")
-    found = errors(edited(tiny, "  starts: 2", "  strats: 2"))
-    assert any("study.yml:2:8: robot: no such file" in line for line in found)
-    assert any("fit.strats" in line for line in found)
-    assert errors(tiny.parent / "nope.yml") == ["nope.yml: no such file"]
-
-
-def test_an_inline_robot_is_the_robot(tiny: Path) -> None:
-    """robot: a path or the robot itself, with errors in the study's own lines."""
-    robot = (tiny.parent / "robot.yml").read_text()
-    indented = "robot:\n" + "".join(f"  {line}\n" for line in robot.splitlines())
-    apart = load(str(tiny)).study  # a path as text, as a notebook gives it
-    assert load(edited(tiny, "robot: robot.yml\n", indented)).study == apart
-    (error,) = errors(edited(tiny, "ratio: 1,", "ratio: 0,"))
-    assert error.startswith("study.yml:")
-    assert "robot.bodies[0].joints[0].motor.ratio" in error
-
-
-def test_set_takes_the_place_of_a_key(tiny: Path) -> None:
-    """Sections, lists, the robot's numbers, sections that the study does not have."""
-    study = load(
-        tiny,
-        [
-            "fit.starts=7",
-            "excitation.band_hz[1]=90 Hz",
-            "robot.bodies.0.joints.0.spring.stiffness=55",
-            "validation.left_out=[b]",
-            "experiment.configurations.c=[-10 deg]",
-        ],
-    ).study
-    assert study.fit.starts == 7
-    assert study.excitation is not None
-    assert study.excitation.band_hz == (5.0, 90.0)
-    assert study.robot.parameters()["k_1"][0] == 55.0
-    assert study.validation.left_out == ("b",)
-    assert list(study.experiment.configurations) == ["a", "b", "c"]
-
-
 @pytest.mark.parametrize(
     ("override", "message"),
     [
@@ -343,15 +268,6 @@ def test_errors_of_an_override_name_it(tiny: Path, override: str, message: str) 
     (error,) = errors(tiny, override)
     assert error.startswith(f"--set {override}: ")
     assert message in error
-
-
-def test_set_can_name_another_robot(tiny: Path) -> None:
-    """Overrides below `robot` then reach into that file."""
-    other = tiny.parent / "other.yml"
-    other.write_text((tiny.parent / "robot.yml").read_text().replace("stiffness: 50", "stiffness: 70"))
-    study = load(tiny, ["robot.bodies.0.mass=2", "robot=other.yml"]).study
-    assert study.robot.parameters()["k_1"][0] == 70.0
-    assert study.robot.parameters()["m_load"][0] == 2.0
 
 
 @given(data=st.data())
@@ -398,41 +314,6 @@ def recorded(tiny: Path, **changes: str) -> Path:
         + tail
     )
     return tiny
-
-
-def test_a_recorded_study_loads_without_an_excitation(tiny: Path) -> None:
-    """Files count from the study's folder, not from where the user is."""
-    study = load(recorded(tiny)).study
-    assert study.experiment.recorded is not None
-
-
-@pytest.mark.parametrize(
-    ("changes", "keys", "message"),
-    [
-        ({"file": "logs/on.csv"}, "experiment.recorded.files[0].path", "did you mean 'one.csv'?"),
-        ({"configuration": "q"}, "experiment.recorded.files[0].configuration", "no configuration is called 'q'"),
-        ({"at": "motor 9"}, "experiment.recorded.channels[0].at", "did you mean 'motor 1'?"),
-        ({"at": "joint 1"}, "experiment.recorded.channels[0].at", "no motor is called 'joint 1'"),
-        ({"y_at": "body loud z"}, "experiment.recorded.channels[1].at", "not a place on robot"),
-        ({"unit": "N*m"}, "experiment.recorded.channels[0].unit", "measures N*m, not A"),
-    ],
-)
-def test_channels_and_files_are_looked_for(tiny: Path, changes: dict[str, str], keys: str, message: str) -> None:
-    """Before any log is read."""
-    study = recorded(tiny, **changes)
-    assert any(keys in line and message in line for line in errors(study))
-
-
-def test_two_files_of_the_same_run_without_a_period_are_refused(tiny: Path) -> None:
-    """Nothing brings them into step."""
-    study = recorded(tiny)
-    study.write_text(
-        study.read_text()
-        .replace("    files:\n", "    files:\n      - {path: study.yml, configuration: a}\n")
-        .replace("    period: 1\n", "")
-    )
-    words = "are both configuration a, realisation 0, experiment 0, but have no period"
-    assert any(words in error for error in errors(study))
 
 
 def test_the_schema_is_json_with_units_and_closed_sections() -> None:
@@ -520,15 +401,6 @@ def test_values_that_no_study_holds_are_refused_at_their_place(tiny: Path, value
     assert message in first
 
 
-def test_of_very_many_errors_the_first_are_told(tiny: Path) -> None:
-    """Twenty of them, and how many more there are."""
-    tiny.write_text(tiny.read_text() + "".join(f"key_{i}: {i}\n" for i in range(1000)))
-    messages = errors(tiny)
-    assert len(messages) == 21
-    assert "key_0: unknown key" in messages[0]
-    assert messages[-1] == "... and 980 further errors"
-
-
 def test_a_file_that_is_no_robot_is_named_at_the_study(tiny: Path) -> None:
     """Its own place is given after that."""
     (tiny.parent / "words.txt").write_text("root:x:0:0\n")
@@ -538,37 +410,8 @@ def test_a_file_that_is_no_robot_is_named_at_the_study(tiny: Path) -> None:
     assert second.startswith("words.txt:1:1: a robot is a mapping")
 
 
-CURRENT = """\
-name: bench
-robot: robot.yml
-experiment:
-  configurations: {a: [0]}
-  recorded:
-    rate_hz: 1000
-    period: 1 s
-    channels:
-      - {role: u, at: motor 1, channel: i, quantity: current, unit: A, torque_constant: 0.17 N*m/A}
-      - {role: y, at: motor 1, channel: q, quantity: position, unit: rad}
-    files: [{path: log.csv, configuration: a}]
-fit: {parameters: {k_1: {}}}
-"""
-
-
 def tolerances_of(study: Path, *overrides: str) -> Tolerances | Literal["exact"] | None:
     return load(study, overrides).study.as_robot().tolerances
-
-
-def test_a_robot_whose_responses_are_measured_has_the_tolerances_of_a_data_sheet(tiny: Path) -> None:
-    """Of torque constants where the log holds a current; what the file says counts first."""
-    (tiny.parent / "study.yml").write_text(CURRENT)
-    (tiny.parent / "log.csv").write_text("i,q\n0,0\n")
-    assert tolerances_of(tiny) == Tolerances(torque_constant=0.05)
-    torque = "experiment.recorded.channels.0={role: u, at: motor 1, channel: i}"
-    assert tolerances_of(tiny, torque) == Tolerances(torque_constant="exact")
-    assert tolerances_of(tiny, "robot.tolerances={mass: 1 %}") == Tolerances(mass=0.01, torque_constant=0.05)
-    assert tolerances_of(tiny, "robot.tolerances={torque_constant: 1 %}") == Tolerances(torque_constant=0.01)
-    assert tolerances_of(tiny, "robot.tolerances=exact") == "exact"
-    assert "expected a mapping ({} for the defaults), or one of exact" in errors(tiny, "robot.tolerances=none")[0]
 
 
 def test_a_simulated_rig_is_its_file_unless_its_truth_changes_a_number_that_the_fit_holds(tiny: Path) -> None:

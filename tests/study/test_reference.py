@@ -1,4 +1,4 @@
-"""Every key of a study has a text in the annotation of its field, and is given by a shipped file or a test."""
+"""Every key of a study has a text in the annotation of its field, and advice on when to change it."""
 
 import re
 from dataclasses import make_dataclass
@@ -6,74 +6,28 @@ from difflib import SequenceMatcher
 from pathlib import Path
 
 import pytest
-from study.given_keys import PLACES, SECTIONS, given_in, in_python, in_yaml
 
 from elastid.app import cli
 from elastid.app.cli import run_command
 from elastid.base.errors import StudyError
 from elastid.study import load, make_schema
-from elastid.study.checks import PLAN_KEYS
-from elastid.study.reference import explain, explain_word, keys_of, list_keys, names_in, overview, text_of
-from elastid.study.sections import Study
+from elastid.study.reference import (
+    explain,
+    explain_word,
+    keys_below,
+    keys_of,
+    list_keys,
+    list_sections,
+    names_in,
+    overview,
+    text_of,
+)
+from elastid.study.sections import FleetSpec, MemberSpec, Study
 
 ROOT = Path(__file__).parents[2]
+SECTIONS = {**list_sections(), "FleetSpec": FleetSpec, "MemberSpec": MemberSpec}
+PLACES = [*list_keys(), *keys_below(FleetSpec, "fleet.")]
 KEYS = {(key.section.__name__, key.name): key for key in PLACES}
-GIVERS = ("tests/**/*.py", "scripts/**/*.py", "configs/**/*.yml", "elastid/app/templates/**/*.yml")
-
-# Keys that tests give through a value or a helper from elsewhere, by the file of the test.
-GIVEN_THROUGH_HELPERS = {
-    "experiment/simulated/test_hardware.py": ("SimulatedSpec.model",),
-    "recorded/test_link_side.py": ("ChannelSpec.hold",),
-    "recorded/responses/test_reading.py": ("ChannelSpec.rate_hz", "ResponsesSpec.text", "ResponseFileSpec.response"),
-    "recorded/test_periodicity.py": ("FileSpec.period_samples",),
-    "recorded/test_rig.py": ("RecordedSpec.text",),
-    "excitation/test_grids.py": ("MultisineSpec.group", "MultisineSpec.ratio"),
-    "excitation/test_multisine.py": ("MultisineSpec.spectrum",),
-    "frf/test_welch.py": ("EstimatorSpec.window",),
-    "study/test_loading.py": ("FitSpec.wanted",),
-    "robot/test_denavit_hartenberg.py": ("Link.name", "DenavitHartenberg.frames", "DenavitHartenberg.tolerances"),
-    "robot/test_urdf.py": tuple(f"UrdfJoint.{key}" for key in ("spring", "motor", "elastic", "viscous", "limits"))
-    + tuple(f"UrdfRobot.{key}" for key in ("source", "frames", "payload", "tolerances")),
-}
-
-
-def ungiven(keys: set[tuple[str, str]]) -> set[str]:
-    """Those of some keys, by section and name, that no shipped file and no test gives."""
-    helped = {key for keys in GIVEN_THROUGH_HELPERS.values() for key in keys}
-    helped |= {f"ExperimentSpec.{key}" for key in PLAN_KEYS}  # test_effects_of_keys gives each
-    return {".".join(key) for key in keys - given_in(ROOT, *GIVERS)} - helped
-
-
-@pytest.mark.slow
-def test_every_key_is_given_somewhere() -> None:
-    """By a shipped study, a template, a script or a test; the tests that give it through a helper name it."""
-    assert ungiven({*KEYS}) == set()
-    for file, keys in GIVEN_THROUGH_HELPERS.items():
-        text = (ROOT / "tests" / file).read_text(encoding="utf-8")
-        assert [key for key in keys if not re.search(rf"\b{key.split('.')[1]}\b", text)] == [], file
-    assert {key.partition(".")[0] for keys in GIVEN_THROUGH_HELPERS.values() for key in keys} <= {*SECTIONS}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["level", "limit", "gain", "name", "start", "path", "mass"])
-def test_a_key_that_nothing_gives_is_found(name: str) -> None:
-    """In every section that has none of that name, however often the word is an argument of something else."""
-    new = {(section, name) for section in SECTIONS if (section, name) not in KEYS}
-    assert ungiven(new) == {".".join(key) for key in new}
-
-
-def test_a_key_is_given_below_its_section_only() -> None:
-    """In YAML, in paths, in calls of the section's class, of `replace` and of a helper that hands keywords on."""
-    assert set(in_yaml("controller: {kind: cascade, level: 1}\nlimit: 2")) == {("ControllerSpec", "kind")}
-    source = """
-def spec(**keys): return WeightSpec(**keys)
-spec(loss="huber")
-other(floor=1)
-replace(study.estimator, window="hann")
-load(path, ["fit.weights.smooth=3", "smooth=3"])
-"""
-    given = set(in_python(source))
-    assert given == {("WeightSpec", "loss"), ("EstimatorSpec", "window"), ("WeightSpec", "smooth")}
 
 
 @pytest.mark.parametrize("section", SECTIONS.values(), ids=lambda section: section.__name__)
@@ -107,13 +61,6 @@ def test_the_schema_shows_the_texts() -> None:
     assert period.startswith(
         "Period of the multisine; the lines are 1/period apart. in s, or a text with a unit: s, ms, us, min, h."
     )
-
-
-def test_a_key_knows_its_places() -> None:
-    """Entries of lists and names that a study chooses have a sign of their own."""
-    paths = {key.path for key in list_keys()}
-    assert {"seed", "experiment.recorded.files[].samples", "fit.parameters.<name>.tie.to"} <= paths
-    assert {"robot.bodies[].joints[].motor.ratio", "robot.links[].joint.axis", "robot.urdf"} <= paths
 
 
 def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from elastid.base.errors import StudyError
-from elastid.study.source import first_of, parse
+from elastid.study.source import parse
 
 
 def test_every_key_and_value_has_its_place() -> None:
@@ -29,9 +29,3 @@ def test_a_text_that_is_no_plain_data_is_refused(text: str, message: str) -> Non
     """With file, line and column."""
     with pytest.raises(StudyError, match=message):
         parse(text, "s.yml")
-
-
-def test_of_many_errors_the_first_twenty_are_shown() -> None:
-    """And a count of the others."""
-    lines = first_of([f"line {i}" for i in range(23)]).splitlines()
-    assert lines[:1] + lines[-2:] == ["line 0", "line 19", "... and 3 further errors"]

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from elastid.app.overview import overview
-from elastid.base.errors import StudyError
 from elastid.fit.parameter_choice import choose
 from elastid.study import Study, load
 
@@ -45,31 +44,3 @@ def test_springs_are_read_in_si_and_shown(tmp_path: Path) -> None:
     assert {"k3_2", "F0_cyl", "L0_cyl"} < set(parameters.free_names)
     assert parameters["k3_2"].log
     assert not parameters["L0_cyl"].log
-
-
-@pytest.mark.parametrize(
-    ("changes", "where", "message"),
-    [
-        ({"cubic": "damping: 600, cubic: -1e11}"}, "bodies[1].joints[0].spring", "the spring loses its stiffness at"),
-        ({"cubic": "damping: 600, cubic: 1 N*m/rad}"}, "spring.cubic", "units that fit here: N*m/rad^3"),
-        ({"gap": "damping: 250, backlash: 0}"}, "spring", "half the gap; it must be positive, or left out"),
-        (
-            {"cylinder": CYLINDER.replace("upper_arm", "uper")},
-            "compensators[0]",
-            "no body is called uper; did you mean 'upper_arm'?",
-        ),
-        ({"cylinder": CYLINDER.replace("turret", "upper_arm")}, "compensators[0]", "both ends are on upper_arm"),
-        ({"cylinder": CYLINDER.replace("kappa: 1.2", "kappa: 5")}, "compensators[0].gas", "kappa is 5; it is 1"),
-        (
-            {"cylinder": CYLINDER.replace("gas: ", "coil: {stiffness: 1}\n    gas: ")},
-            "compensators[0]",
-            "one of coil and gas",
-        ),
-    ],
-)
-def test_mistakes_have_their_place(tmp_path: Path, changes: dict[str, str], where: str, message: str) -> None:
-    with pytest.raises(StudyError) as refusal:
-        load(written(tmp_path, **changes))
-    assert "robot.yml:" in str(refusal.value)
-    assert where in str(refusal.value)
-    assert message in str(refusal.value)

@@ -87,15 +87,6 @@ def test_curves_have_the_band_of_a_single_posture() -> None:
     np.testing.assert_allclose(workspace.magnitude_std[0] / 100, spread.std, rtol=1e-2, atol=1e-4 * spread.std.max())
 
 
-def test_a_posture_that_tips_over_is_refused_and_the_others_are_kept() -> None:
-    """An upright arm whose springs carry less than its weight."""
-    own = result()
-    soft = replace(own, x=own.x - np.where([p.name.startswith("k") for p in own.parameters.free], np.log(120), 0))
-    workspace = map_workspace(soft, np.array([[-np.pi / 2, 0.0], [np.pi / 2, 0.0]]), lines_hz=LINES)
-    assert workspace.refused == (0,)
-    assert workspace.asked.tolist() == [1]
-
-
 def test_a_cut_without_a_direction_or_with_a_negative_coefficient_is_refused() -> None:
     """Before anything is computed."""
     with pytest.raises(ValueError, match="zero vector"):

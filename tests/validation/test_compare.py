@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from plants.two_axes import ROBOT
 
-from elastid.base.errors import StudyError
 from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
@@ -17,9 +16,8 @@ from elastid.model.formulation import EXACT, formulate
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Robot
-from elastid.robot.simplified import stiffened
 from elastid.study import load_robot
-from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
+from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit
 from elastid.validation.comparison import Comparison, LeftOut, Refit
 
 CONFIGURATIONS = ("a", "b", "c", "d")
@@ -72,16 +70,6 @@ def test_a_model_within_the_standard_error_cannot_be_distinguished_and_the_simpl
     assert "distinguished" not in compared(robot, lean=(4, 2e3, (2.003,) * 4), own=(5, 2e3, (2.0,) * 4)).verdict
 
 
-def test_without_left_out_configurations_qaic_decides(robot: Robot) -> None:
-    """And the verdict says why predictions are unknown."""
-    found = compared(robot, many=(9, 1999.0, ()), few=(4, 2000.0, ()))
-    assert [row.name for row in found.rows] == ["few", "many"]
-    assert math.isinf(found.rows[0].mean_misfit)
-    assert found.verdict.startswith(
-        "few has the smallest information criterion; the predictions of the models are unkn"
-    )
-
-
 def test_failed_fits_are_last_and_their_reason_is_noted(robot: Robot) -> None:
     """One that failed on all, one that failed without a configuration, one that did not converge."""
     failed = Refit("failed", "every start failed", 0, math.inf, 0, {})
@@ -95,17 +83,6 @@ def test_failed_fits_are_last_and_their_reason_is_noted(robot: Robot) -> None:
     assert notes["some"] == "1 of 4 fits failed: every start failed"
     assert (notes["slow"], notes["fine"]) == ("not converged", "")
     assert rank(CONFIGURATIONS, variants[:1], [[failed] * 5]).verdict.startswith("No model could be fitted")
-
-
-def test_parameters_of_a_joint_that_is_left_out_are_left_out_with_it(robot: Robot) -> None:
-    """Names and patterns that mean nothing else; a name that was wrong before stays wrong."""
-    each = ParameterSpec()
-    spec = FitSpec(parameters={"k_*": each, "k_2x": each, "?_2x": each, "k_9": each})
-    lean = stiffened(robot, ["2x"])
-    assert list(restricted(spec, lean, robot).parameters) == ["k_*", "k_9"]
-    with pytest.raises(StudyError, match=r"fit\.parameters has no parameter of this model \(k_2x\); add one"):
-        restricted(FitSpec(parameters={"k_2x": each}), lean, robot)
-    assert restricted(FitSpec(), lean, robot) == FitSpec()
 
 
 def test_parameters_that_a_model_lacks_are_fixed_at_their_starts(robot: Robot) -> None:

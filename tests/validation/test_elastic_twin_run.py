@@ -85,28 +85,6 @@ def test_the_true_twin_is_off_by_the_noise_and_without_friction_by_far_more(
     assert "driven by its reference through its controller" in describe_run(followed)
 
 
-def test_a_softer_spring_is_seen_where_it_counts(measured: tuple[SimulatedRig, Record]) -> None:
-    """4 % of stiffness: the motor's angle is most off in the octaves of antiresonance and resonance."""
-    _, record = measured
-    (run,) = elastic_runs(record, FittedTwin(arm(0.96 * 3e4), 0.0, EXACT), BAND_HZ, None)
-    bands = run.of(MOTION)[0].bands
-    assert max(band.error for band in bands[:2]) < 0.5 * min(band.error for band in bands[2:])
-    assert run.of(MOTION)[0].worst == max(bands, key=lambda band: band.error)
-
-
-def test_a_band_limited_torque_with_a_delay_is_driven_as_it_acts(measured: tuple[SimulatedRig, Record]) -> None:
-    """The held torque as a band-limited log has it: weaker by its sinc and half a sample later; and 1 ms more."""
-    _, record = measured
-    freq_hz = np.fft.rfftfreq(record.n_samples, 1 / RATE_HZ)
-    late = record.hold_response(freq_hz) * np.exp(2j * np.pi * freq_hz * 1e-3)[:, None]
-    u = np.fft.irfft(np.fft.rfft(record.u, axis=0) * late, record.n_samples, axis=0)
-    smooth = replace(record, u=u, hold="band-limited")
-    (run,) = elastic_runs(smooth, FittedTwin(arm(), 1e-3, EXACT), BAND_HZ, None)
-    assert errors(run)[MOTION] < 0.02
-    (unaware,) = elastic_runs(smooth, FittedTwin(arm(), 0.0, EXACT), BAND_HZ, None)
-    assert errors(unaware)[MOTION] > 3 * errors(run)[MOTION]
-
-
 def test_a_motor_that_is_not_in_the_log_is_held(measured: tuple[SimulatedRig, Record]) -> None:
     """A light hand on a second motor, whose torque was not logged, changes nothing."""
     _, record = measured

@@ -19,7 +19,7 @@ from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.closed_loop import Commands, simulate
 from elastid.simulation.controller import Gains
 from elastid.validation.friction_twin import friction_runs
-from elastid.validation.twin_run import LINK, MOTION, TORQUE, TwinRun
+from elastid.validation.twin_run import TORQUE, TwinRun
 
 RATE_HZ, SECONDS = 500.0, 12.0
 COULOMB, VISCOUS = 20.0, 15.0
@@ -81,28 +81,6 @@ def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[Twi
     joint = JointFriction("1", False, motion=found, friction=law, viscous=found.chosen["viscous"])
     robot = with_laws(swing(), {"1": (law, found.chosen["viscous"])})
     return friction_runs(robot, (joint,), FrictionRecords((record,)), controller)
-
-
-def test_the_twin_moves_as_its_log_under_torque_and_reference(record: FrictionRecord) -> None:
-    """Half a percent of angle and 2 % of torque, though its file lacks mass; without friction a tenth and more."""
-    under_torque, followed = runs_of(record, CASCADE)
-    assert (under_torque.drive, followed.drive, followed.held_hz) == ("torque", "reference", 0.0)
-    for run in (under_torque, followed):
-        assert not run.lost
-        (motion,), (torque,), (link,) = run.of(MOTION), run.of(TORQUE), run.of(LINK)
-        assert motion.error < 0.005
-        assert link.error < 0.005
-        assert torque.error < 0.02
-        assert torque.error_without_friction > 0.1
-    assert under_torque.of(MOTION)[0].error_without_friction > 0.1
-    assert under_torque.seconds == SECONDS
-
-
-def test_without_a_controller_or_a_reference_the_torque_alone_drives(record: FrictionRecord) -> None:
-    assert [run.drive for run in runs_of(record, None)] == ["torque"]
-    assert [run.drive for run in runs_of(replace(record, reference=None), CASCADE)] == ["torque"]
-    (run,) = runs_of(replace(record, link_position=None), None)
-    assert not run.of(LINK)
 
 
 def test_known_pulses_push_the_twin_as_well() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from plants.predicted_arm import closed_form, rest, result, robot
 
-from elastid.base.errors import StudyError
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
@@ -55,13 +54,6 @@ def test_both_bands_hold_what_they_say() -> None:
     assert 0.9 < np.mean(shares) < 0.999
 
 
-def test_a_wrong_robot_is_outside() -> None:
-    """A stiffness that is 30 % off, stated to 2 %."""
-    fit = result()
-    off = replace(fit, x=fit.x + 0.3 * np.array([name.startswith("k") for name in fit.parameters.free_names]))
-    assert predict_response(off, hammer(0.02)).inside < 0.6
-
-
 def test_a_response_of_motors_has_its_chain() -> None:
     """A delay, which `at` knows nothing of, is that of the fitted model; bands stay as wide."""
     names = robot().motor_locations
@@ -72,9 +64,3 @@ def test_a_response_of_motors_has_its_chain() -> None:
     each, prompt = predict_response(result(), late, late), predict_response(result(), plain, plain)
     np.testing.assert_allclose(each.predicted.G, late.G, rtol=1e-9)
     np.testing.assert_allclose(each.pointwise, prompt.pointwise, rtol=1e-9)
-
-
-def test_places_that_the_robot_lacks_are_refused() -> None:
-    """A frame of another robot."""
-    with pytest.raises(StudyError, match="no frame hook"):
-        predict_response(result(), replace(hammer(), inputs=("force hook x", "force tool z")))

@@ -137,14 +137,6 @@ def test_the_record_that_fits_worst_is_shown_and_named():
     assert "record bad" in describe_replays([found])
 
 
-@pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration"])
-def test_motions_are_compared_in_the_quantity_of_the_response(quantity):
-    """Positions in the log, whatever the model's outputs are."""
-    found = replay([record(two_axes(), torque(6, 3))], two_axes(quantity=quantity), np.zeros(1), BAND_HZ, AUTO)
-    assert found.quantity == quantity
-    assert found.worst > 99.8
-
-
 def test_an_output_that_does_not_move_has_no_fit():
     """0 %, and nothing to reach, instead of a division by zero."""
     rec = record(two_axes(), torque(7, 3))

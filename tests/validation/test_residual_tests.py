@@ -124,12 +124,6 @@ def test_the_tail_is_that_of_random_phases():
     assert np.mean(p, axis=0) == pytest.approx([0.05, 0.01], rel=0.2)
 
 
-def test_a_smooth_error_is_coloured():
-    """Half a standard deviation, alike on all lines."""
-    z = circular(np.random.default_rng(1), (200, 4))
-    assert white_by_chance(z + 0.5) < 1e-3
-
-
 def test_power_is_beyond_chance_as_often_as_the_test_says():
     """400 ratios of powers with 300 and 600 degrees of freedom: 5 % on either side."""
     rng = np.random.default_rng(2)

@@ -1,6 +1,5 @@
 """The torque of a log part by part: shares of known parts come back, over all and by octave."""
 
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_twin import friction_balances
-from elastid.validation.twin import DRY, GRAVITY, INERTIA, VISCOUS, describe_balance, octave_lines, torque_balance
+from elastid.validation.twin import DRY, GRAVITY, INERTIA, VISCOUS, describe_balance, torque_balance
 
 RECORD = Path(__file__).parents[3] / "shared" / "data" / "emps_prismatic_axis" / "DATA_EMPS.mat"
 RATE_HZ, N = 200.0, 2000
@@ -39,12 +38,6 @@ def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_par
     text = describe_balance(found)
     assert "inertia 76.2%, dry friction 19.0%; 4.8% is left (without friction 23.8%)" in text
     assert "most is left from 16 to 32 Hz, where 4.76% of the torque's power lies: 100% of that" in text
-
-
-def test_octaves_reach_from_the_top_down_to_the_bottom_of_the_band() -> None:
-    for band_hz, ends in (((0.0, 32.0), [8.0, 16.0]), ((11.0, 250.0), [31.25, 62.5, 125.0])):
-        octaves = [pair for *pair, _ in octave_lines(band_hz, 2 * band_hz[1], int(2 * band_hz[1]))]
-        assert octaves == list(map(list, pairwise([band_hz[0], *ends, band_hz[1]])))
 
 
 def known_axis() -> tuple[JointFriction, FrictionRecords, dict[str, np.ndarray]]:

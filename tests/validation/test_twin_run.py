@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.validation.twin_run import MOTION, NO_CONTROLLER, TORQUE, TwinFindings, TwinRun, describe_run, twin_signal
+from elastid.validation.twin_run import MOTION, TORQUE, TwinRun, describe_run, twin_signal
 
 RATE_HZ, N = 200.0, 2000
 
@@ -43,14 +43,6 @@ def test_the_words_have_the_numbers_and_what_holds_the_twin() -> None:
     assert "motor angle 22.3 % (without friction 49 %)" in text
     assert "worst from 16 to 32 Hz in the motor angle of motor 1: 100 % of the signal in it" in text
     assert "Without friction it is lost: too fast." in describe_run(run(lost_without_friction="too fast"))
-
-
-def test_a_lost_twin_and_a_missing_controller_are_said_once() -> None:
-    lost = TwinRun("log", "reference", 0.0, 10.0, RATE_HZ, lost="motor 1 is lost 2 s after the start")
-    assert describe_run(lost).endswith("the twin is lost: motor 1 is lost 2 s after the start.")
-    assert TwinFindings(runs=(run(), run())).run_words[-1] == NO_CONTROLLER
-    assert NO_CONTROLLER not in TwinFindings(runs=(run(), lost)).run_words
-    assert TwinFindings().run_words == ()
 
 
 def test_a_twin_without_friction_to_leave_has_no_number_for_it() -> None:

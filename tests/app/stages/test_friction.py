@@ -105,27 +105,6 @@ def test_stages_of_elasticity_are_refused(finished: Path, tiny: Path) -> None:
         run_stage(elastic, "levels")
 
 
-def test_a_stage_says_what_to_run_first(tmp_path: Path) -> None:
-    """As in every study."""
-    with refused("run/earlier-stage"):
-        run_stage(run_of(copied(tmp_path / "new")), "levels")
-
-
-def test_a_part_that_cannot_be_told_leaves_a_summary_and_exit_code_1(
-    finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """`yes` for a part without data fails with its reason; a plan for it is refused before robot time is spent."""
-    folder = Path(shutil.copytree(finished, tmp_path / "failed"))
-    sets = [word for each in (*SMALL, "friction.law.temperature=yes") for word in ("--set", each)]
-    given = [str(folder / "study.yml"), "--run", str(folder / "run"), "-q", *sets]
-    assert cli.run_command(["run", *given]) == 2
-    assert "give friction.warm_up, or auto" in capsys.readouterr().err
-    assert cli.run_command(["friction", *given]) == 1
-    assert "law.temperature cannot be identified: one temperature" in capsys.readouterr().err
-    summary = json.loads((folder / "run" / "summary.json").read_text())
-    assert (summary["status"], summary["parameters"]) == ("failed", {})
-
-
 def test_the_overview_says_what_will_be_known() -> None:
     """Speeds, motions, robot time, and what is missing."""
     text = overview(load(TEMPLATE / "study.yml").study)

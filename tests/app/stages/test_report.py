@@ -51,16 +51,6 @@ KINDS = (
 )
 
 
-def test_a_study_of_responses_ends_with_three_answers(bench: Path) -> None:
-    """And the path of the page."""
-    lines = (bench / "run" / "run.log").read_text(encoding="utf-8").splitlines()
-    ending = lines[next(i for i, line in enumerate(lines) if "Are the responses good? Noise is" in line) :]
-    assert "Which modes are there? bench: 3 modes from 11.13 to 41.71 Hz." in ending[1]
-    assert "What next? The damping at 11.13 Hz is known least" in ending[2]
-    assert "report.html" in ending[3]
-    assert len(ending) <= 12
-
-
 def test_the_page_shows_responses_and_modes_and_no_fit(bench: Path) -> None:
     page = (bench / "run" / "report.html").read_text(encoding="utf-8")
     assert "Frequency responses" in page
@@ -168,13 +158,6 @@ def test_models_are_exported_of_robots_alone(bench: Path, capsys: pytest.Capture
     assert "export its responses to control, matlab, csv, uff" in capsys.readouterr().err
 
 
-def test_check_describes_the_places(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_command(["check", str(bench / "study.yml")]) == 0
-    said = capsys.readouterr().out
-    assert "2 inputs: shaker table (force, N), shaker tip (force, N)" in said
-    assert "find their modes" in said
-
-
 CHANNEL = "experiment.recorded.channels"
 
 
@@ -192,16 +175,6 @@ CHANNEL = "experiment.recorded.channels"
 )
 def test_contradictions_name_their_remedy(bench: Path, override: str, says: str) -> None:
     assert says in refusal(bench / "study.yml", override)
-
-
-@pytest.mark.parametrize(("quantity", "unit"), [("voltage", "V"), ("current", "A"), ("current", "mA")])
-def test_what_drives_a_structure_may_be_electric(bench: Path, quantity: str, unit: str) -> None:
-    """The response is then per volt or ampere, and the other input keeps its unit."""
-    from elastid.experiment.specs.channels import input_units
-
-    study = load(bench / "study.yml", (f"{CHANNEL}.0.quantity={quantity}", f"{CHANNEL}.0.unit={unit}")).study
-    channels = study.experiment.as_recorded().channels
-    assert input_units(channels, study.places) == (unit[-1], "N")
 
 
 def test_a_robot_takes_no_voltage(tmp_path: Path) -> None:

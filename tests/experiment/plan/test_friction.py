@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from plants.refusals import refused
 
-from elastid.base.errors import StudyError
 from elastid.experiment.plan.friction import (
     PassLimits,
-    PlannedPass,
-    fastest_speed,
     pass_reference,
     pass_time,
     plan_passes,
@@ -50,24 +44,3 @@ def test_the_order_is_random_and_the_same_for_a_seed_with_references_between() -
         since = 0.0 if one.is_reference else since + pass_time(one, LIMITS)
         assert since < 60.0 + max(pass_time(other, LIMITS) for other in plan)
     assert len({one.name for one in plan}) == len(plan)
-
-
-@pytest.mark.parametrize(
-    ("speed", "limits", "word"),
-    [
-        (2.0, LIMITS, r"may move at 1.8 rad/s, and a pass at 2 is asked for"),
-        (1.2, replace(LIMITS, window=(-0.1, 0.1)), r"a pass of motor 2 at 1.2 rad/s takes .* measure up to 0\.3"),
-    ],
-)
-def test_a_speed_without_room_is_refused_by_name(speed: float, limits: PassLimits, word: str) -> None:
-    with pytest.raises(StudyError, match=word):
-        plan_passes((0.01, speed), 1, limits, 0)
-
-
-def test_the_fastest_speed_just_fits() -> None:
-    tight = replace(LIMITS, window=(-0.1, 0.1))
-    fastest = fastest_speed(tight)
-    planned = [one for one in plan_passes((fastest,), 1, tight, 0) if isinstance(one, PlannedPass)]
-    assert planned[1].speed == fastest
-    with refused("friction/plan", place="friction.passes.window"):
-        plan_passes((1.3 * fastest,), 1, tight, 0)

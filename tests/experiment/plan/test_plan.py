@@ -15,10 +15,8 @@ from plants.refusals import refused
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.plant import closed_loop_of
-from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.robot import Body, Joint, Limits, Motor, Robot, Spring
 
@@ -88,23 +86,6 @@ def test_a_configuration_outside_the_joint_limits_is_refused_in_degrees() -> Non
     with refused("experiment/limits", place="configuration b"):
         _plan({"a": (0.0, 0.0), "b": (0.0, math.radians(100))})
     assert _plan({"edge": (3.0, math.pi / 2)}).configurations[0].name == "edge"
-
-
-def test_an_experiment_is_of_one_kind_and_refuses_the_work_of_another() -> None:
-    """`rig` is the section that is given; a log is not simulated, a simulation has no logs."""
-    channels = (
-        ChannelSpec("u", "motor 1", "x", quantity="torque"),
-        ChannelSpec("y", "motor 1", "q", quantity="position"),
-    )
-    logs = RecordedSpec("unknown", channels, (FileSpec("log.csv", "a"),), period_samples=10)
-    simulated, recorded = ExperimentSpec(simulated=SimulatedSpec()), ExperimentSpec(recorded=logs)
-    assert (simulated.kind, simulated.rig, simulated.as_simulated()) == ("simulated", SimulatedSpec(), SimulatedSpec())
-    assert (recorded.kind, recorded.rig, recorded.as_recorded()) == ("recorded", logs, logs)
-    with refused("study/stage", place="experiment"):
-        recorded.as_simulated()
-    with refused("study/stage", place="experiment"):
-        simulated.as_recorded()
-    assert simulated.with_truth({"k_1": 2.0}).as_simulated().truth == {"k_1": 2.0}
 
 
 @pytest.mark.parametrize("flat", ["position", "velocity", "acceleration"])

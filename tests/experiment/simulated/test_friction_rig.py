@@ -114,14 +114,6 @@ def test_a_payload_is_a_load() -> None:
     assert full.load_torque == pytest.approx(1.5 * empty.load_torque, rel=0.1)
 
 
-def test_what_the_rig_cannot_do_is_said() -> None:
-    with refused("robot/unknown-name"):
-        rig(SHORT, truth={"Fcc_m1": 3.0})
-    coarse = rig(FrictionSpec(rate_hz=50.0, passes=PASSES), substeps=1)
-    with refused("experiment/simulated", place="experiment.simulated.substeps"):
-        coarse.measure(coarse.motions[0])
-
-
 def test_the_holding_torque_of_a_posture_is_that_of_its_equilibrium() -> None:
     """In the posture of the start, and in another to the sag of the spring, which is that of the start."""
     robot = axis()

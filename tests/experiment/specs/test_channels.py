@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from elastid.experiment.specs.channels import ChannelSpec, Structure, channel_refusal, input_units
+from elastid.experiment.specs.channels import ChannelSpec
 
 
 def test_units_are_brought_to_si_where_the_place_turns_or_slides() -> None:
@@ -19,16 +19,3 @@ def test_units_are_brought_to_si_where_the_place_turns_or_slides() -> None:
 def test_a_motion_is_no_input() -> None:
     with pytest.raises(ValueError, match="role u does not go with quantity position"):
         ChannelSpec("u", "motor 1", "q", quantity="position")
-
-
-def test_places_and_translations_follow_from_the_channels() -> None:
-    channels = (
-        ChannelSpec("u", "shaker", "F", quantity="force"),
-        ChannelSpec("y", "tip x", "a", quantity="acceleration", unit="m/s^2"),
-        ChannelSpec("y", "tip rotation", "b", quantity="acceleration", unit="rad/s^2"),
-    )
-    structure = Structure.from_channels(channels)
-    assert structure.motor_locations == ("shaker",)
-    assert structure.sliding(("shaker", "tip x", "tip rotation")) == ("shaker", "tip x")
-    assert input_units(channels, structure) == ()
-    assert all(channel_refusal(channel, channels, structure) == ("", "") for channel in channels)

@@ -133,9 +133,6 @@ def test_a_mass_without_gravity_acts_along_three_directions():
     assert part.S.shape == (2, 1, 3, 3)
 
 
-pytestmark = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
-
-
 def random_part(
     rng: np.random.Generator, start: int, F: int, n_y: int, n_u: int, n_1: int, n_2: int, n_3: int
 ) -> Sensitivity:

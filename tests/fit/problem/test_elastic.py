@@ -88,17 +88,6 @@ def test_the_phase_of_the_logarithm_is_wrapped():
     np.testing.assert_allclose(np.degrees(e.imag), [-2.0])
 
 
-def test_an_element_that_the_model_lacks_is_left_out_of_the_logarithm():
-    """ln 0 is not finite; the linear criterion keeps the element, the logarithmic one does without."""
-    model = plant((0, 1))
-    deaf = replace(model, C=model.C * [[1.0], [0.0]])
-    response = measured(model, np.array([0.01]))
-    assert fit_of(response, deaf).n_residuals == 4 * len(FREQ)
-    fit = fit_of(response, deaf, criterion="log")
-    assert fit.n_residuals == 2 * len(FREQ)
-    assert np.isfinite(fit.evaluate(parameters().x).cost)
-
-
 def test_both_criteria_converge_from_far_starts():
     """30 starts up to a factor 7.4 off in all four parameters, three outputs, exact data: 27 or more hit the truth."""
     model = plant((0, 1, 2))

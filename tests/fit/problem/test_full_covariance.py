@@ -115,15 +115,6 @@ def test_full_weights_are_sharper_than_diagonal_ones_and_attain_the_cramer_rao_b
     assert np.min(scatter["full"] / scatter["diagonal"]) < 0.6
 
 
-def test_a_covariance_weighs_by_itself_however_few_repetitions_it_is_from():
-    """Its neighbours and the model of the noise know the rest; a study may ask for weights element by element."""
-    rng = np.random.default_rng(2)
-    for dof in (4, 12, 30):
-        response = correlated(rng, "kronecker", dof)
-        assert weigh(response, NO_FLOOR).correlated is not None
-        assert weigh(response, DIAGONAL).correlated is None
-
-
 @pytest.mark.parametrize("dof", [4, 12])
 @pytest.mark.parametrize("floor", [0.0, 0.03])
 @pytest.mark.slow

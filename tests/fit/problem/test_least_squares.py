@@ -9,10 +9,8 @@ from elastid.fit.problem.least_squares import (
     RESIDUALS,
     Evaluation,
     ResidualKind,
-    as_real,
     distance_to_optimum,
     error_gain,
-    is_far_from_noise,
 )
 
 G = np.array([1.0 + 2.0j, -3.0 + 0.5j])
@@ -32,10 +30,6 @@ def test_the_logarithmic_residual_has_a_wrapped_phase() -> None:
     np.testing.assert_allclose(e, [1j * (6.0 - 2 * np.pi)], atol=1e-12)
 
 
-def test_real_and_imaginary_parts_alternate() -> None:
-    assert as_real(G).tolist() == [1.0, 2.0, -3.0, 0.5]
-
-
 def test_the_distance_to_the_optimum_of_a_parabola_is_in_standard_deviations() -> None:
     """V = 4 (x - 3)^2 + dof at x = 5: the standard deviation is 1 / 2, twice that where V is four times its dof."""
     dof, offset = 10, 2.0
@@ -44,8 +38,3 @@ def test_the_distance_to_the_optimum_of_a_parabola_is_in_standard_deviations() -
         assert distance_to_optimum(ending, dof, np.array([False])) == pytest.approx(expected)
         assert distance_to_optimum(ending, dof, np.array([True])) == 0.0
     assert distance_to_optimum(Evaluation(np.inf, np.zeros(1), np.eye(1)), dof, np.array([False])) == np.inf
-
-
-def test_far_from_noise_is_a_hundred_times_the_degrees_of_freedom() -> None:
-    assert is_far_from_noise(1001.0, 10)
-    assert not is_far_from_noise(1000.0, 10)

@@ -107,14 +107,6 @@ def test_an_error_formed_of_a_noisy_response_is_that_of_the_model() -> None:
     assert abs(np.mean(off)) > 6 * np.std(off) / 2
 
 
-def test_an_assembly_without_systematic_errors_is_left_as_it_is() -> None:
-    """No further linearisation where there is nothing to correct."""
-    response = measured(plant(), NOISE, np.random.default_rng(0))
-    assembly = Assembly((response,), (weigh(response, NO_FLOOR),), None, parameters(), NO_FLOOR)  # type: ignore[arg-type]
-    assert find_factors([response]) == ()
-    assert assembly.unbiased(np.zeros(0)) is assembly
-
-
 def test_systematic_errors_are_those_of_the_model_at_the_end_of_the_fit() -> None:
     """From stiffnesses 10 % off a fit ends within 0.01 standard deviations of one from the truth, in the same errors.
 

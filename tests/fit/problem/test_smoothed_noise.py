@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants.three_mass import FREQ, circular, plant
 
-from elastid.fit.problem.smoothed_noise import NoiseShapes, noise_model, smooth_noise
+from elastid.fit.problem.smoothed_noise import smooth_noise
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
@@ -18,8 +18,6 @@ LEVEL = np.median(np.abs(G)) ** 2
 # Half on the outputs, half from torques at the inputs; and a disturbance at a place that is no input.
 OUTPUTS = LEVEL * np.eye(2) * np.ones((len(FREQ), 1, 1)) + 0j
 TORQUE = 0.3 * G @ G.conj().transpose(0, 2, 1)
-COLUMN = frequency_response(plant((0, 2), (1,)), MODEL.theta_ref, FREQ)
-ELSEWHERE = 0.3 * COLUMN @ COLUMN.conj().transpose(0, 2, 1)
 
 
 def sampled(rng, C, dof):
@@ -50,14 +48,6 @@ def test_noise_of_outputs_and_torques_is_known_from_two_degrees_of_freedom_a_lin
     assert np.mean([loss(one, C) for one in found]) < 4 / (2 * 60) + 0.02
     power = np.mean([np.einsum("fab,fba->f", np.linalg.inv(one), C).real.mean() / 2 for one in found])
     assert power == pytest.approx(1.0, abs=0.03)
-
-
-def test_what_the_model_lacks_is_taken_from_the_neighbouring_lines():
-    """Of a disturbance elsewhere the smooth covariance knows more than the model alone does."""
-    rng, C = np.random.default_rng(1), 0.1 * OUTPUTS + ELSEWHERE
-    one = response(rng, C, 6)
-    model = noise_model(one.noise.right, NoiseShapes.of(FREQ, one.G, "velocity", None))
-    assert loss(smooth_noise(one).covariance[:, :2, :2], C) < 0.7 * loss(model, C)
 
 
 def test_a_line_that_is_really_noisier_keeps_its_own_level():

@@ -81,31 +81,6 @@ def test_a_bound_holds_and_the_rest_is_still_optimal(method: SolverName):
     assert end.x[1] == pytest.approx(reference.x[0], abs=1e-4)
 
 
-def test_a_border_where_a_barrier_begins_is_followed():
-    """V = (10 x + 10 - y)^2 + (y - 3)^2 - 0.02 ln x: its minimum without the logarithm is at x = -0.7, y = 3."""
-    parameters = ParameterSet((Parameter("x", 1.0, lower=-9, upper=9), Parameter("y", -1.0, lower=-9, upper=9)))
-
-    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return np.array([10 * (x[0] + 1 - x[1] / 10), x[1] - 3, 1.0]), np.array([[10, -1], [0, 1], [0, 0.0]])
-
-    def evaluate(x: FloatArray) -> Evaluation:
-        here = problem(parameters, residual).evaluate(x)
-        if x[0] <= 0:
-            return replace(here, cost=math.inf)
-        slope, curvature = np.array([-0.02 / x[0], 0]), np.diag([0.02 / x[0] ** 2, 0])
-        cost = here.cost - 0.02 * math.log(x[0])
-        return Evaluation(cost, here.gradient + slope, here.hessian + curvature)
-
-    def border(x: FloatArray) -> FloatArray:
-        return np.diag([1 / x[0] ** 2, 0])
-
-    walled = replace(problem(parameters, residual), evaluate=evaluate, border=border)
-    end = solve(walled, parameters.x)
-    assert end.converged
-    assert 0 < end.x[0] < 1e-3
-    assert end.iterations < 15
-
-
 @pytest.mark.parametrize("seed", range(70, 80))
 def test_many_bounds_hold_at_once(seed: int):
     """Linear problems of eight correlated variables between -1 and 1: V is that of a solver for such problems."""

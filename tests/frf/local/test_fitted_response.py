@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.artefacts import same
 from plants.noise_record import noise_record, truth
 from plants.random_plants import N, record_of
 
@@ -18,7 +16,6 @@ from elastid.frf.local.fitted_response import Experiments, fitted_response, with
 from elastid.frf.local.least_squares import WindowTerms, fit_ladder, windows
 from elastid.frf.spec import EstimatorSpec, Method
 from elastid.response import Quality
-from elastid.store.measured import read_responses, write_responses
 
 SPEC = EstimatorSpec(quantity="velocity", band_hz=(5.0, 95.0))
 NOISE = 0.3
@@ -102,14 +99,6 @@ def test_periods_have_the_coherence_of_one_in_open_and_in_closed_loop() -> None:
     lost = np.mean(1 - quality.multiple_coherence)
     assert 1 < lost * (1 + 4 * s**2) / (4 * s**2) < 1.35
     assert 1 < np.mean(quality.input_noise) / (s**2 / 4) < 1.35
-
-
-def test_the_quality_is_in_the_file_of_responses(tmp_path: Path) -> None:
-    response = estimate([noise_record(4096, 1, noise=NOISE)], replace(SPEC, method="local_rational"))
-    write_responses(tmp_path / "frf.h5", [response])
-    (found,) = read_responses(tmp_path / "frf.h5")
-    assert response.quality is not None
-    assert same(found.quality, response.quality)
 
 
 def test_a_richer_model_widens_the_variance_where_it_differs_and_has_a_useful_variance() -> None:

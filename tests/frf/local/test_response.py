@@ -18,7 +18,7 @@ from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
-from elastid.frf.local.response import independent_excitations, local_response, merge_repeats, settled_spectra
+from elastid.frf.local.response import local_response, merge_repeats, settled_spectra
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.store.results import read_fit
@@ -247,25 +247,6 @@ def test_records_of_unequal_length_and_a_drifting_position_give_one_response() -
     assert np.median(errors) < -70
 
 
-def test_the_transient_of_half_wave_records_shows_on_even_lines() -> None:
-    """One period of odd lines from rest is enough to take it out."""
-    plant = study.TwoModes(zeta=0.03)
-    odd = plant.excited[plant.excited % 2 == 1]
-    rng = np.random.default_rng(6)
-    U = _phases(rng, len(odd), 1)
-    G = plant.G()[plant.excited % 2 == 1]
-    u, y = (synthesise(odd, X, plant.N) for X in (U, G[:, None] * U))
-    t, omega = np.arange(plant.N) / plant.rate_hz, 2 * np.pi * 82 * plant.rate_hz / plant.N
-    y = y + (np.ptp(y) * np.exp(-0.03 * omega * t) * np.cos(omega * t))[:, None]
-    taken = replace(study.record(u, y, None, plant.rate_hz, plant.N), half_wave=True)
-    settled = settled_spectra(taken, odd, "velocity")
-    assert settled.settled
-    assert study.decibels((settled.Y / settled.U)[:, 0], G) < -60
-    spectra = (np.fft.rfft(x[:, 0])[odd] for x in (y, u))
-    Y, X = spectra
-    assert study.decibels(Y / X, G) > -20
-
-
 @pytest.mark.parametrize("spec", [study.LPM, study.LRM], ids=lambda spec: spec.method)
 @pytest.mark.parametrize("gain", [0.0, 2.0], ids=["open loop", "closed loop"])
 @pytest.mark.parametrize("snr_db", [30.0, 80.0])
@@ -317,13 +298,6 @@ def test_the_noise_of_repeats_is_that_of_all_their_periods() -> None:
     np.testing.assert_allclose(merged.noise, (4 * spectra[0].noise + 9 * spectra[1].noise) / 25)
 
 
-def test_different_excitations_stay_apart() -> None:
-    """New random phases are a new excitation, however alike their powers are."""
-    plant, lines = study.TwoModes(N=1024, lines=(6, 300)), np.arange(6, 301)
-    spectra = [settled_spectra(plant.from_rest(2, 40.0, np.random.default_rng(s)), lines, "velocity") for s in (0, 1)]
-    assert merge_repeats(spectra, closed=False) == spectra
-
-
 @pytest.mark.parametrize("spec", [study.LPM, study.LRM], ids=lambda spec: spec.method)
 def test_repeats_that_start_a_little_later_each_time_are_better_than_one(spec: EstimatorSpec) -> None:
     """0.1 s from one to the next: no gain makes their inputs equal, and within a window they are one excitation."""
@@ -337,16 +311,6 @@ def test_repeats_that_start_a_little_later_each_time_are_better_than_one(spec: E
     one, three = (local_response(some, spec) for some in (records[:1], records))
     errors = [np.median(np.abs(each.G[:, 0, 0] / plant.G(each.freq_hz) - 1)) for each in (one, three)]
     assert errors[1] < errors[0]
-
-
-def test_random_phases_are_independent_excitations_and_shifted_ones_are_not() -> None:
-    """Three experiments of 300 lines, in windows of 12."""
-    rng, lines = np.random.default_rng(0), np.arange(300)
-    R = np.exp(2j * np.pi * rng.random((3, 300, 1)))
-    shifted = R[:1] * np.exp(-2j * np.pi * lines[:, None] * np.array([0.0, 0.01, 0.03])[:, None, None])
-    assert independent_excitations(R, 12) == 3
-    assert independent_excitations(shifted, 12) == 1
-    assert independent_excitations(R[:1], 12) == 1
 
 
 def test_what_cannot_be_estimated_is_refused() -> None:

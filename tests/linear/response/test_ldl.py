@@ -86,10 +86,6 @@ def test_motors_on_links_fill_nothing(hangs_on, n_rest, seed):
     assert elimination.filled.sum() == len(hangs_on) + n_rest * (n_rest - 1) // 2
 
 
-def test_two_masses_have_one_leaf():
-    assert Leaves.of(np.ones((2, 2), bool)).n_l == 1
-
-
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("off", [0.0, 1e-14, 1e-9, 1e-4])
 def test_a_line_on_the_resonance_of_an_undamped_motor_costs_no_digits(solver, off):

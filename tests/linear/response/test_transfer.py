@@ -10,16 +10,13 @@ from plants.oblique_arm import arm, linear
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
-from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.fitted_model import response_deviation
 from elastid.linear.linear_model import DELAY, LagElement, LinearModel, Slope
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import antiresonances, modes
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.formulation import serial
-from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration, HeldTorque
 
 FREQ_HZ = np.geomspace(0.5, 90, 130)
@@ -156,35 +153,6 @@ def test_linearisation_built_once_serves_all_configurations():
         np.testing.assert_array_equal(once.K, alone.K)
         assert once.parameters == (*model.parameters, DELAY)
         assert all(np.array_equal(once.slopes[name].K, alone.slopes[name].K) for name in ("k_1", "m_fore"))
-
-
-def test_coordinate_without_inertia_is_named():
-    """A massless last link makes M singular: refused with the joint's name before a fit meets it."""
-    robot = arm(free_joint=True)
-    bare = replace(robot.bodies[2], mass=0.0, inertia=0.0)
-    with pytest.raises(
-        StudyError,
-        match=r"configuration c: the mass matrix is singular, motion of joint 3, joint 3z, joint 7 moves no inertia",
-    ):
-        linear(replace(robot, bodies=(*robot.bodies[:2], bare)))
-
-
-def test_unknown_place_is_refused_with_those_there_are():
-    """An output that the robot does not have."""
-    with pytest.raises(StudyError, match="'tool' is not a place on robot arm; there are motor 1"):
-        linear(arm(), outputs=("tool",))
-
-
-@pytest.mark.parametrize("lowest", [0.0, -1.0, float("nan")])
-def test_a_response_at_rest_is_refused_with_its_place(lowest):
-    """A constant torque turns a free motor for ever: no NaN and no singular matrix, here and in its deviation."""
-    model = linear(arm(gravity=(0.0, 0.0, 0.0)))
-    lines = np.array([1.0, lowest, 2.0])
-    with pytest.raises(ValueError, match=rf"freq_hz is {lowest:g} Hz at index 1: a response is computed above 0 Hz"):
-        frequency_response(model, model.theta_ref, lines)
-    parameters = ParameterSet((Parameter("k_1", 4e4, "N*m/rad"),))
-    with pytest.raises(ValueError, match="freq_hz is 0 Hz at index 0"):
-        response_deviation(model, np.array([0.0, 1.0]), parameters, np.zeros(1), np.eye(1))
 
 
 RATE_HZ = 500.0

@@ -67,8 +67,3 @@ def test_friction_brakes_and_grows_with_load() -> None:
     (_, constant), (_, load) = (forces(GearEffect(kind, "1"), MOTION)[0] for kind in ("friction", "load"))
     assert np.mean(constant * MOTION.velocity) == pytest.approx(np.mean(np.abs(MOTION.velocity)), rel=1e-4)
     assert load == pytest.approx(constant * np.abs(MOTION.torque))
-
-
-def test_units_are_those_of_the_levels() -> None:
-    units = [GearEffect(kind, "1").unit for kind in ("friction", "load", "cubic", "error sine")]  # type: ignore[arg-type]
-    assert units == ["N*m", "1", "N*m/rad^3", "rad"]

@@ -9,7 +9,6 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 from plants.lab_logs import (
@@ -47,16 +46,6 @@ def test_contents_lists_every_signal_of_a_file(tmp_path: Path, log: dict[str, np
     assert contents(tmp_path / "new.mat", text) == {"rec.cur": (800, 2), "rec.phi": (800, 1), "w2": (800, 1)}
     write_csv(tmp_path, log)
     assert contents(tmp_path / "log.csv", text) == dict.fromkeys(("t", "i1", "i2", "phi", "w2"), (800,))
-
-
-def test_a_file_without_signals_says_so(tmp_path: Path) -> None:
-    """`There are ` with nothing behind it."""
-    with h5py.File(tmp_path / "log.h5", "w") as file:
-        file["note"] = "text"
-    for name in ("phi", "note"):
-        channel = ChannelSpec("y", "motor 1", name, quantity="position")
-        with pytest.raises(DataError, match=r"(There are no signals in it|there are none)$"):
-            read_channels(tmp_path / "log.h5", [channel], TextFormatSpec())
 
 
 def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:

@@ -56,18 +56,6 @@ def test_no_module_of_the_users_folder_is_loaded_to_read_a_file(tmp_path: Path, 
     assert not Path("loaded").exists()
 
 
-def test_a_reader_that_died_is_followed_by_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """The next file is read as if nothing had been."""
-    (tmp_path / "nptdms.py").write_text("import os\n\nos._exit(9)\n")
-    (tmp_path / "log.tdms").write_bytes(b"TDSm")
-    savemat(tmp_path / "log.mat", {"a": np.arange(5.0)})
-    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    for _ in range(2):
-        with pytest.raises(DataError, match=r"log\.tdms: damaged.*\(the process that read it died, exit code 9\)"):
-            contents(tmp_path / "log.tdms", TextFormatSpec())
-        assert contents(tmp_path / "log.mat", TextFormatSpec()) == {"a": (1, 5)}
-
-
 def test_a_length_that_no_file_has_is_damage_and_no_lack_of_memory(tmp_path: Path):
     """The first record of an MCAP file says that it is 2^62 bytes long: `the study asks for more memory`."""
     for length in (2**62, 2**36):

@@ -81,15 +81,6 @@ def test_a_rounded_sine_that_dwells_at_its_maximum_is_not_clipped(decimals: int,
     assert find_clipping(np.round(x, decimals)[:, None], 1000, log) == ()
 
 
-@pytest.mark.parametrize("decimals", [2, 3])
-@pytest.mark.parametrize("limit", [0.9, 0.99])
-def test_a_rounded_sine_that_is_cut_is_clipped(decimals: int, limit: float) -> None:
-    """Five cycles in a period, cut at nine tenths, or just below their maximum."""
-    x = 3.7 * np.clip(np.sin(2 * np.pi * np.arange(4000) / 200 + 0.3), -limit, limit)
-    with pytest.raises(DataError, match="it is clipped"):
-        find_clipping(np.round(x, decimals)[:, None], 1000, Log("log", ("x",)))
-
-
 def test_levels_that_a_torque_was_given_are_no_steps() -> None:
     """A binary sequence, a ternary one and the blows of a hammer; a coarse encoder is one still."""
     rng = np.random.default_rng(0)

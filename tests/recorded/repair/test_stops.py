@@ -9,9 +9,7 @@ import pytest
 from plants.lab_logs import N, measured, save_csv, study_of
 from plants.notes import said
 
-from elastid.base.errors import DataError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.experiment.specs.recorded import FileSpec
 from elastid.recorded.periodicity import repetition
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.stops import without_stops
@@ -43,16 +41,6 @@ def test_a_stop_within_one_period_is_found_named_and_left_out(tmp_path: Path) ->
     assert "repetitions 3 of 6 are left out" in note
     kept = np.r_[0:400, 600:1200]
     np.testing.assert_allclose(record.u[kept, 1], whole["i1"][kept] * 0.5e-3 * -50.0, rtol=1e-12)
-
-
-@pytest.mark.parametrize("samples", [40, 60, 90])
-def test_a_stop_of_less_than_a_tenth_of_a_repetition_is_found(samples: int, tmp_path: Path) -> None:
-    """The third of six periods of 1000 samples lacks a few of them."""
-    save_csv(tmp_path / "log.csv", _stopped(_log(6, N=1000), 2300, 2300 + samples))
-    record = measured(tmp_path, study_of("log.csv", period_samples=1000))
-    assert record.left_out == (2,)
-    (note,) = (text for text in said(record.notes) if "emergency stop" in text)
-    assert "stand still from sample 2300 (23 s) on" in note
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.8])
@@ -107,15 +95,6 @@ def test_what_follows_a_stop_for_good_is_cut_off(periods: int, tmp_path: Path) -
     assert any(f"of {periods} are left out" in text for text in said(record.notes))
 
 
-def test_a_stop_that_leaves_one_period_is_refused_and_the_remedy_works(tmp_path: Path) -> None:
-    """The second of two stops."""
-    save_csv(tmp_path / "log.csv", _stopped(_log(2), 300, 400))
-    with pytest.raises(DataError, match=r"emergency stop.* take samples: \[0, 300\] with period: none"):
-        measured(tmp_path, study_of("log.csv"))
-    piece = (FileSpec("log.csv", "home", samples=(0, 300)),)
-    assert measured(tmp_path, study_of("log.csv", files=piece, period_samples=None, period="none")).n_samples == 300
-
-
 def test_a_robot_that_rests_in_every_period_does_not_stop(tmp_path: Path) -> None:
     """The excitation has a pause of its own."""
     log = {name: np.where(np.arange(800) % N < 120, x, 0.0) for name, x in _log(4).items()}
@@ -148,12 +127,3 @@ def test_rest_before_the_excitation_is_left_out(rest: int, tmp_path: Path) -> No
     assert f"the {rest // N} periods of rest before it are left out" in note
     kept = log["i1"][: 4 * N - rest % N]
     np.testing.assert_allclose(record.u[rest % N :, 1], kept * 0.5e-3 * -50.0, rtol=1e-12)
-
-
-def test_an_excitation_is_found_behind_rest(tmp_path: Path) -> None:
-    """Half of the log is rest, in which nothing repeats."""
-    log = _log(4)
-    save_csv(tmp_path / "log.csv", {name: np.r_[np.zeros(4 * N + 7), x] for name, x in log.items()})
-    record = measured(tmp_path, study_of("log.csv", period_samples=None, period="find"))
-    assert record.period_samples == N
-    assert record.n_periods == 4

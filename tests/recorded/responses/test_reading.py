@@ -19,7 +19,6 @@ from scipy.io import loadmat, savemat
 from elastid.app.console import Console
 from elastid.app.inspection import described
 from elastid.app.run import Run, run_all, run_stage
-from elastid.app.scaffold import new
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
@@ -379,28 +378,6 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
         assert old.noise is not None
         assert same.noise is not None
         np.testing.assert_array_equal(old.noise.variance, same.noise.variance)
-
-
-def test_the_template_runs_once_its_file_is_there(tmp_path: Path) -> None:
-    """A CSV with the columns that the template names: stiffness 60 within its interval, from the template's start."""
-    study = new(tmp_path / "mine", "responses")
-    freq_hz, rng = np.linspace(5, 100, 60), np.random.default_rng(4)
-    s = 2j * np.pi * freq_hz
-    k, d, J, load_inertia, friction = 60.0, 0.01, 1.1e-3, 0.9e-3, 1e-3
-    through = k + d * s
-    determinant = (J * s**2 + friction * s + through) * (load_inertia * s**2 + through) - through**2
-    parts: dict[str, FloatArray] = {"freq_hz": freq_hz}
-    for name, numerator in (("motor", load_inertia * s**2 + through), ("load", through)):
-        G = s**2 * numerator / determinant
-        G = G * (1 + 0.02 * (rng.normal(size=60) + 1j * rng.normal(size=60)) / np.sqrt(2))
-        parts |= {f"re_{name}_torque": G.real, f"im_{name}_torque": G.imag}
-    _csv_of(study.parent, parts)
-    (study.parent / "frf.csv").rename(study.parent / "bench.csv")
-    folder = tmp_path / "run"
-    run_all(Run(load(study), folder, 1, Console(-1)))
-    low, high = json.loads((folder / "summary.json").read_text())["parameters"]["k_1"]["interval95"]
-    assert low < 60 < high
-    assert high - low < 2
 
 
 @pytest.mark.slow

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from plants import friction_study as study
-from plants.report_values import full_content, pair, report_content
+from plants.report_values import full_content
 
 from elastid.report.figures.drawings import drawings, friction_study_drawings
-from elastid.validation.agreement import validate
 
 
 def test_every_figure_of_a_full_report_is_drawn_once():
@@ -14,14 +13,6 @@ def test_every_figure_of_a_full_report_is_drawn_once():
     names = [drawing.name for drawing in drawings(full_content())]
     assert len(set(names)) == len(names)
     assert {"parameters", "frf-c1", "frf-c2", "identifiability"} <= set(names)
-
-
-def test_configurations_whose_names_differ_in_case_or_spaces_have_files_of_their_own():
-    """As on a file system that ignores case."""
-    frf = tuple(pair(1, name=name) for name in ("reach", "Reach", "a b", "a/b"))
-    content = report_content(frf=frf, validation=validate(*zip(*frf, strict=True), left_out=[]))
-    names = [one.name for one in drawings(content) if one.name.startswith("frf-")]
-    assert names == ["frf-reach", "frf-Reach-2", "frf-a-b", "frf-a-b-4"]
 
 
 def test_every_joint_has_the_figures_of_what_was_measured() -> None:

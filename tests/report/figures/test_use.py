@@ -46,11 +46,3 @@ def test_every_quantity_has_a_unit_and_a_title(workspace: WorkspaceMap, quantity
     )))  # fmt: skip
     figure = workspace_figure(own, quantity)
     assert SHOWN[own[quantity].unit][0] in figure.axes[-1].get_ylabel()
-
-
-def test_a_wide_range_is_drawn_in_logarithms(workspace: WorkspaceMap) -> None:
-    """A hundredfold compliance in one posture."""
-    values = workspace["softest_compliance"].value * np.array([1.0, 1.0, 1.0, 100.0])
-    quantities = (replace(workspace.quantities[0], value=values), *workspace.quantities[1:])
-    figure = workspace_figure(replace(workspace, quantities=quantities))
-    assert type(figure.axes[0].collections[0].norm).__name__ == "LogNorm"

@@ -13,7 +13,7 @@ from plants.arm_modes import drawn, mode_row
 from plants.report_values import FREQ_HZ, full_content, pair, report_content
 
 from elastid.report.content import MAX_VALUES, model_lines
-from elastid.report.modes import ModeDrawing, ModeRow
+from elastid.report.modes import ModeRow
 from elastid.report.page.explorer import curve_scripts, explorer, mode_viewer
 from elastid.report.page.page import MAX_FIGURE_BYTES
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
@@ -165,17 +165,6 @@ def test_names_from_a_file_cannot_run_in_the_browser(visit, written):
     page = visit(written(content))
     assert page.title() == "<img src=x onerror=alert(1)>"
     assert page.evaluate("frf.data.responses[0].name") == frf[0][0].configuration.name
-
-
-def test_the_modes_of_twenty_configurations_of_a_six_axis_robot_are_a_third_of_a_megabyte():
-    """Thirty points, eighteen modes."""
-    rng = np.random.default_rng(0)
-    moved = 0.1 * (rng.standard_normal((30, 3, 18)) + 1j * rng.standard_normal((30, 3, 18)))
-    drawing = ModeDrawing(rng.standard_normal((30, 3)), tuple((i, i + 1, "arm") for i in range(29)), (1, 2), moved)
-    row = ModeRow("c", np.arange(1.0, 19.0), np.full(18, 0.05), drawing=drawing)
-    viewer = mode_viewer([row] * 20, True)
-    assert viewer is not None
-    assert len(viewer) < 350_000
 
 
 @pytest.fixture

@@ -17,12 +17,11 @@ from cycler import cycler
 from matplotlib import rc_context
 from PIL import Image
 from plants.arm_modes import mode_row
-from plants.report_values import PARAMETERS, TRUTH, bars_of, fit_result, full_content, pair, report_content
+from plants.report_values import PARAMETERS, TRUTH, bars_of, fit_result, pair, report_content
 
 from elastid.base.display import number
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.fit.result import ModificationIndex
 from elastid.parameters import ParameterSet
 from elastid.report.content import parameter_rows
 from elastid.report.figures.responses import bode
@@ -210,17 +209,6 @@ def test_options_load_neither_matplotlib_nor_jinja():
     assert out.strip() == "[]"
 
 
-def test_the_page_shows_replays_folds_modes_and_the_reason_of_the_cost():
-    """Each with its numbers; what moves in a mode is named, the furthest first."""
-    text = Page(html(full_content(), [])).text
-    for given in ("The cost is what the noise", "Replayed, the model explains 90 %", "Left out in turn, 0.5 dB"):
-        assert given in text
-    for given in ("no start led anywhere", "1.10", "joint 1 +1.00, joint 2 -0.75", "joint 2 +1.00, motor 2 +0.60"):
-        assert given in text
-    assert "9.125" in text
-    assert "0.012" in text
-
-
 def test_the_page_shows_further_intervals_and_what_informs_a_parameter():
     """Profile and bootstrap beside the interval; a dash where one was not asked for; the most telling configuration."""
     n = len(PARAMETERS.free)
@@ -310,29 +298,6 @@ def test_the_page_says_where_the_energy_is() -> None:
     plain = html(report_content(modes=(replace(mode_row(), drawing=None),)), [])
     assert "mode-data" not in plain
     assert "PERIOD" not in plain
-
-
-def test_the_page_has_a_table_of_modification_indices():
-    """Where there are any: what was held, what it would be, the share, and the stiffness that would move most."""
-    none, effects = np.zeros(0), [0.0] * len(fit_result().x)
-    effects[0] = -0.05
-    indices = (
-        ModificationIndex("m_a", "mass", ("m_a",), [75.0], ("kg",), (True,), [-0.05], 0.1, 9.0, 0.93, effects, (), 1),
-        ModificationIndex("y turned", "sign", (), none, (), (), none, 0.1, 1.0, 0.5, effects, ("u turned",)),
-    )
-    text = Page(html(small_content(result=replace(fit_result(), indices=indices)), [])).text
-    for given in (
-        "Modification indices",
-        "m_a",
-        "75.0",
-        "71.3",
-        "93",
-        "y turned",
-        "u turned",
-        f"{fit_result().parameters.free_names[0]} -4.9",
-    ):
-        assert given.replace("-", "−") in text or given in text, given
-    assert "Modification indices" not in Page(html(small_content(), [])).text
 
 
 def test_values_are_in_the_column_of_their_robot_and_findings_apart() -> None:

@@ -12,30 +12,12 @@ from typing import Any
 import pytest
 from plants import friction_study as study
 
-from elastid.friction_study.result import FrictionResult
-from elastid.report.friction_content import answer
 from elastid.report.page.page_of_friction import friction_explorer, html_of_friction, write_page_of_friction
 
 
 @pytest.fixture(scope="module")
 def page() -> str:
     return html_of_friction(study.friction_content(), [])
-
-
-def test_the_answer_stands_first(page: str) -> None:
-    """Numbers with intervals and what is not identifiable; parts that were not asked for are no lack."""
-    said = re.findall(r'<p class="answer">(.*?)</p>', page)
-    assert said[1:5] == [
-        "Joint elbow: F_c = 9.020 ± 0.060 N*m, f = 6.30 ± 0.20 N*m.",
-        "Joint &lt;lift&gt;: F_c = 20.10 ± 0.40 N*m.",
-        "Motions of joint &lt;lift&gt;: 8.36 of 10 s in the regression, not 0.056 s at rest, 0.984 s near a reversal "
-        "or rest, 0.6 s ends of the log.",
-        "Of 2 true values 1 lie within their 95 % intervals.",
-    ]
-    assert said[5] == "Not identifiable from these data: stiction and Stribeck velocity (joint elbow)."
-    asked = re.findall(r"<section><h2>(.*?)</h2>", page)
-    assert asked == ["Are the numbers good?", "Where does it fail, and why?", "What next?"]
-    assert page.index(said[-1]) < page.index('<h2 id="numbers">')
 
 
 def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth(page: str) -> None:
@@ -54,15 +36,6 @@ def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth
     ]
     assert [bool(marked) for marked, _ in rows] == [False, True, False]
     assert "no speed below nu_s / 3" in page
-
-
-def test_the_plan_has_its_speeds_and_their_certificate(page: str) -> None:
-    """A study that was not designed here has none."""
-    plan = page[page.index('<h2 id="plan">') : page.index('<h2 id="study">')]
-    assert "141.0 s of the robot" in plan
-    assert "0.0100 (4), 0.300 (3), 2.00 (5)" in plan
-    assert "98.7 %" in plan
-    assert "Plan</" not in html_of_friction(replace(study.friction_content(), plan=None), [])
 
 
 def test_notes_stand_once_and_names_cannot_run(page: str) -> None:
@@ -86,18 +59,6 @@ def test_the_explorer_has_the_levels_and_the_law_of_both_directions() -> None:
         low, line, high = (curve["curves"][f"{what}{key}"] for what in ("low", "law", "high"))
         assert all(a < b < c for a, b, c in zip(low, line, high, strict=True))
     assert (curve["unit"], curve["x_unit"]) == ("N·m", "rad/s")
-
-
-def test_a_study_that_failed_says_so() -> None:
-    """Neither table nor curves, and no script."""
-    joint = replace(study.friction_result().joints[1], motion=None, numbers=())
-    content = replace(study.friction_content(), result=FrictionResult((joint,), (), "failed", "It failed."))
-    text = html_of_friction(content, [])
-    assert "no friction could be identified" in answer(joint)
-    assert "<strong>FAILED</strong> <span>It failed.</span>" in text
-    assert "There are none." in text
-    assert "<script" not in text
-    assert "script-src" not in text
 
 
 def test_the_report_is_written_whole(tmp_path: Path) -> None:

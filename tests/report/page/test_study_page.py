@@ -14,8 +14,6 @@ import pytest
 import elastid as ei
 from elastid.app.cli import run_command
 
-pytestmark = pytest.mark.slow  # a whole run, clicked through in a browser
-
 ROBOT = """\
 name: two elastic joints
 gravity: [0, 0, 0]

@@ -43,14 +43,6 @@ def test_what_cannot_be_excited_is_refused_with_what_would_fit(tiny: Path, overr
     assert len(str(refusal.value).splitlines()) == 1
 
 
-def test_fewer_lines_than_motors_or_unknowns_are_refused_with_a_period_that_has_enough(tiny: Path) -> None:
-    """The period that is offered passes."""
-    few = ["excitation.band_hz=[4.5, 6.5]", "fit.parameters={k_1: {}, d_1: {}, fm_1: {}, Jm_1: {}}"]
-    with pytest.raises(StudyError, match="take a period at least 4 times as long"):
-        load(tiny, few)
-    assert load(tiny, [*few, "excitation.period=4"])
-
-
 def test_the_overview_tells_lines_movement_and_limits(tiny: Path) -> None:
     """What `elastid check` prints."""
     plain = overview(load(tiny).study)

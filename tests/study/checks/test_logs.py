@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from plants.channel_mistakes import Mistake, complaint, is_at_line, write_rig
 
-from elastid.app import cli
 from elastid.base.errors import StudyError
 from elastid.study import load, load_with_logs
-from elastid.study.checks.logs import is_time
 
 # Rigs with encoders of the links and a time, with speeds, with motor angles alone, and a multisine log.
 RIGS = (0, 2, 4, 1)
@@ -21,11 +19,6 @@ def rigs(tmp_path_factory: pytest.TempPathFactory) -> dict[int, tuple[Path, tupl
     """Folder and mistakes of each rig."""
     folders = {number: tmp_path_factory.mktemp(f"rig{number}") for number in RIGS}
     return {number: (folder, write_rig(folder, number, 0)) for number, folder in folders.items()}
-
-
-@pytest.mark.parametrize("number", RIGS)
-def test_a_right_study_is_accepted(rigs: dict[int, tuple[Path, tuple[Mistake, ...]]], number: int) -> None:
-    assert complaint(rigs[number][0], None) == ""
 
 
 def test_every_mistake_is_reported_at_its_line(rigs: dict[int, tuple[Path, tuple[Mistake, ...]]]) -> None:
@@ -40,14 +33,6 @@ def test_every_mistake_is_reported_at_its_line(rigs: dict[int, tuple[Path, tuple
     assert len(made) >= 30
 
 
-def test_the_message_says_what_to_write(rigs: dict[int, tuple[Path, tuple[Mistake, ...]]]) -> None:
-    """And the advice, written into the study, is accepted."""
-    folder, mistakes = rigs[2]
-    said = complaint(folder, next(mistake for mistake in mistakes if mistake.name == "rpm as rad/s"))
-    assert "velocity w_1" in said
-    assert "unit: rpm would make both agree" in said
-
-
 def test_other_commands_do_not_open_the_logs(rigs: dict[int, tuple[Path, tuple[Mistake, ...]]]) -> None:
     """A doubt does not stop who is sure: run reads the study alone."""
     folder, mistakes = rigs[4]
@@ -55,23 +40,6 @@ def test_other_commands_do_not_open_the_logs(rigs: dict[int, tuple[Path, tuple[M
     assert load(folder / "tried.yml").study.name == "motion"
     with pytest.raises(StudyError):
         load_with_logs(folder / "tried.yml")
-
-
-def test_the_command_ends_with_exit_code_2(
-    rigs: dict[int, tuple[Path, tuple[Mistake, ...]]], capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder, _ = rigs[0]
-    option = "experiment.recorded.channels.0.channel=tau1"
-    assert cli.run_command(["check", str(folder / "study.yml"), "--set", option]) == 2
-    assert "did you mean tau_1?" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [("t", True), ("rec.time_cont", True), ("Time (s)", True), ("torque", False), ("tau_1", False)],
-)
-def test_times_are_known_by_their_names(name: str, expected: bool) -> None:
-    assert is_time(name) is expected
 
 
 STRUCTURE = """name: bench
@@ -99,13 +67,6 @@ def structure_log(folder: Path, delimiter: str, gap: int) -> str:
     except StudyError as error:
         return str(error)
     return ""
-
-
-def test_another_format_is_reported_at_the_format(tmp_path: Path) -> None:
-    assert structure_log(tmp_path, ";", 0) == ""
-    said = structure_log(tmp_path, ",", 0)
-    assert "study.yml:6:" in said
-    assert "delimiter: ','" in said
 
 
 def test_a_gap_that_measure_refuses_is_reported_and_its_advice_works(tmp_path: Path) -> None:

@@ -20,7 +20,6 @@ from elastid.use.loops.result import Asked, Today, design_loops, with_delay
 from elastid.use.loops.sensitivity import LIMIT_DB
 
 RATE_HZ = 250.0
-POSTURES = (Configuration("a", np.array([0.3, 0.5])), Configuration("b", np.array([0.5, -1.2])))
 
 
 def start(family: PostureFamily) -> Cascade:
