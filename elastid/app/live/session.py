@@ -144,7 +144,7 @@ class Session:
                 used = self.goal.reached(result)
                 self._report(plans, result, used)
                 if result.status not in TRUSTED:
-                    return plans, False, f"{_contradiction(len(plans))}: {result.message}"
+                    return plans, False, _contradiction(len(plans), result)
                 if max(used.values()) <= 1:
                     return plans, True, self._reached(plans)
             plan = self._planned(plans, result)
@@ -239,7 +239,12 @@ class Session:
         spent = sum(plan.robot_time_s for plan in plans)
         if math.isinf(proposal.more_s):
             name, share = proposal.floor
-            return self._out_of_reach(name, share * self.goal.widths[name], result)
+            width = 100 * share * self.goal.widths[name]
+            return (
+                f"whatever is measured further, {name} stays at {width:.2g} % (goal {100 * self.goal.widths[name]:.3g} "
+                "%): measure parts of the robot and state it in robot.tolerances, add candidates, log more places "
+                "(experiment.simulated.outputs), or fix a parameter that is correlated with it"
+            )
         if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
             return ""
         more = spent + max(proposal.more_s, proposal.plan.robot_time_s)
@@ -248,17 +253,6 @@ class Session:
             f"{left}{spent:.4g} s of {self.budget_s:.4g} s of the robot's time are used, and the next experiment takes "
             f"{proposal.plan.robot_time_s:.4g} s; about {more:.3g} s in all reach the goal: give --robot-time "
             f"{math.ceil(more / 10) * 10}"
-        )
-
-    def _out_of_reach(self, name: str, width: float, result: FitResult | None) -> str:
-        """Whatever is measured further, a parameter keeps such a width."""
-        words = f"whatever is measured further, {name} stays at {100 * width:.2g} % (goal {self._goal_of(name)})"
-        by_file = 0.0 if result is None else result.std_by_file[name] / result.std[name]
-        if by_file > 0.5 or (result is None and self.problem.robot.tolerances != EXACT):
-            return f"{words} by the tolerances of the robot's file: measure its parts and state it in robot.tolerances"
-        return (
-            f"{words}: no posture among the candidates shows it better; add some in design.candidates, log more places "
-            "(experiment.simulated.outputs), or fix a parameter that is correlated with it"
         )
 
     def _measured(self, plan: Plan, before: Sequence[Plan], result: FitResult | None) -> None:
@@ -364,12 +358,8 @@ class Session:
     def worst(self, used: Mapping[str, float]) -> str:
         """The parameter that uses most of the goal, in words."""
         name = max(used, key=lambda each: used[each])
-        return (
-            f"{name} is known to {number(100 * used[name] * self.goal.widths[name], 2)} % (goal {self._goal_of(name)})"
-        )
-
-    def _goal_of(self, name: str) -> str:
-        return f"{100 * self.goal.widths[name]:.3g} %"
+        goal = 100 * self.goal.widths[name]
+        return f"{name} is known to {number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
 
     def _reached(self, plans: Sequence[Plan]) -> str:
         spent, whole = sum(plan.robot_time_s for plan in plans), planned_time_s(self.run)
@@ -380,13 +370,12 @@ class Session:
         )
 
 
-def _contradiction(step: int) -> str:
-    """The logs that a fit which cannot be trusted contradicts: the last ones, if it could be trusted before them."""
-    if step == 1:
-        return "the model does not describe the logs of x1"
+def _contradiction(step: int, result: FitResult) -> str:
+    """Of a fit that cannot be trusted: of the last logs, if it could be trusted before them."""
+    before = "" if step == 1 else "contradict those before them, or "
     return (
-        f"the logs of x{step} contradict those before them (another payload, another tool, or something came loose); "
-        f"put others into live/logs, or remove live/x{step}* and live/*/x{step}-* to plan it again"
+        f"the logs of x{step} {before}are not described by the model: {result.message}; put others into live/logs, or "
+        f"remove live/x{step}* and live/*/x{step}-* to plan it again"
     )
 
 
