@@ -171,8 +171,6 @@ def test_two_signs_of_the_grid_become_two_close_ones_about_their_mean() -> None:
     assert abs(levels.sum() - 90) > 4 * abs(fitted(near.shapes).sum() - 90)
 
 
-<<<<<<< HEAD
-=======
 def test_a_turn_that_noise_had_blurred_is_found_below_the_signs_that_were_tried() -> None:
     """tanh(v / 3e-4) behind a sign that turns over 1e-3; one of an ideal sign at the slowest two."""
     v = np.random.default_rng(1).normal(0, 0.05, 20000)
@@ -183,7 +181,6 @@ def test_a_turn_that_noise_had_blurred_is_found_below_the_signs_that_were_tried(
         assert slow <= near.shapes[0].threshold < near.shapes[1].threshold <= fast
 
 
->>>>>>> main
 @pytest.mark.parametrize("speed", [0.0, 2e-3])
 def test_friction_that_jumps_does_not_turn_by_the_noise_of_a_velocity(speed: float) -> None:
     """Of 5e-4 rad/s, over which it seems to turn; one that turns over 2e-3 rad/s keeps that within a tenth."""
