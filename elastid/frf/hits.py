@@ -23,6 +23,7 @@ class HitLimits:
 
     beyond: float = 0.1  # of the largest sample, where a pulse begins
     share: float = 0.02  # of samples of a hammer's force in pulses, at most
+    samples: int = 20_000  # evenly taken, of which twice as many in pulses are another force's
     bounce_s: float = 0.15  # between two pulses of one hit, at most
     run: int = 3  # samples at exactly the limit of a channel
     run_share: float = 0.08  # of a pulse
@@ -44,7 +45,12 @@ class Pulses:
 
     @classmethod
     def of(cls, u: FloatArray) -> Pulses | None:
-        """The pulses of a hammer; None for another force."""
+        """The pulses of a hammer; None for another force, which some samples show."""
+        few = u[:: -(-len(u) // LIMITS.samples) or 1]
+        middle = np.median(few)
+        largest = max(u.max(initial=0.0) - middle, middle - u.min(initial=0.0))
+        if np.mean(np.abs(few - middle) > LIMITS.beyond * largest) > 2 * LIMITS.share:
+            return None
         x = np.abs(u - np.median(u))
         beyond = x > LIMITS.beyond * x.max(initial=0.0)
         if not beyond.any() or beyond.mean() > LIMITS.share:

@@ -105,6 +105,8 @@ def cross_spectra(records: Sequence[Record], segments: Segments, spec: Estimator
     lines, freq_hz, scale = _lines(first, segments, spec)
     n = n_y + len(first.inputs)
     S = np.zeros((len(lines), n, n), dtype=np.complex128)
+    for record in records:
+        refuse_uncomputable(record)
     for Z in _spectra(records, segments, lines):
         S += Z @ adjoint(Z)
     S *= scale[:, :, None] * scale[:, None, :].conj()
@@ -128,7 +130,6 @@ def _spectra(
     L, n = len(w), len(records[0].outputs) + len(records[0].inputs)
     at_once = max(1, most // (L * n))
     for record in records:
-        refuse_uncomputable(record)
         for begin in range(0, segments.count(record.n_samples), at_once):
             K = min(at_once, segments.count(record.n_samples) - begin)
             part = slice(begin * D, (begin + K - 1) * D + L)

@@ -65,11 +65,11 @@ def find_friction(
     survey = _survey(measured, spec, planned, execution)
     if isinstance(survey, FrictionTakenOut):
         return survey
-    levels, equations = find_levels(survey.data, survey.choice.motor_of)
+    levels, equations = find_levels(survey.data, survey.choice.motor_of, survey.choice.taken)
     accelerance = upper_accelerance(survey.data, levels, survey.choice.motor_of, spec.quantity)
     result = _result(survey, survey.choice, levels, accelerance, equations)
     found = _Found(result, survey.choice, levels, survey.data)
-    for number in range(_PASSES if len(survey.choice.shapes) else 0):
+    for number in range(_PASSES if len(survey.choice.taken) else 0):
         gather = partial(gather_configuration, spec=spec, planned=planned, noise=number > 0)
         further = _along_its_motion(found, survey, spec, gather, measured, execution)
         if number and not further.explains_more_than(found):
@@ -77,7 +77,7 @@ def find_friction(
         is_settled, found = further.agrees_with(found), further
         if not number and is_settled:
             break
-    if found.choice.shapes:
+    if len(found.choice.taken):
         result = _with_dependence(found.result, found.data, found.choice.motor_of, spec.quantity)
     return replace(result, notes=(*result.notes, *survey.limits))
 
@@ -115,11 +115,11 @@ def _along_its_motion(
     """
     choice = refined(found.choice, found.levels, survey.first.inputs)
     data = execution.ordered(partial(gather, shapes=choice.shapes, friction=found.result), measured)
-    levels, _ = find_levels(data, choice.motor_of)
+    levels, _ = find_levels(data, choice.motor_of, choice.taken)
     noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in data], axis=0))
     choice, kept = narrowed(choice, levels, noise)
     data = [spectra.with_shapes(kept, np.zeros(len(kept))) for spectra in data]
-    levels, equations = find_levels(data, choice.motor_of)
+    levels, equations = find_levels(data, choice.motor_of, choice.taken)
     accelerance = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
     accelerance = np.where(accelerance > 0, accelerance, found.result.accelerance)
     return _Found(_result(survey, choice, levels, accelerance, equations), choice, levels, data)
@@ -245,13 +245,13 @@ def _result(
     equations: NormalEquations,
 ) -> FrictionTakenOut:
     first = survey.first
-    left = shares(equations, len(first.inputs), choice.motor_of)
+    left = shares(equations, len(first.inputs), choice.motor_of, choice.taken)
     result = FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
         shapes=choice.shapes,
         levels=levels,
-        covariance=covariance(equations) + by_unknown_shapes(choice, levels),
+        covariance=covariance(equations, choice.taken) + choice.covariance + by_unknown_shapes(choice, levels),
         configurations=survey.names,
         before=survey.before,
         after=equations.level,

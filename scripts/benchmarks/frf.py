@@ -14,10 +14,10 @@ pair by pair and at once: Hann segments of 1024 samples that overlap by half; el
 covariance, too.  The largest relative difference of G is rounding.
 The last line is one JSON object with the numbers of the table; last_run.json has those of the last run of each part.
 
-Measured (CPU time, medians in turn, a machine of two cores): the odd lines take
-1.17 (B_over_floor) and all lines 3.2 (A_over_floor) times the floor and 0.16 (A_gb_above_data) GB above the data. The
-same by scipy.signal.csd at once takes 10.4 (B_faster_than_csd_at_once) and 3.3 (A_faster_than_csd_at_once) times as
-long, pair by pair 48.1 (B_faster_than_csd) and 17.2 (A_faster_than_csd) times; of white noise 2.5
+Measured (CPU time, medians in turn, a busy machine of two cores): the odd lines take
+1.62 (B_over_floor) and all lines 3.9 (A_over_floor) times the floor and 0.21 (A_gb_above_data) GB above the data. The
+same by scipy.signal.csd at once takes 9.3 (B_faster_than_csd_at_once) and 4.0 (A_faster_than_csd_at_once) times as
+long, pair by pair 33.1 (B_faster_than_csd) and 14.0 (A_faster_than_csd) times; of white noise 1.0
 (welch_faster_than_csd_at_once) times.
 """
 

@@ -40,7 +40,7 @@ FRICTION = (
 # Stages of both kinds of study that have work for several processes.
 PARALLEL = {
     "elastic": {"design", "measure", "estimate", "fit", "validate", "report", "compare"},
-    "friction": {"measure", "report"},
+    "friction": {"measure"},
 }
 
 
