@@ -81,7 +81,6 @@ def test_friction_shows_on_the_lines_left_out(tiny: Path, tmp_path: Path, cycles
     assert np.median(response.total.variance / response.noise.variance) > 4
     labels = {line.get_label() for line in levels(response, quality, "title").axes[0].get_lines()}
     assert {"nonlinear, even", "nonlinear, odd", "stochastic nonlinear"} <= labels
-    assert (run.folder / "figures" / "frf-a-levels.png").is_file()
 
 
 @pytest.mark.slow
