@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.measured import DATA, measured
 from plants.notes import said
 
 from elastid.experiment.specs.channels import ChannelSpec
@@ -21,15 +21,15 @@ from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
-SHARED = Path(__file__).parents[3] / "shared" / "data"
-
 ROBOT = Robot("bench", (Body("load", joints=(Joint("1", spring=Spring(50.0), motor=Motor(1e-3)),), inertia=1e-3),))
 SPEC = EstimatorSpec()
 PERIOD = 2500
 
 
 def _measure(recorded: RecordedSpec) -> Record:
-    rig = RecordedRig(ROBOT, ExperimentSpec({"c": (0.0,)}, recorded=recorded), SHARED)
+    for file in recorded.files:
+        measured(file.path)
+    rig = RecordedRig(ROBOT, ExperimentSpec({"c": (0.0,)}, recorded=recorded), DATA)
     return rig.measure(rig.experiments[0])
 
 
