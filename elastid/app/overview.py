@@ -160,8 +160,10 @@ def _signal(study: Study, excitation: MultisineSpec) -> Iterator[str]:
         f"{excitation.rate_hz:g} Hz"
     )
     as_large = "scaled to the limits" if excitation.torque_rms == "limits" else "as given, lowered where limits ask"
+    informative = "spectra with the most information about the parameters"
+    shaped = informative if excitation.flat == "information" else f"flat in {excitation.flat}"
     yield (
-        f"  {excitation.phases} phases, {excitation.orthogonal} set, flat in {excitation.flat}, {as_large} "
+        f"  {excitation.phases} phases, {excitation.orthogonal} set, {shaped}, {as_large} "
         f"({excitation.margin:.0%} of every limit stays free)"
     )
 

@@ -146,7 +146,91 @@ def test_a_tolerance_wider_than_its_number_leaves_nothing_undetermined() -> None
     assert not len(within.blind)
 
 
+def _shaped(problem: DesignProblem, **excitation: object) -> DesignProblem:
+    return replace(problem, excitation=replace(problem.excitation, **{"flat": "information", **excitation}))  # type: ignore[arg-type]
+
+
 GIVEN = replace(PROBLEM, design=None, experiment=replace(PROBLEM.experiment, configurations={"a": (0.3, 0.8)}))
+
+
+def _mean_std(problem: DesignProblem) -> float:
+    return float(np.exp(np.mean(np.log(np.diag(design(problem).forecast.covariance))) / 2))
+
+
+@pytest.mark.slow
+def test_a_spectrum_for_information_tells_more_than_any_flat_one_of_the_same_torque() -> None:
+    """RMS of each motor and a tenth of the even power at every line are kept; the configurations have their own."""
+    problem = replace(GIVEN, experiment=replace(GIVEN.experiment, configurations={"a": (0.3, 0.8), "b": (0, 1.8)}))
+    plan = design(_shaped(problem)).plan
+    power = np.mean(np.abs(plan.R) ** 2, axis=2) / 2
+    assert np.sqrt(power.sum(axis=2)) == pytest.approx(np.broadcast_to([5.0, 2.0], (2, 2, 2)), rel=1e-6)
+    even = np.array([25.0, 4.0]) / len(plan.lines)
+    assert np.all(power > 0.0999 * even)
+    assert np.any(np.abs(power[0] - power[1]) > even)
+    others = [
+        replace(problem, excitation=replace(problem.excitation, flat=flat))  # type: ignore[arg-type]
+        for flat in ("torque", "velocity", "precision")
+    ]
+    assert _mean_std(_shaped(problem)) < 0.8 * min(_mean_std(one) for one in others)
+    assert _mean_std(_shaped(problem, least=1.0)) == pytest.approx(_mean_std(others[0]), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_fits_of_a_shaped_spectrum_scatter_as_the_forecast_said() -> None:
+    """Thirty times measured with new phases, as for the flat one."""
+    found = design(_shaped(GIVEN))
+    amplitude = {"a": np.sqrt(np.mean(np.abs(found.plan.R[0, 0]) ** 2, axis=0))}
+    x = []
+    for seed in range(30):
+        plan = make_plan(_shaped(GIVEN).excitation, GIVEN.experiment, GIVEN.robot, seed, spectra=amplitude)
+        x.append(identify(_measured(GIVEN, plan, seed), GIVEN.robot, GIVEN.fit).x)
+    ratio = np.std(x, axis=0, ddof=1) / np.sqrt(np.diag(found.forecast.covariance))
+    assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1.0, abs=0.25)
+    assert np.all((ratio > 0.6) & (ratio < 1.5))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robust", [None, GuessSpec(guesses=3, over="worst")])
+def test_where_speed_is_the_limit_power_goes_where_it_costs_little_speed(robust: GuessSpec | None) -> None:
+    """Shared out between lines and motors within the limits, which are used; more is known than from flat speed."""
+    slow = [
+        replace(body, joints=tuple(replace(j, limits=replace(j.limits, velocity=0.3)) for j in body.joints))
+        for body in TWO.bodies
+    ]
+    problem = replace(_with(count=2, robust=robust), robot=replace(TWO, bodies=tuple(slow)))
+    problem = replace(problem, excitation=replace(problem.excitation, torque_rms="limits"))
+    found = design(_shaped(problem))
+    assert 0.8 < found.limit_use.used[:, 2].max() < 0.91
+    assert found.limit_use.used.max() < 0.91
+    only = {c.name: tuple(c.angles.tolist()) for c in found.plan.configurations}
+    same = replace(problem, design=None, experiment=replace(problem.experiment, configurations=only))
+    for flat in ("torque", "velocity"):
+        other = replace(same, excitation=replace(same.excitation, flat=flat))  # type: ignore[arg-type]
+        assert _mean_std(_shaped(same)) < 0.9 * _mean_std(other)
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        replace(GIVEN, experiment=replace(GIVEN.experiment, simulated=SimulatedSpec())),
+        _with(noise=LevelSpec(absolute=0.1)),
+        replace(GIVEN, experiment=replace(GIVEN.experiment, experiments=1)),
+    ],
+    ids=["no noise", "noise whatever is injected", "fewer experiments than motors"],
+)
+def test_a_spectrum_that_cannot_be_found_is_refused(problem: DesignProblem) -> None:
+    """Noise, its source, and the number of experiments."""
+    with refused("excitation/power", place="excitation.flat"):
+        design(_shaped(problem))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"least": 0.0}, {"flat": "torque", "least": 0.5}, {"power": 1.0}, {"phases": "prbs"}]
+)
+def test_what_contradicts_a_found_spectrum_is_refused(wrong: dict[str, object]) -> None:
+    """Another spectrum of the user's, or of a sweep."""
+    with pytest.raises(ValueError, match="flat: information"):
+        _shaped(PROBLEM, **wrong)
 
 
 def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -> None:
@@ -339,6 +423,12 @@ def _keeps_records(study: Path, folder: Path, *overrides: str) -> bool:
             (folder / "plan.h5").rename(folder / "first.h5")
     another = load(study, (*overrides, "fit.parameters={k_1: {}}"))
     return Run(another, folder, 1, Console(-1)).is_current("measure")
+
+
+def test_a_spectrum_found_for_one_fit_is_found_again_for_another(tiny: Path, tmp_path: Path) -> None:
+    """The plan then depends on the fit, and the records on the plan."""
+    assert not _keeps_records(tiny, tmp_path, "excitation.flat=information")
+    assert np.abs(read_plan(tmp_path / "plan.h5").R - read_plan(tmp_path / "first.h5").R).max() > 0
 
 
 def test_another_fit_has_another_forecast_and_keeps_the_records(tiny: Path, tmp_path: Path) -> None:

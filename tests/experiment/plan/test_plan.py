@@ -148,6 +148,9 @@ def test_a_plan_of_two_amplitudes_has_each_configuration_at_both() -> None:
 
 
 def test_amplitudes_are_positive_and_count_once() -> None:
+    """And a spectrum that is found for the most information belongs to one of them."""
     for torque_rms, says in ((((20.0,), (20.0,)), "counts once"), (((20.0, 5.0), (0.0, 1.0)), "must be positive")):
         with pytest.raises(ValueError, match=says):
             replace(EXCITATION, torque_rms=torque_rms)
+    with pytest.raises(ValueError, match="finds the spectra of one amplitude, and torque_rms lists 2"):
+        replace(EXCITATION, torque_rms=((20.0,), (8.0,)), flat="information")
