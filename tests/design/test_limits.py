@@ -32,7 +32,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
-from elastid.report.figures.design import limit_use as limit_use_figure
+from elastid.report.figures.fit import limit_use as limit_use_figure
 from elastid.robot import Limits, Robot
 from elastid.store.measured import read_peaks, read_plan, write_plan
 

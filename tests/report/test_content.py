@@ -95,8 +95,8 @@ def test_the_findings_are_one_sentence() -> None:
 def test_the_figure_draws_the_loop_and_what_is_beyond_its_spring() -> None:
     """Torsion in arcmin over torque; below, less torque over k, which is nothing of a linear gear."""
     upper, lower = (axes for axes in hysteresis(sheets(), None).axes if axes.axison)
-    (torsion,) = (line for line in upper.lines if line.get_label() == "torsion, to and fro")
-    assert np.max(torsion.get_ydata()) == pytest.approx(300 / 2e5 * ARCMIN)
-    (beyond,) = (line for line in lower.lines if line.get_label() == "torsion, to and fro")
-    assert np.max(np.abs(np.asarray(beyond.get_ydata()))) < 1e-9
+    torsion = [line for line in upper.lines if line.get_label() == "torsion, to and fro"]
+    assert len(torsion) == 2
+    assert np.max(torsion[0].get_ydata()) == pytest.approx(300 / 2e5 * ARCMIN)
+    assert max(np.max(np.abs(np.asarray(line.get_ydata()))) for line in lower.lines) < 1e-9
     assert math.isclose(ARCSEC, 60 * ARCMIN)

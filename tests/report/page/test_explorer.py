@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from functools import partial
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -111,6 +112,24 @@ def test_a_thumbnail_opens_large_and_the_frequency_becomes_linear(opened):
     logarithmic = hovered(opened, 0, 0.5)[1]
     opened.locator("#explorer select").nth(2).select_option("linear")
     assert hovered(opened, 0, 0.5)[1] > 2 * logarithmic
+
+
+@pytest.mark.parametrize("kind", ["svg", "png"])
+def test_the_view_is_saved_as_it_is_drawn(opened, tmp_path, kind):
+    """A circle each measured line and a path each curve in the SVG; a PNG of twice the size."""
+    with opened.expect_download() as download:
+        opened.locator(f"#explorer [data-save={kind}]").click()
+    download.value.save_as(tmp_path / "view")
+    content = (tmp_path / "view").read_bytes()
+    assert download.value.suggested_filename == f"c1.{kind}"
+    if kind == "png":
+        size = opened.evaluate("[document.querySelector('#explorer .grid').scrollWidth]")
+        assert int.from_bytes(content[16:20], "big") == 2 * size[0]
+    else:
+        svg = ElementTree.fromstring(content)
+        circles = svg.findall(".//{http://www.w3.org/2000/svg}circle")
+        assert len(circles) == 4 * len(FREQ_HZ)
+        assert "motor 1 → place 1" in [text.text for text in svg.iter("{http://www.w3.org/2000/svg}text")]
 
 
 def test_arrow_keys_step_through_the_measured_lines(opened):

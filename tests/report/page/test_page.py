@@ -25,12 +25,12 @@ from elastid.base.note import Note
 from elastid.parameters import ParameterSet
 from elastid.report.content import parameter_rows
 from elastid.report.figures.responses import bode
+from elastid.report.figures.use import fleet_parameter
 from elastid.report.page.page import (
     DPI,
     EmbeddedFigure,
     FleetContent,
     Outcome,
-    fleet_parameter,
     html,
     rendered,
     within,
