@@ -14,7 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_names
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
-from elastid.report.figures import fit, friction, responses, use
+from elastid.report.figures import fit, friction, responses, validation
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
@@ -50,8 +50,8 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("parameters", "parameters", caption, partial(fit.forest, rows), on_page=False)
     if content.twin.balances:
         worst = max(content.twin.balances, key=lambda balance: balance.left)
-        caption = f"{worst.place}, {worst.log}: {use.TORQUE_CAPTION}"
-        yield Drawing("torque", "torque", caption, partial(use.torque_balance_figure, worst), on_page=False)
+        caption = f"{worst.place}, {worst.log}: {validation.TORQUE_CAPTION}"
+        yield Drawing("torque", "torque", caption, partial(validation.torque_balance_figure, worst), on_page=False)
     yield from friction_drawings(content.friction, content.robot)
     if content.gears is not None and content.gears.sheets:
         caption = (
@@ -150,14 +150,14 @@ def friction_study_drawings(
     """The figures of all joints, and of logs that were left out, to be drawn."""
     if left_out.twin.balances:
         caption = "torque that is left of logs that were left out, as a part of its rms in each octave."
-        octaves = partial(use.octaves_figure, left_out.twin.balances, left_out.own)
+        octaves = partial(validation.octaves_figure, left_out.twin.balances, left_out.own)
         yield Drawing("left-out", "left-out", caption, octaves)
     files = file_names([joint.joint for joint in result.joints], "friction")
     for file, joint in zip(files, result.joints, strict=True):
         followed = [tracked for tracked in filters if tracked.joint == joint.joint]
         explained = [balance for balance in twin.balances if balance.place == f"{JOINT}{joint.joint}"]
-        draws = [partial(use.torque_balance_figure, balance) for balance in explained]
-        torques: list[Named] = [("torque", use.TORQUE_CAPTION, draw) for draw in draws]
+        draws = [partial(validation.torque_balance_figure, balance) for balance in explained]
+        torques: list[Named] = [("torque", validation.TORQUE_CAPTION, draw) for draw in draws]
         for name, caption, draw in (*_of_joint(joint), *torques, *map(_of_filter, followed)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
 

@@ -28,7 +28,7 @@ from elastid.report.content import ReportContent, ResponsesContent, gear_line, g
 from elastid.report.figures import style
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings, drawings_of_responses
 from elastid.report.figures.style import own_style
-from elastid.report.figures.use import fleet_parameter
+from elastid.report.figures.validation import fleet_parameter
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
 from elastid.response import FrequencyResponse

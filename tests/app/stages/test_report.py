@@ -94,13 +94,6 @@ def test_the_modes_are_those_of_the_structure(bench: Path) -> None:
     np.testing.assert_allclose([float(row["damping_ratio"]) for row in rows], damping, rtol=1e-2)
 
 
-def test_the_template_warns_of_nothing(bench: Path) -> None:
-    (response,) = read_responses(bench / "run" / "frf.h5")
-    assert [note for note in response.notes if note.code != "total-variances-only" and note.severity == "warning"] == []
-    assert response.repairs == {}
-    assert response.unit == "(m/s^2)/(N)"
-
-
 @pytest.mark.parametrize(
     ("target", "file"), [("uff", "bench.uff"), ("matlab", "responses.mat"), ("csv", "bench-measured.csv")]
 )
@@ -120,15 +113,6 @@ def test_exports_are_read_back(bench: Path, target: str, file: str) -> None:
     np.testing.assert_allclose(table.G, response.G, rtol=1e-9)
 
 
-def test_control_gets_what_python_control_loads(bench: Path) -> None:
-    folder = exported(bench, "control")
-    compile((folder / "load_responses.py").read_text(), "load_responses.py", "exec")
-    (response,) = read_responses(bench / "run" / "frf.h5")
-    with np.load(folder / "responses.npz", allow_pickle=False) as arrays:
-        np.testing.assert_array_equal(arrays["bench/G"], response.G)
-        assert tuple(arrays["bench/outputs"].tolist()) == response.outputs
-
-
 @pytest.mark.parametrize("command", [["fit"], ["validate"], ["design"], ["compare"], ["compare", "--search"]])
 def test_stages_of_a_robot_say_what_the_study_lacks(
     bench: Path, command: list[str], capsys: pytest.CaptureFixture[str]
@@ -139,12 +123,6 @@ def test_stages_of_a_robot_say_what_the_study_lacks(
     assert "has no robot" in said
     assert "fit.parameters" in said
     assert len(said.strip().splitlines()) == 1
-
-
-def test_models_are_exported_of_robots_alone(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    study = str(bench / "study.yml")
-    assert run_command(["export", study, "--run", str(bench / "run"), "--to", "mujoco"]) == 2
-    assert "export its responses to control, matlab, csv, uff" in capsys.readouterr().err
 
 
 CHANNEL = "experiment.recorded.channels"
@@ -164,14 +142,6 @@ CHANNEL = "experiment.recorded.channels"
 )
 def test_contradictions_name_their_remedy(bench: Path, override: str, says: str) -> None:
     assert says in refusal(bench / "study.yml", override)
-
-
-def test_a_robot_takes_no_voltage(tmp_path: Path) -> None:
-    folder = tmp_path / "joint"
-    assert run_command(["new", str(folder), "--template", "recorded"]) == 0
-    channel = f"{CHANNEL}.0={{role: u, at: motor 1, channel: current, quantity: "
-    assert "a voltage is not known as a torque" in refusal(folder / "study.yml", channel + "voltage}")
-    assert "needs torque_constant" in refusal(folder / "study.yml", channel + "current}")
 
 
 @pytest.mark.slow
