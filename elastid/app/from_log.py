@@ -21,15 +21,14 @@ from elastid.base.escape import one_line
 from elastid.experiment.specs.channels import MOTIONS
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import (
-    ChannelGuess,
     LogGuess,
-    guess_by_name,
     guess_log,
     is_clock,
     rate_by_motions,
     rows_of_a_sample,
     signals_of,
 )
+from elastid.recorded.channel_names import ChannelGuess, guess_by_name
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
@@ -99,7 +98,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
                 f"{unused[0]}",
             )
         logs = used
-    guess = guess if robot is None else in_order_of(robot, guess)
+    guess = guess if robot is None else in_order_of(robot, guess, {each.key: x for each, x in signals})
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess.is_motion:
@@ -107,8 +106,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         content = [*_head("friction", first), *_friction(guess, clock, heat, robot), text]
         content += _files(paths, (), (), together)
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
-    driving = [(joint.torque.name, joint.torque.column) for joint in guess.joints]
-    drives = np.stack([x for g, x in signals if (g.name, g.column) in driving], axis=1)
+    driving = {joint.torque.key for joint in guess.joints}
+    drives = np.stack([x for g, x in signals if g.key in driving], axis=1)
     period = _period(drives)
     realisations = () if together else realisations_of(logs, form, guess.joints, period[0])
     states, why = ([0] * len(logs), ONE_STATE) if together else states_of(logs, form, guess)
@@ -136,7 +135,7 @@ def _in_other_files(
 
     DataError for a log of other signals that is neither.
     """
-    taken, result = {(guess.name, guess.column) for guess, _ in first}, list[tuple[ChannelGuess, FloatArray]]()
+    taken, result = {guess.key for guess, _ in first}, list[tuple[ChannelGuess, FloatArray]]()
     with opened_log(logs[0], form) as log:
         at = np.asarray(time_of(log, clock.name))[:MAX_SAMPLES] if clock.name else np.zeros(0)
     n = len(first[0][1]) if first else 0
@@ -145,8 +144,8 @@ def _in_other_files(
             signals = signals_of(log, MAX_SAMPLES)
             times = np.asarray(time_of(log, clock.name))[:MAX_SAMPLES] if clock.name in log.shapes() else None
         own = [(guess, x) for guess, x in signals if guess.name != clock.name and not is_time(guess.name)]
-        own = [(replace(guess, file=number), x) for guess, x in own if (guess.name, guess.column) not in taken]
-        taken |= {(guess.name, guess.column) for guess, _ in own}
+        own = [(replace(guess, file=number), x) for guess, x in own if guess.key not in taken]
+        taken |= {guess.key for guess, _ in own}
         is_stamped = times is not None and times[0] < at[-1] and at[0] < times[-1]
         if own and not is_stamped and (clock.name or len(own[0][1]) != n):
             raise DataError(
@@ -179,7 +178,7 @@ def _joined(lines: Iterable[str]) -> str:
 
 def _clock(log: Log) -> Clock:
     shapes = log.shapes()
-    unnamed = [name for name in shapes if guess_by_name(name, None).confidence == 0]
+    unnamed = [name for name in shapes if not guess_by_name(name, None).quantity]
     for name in (*filter(is_time, shapes), *unnamed):
         t = np.asarray(time_of(log, name))
         if len(t) > 2 and (np.all(np.diff(t) > 0) if is_time(name) else is_clock(t) and np.any(np.diff(t) != 1)):
@@ -223,7 +222,7 @@ def _no_guess(path: Path, form: TextFormatSpec, signals: Sequence[ChannelGuess])
         return f"{path}: no two signals of one length change in it; `elastid inspect {path}` shows its content"
     rows = f", {form.interleaved} rows of the file to a sample," if form.interleaved > 1 else ""
     return (
-        f"{path}: {count} signals change in it{rows} and neither their names nor Newton's law say which are torques "
+        f"{path}: {count} signals change in it{rows} and neither their names nor kinematics say which are torques "
         "and which motions; begin with `elastid new --template recorded` and name them, or give the log headings such "
         "as tau_1 and q_1"
     )

@@ -4,27 +4,34 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.units import TABLE, of_translation
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.frf.hits import Pulses
 from elastid.recorded.channel_guess import JointGuess, LogGuess
 from elastid.recorded.files.formats import opened_log, values_of
-from elastid.recorded.pieces import SAME_EXCITATION
 from elastid.recorded.repair.clock import delay
 from elastid.robot import Joint, Robot
 
+MAX_SAMPLES = 1 << 18  # that are read of each
+ONE_STATE = "all logs are of one state of the structure"
+_SAME = math.sqrt(0.9)  # correlation of the drives of two logs of one excitation
+_MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
+_YASKAWA = "slurbt"  # names of the axes of its robots, in order
 
-def in_order_of(robot: Robot, guess: LogGuess) -> LogGuess:
-    """The guess with its joints in the order of the robot's driven ones; DataError where they are not as many."""
+
+def in_order_of(robot: Robot, guess: LogGuess, values: Mapping[tuple[str, int | None], FloatArray]) -> LogGuess:
+    """The guess with its joints in the order of the robot's driven ones; DataError where they are not as many.
+
+    values: signals (n,) of the log by name and column.
+    """
     names, joints = [joint.name for joint in robot.driven], guess.joints
     if len(joints) != len(names):
         raise DataError(
@@ -33,11 +40,21 @@ def in_order_of(robot: Robot, guess: LogGuess) -> LogGuess:
             f"({', '.join(joint.torque.name for joint in joints)}), and robot {robot.name} drives {len(names)} "
             f"({', '.join(names)}); log all of them, or drive in the robot's file those that were logged",
         )
-    named = [[joint for joint in joints if _is_of(name, joint)] for name in names]
-    by_name = all(len(found) == 1 for found in named) and len({found[0].torque.name for found in named}) == len(names)
-    ordered = [found[0] for found in named] if by_name else joints
-    why = "name" if by_name else "place in the robot's file"
-    return replace(guess, joints=tuple(_at(*pair, why) for pair in zip(robot.driven, ordered, strict=True)))
+    by_name = {name: joint for name in names for joint in joints if _is_of(name, joint)}
+    labels = [joint.torque.parts[1].lower() for joint in joints]
+    is_number = all(re.fullmatch(r"[\d ]+", label) for label in labels)
+    order = {label: [*map(int, label.split())] if is_number else [_YASKAWA.find(label)] for label in labels}
+    if len({joint.torque.key for joint in by_name.values()}) == len(names):
+        ordered, why = [by_name[name] for name in names], "name"
+    elif len(order) == len(names) and [-1] not in order.values():
+        ordered, why = [joints[i] for i in sorted(range(len(names)), key=lambda i: order[labels[i]])], "number"
+    else:
+        ordered, why = list(joints), "place in the robot's file"
+    at = [_at(*pair, why, values) for pair in zip(robot.driven, ordered, strict=True)]
+    if any(joint.motion.unit == "deg" for joint in at):  # one unit for all
+        is_open = [joint.motion.unit == "rad" and "assumed" in joint.motion.why for joint in at]
+        at = [replace(j, motion=replace(j.motion, unit="deg")) if o else j for j, o in zip(at, is_open, strict=True)]
+    return replace(guess, joints=tuple(at))
 
 
 def _is_of(name: str, joint: JointGuess) -> bool:
@@ -45,8 +62,8 @@ def _is_of(name: str, joint: JointGuess) -> bool:
     return re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", joint.torque.name, re.IGNORECASE) is not None
 
 
-def _at(joint: Joint, guess: JointGuess, why: str) -> JointGuess:
-    """The guess at a joint of the robot, in units of a translation where that slides."""
+def _at(joint: Joint, guess: JointGuess, why: str, values: Mapping[tuple[str, int | None], FloatArray]) -> JointGuess:
+    """The guess at a joint of the robot, in units of a translation where that slides, in deg where rad leave limits."""
     torque, motion = (
         replace(each, why=f"{each.why}; of {joint.name} by its {why}") for each in (guess.torque, guess.motion)
     )
@@ -54,15 +71,11 @@ def _at(joint: Joint, guess: JointGuess, why: str) -> JointGuess:
         torque = replace(torque, quantity="force", unit="N")
     if joint.slides and TABLE[motion.unit][0].startswith("rad"):
         motion = replace(motion, unit=of_translation(TABLE[motion.unit][0]))
+    elif motion.quantity == "position" and "assumed" in motion.why:
+        x, (low, high) = values[motion.key], joint.limits.angle
+        if np.min(x) < low - _MIN_TURN or np.max(x) > high + _MIN_TURN:
+            motion = replace(motion, unit="deg", why=f"deg, since rad leave the limits of {joint.name}")
     return replace(guess, torque=torque, motion=motion)
-
-
-MAX_SAMPLES = 1 << 18  # that are read of each
-ONE_STATE = "all logs are of one state of the structure"
-_SAME = math.sqrt(1 - SAME_EXCITATION.max_unexplained_share)  # correlation of the drives of two logs of one excitation
-_MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
-_MIN_FORCE = 0.1  # of the largest of a hammer's lines, on which responses are compared
-_MAX_UNLIKE = 0.05  # of responses of one point: hits that differ by a tenth in each response have half a hundredth
 
 
 def realisations_of(
@@ -97,39 +110,19 @@ def _is_one_excitation(first: FloatArray, second: FloatArray) -> bool:
 
 
 def states_of(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> tuple[list[int], str]:
-    """The state of the structure in each log, and why: by the angles of its joints, and by the responses to hits."""
-    drives = [ChannelSpec("u", "any", j.torque.name, j.torque.column) for j in guess.joints]
+    """The state of the structure in each log, by the angles of its joints, and why."""
     motions = [*(j.motion for j in guess.joints), *guess.further]
+    motions = [m for m in motions if TABLE[m.unit][0] == "rad"]
     ys = [ChannelSpec("y", "any", m.name, m.column, quantity="position") for m in motions]
-    turn = np.array([TABLE[m.unit][1] if TABLE[m.unit][0] == "rad" else 0.0 for m in motions])
-    seen, states, why = list[tuple[FloatArray, ComplexArray | None]](), list[int](), ONE_STATE
-    for path in logs:
+    seen, states = list[FloatArray](), list[int]()
+    for path in logs if ys else ():
         with opened_log(path, form) as log:
-            x = np.nan_to_num(values_of(log, [*drives, *ys], 0, MAX_SAMPLES))
-        u, y = x[:, 0], x[:, len(drives) :]
-        angle, G = y.mean(axis=0) * turn, None
-        if len(drives) == 1 and Pulses.of(u) is not None:
-            F = np.fft.rfft(u - np.median(u), MAX_SAMPLES)
-            F[np.abs(F) < _MIN_FORCE * np.abs(F).max()] = np.inf
-            G = np.fft.rfft(y - np.median(y, axis=0), MAX_SAMPLES, axis=0) / F[:, None]
-        reach = max(_MIN_TURN, 5 * float((y.std(axis=0) * turn).max(initial=0.0)))
-        state = len(seen)
-        for k, (other, H) in enumerate(seen):
-            is_there = np.abs(angle - other).max(initial=0.0) < reach
-            if is_there and (G is None or H is None or _unlike(G, H) < _MAX_UNLIKE):
-                state = k
-                break
-            why = "hits at other points, by their responses" if is_there else "the joints stand at other angles"
-        seen += [(angle, G)] if state == len(seen) else []
-        states.append(state)
-    return states, why if len(seen) > 1 else ONE_STATE
-
-
-def _unlike(G: ComplexArray, H: ComplexArray) -> float:
-    """Power of the difference of two responses (F, n) over the sum of theirs, on the lines that both have."""
-    both = (G != 0).any(axis=1) & (H != 0).any(axis=1)
-    G, H = G[both], H[both]
-    return float(np.sum(np.abs(G - H) ** 2) / max(np.sum(np.abs(G) ** 2 + np.abs(H) ** 2), 1e-300))
+            y = np.nan_to_num(values_of(log, ys, 0, MAX_SAMPLES)) * [TABLE[m.unit][1] for m in motions]
+        reach = max(_MIN_TURN, 5 * float(y.std(axis=0).max()))
+        there = [k for k, other in enumerate(seen) if np.abs(y.mean(axis=0) - other).max() < reach]
+        states.append(there[0] if there else len(seen))
+        seen += [] if there else [y.mean(axis=0)]
+    return states or [0] * len(logs), "the joints stand at other angles" if len(seen) > 1 else ONE_STATE
 
 
 def angles_of(path: Path, form: TextFormatSpec, guess: LogGuess) -> FloatArray:

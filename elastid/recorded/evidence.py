@@ -1,4 +1,4 @@
-r"""Evidence about the channels of one joint: kinematics, Newton's law and energy, from arrays alone.
+r"""Evidence about the channels of one joint: kinematics, and the sign of torque and motion, from arrays alone.
 
 Signals are compared as derivatives of one Gaussian, :math:`x^{(k)} = (G_s * x)^{(k)} = G_s^{(k)} * x`, at several
 widths s, so that the same filter acts on all of them: two motions by :math:`b = g\, a^{(k)}`, a torque by
@@ -17,6 +17,10 @@ from elastid.base.arrays import FloatArray
 
 # Widths of the Gaussian in samples: the band up to a tenth of the rate, a fortieth, and a hundred-sixtieth.
 WIDTHS = (2.0, 8.0, 32.0)
+# Correlation of a derivative with the signal that is it.
+MIN_CORRELATION = 0.98
+# Share of a torque that the motion of its joint explains, at least.
+MIN_EXPLAINED = 0.75
 
 
 @dataclass(frozen=True)
@@ -32,25 +36,25 @@ class MotionRelation:
 class TorqueRelation:
     """The torque that the motion of one joint explains.
 
-    explained: share of the variance of the torque.  inertial, viscous, dissipated: correlations of the torque with its
-    parts J a, f v, and f v + F_c sgn(v), negative where J, f and the power are.  inertia: J.  damping: f.
+    explained: share of the variance of the torque.  inertial, dissipated: correlations of the torque with its parts J a
+    and f v + F_c sgn(v), negative where J and the power are.  inertia: J.
     """
 
-    explained: float
-    inertial: float
-    viscous: float
-    dissipated: float
-    inertia: float
-    damping: float
+    explained: float = 0.0
+    inertial: float = 0.0
+    dissipated: float = 0.0
+    inertia: float = 0.0
+
+    @property
+    def is_joint(self) -> bool:
+        """True if it explains most of the torque, by a positive inertia and friction that takes power."""
+        return self.explained > MIN_EXPLAINED and self.inertial > 0 and self.dissipated > 0
 
     @property
     def is_against_motion(self) -> bool:
-        """True if the inertia is negative or power comes out of friction, and neither is contradicted by the other."""
+        """True if it does so with the inertia negative or power out of friction, neither contradicted by the other."""
         low, high = sorted((self.inertial, self.dissipated))
-        return low < -0.3 and high < 0.1
-
-
-NO_RELATION = TorqueRelation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return self.explained > MIN_EXPLAINED and low < -0.3 and high < 0.1
 
 
 def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> FloatArray:
@@ -61,11 +65,6 @@ def derivative(x: FloatArray, order: int, rate_hz: float, width: float) -> Float
     return np.asarray(np.fft.irfft(np.fft.rfft(x) * gain, len(x))[margin:-margin] * rate_hz**order)
 
 
-def widths(n: int) -> tuple[float, ...]:
-    """Those that a log of n samples is long enough for."""
-    return tuple(width for width in WIDTHS if n > 20 * width)
-
-
 def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> Iterator[MotionRelation]:
     """The relations of order -2 to 2 of two motions (n,), each at the width where both sides agree best."""
     for order in range(-2, 3):
@@ -73,20 +72,36 @@ def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> Iterator[M
         common = 1 if order == 0 else 0
         pairs = [
             (derivative(a, common + max(order, 0), rate_hz, s), derivative(b, common + max(-order, 0), rate_hz, s))
-            for s in widths(len(a))
+            for s in WIDTHS
+            if len(a) > 20 * s
         ]
         results = [(_correlation(x, y), float(np.std(y)) / max(float(np.std(x)), 1e-300)) for x, y in pairs]
         rho, size = max(results, key=lambda result: abs(result[0]), default=(0.0, 0.0))
         yield MotionRelation(order, float(np.sign(rho)) * size, rho)
 
 
-def torque_relation(u: FloatArray, y: FloatArray, order: int, rate_hz: float, turns: bool = True) -> TorqueRelation:
+def velocities(signals: Sequence[FloatArray]) -> dict[int, tuple[int, float]]:
+    """Of each of the signals (n,) that has its derivative among them: the place of that, and the rate in Hz by it."""
+    if not signals or len(signals[0]) < 40 * WIDTHS[1]:
+        return {}
+    speed, smooth = (np.stack([derivative(x, k, 1.0, WIDTHS[1]) for x in signals]) for k in (1, 0))
+    a, b = (x - x.mean(axis=1, keepdims=True) for x in (speed, smooth))
+    of_a, of_b = (np.maximum(np.linalg.norm(x, axis=1), 1e-300) for x in (a, b))
+    rho = (a @ b.T) / np.outer(of_a, of_b)
+    best = {i: int(np.argmax(row)) for i, row in enumerate(rho) if row.max() > MIN_CORRELATION}
+    # A velocity has an acceleration where it is logged too, and is no position then.
+    return {i: (j, float(of_b[j] / of_a[i])) for i, j in best.items() if i not in best.values()}
+
+
+def torque_relation(
+    u: FloatArray, y: FloatArray, order: int, rate_hz: float, turns: bool = True, behind: tuple[float, ...] = WIDTHS
+) -> TorqueRelation:
     """How the motion y (n,), a derivative of the position of the given order, explains the torque u (n,).
 
-    turns: the joint turns, so that gravity may change with its angle.
+    turns: the joint turns, so that gravity may change with its angle.  behind: widths, the best of which counts.
     """
-    results = (_relation_at(u, y, order, rate_hz, width, turns) for width in widths(len(u)))
-    return max(results, key=lambda result: result.explained, default=NO_RELATION)
+    results = (_relation_at(u, y, order, rate_hz, width, turns) for width in behind if len(u) > 20 * width)
+    return max(results, key=lambda result: result.explained, default=TorqueRelation())
 
 
 def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width: float, turns: bool) -> TorqueRelation:
@@ -95,8 +110,7 @@ def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width
     motion, order, turns = (_integral(y, rate_hz), 1, False) if order == 2 else (y, order, turns)
     v, a = (derivative(motion, k - order, rate_hz, width) for k in (1, 2))
     quick = np.pad(derivative(motion, 1 - order, rate_hz, WIDTHS[0]), int(6 * WIDTHS[0]), mode="edge")
-    s = derivative(np.sign(quick), 0, rate_hz, width)
-    columns = [a, v, s, np.ones_like(a)]
+    columns = [a, v, derivative(np.sign(quick), 0, rate_hz, width), np.ones_like(a)]
     angle = {0: y, 1: _integral(y, rate_hz)}.get(order) if turns else None
     # From 0.3 rad on gravity changes as a cosine.
     if angle is not None and np.ptp(angle) > 0.3:
@@ -106,31 +120,23 @@ def _relation_at(u: FloatArray, y: FloatArray, order: int, rate_hz: float, width
     step = max(1, int(width / 2))
     A, torque = np.stack(columns, axis=1)[::step], torque[::step]
     size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    scaled, *_ = np.linalg.lstsq(A / size, torque, rcond=1e-9)
-    theta = scaled / size
+    theta = np.linalg.lstsq(A / size, torque, rcond=1e-9)[0] / size
     total = float(np.var(torque))
     if total == 0 or not np.isfinite(total):
-        return NO_RELATION
-    left = float(np.var(torque - A @ theta)) / total
+        return TorqueRelation()
 
     def part(*members: int) -> float:
         signal = A[:, members] @ theta[list(members)]
         sign = np.sign(np.mean(signal * A[:, members[0]])) or 1.0
         return float(sign * abs(np.mean((signal - signal.mean()) * (torque - torque.mean()))) / total)
 
-    return TorqueRelation(1 - left, part(0), part(1), part(1, 2), float(theta[0]), float(theta[1]))
+    left = float(np.var(torque - A @ theta)) / total
+    return TorqueRelation(1 - left, part(0), part(1, 2), float(theta[0]))
 
 
 def travel(x: FloatArray) -> float:
     """The range of a signal (n,), single spikes left out."""
     return float(np.percentile(x, 99.9) - np.percentile(x, 0.1))
-
-
-def nearest_factor(gain: float, factors: Sequence[tuple[float, str]], tolerance: float) -> str:
-    """The text of the factor that a gain is within a tolerance (of its logarithm) of; empty where there is none."""
-    nearest = ((abs(np.log(abs(gain) / factor)), text) for factor, text in factors if gain and factor)
-    away, text = min(nearest, default=(np.inf, ""))
-    return text if away <= tolerance else ""
 
 
 def _integral(y: FloatArray, rate_hz: float) -> FloatArray:

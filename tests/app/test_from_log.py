@@ -5,17 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.measured import ARM, BENCH, EMPS, KUKA, measured
 
 from elastid.app import cli
 from elastid.store.friction_study import read_friction_records
 from elastid.study import load_with_logs
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
 REAL = {
-    "emps_prismatic_axis/DATA_EMPS.mat": ("friction-recorded", "qm", "rate_hz: 1000"),
-    "kuka_kr300/traj_A.mat": ("friction-recorded", "rec.act_pos_mot_deg", "rate_hz: 250"),
-    "motorbench_two_inertia/MultisineTypeA.mat": ("frf", "theta_mx", "period_samples: 2500"),
-    "daisy_robot_arm/robot_arm_dat.mat": ("frf", "robot_arm_dat", "half_wave: true"),
+    EMPS: ("friction-recorded", "qm", "rate_hz: 1000"),
+    KUKA: ("friction-recorded", "rec.act_pos_mot_deg", "rate_hz: 250"),
+    BENCH: ("frf", "theta_mx", "period_samples: 2500"),
+    ARM: ("frf", "robot_arm_dat", "half_wave: true"),
 }
 
 
@@ -134,27 +134,10 @@ def test_a_path_that_is_none_and_a_robot_among_logs_are_said(
         assert said in capsys.readouterr().err
 
 
-def test_logs_without_the_option_and_a_full_folder_are_refused(
-    motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.run_command(["new", str(tmp_path / "new"), str(motion)]) == 2
-    assert "--from" in capsys.readouterr().err
-    assert cli.run_command(["new", str(tmp_path), "--from", str(motion)]) == 2
-    assert "not empty" in capsys.readouterr().err
-
-
-def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    np.savetxt(tmp_path / "log.csv", np.ones((500, 2)), delimiter=",", header="tau,q", comments="")
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "log.csv")]) == 1
-    assert "no two signals" in capsys.readouterr().err
-    assert not (tmp_path / "new").exists()
-
-
-@pytest.mark.skipif(not DATA.exists(), reason="the data are in ../shared, which is not here")
 @pytest.mark.parametrize("name", REAL)
 def test_real_logs_become_studies_that_check_accepts(name: str, tmp_path: Path) -> None:
     kind, motion, line = REAL[name]
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(DATA / name)]) == 0
+    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(measured(name))]) == 0
     assert line in (tmp_path / "new" / "study.yml").read_text()
     study = load_with_logs(tmp_path / "new" / "study.yml").study
     assert study.kind == kind

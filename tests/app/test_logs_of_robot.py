@@ -87,20 +87,6 @@ def _states(folder: Path, logs: dict[str, np.ndarray], head: str) -> list[str]:
     return [file.configuration for file in study.experiment.recorded.files]
 
 
-def test_hits_at_two_points_are_two_configurations(tmp_path: Path) -> None:
-    """Two hits at one point, a little elsewhere, and two at another; realisations of one where they agree."""
-    rng, t, logs = np.random.default_rng(0), np.arange(8000) / 1000, {}
-    for i, weights in enumerate(([1, 0.8, 0.3], [1.05, 0.75, 0.3], [0.4, -0.9, 1.1], [0.38, -0.93, 1.12])):
-        u = 80 * np.exp(-((((t - 0.3 - 0.01 * i) * 1000) / 2) ** 2))
-        modes = [w * np.exp(-2 * t) * np.sin(2 * np.pi * f * t) for w, f in zip(weights, (13, 37, 71), strict=True)]
-        y = np.convolve(u, np.sum(modes, axis=0))[: len(t)]
-        logs[f"hit {i}.csv"] = np.stack([t, u, y], axis=1) + [0, 0.1, 0.2] * rng.normal(size=(len(t), 3))
-    head = "t,hammer [N],acc [m/s^2]"
-    assert _states(tmp_path, logs, head) == ["state_1", "state_1", "state_2", "state_2"]
-    first = dict(list(logs.items())[:2])
-    assert _states(tmp_path, first, head) == ["bench", "bench"]
-
-
 def test_joints_with_names_are_paired_and_postures_are_configurations(tmp_path: Path) -> None:
     """Three motors that are called, not numbered; the same log at other angles."""
     rng = np.random.default_rng(0)
@@ -112,3 +98,46 @@ def test_joints_with_names_are_paired_and_postures_are_configurations(tmp_path: 
     assert _states(tmp_path, logs, head) == ["state_1", "state_1", "state_2"]
     (study,) = tmp_path.glob("new*/study.yml")
     assert study.read_text().count("role: u") == 3
+
+
+# Torque and position of the k-th axis as makers and loggers head them; {k} from 1, {i} from 0, {l} Yaskawa's letters.
+HEADINGS = (
+    ("TORQUE_AXIS_ACT_A{k}", "AXIS_ACT_A{k}"), ("$TORQUE_AXIS_ACT[{k}]", "$AXIS_ACT_MEAS[{k}]"),
+    ("motorTorque.j{k}", "motorAngle.j{k}"), ("Torque {l}", "Position {l}"), ("{l}_torque", "{l}_pos"),
+    ("actual_current_{i}", "actual_q_{i}"), ("tau_J_{i}", "q_{i}"), ("tau_{k}", "q_{k}"), ("tau{k}", "theta{k}"),
+    ("effort[{i}]", "position[{i}]"), ("joint_{k}/effort", "joint_{k}/position"),
+    ("Axis{k}.ActTorque", "Axis{k}.ActPos"), ("ax{k}.ActCurrent", "ax{k}.ActPosition"),
+    ("J{k} Torque [Nm]", "J{k} Angle [deg]"), ("Torque{k}(Nm)", "Angle{k}(deg)"),
+    ("Motorstrom A{k} (A)", "Achswinkel A{k} (\N{DEGREE SIGN})"), ("Istmoment_{k}", "Istlage_{k}"),
+    ("trq_act_{k}", "pos_act_{k}"), ("u{k} [Nm]", "phi{k} [rad]"), ("joint{k}_torque_meas", "joint{k}_pos_meas"),
+    ("robot.torque.{k}", "robot.pos.{k}"), ("I_{k} (A)", "q_{k} (rad)"), ("iq{k}", "enc{k}"),
+    ("currJ{k}", "angleJ{k}"), ("meas_torque_{k}", "meas_angle_{k}"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("heads", HEADINGS, ids=[head for head, _ in HEADINGS])
+@pytest.mark.parametrize("turned", [False, True])
+def test_headings_of_real_drives_become_a_study_that_check_takes(
+    heads: tuple[str, str], turned: bool, tmp_path: Path
+) -> None:
+    """Fifty headings, the second axis first or last; angles in deg, which rad would put beyond the joints' limits."""
+    (tmp_path / "arm.urdf").write_text(
+        ARM.replace('type="continuous"', 'type="revolute"').replace(
+            '<axis xyz="0 1 0"/></joint>',
+            '<axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="3" effort="9"/></joint>',
+        )
+    )
+    rng = np.random.default_rng(0)
+    u = np.tile(rng.standard_normal((1000, 2)), (2, 1))
+    q = np.cumsum(np.cumsum(u - u.mean(axis=0), axis=0), axis=0)
+    q = np.rad2deg(0.01 * (q - q.mean(axis=0)) / q.std(axis=0) + [0.3, -0.2]) * (
+        1 if "rad" not in heads[1] else np.pi / 180
+    )
+    order = [1, 0] if turned else [0, 1]
+    names = [head.format(k=k + 1, i=k, l="SL"[k]) for head in heads for k in order]
+    rows = np.hstack([np.arange(len(u))[:, None] / 500, u[:, order], q[:, order]])
+    np.savetxt(tmp_path / "log.csv", rows, "%.9g", ",", header=",".join(["time", *names]), comments="")
+    new = str(tmp_path / "new")
+    assert run_command(["new", new, "--from", str(tmp_path / "arm.urdf"), str(tmp_path / "log.csv")]) == 0
+    study = load_with_logs(tmp_path / "new" / "study.yml").study
+    np.testing.assert_allclose([*study.experiment.configurations.values()], [(0.3, -0.2)], atol=1e-3)

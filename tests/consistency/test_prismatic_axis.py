@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.measured import EMPS, EMPS_PULSES, measured
 from scipy.io import loadmat
 
 from elastid.app import cli
@@ -13,7 +14,6 @@ from elastid.friction_study.motion import regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.store.measured import read_records, read_responses
 
-RECORD = Path(__file__).parents[3] / "shared" / "data" / "emps_prismatic_axis" / "DATA_EMPS.mat"
 ROBOT = """
 name: prismatic axis
 gravity: [0, 0, 0]
@@ -47,11 +47,10 @@ fit: {{parameters: {{Jm_1: {{}}}}}}
 
 def _study(folder: Path, period: str, method: str) -> Path:
     (folder / "robot.yml").write_text(ROBOT)
-    (folder / "study.yml").write_text(STUDY.format(period=period, record=RECORD, method=method))
+    (folder / "study.yml").write_text(STUDY.format(period=period, record=measured(EMPS), method=method))
     return folder / "study.yml"
 
 
-@pytest.mark.skipif(not RECORD.is_file(), reason="the record of the prismatic axis is in ../shared, which is not here")
 @pytest.mark.parametrize(
     ("period", "method", "N"),
     [
@@ -73,7 +72,6 @@ def test_the_mass_of_the_axis_is_in_its_response(period: str, method: str, N: in
     assert np.median(1 / response.G[high, 0, 0].real) == pytest.approx(95.11, rel=0.05)
 
 
-@pytest.mark.skipif(not RECORD.is_file(), reason="the record of the prismatic axis is in ../shared, which is not here")
 def test_the_same_record_as_one_transient_needs_a_method_without_periods(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -92,13 +90,9 @@ def test_the_same_record_as_one_transient_needs_a_method_without_periods(
     assert response.noise is not None or response.total is not None
 
 
-PULSES = RECORD.with_name("DATA_EMPS_PULSES.mat")
-
-
-@pytest.mark.skipif(not PULSES.is_file(), reason="the record with pulses of the prismatic axis is not in ../shared")
 def test_two_records_of_the_axis_agree_within_their_intervals() -> None:
     """Motion alone, and with pulses of force: 95 % intervals of the difference of each number."""
-    logs = [loadmat(path) for path in (RECORD, PULSES)]
+    logs = [loadmat(measured(name)) for name in (EMPS, EMPS_PULSES)]
     motions = [Motion("joint 1", 1e3, log["qm"].ravel(), 35.1507 * log["vir"].ravel(), slides=True) for log in logs]
     first, second = (regress_motion(motion).chosen for motion in motions)
     assert first.names == second.names

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants.measured import with_records
 
 from elastid.app import cli
 from elastid.friction_study.extended_kalman_filter import JointSamples, KalmanFilter, first_estimate
@@ -17,23 +18,17 @@ from elastid.store.friction_study import read_filter, read_friction_records
 from elastid.study import load_robot
 
 ROOT = Path(__file__).parents[2]
-DATA = ROOT.parent / "shared" / "data"
-AXIS, ROBOT = DATA / "emps_prismatic_axis" / "DATA_EMPS.mat", DATA / "kuka_kr300" / "traj_A.mat"
-
-needs_axis = pytest.mark.skipif(not AXIS.exists(), reason="the record of the prismatic axis is not here")
-needs_robot = pytest.mark.skipif(not ROBOT.exists(), reason="the record of the six axes is not here")
 
 
 def run(name: str, folder: Path, code: int = 0) -> dict[str, Any]:
     """`elastid run` of a shipped study, which ends with that exit code, and the summary it leaves."""
-    study = ROOT / "configs" / "real" / f"{name}.yml"
+    study = with_records(ROOT / "configs" / "real" / f"{name}.yml")
     assert cli.run_command(["run", str(study), "--run", str(folder), "-q"]) == code
     summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return summary
 
 
 @pytest.mark.slow
-@needs_axis
 def test_a_prismatic_axis_has_mass_and_friction_by_direction(tmp_path: Path) -> None:
     """Janot, Gautier and Brunot (2019) have 95.11 kg, 203.5 N s/m and 20.39 N with both directions alike."""
     summary = run("emps", tmp_path / "run")
@@ -66,7 +61,6 @@ def test_a_prismatic_axis_has_mass_and_friction_by_direction(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-@needs_axis
 def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -> None:
     """Near the regression of the whole motion; NIS in its band; a law without bristles is less likely.
 
@@ -74,7 +68,7 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
 
     That law ends near the 171.5 and 248.5 N s/m of a filter whose friction switches with the direction, +- 2.6 and 2.1.
     """
-    study = ROOT / "configs" / "real" / "emps_follow.yml"
+    study = with_records(ROOT / "configs" / "real" / "emps_follow.yml")
     for stage in ("measure", "levels", "friction", "follow"):
         assert cli.run_command([stage, str(study), "--run", str(tmp_path), "-q"]) == 0
     (found,) = read_filter(tmp_path / "filter.h5")
@@ -103,7 +97,6 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
 
 
 @pytest.mark.slow
-@needs_robot
 def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Path) -> None:
     """Intervals hold what Weigand et al. (2021) identified with a full model of the robot, but for axis 5.
 

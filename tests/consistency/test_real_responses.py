@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.measured import BENCH, DATA, with_records
 
 from elastid.app import cli
 from elastid.response import FrequencyResponse
@@ -16,9 +17,7 @@ from elastid.study import load
 from elastid.validation.results import resonances
 
 ROOT = Path(__file__).parents[2]
-DATA = ROOT.parent / "shared" / "data"
 EMPS_STUDY = ROOT / "configs" / "real" / "emps_response.yml"
-EMPS, BENCH = DATA / "emps_prismatic_axis" / "DATA_EMPS.mat", DATA / "motorbench_two_inertia" / "MultisineTypeA.mat"
 # Motor current in A to the angles of motor and load: the bench of configs/real/motor_bench.yml, nothing known of it.
 BENCH_STUDY = f"""
 name: bench
@@ -32,23 +31,19 @@ experiment:
       - {{role: y, at: motor, channel: theta_mx, quantity: position, unit: rad}}
       - {{role: y, at: load, channel: theta_my, quantity: position, unit: rad, sign: -1}}
     files:
-      - {{path: {json.dumps(str(BENCH))}, configuration: bench}}
+      - {{path: {json.dumps(str(DATA / BENCH))}, configuration: bench}}
 report: {{formats: []}}
 """
-
-needs_emps = pytest.mark.skipif(not EMPS.exists(), reason="the prismatic axis is in ../shared, which is not here")
-needs_bench = pytest.mark.skipif(not BENCH.exists(), reason="the measured bench is in ../shared, which is not here")
 
 
 def ran(study: Path, folder: Path, *overrides: str) -> FrequencyResponse:
     """The response of `elastid run`."""
     options = [part for override in ("report.formats=[]", *overrides) for part in ("--set", override)]
-    assert cli.run_command(["run", str(study), "--run", str(folder), "-q", *options]) == 0
+    assert cli.run_command(["run", str(with_records(study)), "--run", str(folder), "-q", *options]) == 0
     (response,) = read_responses(folder / "frf.h5")
     return response
 
 
-@needs_emps
 @pytest.mark.parametrize(
     "overrides",
     [(), ("experiment.recorded.period=none", "estimator.method=h1")],
@@ -75,7 +70,6 @@ def test_the_shipped_study_of_the_axis_says_where_its_record_can_be_had(capsys: 
     assert load(EMPS_STUDY, (f"experiment.recorded.files.0.path={Path(__file__)}",)).study.kind == "frf"
 
 
-@needs_bench
 def test_the_bench_as_a_structure_has_its_resonance_and_antiresonance(tmp_path: Path) -> None:
     """Without a robot, per ampere: 54 Hz in the dip of the motor, 76 Hz in the peak of both, within 3 %."""
     (tmp_path / "study.yml").write_text(BENCH_STUDY)

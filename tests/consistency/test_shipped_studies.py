@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants.measured import BENCH, measured, with_records
 
 from elastid.app import cli
 from elastid.fit.fitted_robot import FittedRobot
@@ -24,16 +24,11 @@ ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
 BENCH_STUDY, ARM_STUDY = CONFIGS / "real" / "motor_bench.yml", CONFIGS / "real" / "daisy_robot_arm.yml"
 SHIPPED = sorted([*CONFIGS.glob("*.yml"), *CONFIGS.glob("real/*.yml")])
-BENCH = ROOT.parent / "shared" / "data" / "motorbench_two_inertia" / "MultisineTypeA.mat"
-ARM = ROOT.parent / "shared" / "data" / "daisy_robot_arm" / "robot_arm_dat.mat"
-
-needs_bench = pytest.mark.skipif(not BENCH.exists(), reason="the measured bench is in ../shared, which is not here")
-needs_arm = pytest.mark.skipif(not ARM.exists(), reason="the measured arm is in ../shared, which is not here")
 
 
 def run(study: Path, folder: Path, *options: str) -> dict[str, Any]:
     """`elastid run`, and the summary it leaves."""
-    assert cli.run_command(["run", str(study), "--run", str(folder), "-q", *options]) == 0
+    assert cli.run_command(["run", str(with_records(study)), "--run", str(folder), "-q", *options]) == 0
     summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return summary
 
@@ -51,18 +46,16 @@ def nearest(found: Sequence[float], wanted: float) -> float:
 
 
 @pytest.mark.slow
-@needs_bench
 def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path: Path) -> None:
     """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and a message."""
     options = ("--set", "experiment.recorded.channels.2.sign=1", "--set", "fit.starts=4")
-    assert cli.run_command(["run", str(BENCH_STUDY), "--run", str(tmp_path), "-q", *options]) == 1
+    assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 1
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["status"] == "model_error"
     assert any(word.startswith("y at joint 1 with the other sign") for word in summary["warnings"])
 
 
 @pytest.mark.slow
-@needs_bench
 def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
     """Antiresonance and resonance within 1 %, bad periods named, inertias, shaft and delay as expected."""
     study = BENCH_STUDY
@@ -87,11 +80,10 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@needs_bench
 def test_the_bench_is_a_misfit_where_its_error_is_not_declared(tmp_path: Path) -> None:
     """Residuals 48 times the noise: exit code 3 and a whole report, and the intervals by blocks hold the stiffness."""
     options = ("--set", "fit.weights.floor=0.01", "--set", "fit.starts=4")
-    assert cli.run_command(["run", str(BENCH_STUDY), "--run", str(tmp_path), "-q", *options]) == 3
+    assert cli.run_command(["run", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q", *options]) == 3
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["status"] == "misfit"
     assert (tmp_path / "report.html").stat().st_size > 100_000
@@ -100,14 +92,13 @@ def test_the_bench_is_a_misfit_where_its_error_is_not_declared(tmp_path: Path) -
 
 
 @pytest.mark.slow
-@needs_bench
 @pytest.mark.parametrize("floor", [0.01, 0.05])
 def test_dampings_of_the_bench_by_different_lines_of_its_excitation_agree(tmp_path: Path, floor: float) -> None:
     """Fits to the lines up to 100 Hz and from 60 Hz: the intervals of every parameter overlap, damping among them.
 
     By the noise alone the dampings would be tens of deviations apart.
     """
-    assert cli.run_command(["measure", str(BENCH_STUDY), "--run", str(tmp_path), "-q"]) == 0
+    assert cli.run_command(["measure", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q"]) == 0
     assert cli.run_command(["estimate", str(BENCH_STUDY), "--run", str(tmp_path), "-q"]) == 0
     responses, study = read_responses(tmp_path / "frf.h5"), load(BENCH_STUDY).study
     spec = replace(study.seeded_fit, starts=4, weights=WeightSpec(floor=floor))
@@ -121,12 +112,11 @@ def test_dampings_of_the_bench_by_different_lines_of_its_excitation_agree(tmp_pa
 
 
 @pytest.mark.slow
-@needs_bench
 def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path: Path) -> None:
     """Fits on the first and on the last ten periods differ by no more than chance allows."""
     halves = []
     for name, samples in (("first", "[0, 25000]"), ("last", "[25000, 50000]")):
-        files = f"[{{path: {BENCH}, configuration: bench, samples: {samples}}}]"
+        files = f"[{{path: {measured(BENCH)}, configuration: bench, samples: {samples}}}]"
         halves.append(run(BENCH_STUDY, tmp_path / name, "--set", f"experiment.recorded.files={files}"))
     first, last = (half["parameters"] for half in halves)
     z = [(first[p]["value"] - last[p]["value"]) / math.hypot(first[p]["std"], last[p]["std"]) for p in first]
@@ -135,7 +125,6 @@ def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path: Pat
 
 
 @pytest.mark.slow
-@needs_arm
 def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path: Path) -> None:
     """In units of a sampling rate that was not recorded: 0.0322, 0.1798 (dips) and 0.0583, 0.1269 (peaks)."""
     study = ARM_STUDY
@@ -151,10 +140,7 @@ def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path: Path) -> No
 @pytest.mark.parametrize("study", SHIPPED, ids=lambda path: path.stem)
 def test_every_shipped_study_is_free_of_errors(study: Path) -> None:
     """check finds nothing, where its data are here."""
-    files = re.findall(r"\.\./shared/[^\s,}]+", study.read_text())
-    if absent := [file for file in files if not (ROOT / file).exists()]:
-        pytest.skip(f"{', '.join(absent)} is not here")
-    assert cli.run_command(["check", str(study)]) == 0
+    assert cli.run_command(["check", str(with_records(study))]) == 0
 
 
 @pytest.mark.parametrize("robot", sorted((CONFIGS / "robots").glob("*.yml")), ids=lambda path: path.stem)

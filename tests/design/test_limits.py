@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import runpy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,6 @@ import pytest
 from plants.limited_arm import CARRIERS, EXCITATION, LIMITS, arm, experiment
 from plants.notes import said
 from plants.refusals import refused
-from plants.studies import study
 
 from elastid.app.cli import run_command
 from elastid.base.errors import StudyError
@@ -35,7 +35,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
-from elastid.report.figures.design import limit_use as limit_use_figure
+from elastid.report.figures.fit import limit_use as limit_use_figure
 from elastid.robot import Limits, Robot
 from elastid.store.measured import read_peaks, read_plan, write_plan
 
@@ -184,7 +184,7 @@ def test_design_leaves_references_for_a_robot_controller(tiny: Path, tmp_path: P
 @pytest.mark.slow
 def test_no_simulated_peak_is_above_any_limit_in_random_studies() -> None:
     """scripts/studies/limits.py draws them; here eight."""
-    module = study("limits")
-    outcomes = [module.studied(0.1, seed) for seed in range(8)]
+    study = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "studies" / "limits.py"), run_name="limits")
+    outcomes = [study["studied"](0.1, seed) for seed in range(8)]
     assert sum(not o.refused for o in outcomes) > 4
     assert max(o.measured.max() for o in outcomes) < 1

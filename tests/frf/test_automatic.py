@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.measured import ARM, measured
 from plants.noise_record import RATE, noise_record
 from plants.notes import said
 from scipy.signal import lfilter
@@ -20,7 +20,6 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 
-ARM = Path(__file__).parents[3] / "shared" / "data" / "daisy_robot_arm" / "robot_arm_dat.mat"
 AUTO = EstimatorSpec(quantity="velocity")
 LOCAL = replace(AUTO, method="local_rational")
 # A resonance of 0.3 % at 30 Hz.
@@ -142,13 +141,12 @@ def test_one_period_is_left_to_the_local_method() -> None:
     assert "takes local_rational: c-r0-e0 holds one period" in _choice(estimate([_multisine(1, 0)], AUTO))
 
 
-@pytest.mark.skipif(not ARM.exists(), reason="the measured arm is in ../shared, which is not here")
 @pytest.mark.parametrize("band_hz", [None, (0.3, 15.2)])
 def test_a_swept_arm_keeps_its_antiresonance_at_2_45_hz(band_hz: tuple[float, float] | None) -> None:
     """0.0322 of the sampling rate, 2.45 Hz at 76 Hz; segments of h1 put it at 2.375 Hz, one of two lines below 5 Hz."""
     from scipy.io import loadmat
 
-    u, y = np.hsplit(loadmat(ARM)["robot_arm_dat"].astype(float), 2)
+    u, y = np.hsplit(loadmat(measured(ARM))["robot_arm_dat"].astype(float), 2)
     record = replace(noise_record(len(u), 0, n=1), rate_hz=76.0, u=u, y=-y, quantities=("acceleration",))
     response = estimate([record], EstimatorSpec(band_hz=band_hz))
     near = (response.freq_hz > 1.5) & (response.freq_hz < 3.5)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.measured import DATA, measured
+from plants.measured import BENCH, DATA, measured
 from plants.notes import said
 
 from elastid.experiment.specs.channels import ChannelSpec
@@ -39,7 +39,7 @@ def bench() -> Record:
     current = ChannelSpec("u", "motor 1", "iq_adx", quantity="current", torque_constant=0.172668006987608)
     motor = ChannelSpec("y", "motor 1", "theta_mx", quantity="position")
     load = ChannelSpec("y", "joint 1", "theta_my", quantity="position", sign=-1)
-    file = FileSpec("motorbench_two_inertia/MultisineTypeA.mat", "c")
+    file = FileSpec(BENCH, "c")
     return _measure(RecordedSpec(2500.0, (current, motor, load), (file,), period=1.0))
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.measured import EMPS, measured
 from scipy.io import loadmat
 
 from elastid.base.errors import DataError
@@ -14,7 +14,6 @@ from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.passes import distinct_speeds
 
-RECORD = Path(__file__).parents[3] / "shared" / "data" / "emps_prismatic_axis" / "DATA_EMPS.mat"
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
 
 
@@ -101,9 +100,7 @@ def test_motions_that_tell_nothing_are_refused(wrong, word: str) -> None:  # typ
 @pytest.fixture(scope="module")
 def axis() -> MotionFriction:
     """The prismatic axis."""
-    if not RECORD.is_file():
-        pytest.skip("the record of the prismatic axis is in ../shared, which is not here")
-    data = loadmat(RECORD)
+    data = loadmat(measured(EMPS))
     return regress_motion(Motion("joint 1", 1e3, data["qm"].ravel(), 35.1507 * data["vir"].ravel(), slides=True))
 
 

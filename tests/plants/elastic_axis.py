@@ -13,7 +13,6 @@ from elastid.record import Configuration, Record
 
 RATE_HZ = 100.0
 BAND_HZ = (0.6, 38.0)
-PERIOD = 1024
 
 
 class ElasticAxis:
@@ -35,55 +34,29 @@ class ElasticAxis:
         states = np.linalg.solve(z * np.eye(6) - self.A, self.B[:, None].astype(np.complex128))
         return np.asarray(states[:, :, 0] @ self.C)
 
-    def measured(
-        self, r: FloatArray, snr_db: float, rng: np.random.Generator, gain: float = 0.0
-    ) -> tuple[FloatArray, FloatArray]:
-        """u, y from rest under velocity feedback, with a disturbing torque where there is any; noise on y."""
-        d = 0.3 * rng.normal(size=len(r)) * (gain > 0)
-        u, y, x = np.zeros(len(r)), np.zeros(len(r)), np.zeros(6)
-        for k in range(len(r)):
+    def measured(self, u: FloatArray, snr_db: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """u, y from rest; noise on y."""
+        y, x = np.zeros(len(u)), np.zeros(6)
+        for k in range(len(u)):
             y[k] = self.C @ x
-            u[k] = r[k] - gain * y[k]
-            x = self.A @ x + self.B * (u[k] + d[k])
+            x = self.A @ x + self.B * u[k]
         return u, y + rng.normal(size=len(y)) * y.std() * 10 ** (-snr_db / 20)
 
 
 AXIS = ElasticAxis()
 
 
-def record(u: FloatArray, y: FloatArray, r: FloatArray | None = None, period: int = 0, m: int = 0) -> Record:
-    """A record of the axis, without a period where it is 0."""
-    names, known = ("motor 1",), None if r is None else r[:, None]
-    configuration, N = Configuration("c", np.zeros(1)), period or len(u)
-    signals = (u[:, None], y[:, None], known)
-    return Record(
-        f"c-r{m}-e0", configuration, m, 0, RATE_HZ, N, names, names, ("velocity",), *signals, is_periodic=period > 0
-    )
-
-
-def multisine(rng: np.random.Generator) -> FloatArray:
-    """One period of random phases, 0.5 to 40 Hz, RMS 1."""
-    lines = np.arange(6, int(40 * PERIOD / RATE_HZ))
-    spectrum = np.zeros(PERIOD // 2 + 1, complex)
-    spectrum[lines] = np.exp(2j * np.pi * rng.random(len(lines)))
-    return np.asarray(np.fft.irfft(spectrum) * PERIOD / np.sqrt(2 * len(lines)))
+def record(u: FloatArray, y: FloatArray, m: int = 0) -> Record:
+    """A record of the axis without a period."""
+    names, where = ("motor 1",), Configuration("c", np.zeros(1))
+    axes = (names, names, ("velocity",), u[:, None], y[:, None])
+    return Record(f"c-r{m}-e0", where, m, 0, RATE_HZ, len(u), *axes, is_periodic=False)
 
 
 def swept(seconds: float, method: str = "linear") -> FloatArray:
     """A sine of 0.5 to 40 Hz."""
     t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
     return np.asarray(chirp(t, 0.5, seconds, 40.0, method=method, phi=-90))
-
-
-def periodic(snr_db: float, rng: np.random.Generator) -> list[Record]:
-    """Two realisations of six periods in steady state."""
-    runs = [AXIS.measured(np.tile(multisine(rng), 8), snr_db, rng) for _ in range(2)]
-    return [record(u[2 * PERIOD :], y[2 * PERIOD :], None, PERIOD, m) for m, (u, y) in enumerate(runs)]
-
-
-def with_transient(snr_db: float, rng: np.random.Generator) -> list[Record]:
-    """Three periods from rest."""
-    return [record(*AXIS.measured(np.tile(multisine(rng), 3), snr_db, rng), None, PERIOD)]
 
 
 def three_repeats(snr_db: float, rng: np.random.Generator) -> list[Record]:
@@ -101,50 +74,10 @@ def sweep_from_rest(snr_db: float, rng: np.random.Generator) -> list[Record]:
     return [record(*AXIS.measured(swept(60.0, "logarithmic"), snr_db, rng))]
 
 
-def random_noise(snr_db: float, rng: np.random.Generator) -> list[Record]:
-    """120 s of white noise, logged while it runs."""
-    u, y = AXIS.measured(rng.normal(size=14_000), snr_db, rng)
-    return [record(u[2000:], y[2000:])]
-
-
-def hammer(snr_db: float, rng: np.random.Generator) -> list[Record]:
-    """Five blows in 50 s."""
-    r = np.zeros(5000)
-    for blow in range(5):
-        first = 100 + 1000 * blow + int(rng.integers(50))
-        r[first : first + 3] = 50.0, 100.0, 50.0
-    return [record(*AXIS.measured(r, snr_db, rng))]
-
-
-def stepped_sine(snr_db: float, rng: np.random.Generator) -> list[Record]:
-    """1 to 39 Hz, 3 s of each."""
-    t = np.arange(300) / RATE_HZ
-    return [record(*AXIS.measured(np.concatenate([np.sin(2 * np.pi * f * t) for f in range(1, 40)]), snr_db, rng))]
-
-
-def binary(snr_db: float, rng: np.random.Generator) -> list[Record]:
-    """80 s of a pseudo-random binary torque that is held for two samples."""
-    return [record(*AXIS.measured(np.repeat(rng.choice([-1.0, 1.0], 4000), 2), snr_db, rng))]
-
-
-def closed_loop(snr_db: float, rng: np.random.Generator) -> list[Record]:
-    """100 s of operation under velocity feedback, with noise as injected torque and 0.3 of it as disturbance."""
-    r = rng.normal(size=11_000)
-    u, y = AXIS.measured(r, snr_db, rng, gain=0.3)
-    return [record(u[1000:], y[1000:], r[1000:])]
-
-
 KINDS: dict[str, Callable[[float, np.random.Generator], list[Record]]] = {
-    "multisine periodic": periodic,
-    "multisine with transient": with_transient,
     "three repeats": three_repeats,
     "chirp": linear_chirp,
     "sweep from rest": sweep_from_rest,
-    "random noise": random_noise,
-    "hammer": hammer,
-    "stepped sine": stepped_sine,
-    "pseudo-random binary": binary,
-    "operating closed loop": closed_loop,
 }
 
 

@@ -66,11 +66,9 @@ def test_a_velocity_is_no_position() -> None:
 
 
 def test_a_torque_beside_the_angle_of_the_motor_is_on_its_side_too() -> None:
-    """Of a drive's raw signals that are both taken for the link's, one doubt names both; then the torque alone."""
+    """Of a drive's raw signals that are both taken for the link's, one doubt names both."""
     raw = signals() * np.array([1 / RATIO, RATIO, 1])
-    (first,) = channel_doubts((U, Q, LINK), raw, RATE, ROBOT)
-    assert (first.channel, first.key) == (1, "side")
-    assert "the torque tau has side: motor then, too" in first.text
-    of_motor = replace(Q, side="motor")
-    assert doubts((U, of_motor, LINK), raw) == [(0, "side")]
-    assert doubts((replace(U, side="motor"), of_motor, LINK), raw) == []
+    (doubt,) = channel_doubts((U, Q, LINK), raw, RATE, ROBOT)
+    assert (doubt.channel, doubt.key) == (1, "side")
+    assert "the torque tau has side: motor then, too" in doubt.text
+    assert doubts((replace(U, side="motor"), replace(Q, side="motor"), LINK), raw) == []

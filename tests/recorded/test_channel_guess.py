@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from elastid.recorded.channel_guess import guess_by_name, guess_log, is_clock, motions_in
+from elastid.recorded.channel_guess import guess_log, is_clock
+from elastid.recorded.channel_names import guess_by_name
+from elastid.recorded.evidence import velocities
 
 RATE = 500.0
 
@@ -68,10 +70,15 @@ def test_joints_are_found_among_columns_without_names() -> None:
     parts = [joint(k) for k in range(3)]
     columns = [*(u for *_, u in parts), *(q for q, *_ in parts), *(v for _, v, _ in parts)]
     columns += [*(q + 0.1 for q, *_ in parts), 30 + np.round(0.01 * T, 1)]
-    found, rates_hz = motions_in(columns)
-    assert [(guess.torque, guess.position, guess.velocity) for guess in found] == [(0, 3, 6), (1, 4, 7), (2, 5, 8)]
-    assert rates_hz == pytest.approx([CONTENT_RATE] * 6, rel=1e-3)
+    guess = guess_log([(guess_by_name(f"column {i}", None), x) for i, x in enumerate(columns)], CONTENT_RATE)
+    assert guess is not None
+    pairs = [(each.torque.name, each.motion.name) for each in guess.joints]
+    assert pairs == [("column 0", "column 3"), ("column 1", "column 4"), ("column 2", "column 5")]
+    assert [rate for _, rate in velocities(columns).values()] == pytest.approx([1 / 250**-1] * 6, rel=1e-3)
 
 
 def test_noise_is_no_joint() -> None:
-    assert motions_in(list(np.random.default_rng(0).standard_normal((6, 4000)))) == ((), ())
+    noise = np.random.default_rng(0).standard_normal((6, 4000))
+    guess = guess_log([(guess_by_name(f"column {i}", None), x) for i, x in enumerate(noise)], 1.0)
+    assert guess is not None
+    assert "no name says it: the first column" in guess.joints[0].torque.why

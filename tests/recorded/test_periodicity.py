@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from plants.lab_logs import CHANNELS, RATE, ROBOT, N, measured, save_csv, study_of
+from plants.measured import EMPS, KUKA
+from plants.measured import measured as record_file
 from plants.notes import said
 
 from elastid.base.errors import DataError, ElastidError
@@ -92,9 +94,6 @@ def test_a_clock_that_runs_a_thousandth_wrong_shows_in_the_period() -> None:
         assert found.best_samples == pytest.approx(500.5, abs=0.02)
 
 
-SHARED = Path(__file__).parents[3] / "shared" / "data"
-EMPS = SHARED / "emps_prismatic_axis" / "DATA_EMPS.mat"
-KUKA = SHARED / "kuka_kr300" / "traj_A.mat"
 AXIS = Robot("axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-2)),), inertia=1.0),))
 LINES = np.arange(3, 60)
 
@@ -111,7 +110,7 @@ def _emps(**changes: object) -> RecordedRig:
         ChannelSpec("u", "motor 1", "vir", scale=35.1507),
         ChannelSpec("y", "motor 1", "qm", quantity="position"),
     )
-    recorded = RecordedSpec(1000.0, channels, (FileSpec(str(EMPS), "home"),), **changes)  # type: ignore[arg-type]
+    recorded = RecordedSpec(1000.0, channels, (FileSpec(str(record_file(EMPS)), "home"),), **changes)  # type: ignore[arg-type]
     return RecordedRig(AXIS, ExperimentSpec({"home": (0.0,)}, recorded=recorded), Path())
 
 
@@ -275,7 +274,6 @@ def test_a_slow_motion_does_not_repeat_after_any_lag(lag: int) -> None:
     assert found.best_samples == 0
 
 
-@pytest.mark.skipif(not EMPS.is_file(), reason="the record of the prismatic axis is not there")
 def test_the_mass_of_the_prismatic_axis_shows_in_its_response() -> None:
     """Force to acceleration at the published 95.11 kg, where inertia outweighs friction."""
     responses = []
@@ -288,7 +286,6 @@ def test_the_mass_of_the_prismatic_axis_shows_in_its_response() -> None:
         assert mass == pytest.approx(95.11, rel=0.1)
 
 
-@pytest.mark.skipif(not KUKA.is_file(), reason="the record of the six-axis robot is not there")
 @pytest.mark.parametrize("period", [{"period": "find"}, *({"period_samples": n} for n in (320, 804, 1749, 2010))])
 def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dict[str, object]) -> None:
     """Whatever the study states; and what the sentence proposes can be measured."""
@@ -298,7 +295,7 @@ def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dic
     )
 
     def rig(**changes: object) -> RecordedRig:
-        recorded = RecordedSpec(250.0, channels, (FileSpec(str(KUKA), "home"),), **changes)  # type: ignore[arg-type]
+        recorded = RecordedSpec(250.0, channels, (FileSpec(str(record_file(KUKA)), "home"),), **changes)  # type: ignore[arg-type]
         return RecordedRig(AXIS, ExperimentSpec({"home": (0.0,)}, recorded=recorded), Path())
 
     refused = rig(**period)

@@ -1,9 +1,8 @@
 """The torque of a log part by part: shares of known parts come back, over all and by octave."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from plants.measured import EMPS, measured
 from scipy.io import loadmat
 
 from elastid.friction_study.motion import regress_motion
@@ -13,7 +12,6 @@ from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_twin import friction_balances
 from elastid.validation.twin import DRY, GRAVITY, INERTIA, VISCOUS, describe_balance, torque_balance
 
-RECORD = Path(__file__).parents[3] / "shared" / "data" / "emps_prismatic_axis" / "DATA_EMPS.mat"
 RATE_HZ, N = 200.0, 2000
 J, VISCOUS_COEFFICIENT, COULOMB, COS = 12.0, 30.0, 8.0, 25.0
 
@@ -71,10 +69,9 @@ def test_the_known_parts_of_a_joint_have_their_shares() -> None:
     assert sum(found.shares) + found.left == pytest.approx(1.0, abs=1e-3)
 
 
-@pytest.mark.skipif(not RECORD.is_file(), reason="the record of the prismatic axis is not here")
 def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left() -> None:
     """Inertia 50 %, viscous friction 24 %, dry friction 27 % of the mean square; above 2.5 Hz all is inertia."""
-    data = loadmat(RECORD)
+    data = loadmat(measured(EMPS))
     record = FrictionRecord("log", "1", "motion", 1e3, data["qm"].ravel(), 35.1507 * data["vir"].ravel(), slides=True)
     motion = regress_motion(Motion("joint 1", 1e3, record.position, record.torque, slides=True))
     (found,) = friction_balances([JointFriction("1", True, motion=motion)], FrictionRecords((record,)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +16,12 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.channel_doubts import channel_doubts
 from elastid.recorded.channel_guess import rate_by_motions, signals_of
 from elastid.recorded.channel_names import Doubt
-from elastid.recorded.channels import on_time_stamps
 from elastid.recorded.files.formats import is_log, opened_log, values_of
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.log import Log as OpenLog
 from elastid.recorded.files.text import WRITTEN_OTHERWISE
 from elastid.recorded.periodicity import check_repeat, grid_samples
 from elastid.recorded.repair import Log
-from elastid.recorded.repair.missing import bridged_gaps
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -103,37 +100,12 @@ def _check_content(
         return
     rates = list(_check_rate(recorded, log))
     yield from rates
-    if not rates:
-        yield from _check_samples(study, recorded, file, path, log, members, len(values))
     if isinstance(period, float) and not rates and not recorded.time:
         yield from _check_period(recorded, file, path, channels, values, period, place)
     if recorded.rate_hz != "unknown":
         for doubt in channel_doubts(channels, values, recorded.known_rate_hz, study.places):
             if not rates or doubt.channel is not None:
                 yield Problem(_place_of(doubt, members), f"{doubt.text} ({place.name})")
-
-
-def _check_samples(
-    study: Study, recorded: RecordedSpec, file: FileSpec, path: KeyPath, log: OpenLog, members: Sequence[int], n: int
-) -> Iterator[Problem]:
-    """The judgements of `measure` on time stamps, and on gaps where no period fills them and none is cut there."""
-    is_cut = recorded.period_of(file) is not None or (study.friction is not None and file.purpose == "motion")
-    if recorded.rate_hz == "unknown" or not (recorded.time or not is_cut):
-        return
-    channels, first = [recorded.channels[k] for k in members], (file.samples or (0,))[0]
-    stamps = [ChannelSpec("y", "time", recorded.time, quantity="position")] if recorded.time else []
-    values = values_of(log, [*channels, *stamps], first, first + n)
-    of_log = Log(file.path, tuple(c.full_name for c in channels), recorded.known_rate_hz, first)
-    at: KeyPath = (*_RECORDED, "time")
-    try:
-        if recorded.time:
-            gridded, rows = on_time_stamps(values, recorded.known_rate_hz, of_log)
-            values, of_log = gridded.signals, replace(of_log, rows=rows)
-        at = (*path, "path")
-        if not is_cut:
-            bridged_gaps(np.where(np.isfinite(values), values, np.nan), of_log)
-    except ElastidError as error:
-        yield Problem(at, str(error))
 
 
 def _place_of(doubt: Doubt, members: Sequence[int]) -> KeyPath:
