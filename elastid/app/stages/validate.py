@@ -152,7 +152,7 @@ def _validation(own: Validated, replays: tuple[Replay, ...], execution: Executio
     judged = validate_responses(responses, modelled, left_out, cost_p(result), shifts)
     pairs = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
     folds = _folds(own, [Ghat for Ghat, _ in pairs], execution)
-    cost = explain_cost(result, [Ghat for Ghat, _ in pairs], [G for _, G in pairs], judged.fitted, own.fit)
+    cost = explain_cost(result, [Ghat for Ghat, _ in pairs], judged.fitted)
     replayed = describe_replays(replays) if replays else ""
     folded = describe_folds(folds, judged.fitted) if folds else ""
     return replace(judged, cost=cost, replays=replays, replayed=replayed, folds=folds, folded=folded)
