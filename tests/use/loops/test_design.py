@@ -16,7 +16,7 @@ from elastid.use.loops.assess import assess
 from elastid.use.loops.cascade import Cascade
 from elastid.use.loops.design import Scene, _Problem, design, robust, rules
 from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import Asked, Today, design_loops, with_delay
+from elastid.use.loops.result import Asked, Today, design_loops
 from elastid.use.loops.sensitivity import LIMIT_DB
 
 RATE_HZ = 250.0
@@ -78,10 +78,10 @@ def test_todays_loops_keep_their_own_rate(family: PostureFamily, monkeypatch: py
     gains = Gains(plants.inertia[0] * 6.0**2, plants.inertia[0] * 8.0, np.zeros(2))
     monkeypatch.setattr("elastid.use.loops.result.robust", lambda *_: (start(family), None))
     asked = Asked(100.0, 1, 0, 1)
-    loops = design_loops("arm", result(), asked, Today("stated", RATE_HZ, *with_delay(gains, 3)), ())
+    loops = design_loops("arm", result(), asked, Today(RATE_HZ, gains), ())
     assert loops.today is not None
     home = PostureFamily.of(result(), [linear.configuration for linear in result().linear], RATE_HZ)
-    at_its_rate = assess("", home.estimate(), None, *with_delay(gains, 3), home.names, ("1", "2"), ((),))
+    at_its_rate = assess("", home.estimate(), None, gains, None, home.names, ("1", "2"), ((),))
     assert loops.today.peak_db == pytest.approx(at_its_rate.peak_db)
     assert loops.designed.freq_hz[-1] < 50 < loops.today.freq_hz[-1]
 
