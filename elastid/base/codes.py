@@ -116,7 +116,6 @@ CODES: Final[Mapping[str, str]] = {
     "records/clock": "The time or the rate of a log is not as stated.",
     "records/cut": "Samples that are asked for are outside the log.",
     "records/disagree": "Logs of one experiment disagree.",
-    "records/drift": "A channel drifts over the periods.",
     "records/missing-samples": "Too many samples are missing to be filled from the other periods.",
     "records/not-excited": "An input has no excitation of its own.",
     "records/other-posture": "A record stands at the posture of another configuration.",

@@ -23,8 +23,8 @@ from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.periodicity import found_period, period_samples, rounded_samples
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.clock import CLOCK, PASSBAND, at_times, clock_drift, delay
+from elastid.recorded.repair.masks import rest_before
 from elastid.recorded.repair.missing import bridged_gaps, filled
-from elastid.recorded.repair.stops import rest_before
 from elastid.recorded.repair.time_stamps import on_grid
 
 

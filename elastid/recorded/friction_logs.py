@@ -28,8 +28,8 @@ from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, disturbances, link_side, to_joints
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.converter import step
+from elastid.recorded.repair.masks import despiked_without_period
 from elastid.recorded.repair.missing import CUT, bridged_gaps, pieces_between_gaps
-from elastid.recorded.repair.spikes import despiked_without_period
 from elastid.recorded.rig import repaired_signals
 from elastid.recorded.warm_up_logs import Heat, heat_of, tests_in, warm_up_log
 from elastid.robot import Joint, Robot

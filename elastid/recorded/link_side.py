@@ -72,19 +72,6 @@ def _counted_on(values: FloatArray) -> tuple[FloatArray, int]:
     return result, int(jumps.sum())
 
 
-def converted(channel: ChannelSpec, values: FloatArray, robot: Places) -> FloatArray:
-    """The same signal where no angle starts again."""
-    own, gear = _own_side_factor(channel, robot), _gear_factor(channel, robot)
-    signal = values * own if own != 1 else values
-    signal = signal + channel.offset if channel.offset != 0 else signal
-    return signal * gear if gear != 1 else signal
-
-
-def largest_jump(channel: ChannelSpec, robot: Places) -> float:
-    """The largest change of the file's numbers between two samples for which an angle has not started again."""
-    return np.pi / abs(_own_side_factor(channel, robot)) if _may_turn(channel, robot) else np.inf
-
-
 def _may_turn(channel: ChannelSpec, robot: Places) -> bool:
     return channel.quantity == "position" and not robot.slides(channel.at)
 

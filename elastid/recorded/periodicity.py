@@ -18,7 +18,6 @@ from elastid.base.note import Note
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.repair import Finding, Log
 from elastid.recorded.repair.clock import CLOCK, at_times
-from elastid.recorded.repair.missing import LIMITS as MISSING
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,11 @@ class RepetitionLimits:
     max_unexplained_ratio: float = 1.2
     unexplained_margin: float = 0.01
     min_periods: float = 1.9  # so many periods of the log are two of them, of which the second may end early
+    # Larger shifts by lost samples, as a part of the period, have other causes; power that one must leave, at most.
+    max_shift: float = 0.02
+    max_lost: int = 50
+    usual_change: float = 3.0  # of the median one, from one repetition to the next, no samples are lost
+    max_remaining_share: float = 0.5
     min_part_of_best: float = 0.8  # peaks with at least this part of the highest one are refined
 
 
@@ -318,7 +322,7 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
             path,
         )
     result = repetition(excitation, repeat, sign)
-    lost = _lost_samples(excitation, repeat, sign) if n < MISSING.min_periods * repeat else None
+    lost = _lost_samples(excitation, repeat, sign)
     if result.is_as_stated and lost is None:
         return
     stated = "second half minus first" if half_wave else "one period to the next"
@@ -331,8 +335,7 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         what = f"{abs(change)} samples are {'lost' if change < 0 else 'there twice'} near {log.time_of(place)}"
         raise DataError(
             "records/period-mismatch",
-            f"{what}, before and after which it does; of four periods or more they are mended, so measure "
-            "longer, or cut the shorter part off with samples",
+            f"{what}, before and after which it does; measure again, or cut the shorter part off with samples",
             problem,
         )
     if result.best_samples:
@@ -354,9 +357,13 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
 
     Each eighth of a period is looked for one period later: after N samples, or by one other lag across the shift.
     """
-    L, reach = max(N // 8, 1), max(2, int(MISSING.max_shift * N))
+    L, reach = max(N // 8, 1), int(np.clip(LIMITS.max_shift * N, 2, LIMITS.max_lost))
     x = excitation[:, [c for c in range(excitation.shape[1]) if _moves(excitation[:, c])]]
     if not np.isfinite(x).all():
+        return None
+    power = np.mean((x[N:] - sign * x[:-N]) ** 2, axis=1)
+    change = np.array([*power[: len(power) // N * N].reshape(-1, N).mean(axis=1), power[-N:].mean()])
+    if len(x) >= 4 * N and change.max() < LIMITS.usual_change * np.median(change):
         return None
     lags, starts = list[int](), range(0, len(x) - N - L - reach, L)
     for start in starts:
@@ -365,7 +372,7 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
         others = sign * (others - others.mean(axis=1, keepdims=True))
         inner = np.einsum("nc,knc->k", part, others)
         rho = inner / np.maximum(np.linalg.norm(part) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
-        is_nearer = 1 - rho.max() < MISSING.max_remaining_share * (1 - rho[reach])
+        is_nearer = 1 - rho.max() < LIMITS.max_remaining_share * (1 - rho[reach])
         lag = int(np.argmax(rho)) - reach if is_nearer else 0
         lags.append(lag if rho.max() > LIMITS.min_correlation else reach + 1)
     known = [lag for lag in lags if lag <= reach]

@@ -1,10 +1,8 @@
 """A record of several parts: of a log that is too large for memory, or of several logs of one experiment.
 
-A large log is measured in pieces of whole periods (without one, of any length), in step.
-
-The first piece, and any that does not pass the screen, is read, repaired and checked as a log of its own.  Of the
-others nothing is kept: the record reads them again from the log.  Where the pieces are not in step (lost samples, a
-clock that differs, a piece that is refused) the log must be measured as a whole.
+A large log is measured in pieces of whole periods (without one, of any length), each read, repaired and checked as a
+log of its own, and kept in files.  Where the pieces are not in step (a clock that differs, a piece that is refused) the
+log must be measured as a whole.
 
 Logs of one experiment may hold further periods, or repeats, of one excitation, which brings each into step with the
 first; the record keeps where a log starts, since each has a transient and a drift of its own.
@@ -13,8 +11,7 @@ first; the record keeps where a log starts, since each has a transient and a dri
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -22,76 +19,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastid.base import arrays
 from elastid.base.arrays import FloatArray, LargeArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.experiment.specs.channels import ChannelSpec, Places
-from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.record import Record
-from elastid.recorded.files.formats import opened_log
-from elastid.recorded.files.log import ArrayLog, Log
-from elastid.recorded.link_side import UNWRAPPED, converted, largest_jump, to_joints
+from elastid.recorded.link_side import UNWRAPPED
 from elastid.recorded.repair.clock import CLOCK, RESAMPLED, at_times, delay
-from elastid.recorded.repair.missing import DOUBLED, DROPPED
-from elastid.recorded.repair_order import screen
-
-
-@dataclass(frozen=True)
-class LargeLog:
-    """Channels of a log in a format that can be read in pieces; start: sample of the file that counts as the first."""
-
-    path: Path
-    text: TextFormatSpec
-    channels: tuple[ChannelSpec, ...]
-    robot: Places
-    start: int
-
-    def opened(self) -> AbstractContextManager[Log]:
-        """The file, for `columns`."""
-        return opened_log(self.path, self.text)
-
-    def columns(self, log: Log, first: int, last: int) -> list[FloatArray]:
-        """The samples (last - first,) of each channel as they stand in the file."""
-        assert isinstance(log, ArrayLog)  # the only one with rows
-        columns = log.columns(self.channels, slice(self.start + first, self.start + last))
-        return [np.ascontiguousarray(x) for x in columns]
-
-    def rows(self, wanted: Sequence[int], dtype: np.dtype[Any], first: int, last: int) -> NDArray[Any]:
-        """Samples (last - first, len(wanted)) of some channels in SI, angles and torques of joints where gears mix."""
-        T = to_joints(self.channels, self.robot)[list(wanted)]
-        used = np.flatnonzero(np.any(T != 0, axis=0)).tolist()
-        channels = [self.channels[i] for i in used]
-        with self.opened() as log:
-            assert isinstance(log, ArrayLog)
-            columns = log.columns(channels, slice(self.start + first, self.start + last))
-        signals = [converted(channel, x, self.robot) for channel, x in zip(channels, columns, strict=True)]
-        result = np.empty((last - first, len(wanted)), dtype)
-        for row, column in zip(T[:, used], result.T, strict=True):
-            terms = [factor * x if factor != 1 else x for factor, x in zip(row, signals, strict=True) if factor != 0]
-            column[:] = sum(terms[1:], start=terms[0])
-        return result
-
-    def jumps(self) -> list[float]:
-        """The largest change of each channel from one sample to the next, as in the file, that is no turn."""
-        return [largest_jump(channel, self.robot) for channel in self.channels]
-
-    def dtypes(self, roles: Sequence[Sequence[int]]) -> list[np.dtype[Any]]:
-        """Single precision for channels that are no finer in the file, by role; else double."""
-        T = to_joints(self.channels, self.robot)
-        with self.opened() as log:
-            assert isinstance(log, ArrayLog)
-            # A sum is rounded by the larger of its parts.
-            is_single = [
-                np.can_cast(log.stored(channel).dtype, np.float32)
-                and channel.offset == 0
-                and np.count_nonzero(row) == 1
-                for channel, row in zip(self.channels, T, strict=True)
-            ]
-        return [np.dtype(np.float32 if all(is_single[i] for i in role) else np.float64) for role in roles]
-
 
 # A log of fewer values is measured as a whole.
 MIN_VALUES = 1 << 22
@@ -111,55 +46,26 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
     if N is None:
         count = -(-n * n_channels // arrays.PIECE_VALUES)
         return tuple(pairwise(i * n // count for i in range(count + 1)))
-    # The first piece, which is repaired in full, is a short one.
-    periods, rest = max(_MIN_PERIODS, arrays.PIECE_VALUES // (N * n_channels)), n // N - _MIN_PERIODS
-    count = max(1, rest // periods)
-    bounds = [0, *((_MIN_PERIODS + i * periods) * N for i in range(count)), n // N * N]
-    return tuple(pairwise(bounds)) if rest >= _MIN_PERIODS else ()
-
-
-@dataclass(frozen=True)
-class _Repaired:
-    """The pieces (first and last sample) of a log that were repaired; signals: of all pieces by role, in files."""
-
-    bounds: tuple[tuple[int, int], ...]
-    signals: Mapping[str, FloatArray]
-
-    def rows(self, log: LargeLog, role: str, wanted: Sequence[int], first: int, last: int) -> NDArray[Any]:
-        """Rows of one role: those of the log, but for the pieces that were repaired."""
-        signal = self.signals[role]
-        rows = log.rows(wanted, signal.dtype, first, last)
-        for start, end in self.bounds:
-            part = slice(max(start, first), min(end, last))
-            if part.start < part.stop:
-                rows[part.start - first : part.stop - first] = signal[part]
-        arrays.release(signal)
-        return rows
+    periods = max(_MIN_PERIODS, arrays.PIECE_VALUES // (N * n_channels))
+    count = n // N // periods
+    return tuple(pairwise([*(i * periods * N for i in range(count)), n // N * N])) if count > 1 else ()
 
 
 def joined(
-    measure: Callable[[int, int], Record],
-    bounds: Sequence[tuple[int, int]],
-    log: LargeLog,
-    roles: Mapping[str, Sequence[int]],
+    measure: Callable[[int, int], Record], bounds: Sequence[tuple[int, int]], dtype: np.dtype[Any]
 ) -> Record | None:
     """The record of all pieces, its signals in files; None where they are not in step.
 
-    measure: the record of the samples from a first to before a last one.  roles: the columns of r, u and y.
+    measure: the record of the samples from a first to before a last one.  dtype: of the numbers in the files.
     """
-    first, n = measure(*bounds[0]), bounds[-1][1]
-    wanted = {role: columns for role, columns in roles.items() if columns}
-    dtypes = log.dtypes(list(wanted.values()))
-    signals = {
-        role: arrays.empty_in_file((n, len(columns)), dtype)
-        for (role, columns), dtype in zip(wanted.items(), dtypes, strict=True)
-    }
-    notes: dict[Note, None] = {}
-    repairs: Counter[str] = Counter()
-    left_out: list[int] = []
-    repaired: list[tuple[int, int]] = []
+    n, first = bounds[-1][1], measure(*bounds[0])
     period = _mean_period(_driver(first), first.period_samples) if first.is_periodic else None
-    for part, (start, end) in _repaired_pieces(measure, first, bounds, log, roles):
+    given = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
+    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in given.items()}
+    notes, left_out = dict[Note, None](), list[int]()
+    repairs: Counter[str] = Counter()
+    for start, end in bounds:
+        part = measure(start, end) if start else first
         if part.n_samples != end - start or not _is_in_step(part, period):
             return None
         for role, signal in signals.items():
@@ -168,33 +74,16 @@ def joined(
         notes |= dict.fromkeys(part.notes)
         repairs.update(part.repairs)
         left_out += [start // part.repeat_samples + p for p in part.left_out]
-        repaired.append((start, end))
-    rows = _Repaired(tuple(repaired), signals).rows
-    large = {
-        role: LargeArray((n, len(columns)), signals[role].dtype, partial(rows, log, role, columns))
-        for role, columns in wanted.items()
-    }
+    large = {role: LargeArray(x.shape, x.dtype, partial(_rows, x)) for role, x in signals.items()}
     period_samples = first.period_samples if first.is_periodic else n
     record = replace(first, **large, period_samples=period_samples)  # type: ignore[arg-type]
     return replace(record, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))
 
 
-def _repaired_pieces(
-    measure: Callable[[int, int], Record],
-    first: Record,
-    bounds: Sequence[tuple[int, int]],
-    log: LargeLog,
-    roles: Mapping[str, Sequence[int]],
-) -> Iterator[tuple[Record, tuple[int, int]]]:
-    """The first piece and those that do not pass the screen, repaired, with their first and last sample."""
-    yield first, bounds[0]
-    repetition = (first.repeat_samples, -1 if first.half_wave else 1) if first.is_periodic else None
-    with log.opened() as file:
-        reference = log.columns(file, *bounds[0])
-        test = screen(reference, repetition, roles["r"] or roles["u"], roles["u"], log.jumps())
-        for piece in bounds[1:]:
-            if not test.passes(log.columns(file, *piece)):
-                yield measure(*piece), piece
+def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
+    rows = np.array(signal[first:last])
+    arrays.release(signal)
+    return rows
 
 
 def end_notes(lost: int, n: int, repeat: int, place: str) -> tuple[Note, ...]:
@@ -212,7 +101,7 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
     if first is None:
         # An angle whose turns were taken out of one piece does not continue in the next.
         return all(note.code != UNWRAPPED for note in part.notes)
-    if {RESAMPLED, DROPPED, DOUBLED} & set(part.repairs):
+    if RESAMPLED in part.repairs:
         return False
     delays = [delay(a, b, len(first)) for a, b in zip(first.T, _mean_period(_driver(part), len(first)).T, strict=True)]
     # Pieces in step have excitations that lag that of the first by no more than 5 % of a sample.

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
+import numpy as np
+
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal, input_units
@@ -16,12 +18,12 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes, posture_notes, same_signal_notes
-from elastid.recorded.files.formats import is_log, naming, rows_of
+from elastid.recorded.files.formats import is_log, is_single, naming, rows_of
 from elastid.recorded.link_side import check_holds, disturbances, hold_samples, link_side_factor, to_joints
 from elastid.recorded.periodicity import check_repeat, grid_samples, unstated_period_notes
-from elastid.recorded.pieces import LargeLog, end_notes, joined, joined_periods, may_be_large, pieces
+from elastid.recorded.pieces import end_notes, joined, joined_periods, may_be_large, pieces
 from elastid.recorded.repair import Log, Repaired, counts
-from elastid.recorded.repair.stops import STOPPED
+from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair_order import repair, repair_without_period
 
 
@@ -110,9 +112,9 @@ class RecordedRig:
         def measured(first: int, last: int) -> Record:
             return self._as_a_whole(experiment, replace(file, samples=(start + first, start + last)))
 
-        log = LargeLog(path, recorded.text, recorded.channels, self.robot, start)
+        dtype = np.dtype(np.float32 if is_single(path, recorded.channels, recorded.text) else np.float64)
         try:
-            record = joined(measured, bounds, log, _columns_of_roles(recorded.channels))
+            record = joined(measured, bounds, dtype)
         except DataError:
             # Reading all of it shows if that piece spoils the record.
             return None
@@ -144,8 +146,11 @@ class RecordedRig:
                 notes += end_notes(lost, n, N // 2 if recorded.half_wave else N, where)
         elif "none" not in (file.period, recorded.period):
             notes += unstated_period_notes(signals[:, roles["r"] or roles["u"]], where)
-        signals = signals @ to_joints(channels, self.robot).T
-        signals[:, roles["u"]] += disturbances(channels, signals, [places[i] for i in roles["u"]])
+        T = to_joints(channels, self.robot)
+        signals = signals if np.array_equal(T, np.eye(len(T))) else signals @ T.T
+        if any(channel.role == "d" for channel in channels):
+            signals = signals.copy()
+            signals[:, roles["u"]] += disturbances(channels, signals, [places[i] for i in roles["u"]])
         held = hold_samples(recorded, channels, rate_hz)
         inputs, outputs = (tuple(places[i] for i in roles[role]) for role in ("u", "y"))
         return Record(

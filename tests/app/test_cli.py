@@ -3,7 +3,6 @@
 import contextlib
 import json
 import logging
-import os
 import signal
 import subprocess
 import sys
@@ -96,13 +95,6 @@ def test_help_lists_the_commands_in_groups(capsys: pytest.CaptureFixture[str]) -
         "Show all errors of a study with file, line and column, its logs opened; else a summary of it and its stages."
     )
     assert said in " ".join(" ".join(groups).split())
-
-
-@pytest.mark.parametrize("command", [[], *[[c] for c in [*STAGES, "run", "demo", "new", "check", "inspect", "schema"]]])
-def test_every_command_has_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """With a sentence that says what it does."""
-    assert cli.run_command([*command, "--help"]) == 0
-    assert "Usage: elastid" in capsys.readouterr().out
 
 
 # --- new, check, inspect, schema ----------------------------------------------------------------------------------
@@ -224,13 +216,6 @@ def test_a_good_log_is_identified(tiny: Path, here: Path) -> None:
     assert read_fit(here / "runs/tiny/fit.h5").values["k_1"] == pytest.approx(60, rel=0.01)
 
 
-def test_a_channel_that_is_not_in_the_file(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Names file and channel, and the channels that are."""
-    message = refused(recorded(tiny, bench(), motor="mottor"), 1, capsys)
-    assert all(part in message for part in ("log.csv", "mottor", "motor", "arm"))
-    assert sorted(p.name for p in (here / "runs" / "tiny").iterdir()) in (["run.log"], ["records.partial", "run.log"])
-
-
 def test_a_channel_of_opposite_sign_is_warned_of(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No passive mechanism moves against its own torque at its own motor."""
     logs = bench()
@@ -262,12 +247,6 @@ def test_a_wrong_study_ends_before_anything_is_written(
     assert tree(here) == {}
 
 
-def test_a_parameter_without_effect_is_named(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit code 1; the summary says why."""
-    assert "m_load" in refused(tiny, 1, capsys, "--set", "fit.parameters.m_load.start=1")
-    assert json.loads((here / "runs/tiny/summary.json").read_text())["status"] == "failed"
-
-
 @pytest.mark.parametrize(
     "arguments",
     [["fly"], ["run"], ["run", "x.yml", "--jobs", "0"], ["check", "nope.yml"], ["new", "d", "--template", "x"]],
@@ -279,13 +258,6 @@ def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: 
     assert out == ""
     assert err
     assert "Traceback" not in err
-
-
-def test_a_folder_that_cannot_be_written_is_named(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Here a file stands in its place."""
-    (here / "runs").write_text("a file")
-    assert cli.run_command(["run", str(tiny)]) == 1
-    assert "runs" in capsys.readouterr().err
 
 
 def test_a_full_disk_is_one_sentence(
@@ -394,19 +366,6 @@ runpy.run_module("elastid", run_name="__main__")
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
 
 
-def test_ctrl_c_in_code_made_from_text_ends_with_the_same_code(tmp_path: Path) -> None:
-    """As dataclasses and templates make it: Python itself would end by the signal after `python -m`."""
-    (tmp_path / "pressed.py").write_text("""
-from elastid.__main__ import main
-from elastid.app.cli import cli
-cli.main = lambda *_, **__: exec("raise KeyboardInterrupt")
-main()
-""")
-    command = [sys.executable, "-m", "pressed"]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stderr[:12]) == (130, "interrupted:")
-
-
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
     """As CasADi's wrappers do; it does not wait for the work to end by itself."""
@@ -422,28 +381,6 @@ def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
     with pytest.raises(KeyboardInterrupt):
         swallowing()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-@pytest.mark.usefixtures("ctrl_c")
-def test_ctrl_c_in_a_destructor_shows_no_traceback(capsys: pytest.CaptureFixture[str]) -> None:
-    """Python would print it and go on; it is raised again."""
-
-    class Dropped:
-        def __del__(self) -> None:
-            signal.raise_signal(signal.SIGINT)
-
-    def dropping() -> None:
-        with insisting() as pressed:
-            Dropped()
-            assert pressed.is_set()
-            for _ in range(1000):
-                time.sleep(0.02)
-
-    shown = sys.unraisablehook
-    with pytest.raises(KeyboardInterrupt):
-        dropping()
-    assert capsys.readouterr().err == ""
-    assert sys.unraisablehook is shown
 
 
 def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
@@ -498,15 +435,6 @@ def _descendants(pid: int) -> list[int]:
     return found
 
 
-def test_processes_default_to_all_cores(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """That this process may use."""
-    run_all = create_autospec(running.run_all)
-    monkeypatch.setattr(running, "run_all", run_all)
-    cli.run_command(["run", str(tiny)])
-    (run,), _ = run_all.call_args
-    assert run.jobs == (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
-
-
 def test_a_study_that_asks_for_more_memory_than_there_is_gets_a_message(
     tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -522,9 +450,3 @@ def test_a_command_without_stdout_works(tiny: Path, here: Path) -> None:
     program = [sys.executable, "-m", "elastid", "check", str(tiny)]
     closed = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *program], capture_output=True, text=True, check=False)
     assert (closed.returncode, closed.stderr) == (0, "")
-
-
-def test_a_map_that_is_interrupted_does_not_promise_to_go_on(capsys: pytest.CaptureFixture[str]) -> None:
-    """It writes at its end alone."""
-    assert cli.interrupted(["map", "study.yml"]) == 130
-    assert capsys.readouterr().err == "interrupted: nothing of it is kept; `elastid map study.yml` starts again\n"

@@ -8,7 +8,6 @@ import pytest
 from plants.refusals import refused
 from plants.two_axes import ROBOT, STUDY, measured
 
-from elastid.app import compare as comparing
 from elastid.app.compare import compare, variants
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all, run_stage
@@ -51,36 +50,6 @@ def test_what_the_data_do_not_need_is_said(study: Path) -> None:
     assert list(models)[2] == "2x"
     assert abs(models["simple"]["criterion"] - models["two"]["criterion"]) < 1
     assert np.mean(models["simple"]["misfit"]) == pytest.approx(np.mean(models["two"]["misfit"]), rel=0.01)
-
-
-@pytest.mark.slow
-def test_comparison_does_not_depend_on_processes_and_goes_on_after_an_interruption(
-    study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The same bytes from one process, from two, and from one that was stopped after three fits."""
-    robot, option = load(study).study.robot, "compare.variants=[{name: stiff, rigid: [2x]}]"
-    runs = [measured(study, robot, option, jobs=jobs, folder=f"run{jobs}") for jobs in (1, 2)]
-    for run in runs:
-        compare(run)
-    first, second = ((run.folder / "compare.json").read_bytes() for run in runs)
-    assert first == second
-    stopped = measured(study, robot, option, folder="stopped")
-    refit, calls = comparing.refit, []
-
-    def interrupted(responses, task):
-        calls.append(task)
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        return refit(responses, task)
-
-    monkeypatch.setattr(comparing, "refit", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        compare(stopped)
-    assert len(list((stopped.folder / "compare.partial").iterdir())) == 3
-    compare(stopped)
-    assert len(calls) == 4 + 10 - 3
-    assert (stopped.folder / "compare.json").read_bytes() == first
-    assert not (stopped.folder / "compare.partial").exists()
 
 
 @pytest.mark.slow

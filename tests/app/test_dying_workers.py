@@ -15,7 +15,7 @@ from elastid.app.compare import compare
 from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.app.stage_table import STAGES
-from elastid.base import execution, workers
+from elastid.base import execution
 from elastid.base.execution import on_dask
 from elastid.base.workers import load_for_workers
 from elastid.study import load
@@ -139,14 +139,3 @@ def test_a_worker_of_a_cluster_that_is_killed_in_a_fit_changes_no_byte(
     ):
         assert stages_with_deaths(run, ("fit",), tmp_path, monkeypatch, "_by_cluster") == {"fit"}
     assert files(run.folder) == files(whole.folder)
-
-
-@pytest.mark.parametrize(("kind", "names"), [("elastic", ("measure", "fit")), ("friction", ("measure", "report"))])
-def test_workers_that_start_anew_change_no_byte(
-    runs: dict[str, Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, names: tuple[str, ...]
-) -> None:
-    """As on Windows, where there is no process to copy; each worker then loads its libraries, which takes seconds."""
-    monkeypatch.setattr(workers, "get_all_start_methods", lambda: ["spawn"])
-    run = Run(runs[kind].loaded, Path(shutil.copytree(runs[kind].folder, tmp_path / "run")), 2, Console(-1))
-    assert tuple(worked(run, names)) == names
-    assert files(run.folder) == files(runs[kind].folder)

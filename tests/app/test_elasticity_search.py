@@ -3,7 +3,6 @@
 import json
 import shutil
 from pathlib import Path
-from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from plants.refusals import refused
 from plants.report_values import report_content
 from plants.two_axes import ROBOT, STUDY, measured
 
-from elastid.app import cli
 from elastid.app import compare as comparing
 from elastid.app.compare import search_elasticity, trial_table
 from elastid.app.run import Run
@@ -162,14 +160,3 @@ def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
     run = measured(study, load(study, (friction,)).study.robot, friction, folder="stiff")
     with refused("compare/variants", place="study.yml"):
         search_elasticity(run)
-
-
-def test_the_command_takes_one_study(tiny: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """elastid compare A --search; with a second study it is a usage error."""
-    worked = create_autospec(comparing.search_elasticity)
-    monkeypatch.setattr(comparing, "search_elasticity", worked)
-    monkeypatch.chdir(tmp_path)
-    assert cli.run_command(["compare", str(tiny), "--search", "--jobs", "1", "-q"]) == 0
-    assert worked.call_args.args[0].loaded.path == tiny
-    assert cli.run_command(["compare", str(tiny), str(tiny), "--search"]) == 2
-    assert worked.call_count == 1

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from elastid.app.cli import _TARGETS, run_command
-from elastid.app.export import RESPONSE_TARGETS, TARGETS
+from elastid.app.cli import run_command
+from elastid.app.export import TARGETS
 
 
 @pytest.mark.slow
@@ -25,8 +25,3 @@ def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
             contents.append([(file.name, file.read_bytes()) for file in files])
         assert contents[0] == contents[1]
         assert len(contents[0]) >= 1
-
-
-def test_the_command_offers_every_target() -> None:
-    further = [target for target in RESPONSE_TARGETS if target not in TARGETS]
-    assert ["robot", *TARGETS, *further, "draws", "observer", "compensation"] == _TARGETS

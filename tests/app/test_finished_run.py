@@ -34,12 +34,6 @@ def test_a_run_gives_its_values(done: elastid.FinishedRun) -> None:
     assert {row.name for row in done.compare().rows} == {"recorded", "undamped"}
 
 
-def test_a_run_is_not_repeated(done: elastid.FinishedRun) -> None:
-    before = (done.run.folder / "fit.h5").stat().st_mtime_ns
-    again = elastid.run(done.run.loaded.path, done.run.folder, set=KEYS, verbosity=-2)
-    assert (again.run.folder / "fit.h5").stat().st_mtime_ns == before
-
-
 def test_other_numbers_are_those_of_another_robot(done: elastid.FinishedRun) -> None:
     """The modes of a result with another spring are those of two inertias with it, motor free."""
     result = done.result

@@ -178,14 +178,6 @@ def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFi
         assert words in said, said
 
 
-def test_a_folder_that_cannot_be_written_is_told_before_work(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Here a file stands in its place."""
-    path = fleet_of(tiny, 1, ("2026-01-31",), 60.0)
-    (tiny.parent / "taken").write_text("")
-    assert run_command(["fleet", str(path), "--run", str(tiny.parent / "taken" / "line")]) == 2
-    assert "no results can be written there (Not a directory)" in capsys.readouterr().err
-
-
 def test_folders_name_their_members(tiny: Path) -> None:
     """Robot and date from a pattern, and a path that is built from them."""
     for robot, date in (("a", "2026-01-01"), ("a", "2026-02-01"), ("b", "2026-01-01"), ("b", "notes")):

@@ -17,7 +17,6 @@ from plants.friction_logs import (
     write_study,
 )
 
-from elastid.app import cli
 from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.base.arrays import FloatArray
@@ -78,28 +77,3 @@ def test_studies_that_cannot_work_are_refused_before_a_log_is_read(
     with pytest.raises(StudyError) as error:
         load(write_study(tmp_path, **keys))
     assert words in str(error.value)
-
-
-def test_one_temperature_tells_no_change_with_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As the command line says it, without a traceback."""
-    write(tmp_path, trapezoids(SPEEDS))
-    study = write_study(tmp_path, temperature="yes", thermometer=THERMOMETER_LINE)
-    assert cli.run_command(["run", str(study), "--run", str(tmp_path / "run"), "-q"]) != 0
-    said = capsys.readouterr().err
-    assert "law.temperature cannot be identified: one temperature; measure cold and warm" in said
-    assert "Traceback" not in said
-
-
-def noted(study: Path, capsys: pytest.CaptureFixture[str]) -> str:
-    """What the stages warn of."""
-    run(study, "measure", "levels")
-    return " ".join(capsys.readouterr().err.split())
-
-
-def test_a_window_too_short_for_its_speed_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What is left is the regression of the motion."""
-    write(tmp_path, trapezoids((0.5, 0.5), travel=0.05))
-    said = noted(write_study(tmp_path, ("{path: log.csv, joint: 1, speed: 0.5}",)), capsys)
-    assert "passes at 0.5 rad/s: no plateau was found (travel 0.062 rad" in said
-    assert "the window is too short for ramps, settling and a plateau" in said
-    assert "record a longer travel" in said

@@ -134,22 +134,6 @@ def test_a_path_that_is_none_and_a_robot_among_logs_are_said(
         assert said in capsys.readouterr().err
 
 
-def test_logs_without_the_option_and_a_full_folder_are_refused(
-    motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.run_command(["new", str(tmp_path / "new"), str(motion)]) == 2
-    assert "--from" in capsys.readouterr().err
-    assert cli.run_command(["new", str(tmp_path), "--from", str(motion)]) == 2
-    assert "not empty" in capsys.readouterr().err
-
-
-def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    np.savetxt(tmp_path / "log.csv", np.ones((500, 2)), delimiter=",", header="tau,q", comments="")
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "log.csv")]) == 1
-    assert "no two signals" in capsys.readouterr().err
-    assert not (tmp_path / "new").exists()
-
-
 @pytest.mark.parametrize("name", REAL)
 def test_real_logs_become_studies_that_check_accepts(name: str, tmp_path: Path) -> None:
     kind, motion, line = REAL[name]

@@ -17,7 +17,6 @@ from elastid.app.identified_robot import (
     with_effects,
     with_linear_springs,
 )
-from elastid.app.stages.estimate import friction_line
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.gear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear_result import GearResult
@@ -51,14 +50,6 @@ def test_no_viscous_friction_that_takes_up_coulomb_friction_is_called_true() -> 
     assert known is not None
     assert {"k_1", "d_1", "f_1", "fm_3", "f_3"} <= set(known)
     assert not {"fm_1", "fm_2", "f_2"} & set(known)
-
-
-def test_the_terminal_has_one_line() -> None:
-    """With the levels; nothing where nothing was taken out."""
-    line = friction_line(taken_friction())
-    assert "motor 1 4.50 ± 0.22 N*m" in line
-    assert "at most 3.2 % is left" in line
-    assert "motor 2" not in line
 
 
 FOUND = {

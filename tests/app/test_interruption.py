@@ -11,14 +11,11 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
-from elastid.app.stages import validate as validating
 from elastid.base.execution import Execution, in_order
-from elastid.store.results import read_fit
 from elastid.study import load
 
 OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
@@ -134,50 +131,6 @@ def test_an_interrupted_fit_is_resumed(
     ours, theirs = tree(unfitted), tree(whole / "run")
     assert ours.keys() == theirs.keys()
     assert [name for name in ours if ours[name] != theirs[name]] == ["run.log"]
-
-
-@pytest.mark.slow
-def test_parts_of_another_study_are_not_used(whole: Path, unfitted: Path) -> None:
-    """Each depends on its key; those of the starts of another seed of the noise stay unread."""
-    command = elastid("fit", str(whole / "study.yml"), "--run", str(unfitted), "--jobs", "1")
-    stopped(command, unfitted / "fit.partial", "start-*.json", signal.SIGINT)
-    done = subprocess.run([*command, "--set", "fit.start_factor=2"], capture_output=True, text=True, check=True)
-    assert "resumed" not in done.stdout
-    assert not (unfitted / "fit.partial").exists()
-    x_start = [
-        np.array([start.x_start for start in read_fit(path / "fit.h5").starts]) for path in (unfitted, whole / "run")
-    ]
-    assert np.ptp(x_start[0]) < np.ptp(x_start[1])
-
-
-@pytest.mark.slow
-def test_an_interrupted_cross_validation_is_resumed(
-    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A fit without some of the configurations is not done twice; the end is the same to the bit."""
-    refit, calls = validating.refit, []
-
-    def impatient(responses, task):
-        calls.append(task.left_out)
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        return refit(responses, task)
-
-    monkeypatch.setattr(validating, "refit", impatient)
-    trees = []
-    for name in ("straight", "stopped"):
-        folder = Path(shutil.copytree(whole / "run", tmp_path / name))
-        run = Run(load(whole / "study.yml", (*OPTIONS, "validation.folds=2")), folder, 1, Console(-1))
-        if name == "stopped":
-            with pytest.raises(KeyboardInterrupt):
-                run_stage(run, "validate")
-            assert not (folder / "validation.json").exists()
-        run_stage(run, "validate")
-        trees.append(tree(folder))
-    assert calls == [("a",), ("b",), ("a",), ("b",), ("b",)]
-    straight, stopped = trees
-    assert straight.keys() == stopped.keys()
-    assert [name for name in straight if straight[name] != stopped[name]] == ["run.log"]
 
 
 class Impatient(dict):

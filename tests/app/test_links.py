@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
@@ -66,29 +65,6 @@ def test_nothing_is_written_through_a_link(
     assert is_file or [path.name for path in victim.iterdir()] == ["thesis.txt"]
 
 
-def test_a_result_takes_the_place_of_a_link(bench: Path, tmp_path: Path) -> None:
-    """And the file that the link led to stays; so does that of a temporary name."""
-    victim, run = tmp_path / "victim", bench / "run"
-    victim.write_text("untouched")
-    for name in ("report.html", f".report.html.{os.getpid()}.unfinished", "modes.csv", "checksums.sha256"):
-        (run / name).unlink(missing_ok=True)
-        (run / name).symlink_to(victim)
-    assert run_command(on(bench, "report")) == 0
-    assert victim.read_text() == "untouched"
-    assert not (run / "report.html").is_symlink()
-
-
-def test_references_are_not_written_through_a_link(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder, victim = tmp_path / "joint", tmp_path / "victim"
-    assert run_command(["new", str(folder), "--template", "friction"]) == 0
-    (folder / "run").mkdir()
-    victim.mkdir()
-    (folder / "run" / "references").symlink_to(victim, target_is_directory=True)
-    assert run_command(on(folder, "design")) == 1
-    assert capsys.readouterr().err.strip() == f"{folder / 'run' / 'references'}: {SAYS}"
-    assert not list(victim.iterdir())
-
-
 def test_a_member_of_a_fleet_that_is_a_link_is_named_before_any_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -103,13 +79,3 @@ def test_a_member_of_a_fleet_that_is_a_link_is_named_before_any_work(
     assert run_command(["fleet", str(folder / "fleet.yml"), "--run", str(tmp_path / "run"), "--jobs", "1"]) == 1
     assert capsys.readouterr().err.strip() == f"{member}: {SAYS}"
     assert not list(victim.iterdir())
-
-
-def test_the_demo_makes_no_file_at_the_end_of_a_link(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A file of the study that is there is kept; a link to one that is not there was followed."""
-    run = tmp_path / "run"
-    run.mkdir()
-    (run / "study.yml").symlink_to(tmp_path / "new.yml")
-    assert run_command(["demo", "--run", str(run), "-q"]) == 1
-    assert SAYS.partition(" [")[0] in capsys.readouterr().err
-    assert not (tmp_path / "new.yml").exists()

@@ -54,12 +54,6 @@ def test_wrong_options_are_refused(
     assert says in capsys.readouterr().err
 
 
-def test_loops_need_a_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "study.yml").write_text(STUDY, encoding="utf-8")
-    assert command("loops", tmp_path / "study.yml") == 2
-    assert "run `elastid fit" in capsys.readouterr().err
-
-
 GAINS = {"position_gain": [10, 12], "velocity_gain": [900, 300], "integral_time": 0.1, "low_pass_hz": 60}
 NOTCH = {"joint": "2", "freq_hz": 20, "width": 0.5, "depth": 0.2}
 

@@ -15,7 +15,7 @@ from plants.warm_ups import predicted
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all, run_stage
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError
 from elastid.friction_study.result import FrictionNumber, FrictionResult
 from elastid.store.friction_study import read_friction_result
 from elastid.study import load
@@ -194,20 +194,6 @@ def test_logs_of_one_amplitude_at_rest_are_realisations(tmp_path: Path) -> None:
     assert joint.at_rest is not None
     assert joint.at_rest is not None
     assert len(joint.at_rest.points) == 1
-
-
-@pytest.mark.parametrize(
-    ("file", "words"),
-    [
-        ("{path: a.csv, purpose: warm_up, period: 2 s}", "evaluated without a period; leave period"),
-        ("{path: a.csv, ambient: 20 degC}", "the room's temperature is that of a warm-up"),
-        ("{path: a.csv, purpose: resting}", "purpose"),
-    ],
-)
-def test_keys_that_do_not_fit_a_purpose_are_refused(file: str, words: str, tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("torque,angle\n0,0\n")
-    with pytest.raises(StudyError, match=words):
-        study(tmp_path, file)
 
 
 @pytest.mark.slow

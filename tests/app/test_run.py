@@ -1,7 +1,5 @@
 """file -> value -> file: what is kept, what is done again, what is left when work is stopped."""
 
-import csv
-import hashlib
 import json
 import shutil
 import subprocess
@@ -26,7 +24,7 @@ from elastid.app.run import Run, run_all, run_stage
 from elastid.app.stage_table import SIMULATED, STAGES, Source, Stage, stages_of, values
 from elastid.app.stages import fit as fitting
 from elastid.app.stages import measure as measuring
-from elastid.app.work import Artefacts, Work, code_hash
+from elastid.app.work import Artefacts, Work
 from elastid.base.errors import FitError
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
@@ -34,7 +32,7 @@ from elastid.fit.result import FitResult
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.measured import read_plan, read_records, read_responses
+from elastid.store.measured import read_responses
 from elastid.store.results import read_fit
 from elastid.study import load, load_robot
 
@@ -164,43 +162,6 @@ def test_a_text_that_has_changed_on_the_disk_is_made_again(
     assert f"{path.name} has changed since it was written; it is made again" in capsys.readouterr().err
 
 
-def test_a_result_without_a_checksum_is_used_with_a_word_and_made_again_by_run(
-    copy: Path, worked_on: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    """As those of older versions, or one whose first bytes are damaged: a single stage warns, `run` makes it again."""
-    path = copy / "run" / "frf.h5"
-    path.write_bytes(b"\0" + path.read_bytes()[1:])
-    run = run_of(copy / "study.yml", copy / "run")
-    run_stage(run, "fit")
-    assert "frf.h5 carries no checksum" in capsys.readouterr().err
-    run_all(run)
-    assert worked_on == ["fit", "estimate"]
-
-
-def test_an_intact_run_folder_agrees_with_its_checksums(finished: Path) -> None:
-    """Every file that stages left is in the list but HDF5 files, which carry their own, and the log."""
-    listed = {
-        line.split("  ", 1)[1]: line.split("  ", 1)[0]
-        for line in (finished / "run" / "checksums.sha256").read_text().splitlines()
-    }
-    files = [path for path in (finished / "run").rglob("*") if path.is_file() and path.suffix not in (".h5", ".log")]
-    names = {path.relative_to(finished / "run").as_posix() for path in files}
-    assert {name for name in names if not name.startswith("export/")} == {*listed, "checksums.sha256"}
-    for name, digest in listed.items():
-        assert hashlib.sha256((finished / "run" / name).read_bytes()).hexdigest() == digest
-
-
-def test_touching_or_commenting_the_study_does_not_measure_again(copy: Path, worked_on: list[str]) -> None:
-    """Content counts, not dates; a comment reaches the report alone, which shows the study's text."""
-    study = copy / "study.yml"
-    study.touch()
-    run_all(run_of(study, copy / "run"))
-    assert worked_on == []
-    study.write_text("# a comment\n" + study.read_text())
-    run_all(run_of(study, copy / "run"))
-    assert worked_on == ["report"]
-
-
 def test_a_change_of_the_code_does_everything_again(
     copy: Path, worked_on: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -218,17 +179,6 @@ def test_a_lost_or_damaged_result_is_made_again_alone(copy: Path, worked_on: lis
     (copy / "run" / "summary.json").unlink()
     run_all(run_of(copy / "study.yml", copy / "run"))
     assert worked_on == ["measure", "estimate", "fit"]
-
-
-def test_what_a_stage_no_longer_needs_goes(copy: Path, worked_on: list[str]) -> None:
-    """Parts of a stage that was killed after its result was written are not kept beside it."""
-    run = run_of(copy / "study.yml", copy / "run")
-    for stage in ("measure", "fit", "validate"):
-        run.partial(stage).mkdir()
-        (run.partial(stage) / "start-0.json").write_text("{}")
-    run_all(run)
-    assert worked_on == []
-    assert not list(run.folder.glob("*.partial"))
 
 
 @pytest.mark.slow
@@ -258,13 +208,6 @@ def test_every_result_says_where_it_came_from(finished: Path) -> None:
     log = (finished / "run" / "run.log").read_text()
     assert stamp.software in log
     assert " UTC: elastid" in log
-
-
-def test_results_are_out_of_date_once_a_library_has_changed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The hash of the code holds the versions of what it computes with."""
-    before = code_hash()
-    monkeypatch.setattr(work, "version", lambda name: "99" if name == "casadi" else "1")
-    assert code_hash() != before
 
 
 def test_a_stage_alone_asks_for_what_it_reads(finished: Path, copy: Path, tmp_path: Path) -> None:
@@ -310,23 +253,6 @@ def test_a_stopped_measurement_goes_on_where_it_was(
     assert not (run.partial("measure")).exists()
 
 
-def test_leftovers_of_another_study_are_measured_again(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A finished experiment counts only for the study that asked for it."""
-    run = run_of(finished / "study.yml", tmp_path / "run")
-    run_stage(run, "design")
-    with monkeypatch.context() as patch:
-        patch.setattr(measuring, "SimulatedRig", Interrupting)
-        with pytest.raises(KeyboardInterrupt):
-            run_stage(run, "measure")
-    other = run_of(finished / "study.yml", tmp_path / "run", "experiment.simulated.truth.k_1=70")
-    run_stage(other, "design")
-    run_stage(other, "measure")
-    before, after = (next(read_records(folder / "records.h5")).y for folder in (finished / "run", tmp_path / "run"))
-    assert np.abs(after - before).max() > 0.01 * np.abs(before).max()
-
-
 def test_the_summary_keeps_its_form(finished: Path) -> None:
     """Schema 1, as programs read it; the truth stands beside each estimate."""
     summary = json.loads((finished / "run" / "summary.json").read_text())
@@ -367,18 +293,6 @@ def test_the_summary_keeps_its_form(finished: Path) -> None:
     # f = sqrt(k (1/J + 1/I)) / 2 pi
     assert summary["modes"][0]["frequency_hz"][0] == pytest.approx(np.sqrt(60 * 2e3) / (2 * np.pi), rel=0.01)
     assert list(summary["frf_error"][0]) == ["configuration", "rms_log_db", "phase_rms_deg", "inside_2sigma"]
-
-
-def test_references_are_the_planned_torques(finished: Path) -> None:
-    """One period of each experiment, for a robot controller."""
-    plan = read_plan(finished / "run" / "plan.h5")
-    for experiment in plan.experiments:
-        with (finished / "run" / "references" / f"{experiment.name}.csv").open() as file:
-            head, *rows = csv.reader(file)
-        table = np.array(rows, dtype=float)
-        assert head == ["time_s", "motor 1 (N*m, link side)"]
-        np.testing.assert_allclose(table[:, 0], np.arange(500) / 500)
-        np.testing.assert_allclose(table[:, 1:], plan.torque(experiment), rtol=1e-7, atol=1e-9)
 
 
 def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -432,13 +346,6 @@ def test_a_fit_that_did_not_converge_is_still_shown(copy: Path) -> None:
         assert run.is_current("report")
         assert read_fit(run.path("fit")).status == "not_converged"
     assert json.loads((copy / "run" / "summary.json").read_text())["status"] == "not_converged"
-
-
-def test_responses_are_on_the_planned_lines(finished: Path) -> None:
-    """The plan shows the estimator which lines were excited."""
-    plan = read_plan(finished / "run" / "plan.h5")
-    for response in read_responses(finished / "run" / "frf.h5"):
-        np.testing.assert_allclose(response.freq_hz, plan.freq_hz)
 
 
 def count_lines(*, name: str, estimate_file: Path, work: Work) -> Artefacts:

@@ -11,19 +11,14 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-import numpy as np
 import pytest
 
 import elastid
 from elastid.app import work
 from elastid.app.scaffold import new
-from elastid.app.stage_table import PLAN, SIMULATED, STAGES, Stage, stages_of, stages_of_study
-from elastid.app.stages.design import design
-from elastid.app.work import StudyFiles, Work, code_hash, handed_values, stamps
-from elastid.fit.spec import ParameterSpec, RatioSpec
-from elastid.store.artefacts import Stamp
-from elastid.store.measured import read_plan
-from elastid.study import LoadedStudy, Study, load
+from elastid.app.stage_table import STAGES, Stage, stages_of_study
+from elastid.app.work import StudyFiles, code_hash, handed_values, stamps
+from elastid.study import LoadedStudy, load
 
 PACKAGE = Path(elastid.__file__).parent
 # Properties of Study that rows read, and the sections of which they are made.
@@ -57,13 +52,6 @@ def test_a_byte_of_any_packaged_file_changes_the_hash_of_the_code(tmp_path: Path
     content = path.read_bytes()
     path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]) if content else b"x")
     assert code_hash(root) != before
-
-
-def test_every_kind_of_packaged_file_is_tried() -> None:
-    """The list above is that of the package."""
-    kinds = {path.suffix for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
-    mark = next(m for m in test_a_byte_of_any_packaged_file_changes_the_hash_of_the_code.pytestmark)
-    assert kinds - {".so", ".dll", ".dylib"} == set(mark.args[1])
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.function)
@@ -160,68 +148,6 @@ def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(
                 for s in sources
             )
             assert (after[name].inputs != before[name].inputs) is (not same or upstream), (path, name)
-
-
-def test_robots_and_ratios_of_the_fit_reach_plan_and_forecast(tiny: Path) -> None:
-    """They change the parameters whose intervals are predicted; a longer search does not."""
-    loaded = load(tiny)
-    before = stamps(loaded)
-    fit = loaded.study.fit
-    for other in (
-        replace(fit, ratios={"eta": RatioSpec(start=0.1)}),
-        replace(fit, robots={"first": ("a",), "second": ("b",)}),
-        replace(fit, parameters={"k_1": ParameterSpec()}),
-    ):
-        after = stamps(replace(loaded, study=replace(loaded.study, fit=other)))
-        assert after["design"].inputs != before["design"].inputs
-        assert after["measure"].inputs == before["measure"].inputs
-        assert after["fit"].inputs != before["fit"].inputs
-    after = stamps(replace(loaded, study=replace(loaded.study, fit=replace(fit, starts=7))))
-    assert after["design"] == before["design"]
-    assert after["fit"].inputs != before["fit"].inputs
-
-
-def test_the_law_that_is_asked_for_reaches_the_advice_of_a_friction_plan(studies: dict[str, LoadedStudy]) -> None:
-    """plan.h5 says what will be known; the motions, and so the records, are the same."""
-    loaded = studies["friction"]
-    friction = loaded.study.as_friction()
-    law = replace(friction.law, temperature="no" if friction.law.temperature != "no" else "auto")
-    before, after = (
-        stamps(loaded),
-        stamps(replace(loaded, study=replace(loaded.study, friction=replace(friction, law=law)))),
-    )
-    assert after["design"].inputs != before["design"].inputs
-    assert [after[name].inputs == before[name].inputs for name in ("measure", "levels", "friction")] == [
-        True,
-        True,
-        False,
-    ]
-
-
-def plan_of(loaded: LoadedStudy, folder: Path) -> Any:
-    """The plan that the stage leaves, called as any function."""
-    row = stages_of(SIMULATED)["design"]
-    artefacts = design(**handed_values(loaded, row), work=Work("design", folder / "plan.partial", Stamp()))
-    artefacts.files["plan.h5"](folder / "plan.h5", Stamp())
-    return read_plan(folder / "plan.h5")
-
-
-def test_the_plan_depends_on_its_own_values_alone(tiny: Path, tmp_path: Path) -> None:
-    """The values that stand for it in the stamps of records and responses; the forecast depends on more."""
-    loaded = load(tiny)
-    study = loaded.study
-    own = {value.name for value in PLAN}
-    other = replace(
-        study,
-        fit=replace(study.fit, criterion="log", parameters={"k_1": ParameterSpec()}, band_hz=(10.0, 50.0)),
-        estimator=replace(study.estimator, quantity="position"),
-        validation=replace(study.validation, left_out=("b",)),
-    )
-    assert own == {f.name for f in fields(Study) if getattr(study, f.name) == getattr(other, f.name)} & own
-    first, second = plan_of(loaded, tmp_path), plan_of(replace(loaded, study=other), tmp_path)
-    np.testing.assert_array_equal(first.R, second.R)
-    np.testing.assert_array_equal(first.freq_hz, second.freq_hz)
-    assert [e.name for e in first.experiments] == [e.name for e in second.experiments]
 
 
 def test_only_declared_files_of_the_study_are_reached(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.base.errors import MisfitError
-from elastid.report.figures.responses import levels
+from elastid.report.figures.responses import quality_figure
 from elastid.response import FrequencyResponse, Levels
 from elastid.store.measured import read_plan, read_responses
 from elastid.study import load
@@ -79,7 +79,7 @@ def test_friction_shows_on_the_lines_left_out(tiny: Path, tmp_path: Path, cycles
     assert response.total is not None
     assert response.distortion is not None
     assert np.median(response.total.variance / response.noise.variance) > 4
-    labels = {line.get_label() for line in levels(response, quality, "title").axes[0].get_lines()}
+    labels = {line.get_label() for line in quality_figure(response, quality, "title").axes[0].get_lines()}
     assert {"nonlinear, even", "nonlinear, odd", "stochastic nonlinear"} <= labels
 
 

@@ -17,7 +17,7 @@ from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.quality import coherences, local_modes, wide_windows
 from elastid.record import Configuration, Record
-from elastid.report.figures.responses import coherence, levels
+from elastid.report.figures.responses import quality_figure
 from elastid.store.measured import read_configurations, write_records
 
 
@@ -66,12 +66,12 @@ def test_the_figures_show_every_level_and_every_output(n: int) -> None:
     quality = response.quality
     assert quality is not None
     assert quality.even is not None
-    figure = levels(response, quality, "title")
-    lines = {line.get_label(): line for line in figure.axes[n - 1].get_lines()}
+    axes = quality_figure(response, quality, "title").axes
+    lines = {line.get_label(): line for line in axes[n - 1].get_lines()}
     assert set(lines) == {"excited lines", "noise", "stochastic nonlinear", "nonlinear, even"}
     even = quality.even.amplitude[:, n - 1] ** 2 - quality.even.noise[:, n - 1] ** 2
     np.testing.assert_allclose(lines["nonlinear, even"].get_ydata(), 10 * np.log10(np.where(even > 0, even, np.nan)))
-    lost, gains, inputs = coherence(response, quality, "title").axes
+    lost, gains, inputs = axes[n : n + 3]
     assert (len(lost.get_lines()), len(gains.get_lines()), len(inputs.get_lines())) == (n, n, n)
 
 

@@ -138,7 +138,7 @@ def _at_rest(arm: Arm, angles: FloatArray, m: int) -> tuple[FloatArray, FloatArr
         slope = np.stack([(force(link + 1e-7 * row) - e) / 1e-7 for row in np.eye(len(link))], axis=1)
         link = link - np.linalg.solve(slope, e)
     hold = arm.k * (angles - link)
-    return np.repeat(link[:, None], m, axis=1), np.repeat(hold, m, axis=1)
+    return np.repeat(link[:, None], m, axis=1), np.repeat(hold[:, None], m, axis=1)
 
 
 def _joint(name: str, axis: str, J: float, k: float, d: float, f: float) -> Joint:

@@ -63,17 +63,6 @@ def test_the_strip_points_at_the_largest_residual_over_noise():
     assert found.worst.value == values.max()
 
 
-def test_the_strip_has_titles_where_all_configurations_have_the_same_elements():
-    first, *others = report_content().validation.configurations
-    assert first.inputs == ("motor 1", "motor 2")
-    assert first.outputs == ("place 1", "place 2")
-    mixed = strip([first])
-    assert (mixed.kind, mixed.outputs, mixed.inputs) == ("", ("place 1", "place 2"), ("motor 1", "motor 2"))
-    motors = strip([replace(each, outputs=each.inputs) for each in (first, *others)])
-    assert (motors.kind, motors.outputs, motors.inputs) == ("motor", ("1", "2"), ("1", "2"))
-    assert strip([first, replace(first, inputs=("motor 2", "motor 1"))]).outputs == ()
-
-
 def test_the_page_of_responses_answers_its_three_questions_by_the_modes():
     freq_hz = np.arange(40, 200) / 4
     G = true_response(freq_hz)
@@ -158,15 +147,6 @@ def test_a_misfit_never_ends_in_numbers_to_be_used():
     assert next_steps(bent, rows)[0].text == "--set 'gears={}'"
     opened = replace(bent, message=f"{bent.message}; {NOT_EXPLAINED}")
     assert not any("gears" in action.text for action in next_steps(opened, rows))
-
-
-def test_a_number_that_explains_a_thousandth_of_the_residuals_is_no_cause():
-    result = fit_result()
-    none, effects = np.zeros(0), [0.0] * len(result.x)
-    small = ModificationIndex("y turned", "sign", (), none, (), (), none, 0.1, 1.0, 0.001, effects, (), 1)
-    result = replace(result, cost=4000.0, cost_expected=100.0, cost_dof=200.0)
-    assert "y turned" not in residual_sentence(replace(result, indices=(small,)), [])
-    assert "y turned" in residual_sentence(replace(result, indices=(replace(small, share=0.5),)), [])
 
 
 def test_a_cause_is_freed_by_a_command_only_where_a_study_takes_it():

@@ -10,7 +10,7 @@ from plants.predicted_arm import STD, closed_form, result
 
 from elastid.base.errors import StudyError
 from elastid.use.compliance import QUANTITIES, Cut
-from elastid.use.map import LINES, Quantity, map_workspace
+from elastid.use.map import LINES, map_workspace
 
 ANGLES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
 
@@ -63,9 +63,3 @@ def test_where_nothing_rests_the_map_says_why() -> None:
     rubber = replace(own, x=own.x - np.log(4e4))
     with pytest.raises(StudyError, match="finds no rest in any of the 1 postures"):
         map_workspace(rubber, np.array([[-0.2, 0.1]]))
-
-
-def test_a_quantity_of_zero_has_no_relative_error() -> None:
-    """No warning, and NaN where there is nothing to divide."""
-    none = Quantity("q", "nothing", "m", np.zeros(1), np.zeros(1))
-    assert np.isnan(none.relative_std).all()

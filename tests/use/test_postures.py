@@ -65,12 +65,6 @@ def test_a_file_that_is_no_path_is_refused_with_the_reason(tmp_path: Path, text:
         read_path(path, robot(), "tool")
 
 
-def test_a_path_that_is_not_there_is_said_to_be(tmp_path: Path) -> None:
-    """Not that it was removed meanwhile."""
-    with pytest.raises(DataError, match=r"none\.csv: No such file or directory; give a CSV file"):
-        read_path(tmp_path / "none.csv", robot(), "tool")
-
-
 @pytest.mark.slow
 def test_a_grid_fills_the_workspace_evenly() -> None:
     """Of a robot that turns and bends: neighbours are one spacing apart."""

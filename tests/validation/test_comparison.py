@@ -25,7 +25,6 @@ from elastid.validation.comparison import (
 from elastid.validation.results import Fold
 
 FINE = Fold("c1", 1.0, 0.5, 2.0)
-FAILED = Fold("c2", math.nan, math.nan, math.nan, "every start failed")
 
 
 @given(n=st.integers(2, 12), parts=st.integers(0, 12).filter(lambda k: k != 1))
@@ -74,12 +73,6 @@ def test_errors_of_folds_are_pooled_and_the_worst_is_named():
     said = describe_folds([replace(FINE, rms_log_db=0.3), Fold("c2", 1.0, 0.4, 1.0)], fitted(0.2))
     assert f"with {np.hypot(0.3, 0.4) / math.sqrt(2):.2g} dB rms" in said
     assert "all has 0.2 dB; worst is c2 with 0.4 dB" in said
-
-
-def test_failed_folds_are_named():
-    """With the reason; where every fit failed, that is the message."""
-    assert describe_folds([FINE, FAILED], fitted(0.5)).endswith("The fit without c2 failed: every start failed")
-    assert describe_folds([FAILED], fitted(0.5)).endswith("failed; the first with: every start failed")
 
 
 NAMES = ("a", "b", "c", "d", "e")

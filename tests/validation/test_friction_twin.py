@@ -95,7 +95,3 @@ def test_a_twin_that_its_controller_cannot_hold_is_said_to_be_lost(record: Frict
     _, followed = runs_of(record, CascadeSpec(30.0, 2e4))
     assert "is lost" in followed.lost
     assert not followed.signals
-
-
-def test_joints_without_a_motion_have_no_run() -> None:
-    assert friction_runs(swing(), (JointFriction("1", False),), FrictionRecords(()), None) == ()

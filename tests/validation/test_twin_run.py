@@ -1,12 +1,11 @@
 """Errors of a twin's signals over time and by octave, and what is said of them."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from elastid.validation.twin_run import MOTION, TORQUE, TwinRun, describe_run, twin_signal
+from elastid.validation.twin_run import MOTION, TwinRun, twin_signal
 
 RATE_HZ, N = 200.0, 2000
 
@@ -35,20 +34,3 @@ def test_errors_are_over_the_signal_about_its_mean_and_by_octave() -> None:
     assert bands[16.0, 32.0].error == pytest.approx(1.0, rel=1e-3)
     assert bands[16.0, 32.0].power == pytest.approx(1 / 21, rel=1e-3)
     assert signal.worst is bands[16.0, 32.0]
-
-
-def test_the_words_have_the_numbers_and_what_holds_the_twin() -> None:
-    text = describe_run(run())
-    assert "over 10 s of log, driven by its torque, held on the log by a loop of 0.5 Hz" in text
-    assert "motor angle 22.3 % (without friction 49 %)" in text
-    assert "worst from 16 to 32 Hz in the motor angle of motor 1: 100 % of the signal in it" in text
-    assert "Without friction it is lost: too fast." in describe_run(run(lost_without_friction="too fast"))
-
-
-def test_a_twin_without_friction_to_leave_has_no_number_for_it() -> None:
-    signal = twin_signal(TORQUE, "motor 1", "N*m", (waves(4, 2, 1), waves(4, 2, 1), None), RATE_HZ, (0.0, 32.0))
-    assert signal.error == 0.0
-    assert math.isnan(signal.error_without_friction)
-    assert "without" not in describe_run(run(signals=(signal,)))
-    with pytest.raises(ValueError, match=r"torque at motor 1: measured \(2000,\), simulated \(3,\)"):
-        replace(signal, simulated=signal.simulated[:3])

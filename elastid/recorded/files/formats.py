@@ -14,6 +14,8 @@ from functools import cache, partial
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
+import numpy as np
+
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
@@ -94,6 +96,13 @@ def rows_of(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -
     """Samples of the channels in a file that can be read in pieces; None of any other."""
     with opened_log(path, text) as log:
         return log.rows(channels) if isinstance(log, ArrayLog) else None
+
+
+def is_single(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> bool:
+    """True if the channels are stored in single precision, or in less."""
+    with opened_log(path, text) as log:
+        stored = [log.stored(each).dtype for each in channels] if isinstance(log, ArrayLog) else [np.dtype(float)]
+    return all(np.can_cast(dtype, np.float32) for dtype in stored)
 
 
 def read_channels(

@@ -1,7 +1,7 @@
 """Faults of the logs of a real robot: a Finding is repaired by a stated rule and counted, reported, or refused.
 
-Here the parts that all rules share: the repetitions of a signal, and drift over them, which is reported. Arrays in,
-arrays and findings out. Signals are (n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).
+Here the parts that all rules share: the repetitions of a signal. Arrays in, arrays and findings out. Signals are
+(n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.note import Note
 
 _CODES = {  # of findings that mend nothing
-    "drifting channels": "records/drift",
     "quantised channels": "records/quantised",
     "samples at a limit": "records/clipped",
     "stops": "records/stopped",
@@ -93,21 +92,6 @@ def in_runs(flags: BoolArray, least: int) -> BoolArray:
     return result
 
 
-@dataclass(frozen=True)
-class DriftLimits:
-    """Limits of the finding on drift."""
-
-    # A line is excited where the drivers have this part of the power of their strongest line.
-    min_excited_share: float = 1e-3
-    # Power of the drift over the repeating part from which on it is reported: below the excited lines, and in their
-    # lowest octave.
-    min_drift_power: float = 0.25
-    min_leaked_power: float = 0.01
-
-
-LIMITS = DriftLimits()
-
-
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign where sign is -1."""
     P = len(x) // L
@@ -169,27 +153,3 @@ def _lines(X: FloatArray, t: FloatArray) -> FloatArray:
     spread = (t_centred**2).sum(axis=1)
     slope = (t_centred * values).sum(axis=1) / np.where(spread > 0, spread, 1.0)
     return np.asarray(mean_x[:, None] + slope[:, None] * (t - mean_t[:, None]))
-
-
-def find_drift(signals: FloatArray, drivers: IntArray, L: int, sign: int, log: Log) -> tuple[Finding, ...]:
-    """A finding for each channel of signals (n, c), no driver, that drifts below the excited lines, slope removed."""
-    means = np.stack([blocks(signals[:, d], L, sign).mean(axis=0) for d in drivers])
-    sent = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)[1:]
-    lowest = 1 + int(np.flatnonzero(sent > LIMITS.min_excited_share * sent.max())[0])
-    findings = []
-    for c in range(signals.shape[1]):
-        X = flat(signals[:, c], L, sign)
-        mean = X.mean(axis=0)
-        repeating = np.abs(np.fft.rfft(mean)) ** 2
-        rest = np.mean(np.abs(np.fft.rfft(X - mean, axis=1)) ** 2, axis=0)
-        octave = slice(lowest, 2 * lowest + 1)
-        size = float(np.sqrt(rest[:lowest].sum() / max(repeating.sum(), 1e-300)))
-        leaks = rest[octave].sum() > LIMITS.min_leaked_power * repeating[octave].sum()
-        if c in drivers or not (size**2 > LIMITS.min_drift_power and leaks):
-            continue
-        text = (
-            f"{log.names[c]}: moves slowly without repeating, {size:.2g} times as far as with the excitation; its "
-            "leakage into the lowest lines counts as noise: let a carrier repeat with the period, or raise band_hz"
-        )
-        findings.append(Finding("drifting channels", 1, text))
-    return tuple(findings)

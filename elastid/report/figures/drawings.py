@@ -14,8 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_names
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
-from elastid.report.figures import design, fit, friction, modes, responses, validation
-from elastid.report.modes import ModeRow
+from elastid.report.figures import fit, friction, responses, validation
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
@@ -23,7 +22,6 @@ from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, Twin
 if TYPE_CHECKING:
     from elastid.friction_study.follow import FollowedFriction
     from elastid.friction_study.result import FrictionResult, JointFriction
-    from elastid.modal.modes import Modes
 
 # Begins the section of a figure of one configuration.
 CONFIGURATION = "configuration "
@@ -65,8 +63,12 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     if len(rows) > 1:
         caption = "Correlations near 1 or −1: the data determine only a combination of the two parameters."
         yield Drawing("identifiability", "fit", caption, partial(fit.identifiability, content.result))
-    yield from _plan(content)
-    yield from _limits(content)
+    if content.forecast is not None:
+        caption = "Expected information: by configuration and frequency, and by configuration and parameter."
+        yield Drawing("information", "plan", caption, partial(fit.information, content.forecast))
+    if content.limit_use is not None and np.isfinite(content.limit_use.limit).any():
+        caption = "Largest value of any run in the rehearsal, in % of the motor's limit."
+        yield Drawing("peaks", "plan", caption, partial(fit.limit_use, content.limit_use))
 
 
 def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
@@ -105,28 +107,25 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
     """The figures of measured responses without a model, to be drawn."""
     yield from friction_drawings(content.friction)
     files = file_names([response.configuration.name for response in content.responses], "frf")
-    rows = zip(files, content.responses, content.modes, content.synthesised, content.mode_rows, strict=True)
-    for file, response, own, model, row in rows:
+    for file, response, own, model in zip(files, content.responses, content.modes, content.synthesised, strict=True):
+        name, quality = response.configuration.name, response.quality
         title = responses.configuration_title(response, left_out=False)
-        yield from measured_mode_drawings(file, own, row, title)
+        if len(own.at_hz):
+            caption = (
+                "poles over the order of the estimator, and singular values of the response (mode indicator "
+                "functions). Poles of noise wander from order to order; vertical lines are those that were taken for "
+                "modes."
+            )
+            draw = partial(responses.stabilisation_diagram, own, title)
+            yield of_configuration(name, f"{file}-stabilisation", caption, draw)
         yield response_drawing(file, response, model)
-        yield from quality_drawings(file, response, title)
-
-
-def measured_mode_drawings(file: str, own: Modes, row: ModeRow, title: str) -> Iterator[Drawing]:
-    """Stabilisation diagram, shapes and error of the modal model; none of a response with too few lines."""
-    if not len(own.at_hz):
-        return
-    caption = (
-        "poles over the order of the estimator, and singular values of the response (mode indicator functions). Poles "
-        "of noise wander from order to order; vertical lines are those that were taken for modes."
-    )
-    draw = partial(modes.stabilisation_diagram, own, title)
-    yield of_configuration(own.configuration, f"{file}-stabilisation", caption, draw)
-    if own.n_modes:
-        caption = "mode shapes, the largest entry 1; a dash is the part out of phase."
-        shapes = partial(modes.mode_shapes, row, title, own.rate_is_known)
-        yield of_configuration(own.configuration, f"{file}-modes", caption, shapes)
+        if quality is not None:
+            caption = (
+                "levels of the outputs, of their nonlinear distortion and of noise; share of each output that no input "
+                "explains; singular values of responses and inputs."
+            )
+            draw = partial(responses.quality_figure, response, quality, title)
+            yield of_configuration(name, f"{file}-quality", caption, draw)
 
 
 def of_configuration(
@@ -134,30 +133,6 @@ def of_configuration(
 ) -> Drawing:
     """A figure of one configuration."""
     return Drawing(name, f"{CONFIGURATION}{configuration}", f"{configuration}: {caption}", draw, on_page)
-
-
-def quality_drawings(file: str, measured: FrequencyResponse, title: str) -> Iterator[Drawing]:
-    """Levels and coherence of a measurement that has them."""
-    name, quality = measured.configuration.name, measured.quality
-    if quality is None:
-        return
-    caption = "levels of the outputs, of their nonlinear distortion and of noise."
-    yield of_configuration(name, f"{file}-levels", caption, partial(responses.levels, measured, quality, title))
-    caption = "share of each output that no input explains; singular values of responses and inputs."
-    yield of_configuration(name, f"{file}-coherence", caption, partial(responses.coherence, measured, quality, title))
-
-
-def _plan(content: ReportContent) -> Iterator[Drawing]:
-    if content.forecast is not None:
-        caption = "Expected information: by configuration and frequency, and by configuration and parameter."
-        yield Drawing("information", "plan", caption, partial(design.information, content.forecast))
-
-
-def _limits(content: ReportContent) -> Iterator[Drawing]:
-    if content.limit_use is None or not np.isfinite(content.limit_use.limit).any():
-        return
-    caption = "Largest value of any run in the rehearsal, in % of the motor's limit."
-    yield Drawing("peaks", "plan", caption, partial(design.limit_use, content.limit_use))
 
 
 # Begins the section of a figure of one joint.
@@ -188,14 +163,17 @@ def friction_study_drawings(
 
 
 def _of_joint(joint: JointFriction) -> Iterator[Named]:
-    law = joint.static
-    if law is not None:
+    if joint.static is not None:
         caption = (
             "friction over speed, levels and law with 95 % intervals; shaded: the speeds that were measured, beyond "
             "which the law (dashed) is not to be relied on. Below: what the law leaves of each level."
         )
-        yield "curve", caption, partial(friction.friction_curve, law)
-    yield from _of_records(joint)
+        yield "curve", caption, partial(friction.friction_curve, joint.static)
+    if joint.motion is not None:
+        from elastid.report.figures import friction_records
+
+        caption = "torque of the whole motion without inertia and gravity over velocity, and over time."
+        yield "motion", caption, partial(friction_records.friction_motion, joint.motion)
 
 
 def _of_filter(followed: FollowedFriction) -> Named:
@@ -211,11 +189,3 @@ def _of_filter(followed: FollowedFriction) -> Named:
         f"Weakest: {followed.weakest.words}, known to {followed.weakest.ratio:.0%} of what it was before."
     )
     return "filter", caption, partial(friction_records.friction_filter, followed)
-
-
-def _of_records(joint: JointFriction) -> Iterator[Named]:
-    from elastid.report.figures import friction_records
-
-    if joint.motion is not None:
-        caption = "torque of the whole motion without inertia and gravity over velocity, and over time."
-        yield "motion", caption, partial(friction_records.friction_motion, joint.motion)

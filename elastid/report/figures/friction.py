@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray, FloatArray
@@ -15,6 +15,7 @@ from elastid.friction.robot_friction import frictions
 from elastid.friction.static import Conditions
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.figures import style
+from elastid.report.figures.style import Curve, Panel
 from elastid.robot import Robot
 
 if TYPE_CHECKING:  # they bring SciPy, which figures of friction taken out do without
@@ -77,26 +78,27 @@ def friction_curve(law: StaticLaw) -> Figure:
     Shaded: the speeds that were measured, beyond which the law is dashed.  Grey: levels of other loads, temperatures.
     """
     levels, condition = law.levels, Condition.typical(law.levels)
-    figure, panels = style.column(5.4, (3, 1), 0.12)
-    curve, left = panels
     on_curve = condition.includes(law)
+    curves, left = [], []
     for direction in sorted(set(levels.direction.tolist()), reverse=True):
-        _draw_levels(curve, left, law, direction, on_curve)
+        above, below = _levels(law, direction, on_curve)
+        curves += above
+        left += below
     for direction in law_directions(law):
-        _draw_law(curve, law, condition, direction)
-    low, high = float(levels.speed.min()), float(levels.speed.max())
-    for axes in panels:
-        axes.axvspan(low, high, color=style.SHADE, lw=0, zorder=0, label="measured speeds")
-    style.set_log_frequency(curve, np.array([low / BEYOND, high * BEYOND]), 12)
-    curve.set_ylim(0, 1.15 * float((levels.torque + QUANTILE_95 * levels.std).max()))
-    for bound in (-QUANTILE_95, QUANTILE_95):
-        left.axhline(bound, color=style.TRUTH, lw=0.6, ls=":")
+        curves += _law(law, condition, direction)
+    measured = float(levels.speed.min()), float(levels.speed.max())
     reach = max(3.0, 1.1 * float(np.abs(residuals(law)).max()))
-    left.set_ylim(-reach, reach)
+    highest = 1.15 * float((levels.torque + QUANTILE_95 * levels.std).max())
     speed, torque = units(levels.slides)
-    style.label(curve, y=f"{quantity(levels.slides)} in {torque}")
-    style.label(left, f"speed in {speed}", "(level − law) / std")
-    return style.finish(figure, f"{levels.place}: friction over speed {condition.text(law)}".rstrip(), panels, [curve])
+    lines = np.array([measured[0] / BEYOND, measured[1] * BEYOND])
+    rows = [
+        [Panel(curves, y=f"{quantity(levels.slides)} in {torque}", frequency=lines, y_ends=(0.0, highest),
+               span=measured)],
+        [Panel(left, f"speed in {speed}", "(level − law) / std", marks=(-QUANTILE_95, QUANTILE_95), frequency=lines,
+               y_ends=(-reach, reach), span=measured)],
+    ]  # fmt: skip
+    title = f"{levels.place}: friction over speed {condition.text(law)}".rstrip()
+    return style.matrix(title, rows, (3.0, 1.0), gaps=(0.0, 0.12), sharex=True)
 
 
 def quantity(slides: bool) -> str:
@@ -129,31 +131,31 @@ def law_band(law: StaticLaw, at: Conditions) -> tuple[FloatArray, FloatArray]:
     return law.fit.torque(at), law.fit.reach * law.fit.torque_std(at)
 
 
-def _draw_levels(curve: Axes, left: Axes, law: StaticLaw, direction: float, on_curve: BoolArray) -> None:
+def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list[Curve], list[Curve]]:
     levels, (color, name) = law.levels, DIRECTIONS[direction]
+    above, below = [], []
     for chosen, ink, text, order in (
         (~on_curve, style.WEAK, "levels at other loads and temperatures", 2),
         (on_curve, color, f"levels, {name}", 4),
     ):
         own = chosen & (levels.direction == direction)
-        if not own.any():
-            continue
-        looks = style.DOTS | {"ms": 3.5, "color": ink, "mfc": ink, "zorder": order}
-        looks |= {} if direction >= 0 else {"marker": "s", "ms": 5, "mfc": "none", "mew": 0.9}
-        x = levels.speed[own]
-        style.plot_intervals(curve, x, levels.torque[own], levels.std[own], **looks, capsize=2, label=text)
-        left.plot(x, residuals(law)[own], **looks)
+        if own.any():
+            shape = {} if direction >= 0 else {"marker": "s", "ms": 5, "mfc": "none", "mew": 0.9}
+            looks, x, y = {"ms": 3.5, "zorder": order, **shape}, levels.speed[own], levels.torque[own]
+            above.append(Curve(x, y, text, ink, True, style.about(y, levels.std[own]), looks={**looks, "capsize": 2}))
+            below.append(Curve(x, residuals(law)[own], "", ink, True, looks=looks))
+    return above, below
 
 
-def _draw_law(axes: Axes, law: StaticLaw, condition: Condition, direction: float) -> None:
+def _law(law: StaticLaw, condition: Condition, direction: float) -> Iterator[Curve]:
     low, high = float(law.levels.speed.min()), float(law.levels.speed.max())
     color = style.FITTED if direction >= 0 else style.TOTAL
     name = f"law, {DIRECTIONS[direction][1]}" if direction else "law with 95 % band"
-    for ends, text in (((low, high), name), ((low / BEYOND, low), None), ((high, high * BEYOND), None)):
+    for ends, text in (((low, high), name), ((low / BEYOND, low), ""), ((high, high * BEYOND), "")):
         speed = np.geomspace(*ends, POINTS)
         torque, half = law_band(law, condition.at(speed, direction))
-        axes.plot(speed, torque, "-" if text else "--", color=color, lw=1.3, zorder=3, label=text)
-        style.fill_band(axes, speed, torque, half, color, 0.25, zorder=3)
+        looks = {"ls": "-" if text else "--", "lw": 1.3, "zorder": 3}
+        yield Curve(speed, torque, text, color, band=(torque - half, torque + half), looks=looks)
 
 
 def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -> Figure:
@@ -163,22 +165,15 @@ def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -
     has no curve.  robot: whose file may have a static law of the motor, from passes; its F_c is drawn too.
     """
     known = {} if robot is None else {law.place: float(law.curve()[0]) for law in frictions(robot)}
-    columns = min(len(friction.places), 3)
-    blocks = -(-len(friction.places) // columns)
-    size, margins = (style.WIDE, 1.2 + 4.4 * blocks), (0.9, 0.25, 0.85, 0.75)
-    figure, axes = style.panels(2 * blocks, columns, size, margins, (0.35, 0.55))
-    for spare in axes.flat:
-        spare.set_axis_off()
-    drawn = []
-    for i, place in enumerate(friction.places):
-        row, column = divmod(i, columns)
-        curve, levels = axes[2 * row, column], axes[2 * row + 1, column]
-        if place in friction.taken_places():
-            _draw_taken_out(curve, friction, i, known.get(place))
-            drawn.append(curve)
-        _draw_unexplained(levels, friction, i)
-        drawn.append(levels)
-    return style.finish(figure, "Friction taken out of the responses", drawn, drawn)
+    taken = friction.taken_places()
+    curves = [_taken_out(friction, i, known.get(p)) if p in taken else None for i, p in enumerate(friction.places)]
+    levels = [_unexplained(friction, i) for i in range(len(friction.places))]
+    rows = [row for pair in zip(style.in_columns(curves), style.in_columns(levels), strict=True) for row in pair]
+    figure = style.matrix("Friction taken out of the responses", rows, 2.2, gaps=(0.35, 0.55))
+    for axes in figure.axes:
+        if axes.get_title().endswith("torque not explained"):
+            style.set_names(axes.xaxis, friction.configurations, rotation=30, ha="right")
+    return figure
 
 
 def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
@@ -200,34 +195,30 @@ def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatA
     return v, *friction.sliding(place, v), False
 
 
-def _draw_taken_out(axes: Axes, friction: FrictionTakenOut, i: int, known: float | None) -> None:
+def _taken_out(friction: FrictionTakenOut, i: int, known: float | None) -> Panel:
     place, unit = friction.places[i], friction.place_units[i]
     x, torque, std, is_distance = curve_of(friction, place)
-    axes.set_axis_on()
-    style.fill_band(axes, 1e3 * x, torque, QUANTILE_95 * std, style.FITTED, 0.3, label="95 % interval")
-    axes.plot(1e3 * x, torque, color=style.FITTED, lw=1.2, label="friction")
+    band = style.about(torque, std)
+    curves = [Curve(1e3 * x, torque, "friction", style.FITTED, band=band, band_label="95 % interval")]
     for level in () if known is None else (known, -known):
-        axes.axhline(level, color=style.TRUTH, lw=0.9, ls="--", label="F_c of the robot's file")
+        ends, looks = 1e3 * x[[0, -1]], {"ls": "--", "lw": 0.9}
+        curves.append(Curve(ends, [level, level], "F_c of the robot's file", style.TRUTH, looks=looks))
     own, of_own = friction.sliding_level(place)
     length, quantity = ("mm", "force") if unit == "N" else ("mrad", "torque")
-    style.label(
-        axes,
-        f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s",
-        f"{quantity} in {style.pretty_unit(unit)}",
-        f"{place}: F_c = {own:.4g} ± {QUANTILE_95 * of_own:.2g} {style.pretty_unit(unit)}",
-    )
+    words = f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s"
+    unit = style.pretty_unit(unit)
+    title = f"{place}: F_c = {own:.4g} ± {QUANTILE_95 * of_own:.2g} {unit}"
+    return Panel(curves, words, f"{quantity} in {unit}", title)
 
 
-def _draw_unexplained(axes: Axes, friction: FrictionTakenOut, i: int) -> None:
+def _unexplained(friction: FrictionTakenOut, i: int) -> Panel:
     x = np.arange(len(friction.configurations))
-    axes.set_axis_on()
-    for values, face, label in (
+    kinds = (
         (friction.before[:, i], "none", "unexplained, with friction"),
         (friction.after[:, i], style.MEASURED, "unexplained, friction taken out"),
-    ):
-        axes.plot(x, values, ls="none", marker="o", ms=4, mec=style.MEASURED, mfc=face, label=label)
-    axes.set_ylim(0, 1.1 * max(float(axes.get_ylim()[1]), 1e-300))
-    axes.set_xlim(-0.5, len(x) - 0.5)
-    style.set_names(axes.xaxis, friction.configurations, rotation=30, ha="right")
-    unit = style.pretty_unit(friction.place_units[i])
-    style.label(axes, y=f"amplitude in {unit}", title=f"{friction.places[i]}: torque not explained")
+    )
+    curves = [Curve(x, y, text, dots=True, looks={"ms": 4, "mew": 1, "mfc": face}) for y, face, text in kinds]
+    highest = 1.1 * max(float(np.max([friction.before[:, i], friction.after[:, i]])), 1e-300)
+    ends, unit = (-0.5, len(x) - 0.5), style.pretty_unit(friction.place_units[i])
+    title = f"{friction.places[i]}: torque not explained"
+    return Panel(curves, "", f"amplitude in {unit}", title, x_ends=ends, y_ends=(0.0, highest))

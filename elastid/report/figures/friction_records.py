@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
@@ -17,6 +16,7 @@ from elastid.friction_study.motion import MotionFriction, MotionSamples, motion_
 from elastid.friction_study.passes import distinct_speeds
 from elastid.report.figures import style
 from elastid.report.figures.friction import POINTS, quantity, units
+from elastid.report.figures.style import Curve, Panel
 
 # Samples of a motion that are drawn.
 MOST_SAMPLES = 6000
@@ -37,19 +37,23 @@ def friction_motion(friction: MotionFriction) -> Figure:
     where the chosen regression has numbers of each.
     """
     samples, slides = motion_samples(friction), friction.motion.slides
-    figure, panels = style.column(6.0, (1.7, 1), 0.28, sharex=False)
-    curve, over_time = panels
     speed, torque = units(slides)
-    _draw_over_velocity(curve, friction, samples)
-    style.label(curve, f"velocity in {speed}", f"friction in {torque}")
-    measured = samples.torque, style.MEASURED, 1.0, "measured"
-    regressed = samples.regressed, style.FITTED, 0.8, "regression"
-    rest = samples.torque - samples.regressed, style.RESIDUAL, 0.6, "measured − regression"
     part = slice(None, None, max(1, len(samples.time_s) // MOST_SAMPLES))
-    style.plot_curves(over_time, samples.time_s, measured, regressed, rest, part=part)
-    style.label(over_time, "time in s", f"{quantity(slides)} in {torque}")
+    over_time = [
+        Curve(samples.time_s[part], values[part], text, ink, looks={"lw": width})
+        for values, ink, width, text in (
+            (samples.torque, style.MEASURED, 1.0, "measured"),
+            (samples.regressed, style.FITTED, 0.8, "regression"),
+            (samples.torque - samples.regressed, style.RESIDUAL, 0.6, "measured − regression"),
+        )
+    ]
+    rows = [
+        [Panel([*_over_velocity(friction, samples)], f"velocity in {speed}", f"friction in {torque}")],
+        [Panel(over_time, "time in s", f"{quantity(slides)} in {torque}")],
+    ]
     error = f"{100 * friction.chosen.relative_error:.3g} % of the {quantity(slides)} left"
-    return style.finish(figure, f"{friction.motion.place}: friction over velocity, {error}", panels, panels, 0.01)
+    title = f"{friction.motion.place}: friction over velocity, {error}"
+    return style.matrix(title, rows, (2.9, 1.7), gaps=(0.0, 0.28))
 
 
 def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -66,53 +70,48 @@ def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]
     return A @ numbers.values[chosen], np.sqrt(np.einsum("ni,ij,nj->n", A, covariance, A))
 
 
-def _draw_over_velocity(axes: Axes, motion: MotionFriction, samples: MotionSamples) -> None:
+def _over_velocity(motion: MotionFriction, samples: MotionSamples) -> Iterator[Curve]:
     step = max(1, len(samples.velocity) // MOST_SAMPLES)
-    looks = style.DOTS | {"ms": 1.5, "alpha": 0.5, "color": style.MEASURED}
-    axes.plot(samples.velocity[::step], samples.friction[::step], **looks)
+    yield Curve(samples.velocity[::step], samples.friction[::step], dots=True, looks={"ms": 1.5, "alpha": 0.5})
+    ends = [float(samples.friction.min()), float(samples.friction.max())]
     for sign in (1.0, -1.0):
         for speed in distinct_speeds([plateau for plateau in motion.plateaus if sign * plateau.velocity > 0]):
-            axes.axvline(sign * speed, color=style.NOISE, lw=0.8, ls=":", label="speeds dwelt at")
+            yield Curve([sign * speed] * 2, ends, "speeds dwelt at", style.NOISE, looks={"lw": 0.8, "ls": ":"})
     for low, high in ((float(samples.velocity.min()), 0.0), (0.0, float(samples.velocity.max()))):
         v = np.linspace(low, high, POINTS)[1 if low == 0 else 0 : -1 if high == 0 else None]
         if motion.are_apart:
             offset = motion.alike["offset"] if "offset" in motion.alike.names else 0.0
-            symmetric = sliding(motion.alike, v)[0] + offset
-            axes.plot(v, symmetric, color=style.TRUTH, lw=0.9, ls="--", label="the same in both directions")
+            alike = sliding(motion.alike, v)[0] + offset
+            yield Curve(v, alike, "the same in both directions", style.TRUTH, looks={"lw": 0.9, "ls": "--"})
         friction, std = sliding(motion.chosen, v)
-        style.fill_band(axes, v, friction, QUANTILE_95 * std, style.FITTED, 0.3)
-        axes.plot(v, friction, color=style.FITTED, lw=1.4, label="regression")
+        yield Curve(v, friction, "regression", style.FITTED, band=style.about(friction, std), looks={"lw": 1.4})
 
 
 def friction_filter(followed: FollowedFriction) -> Figure:
     """Followed numbers, NIS with its band, and autocorrelation of the innovations."""
-    ratios = (*(1.3 for _ in followed.names), 0.9, 1.0)
-    figure, panels = style.column(1.6 * len(ratios), ratios, 0.42, sharex=False)
     time, unit = (followed.time_s, "s") if followed.time_s[-1] <= 300 else (followed.time_s / 60, "min")
+    rows = []
     for i, name in enumerate(followed.names):
-        _draw_number(panels[i], followed, i, time)
-        style.label(panels[i], y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")
-    nis, correlation = panels[-2:]
-    nis.plot(time, followed.nis, color=style.TOTAL, lw=0.8, label="mean NIS since the point before")
-    nis.axhspan(*FILTER.nis_band, color=style.FITTED, alpha=0.15, lw=0, label="mean NIS of an honest filter")
-    nis.set_yscale("log")
-    style.label(nis, f"time in {unit}", "NIS")
-    rho = followed.consistency.autocorrelation
-    correlation.stem(np.arange(1, len(rho)), rho[1:], linefmt="-", markerfmt=".", basefmt=" ")
+        y, band = followed.values[:, i], (followed.low[:, i], followed.high[:, i])
+        curves = [Curve(time, y, "followed", style.FITTED, band=band, band_label="95 % band")]
+        held = np.where(followed.unknown[:, i], y, np.nan)
+        if np.isfinite(held).any():
+            text = "held: not observable in this motion"
+            curves.append(Curve(time, held, text, style.WEAK, looks={"lw": 2.0}))
+        rows.append([Panel(curves, y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")])
+    nis, honest = followed.nis, np.tile(np.array(FILTER.nis_band)[:, None], len(time))
+    curves = [
+        Curve(time, nis, "mean NIS since the point before", style.TOTAL, looks={"lw": 0.8}),
+        Curve(time, honest.mean(axis=0), color=style.FITTED, band=(honest[0], honest[1]),
+              band_label="mean NIS of an honest filter", looks={"lw": 0}),
+    ]  # fmt: skip
+    rows.append([Panel(curves, f"time in {unit}", "NIS", scale="log")])
+    rho = followed.consistency.autocorrelation[1:]
     reach = QUANTILE_95 / np.sqrt(max(followed.consistency.n_eff, 1.0))
-    correlation.axhspan(-reach, reach, color=style.FITTED, alpha=0.15, lw=0)
-    style.label(correlation, "lag in samples", "autocorrelation")
+    dots = Curve(np.arange(1, len(rho) + 1), rho, dots=True)
+    rows.append([Panel([dots], "lag in samples", "autocorrelation", marks=(-reach, reach))])
     title = f"joint {followed.joint}: friction followed, mean NIS {followed.consistency.nis:.2f}"
-    return style.finish(figure, title, panels, panels, 0.01)
-
-
-def _draw_number(axes: Axes, followed: FollowedFriction, i: int, time: np.ndarray) -> None:
-    looks: dict[str, Any] = {"color": style.FITTED, "alpha": 0.2, "lw": 0, "label": "95 % band"}
-    axes.fill_between(time, followed.low[:, i], followed.high[:, i], **looks)
-    axes.plot(time, followed.values[:, i], color=style.FITTED, lw=1.2, label="followed")
-    held = np.where(followed.unknown[:, i], followed.values[:, i], np.nan)
-    if np.isfinite(held).any():
-        axes.plot(time, held, color=style.WEAK, lw=2.0, label="held: not observable in this motion")
+    return style.matrix(title, rows, 1.4, gaps=(0.0, 0.42))
 
 
 def _unit(name: str, slides: bool) -> str:

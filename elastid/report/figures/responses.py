@@ -1,22 +1,20 @@
-"""The response matrix of one configuration, measured and modelled, and the quality of its measurement."""
+"""The response matrix of one configuration, the quality of its measurement, and the poles of its modes."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
-from numpy.typing import NDArray
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.report.figures import style
+from elastid.report.figures.style import Curve, Panel, in_db
 from elastid.response import FrequencyResponse, Quality
 from elastid.validation.residual_tests import above_2sigma
 
-# Of the panels of a Bode plot.
-PANEL_WIDTH, PANEL_HEIGHT = 3.4, 1.5
+if TYPE_CHECKING:
+    from elastid.modal.modes import Modes
 
 
 def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
@@ -27,119 +25,112 @@ def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
     return f"{measured.configuration.name} ({angles}), {'left out of the fit' if left_out else 'fitted'}"
 
 
-def _unwrapped(modelled: FrequencyResponse) -> tuple[FloatArray, FloatArray]:
-    """Every line twice, (2 F,), and the phase (2 F, n_y, n_u) in degrees: NaN the second time where it wraps."""
-    phase = np.degrees(np.angle(modelled.G))
-    again = phase.copy()
-    again[:-1][np.abs(np.diff(phase, axis=0)) > 180] = np.nan
-    return np.repeat(modelled.freq_hz, 2), np.stack([phase, again], axis=1).reshape(-1, *phase.shape[1:])
-
-
-def _band_db(G: ComplexArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """20 log10 of |G| -+ 2 std, not below a thousandth of |G|."""
-    magnitude = np.abs(G)
-    return style.in_db(np.maximum(magnitude - 2 * std, 1e-3 * magnitude)), style.in_db(magnitude + 2 * std)
-
-
 def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: FloatArray | None) -> Figure:
     """A pair of panels for each element, inputs across, outputs down; points are grey below 2 sigma.
 
     modelled: with the inputs and outputs of `measured`, on any lines.  std (F, n_y, n_u): of it, a band of 2 std.
     """
+    rows = []
+    above, label = above_2sigma(measured), style.frequency_label(measured.rate_is_known)
     n_y, n_u = len(measured.outputs), len(measured.inputs)
-    left, right, top, bottom = margins = 0.9, 0.3, 1.0, 0.55
-    size = left + n_u * PANEL_WIDTH + right, top + 2 * n_y * PANEL_HEIGHT + bottom
-    figure, panels = style.panels(2 * n_y, n_u, size, margins, (0.25, 0.15), sharex=True)
-    above = above_2sigma(measured)
-    for i, j in np.ndindex(n_y, n_u):
-        magnitude, phase = panels[2 * i, j], panels[2 * i + 1, j]
-        f, G = measured.freq_hz, measured.G[:, i, j]
-        style.plot_points(magnitude, f, style.in_db(G), above[:, i, j])
-        style.plot_points(phase, f, np.degrees(np.angle(G)), above[:, i, j])
-        if modelled is not None:
-            _draw_model(magnitude, phase, modelled, i, j, std)
-        _label(magnitude, phase, measured, i, j)
-    style.set_log_frequency(panels[0, 0], measured.freq_hz)
-    style.label_figure(figure, style.frequency_label(measured.rate_is_known))
-    title = f"{measured.quantity} of {measured.configuration.name}"
-    return style.finish(figure, title, panels.flat, panels.flat, markerscale=2.0)
+    for i in range(n_y):
+        magnitude, phase = [], []
+        for j, by in enumerate(measured.inputs):
+            seen = _measured(measured, above[:, i, j], measured.G[:, i, j])
+            drawn = ([], []) if modelled is None else _modelled(modelled, i, j, std)
+            names = (measured.outputs[i], "degrees") if j == 0 else ("", "")
+            title = f"by {by}" if i == 0 else ""
+            lines = measured.freq_hz
+            magnitude.append(Panel([*seen[0], *drawn[0]], y=names[0], title=title, frequency=lines))
+            last, ends = label if i == n_y - 1 else "", (-190.0, 190.0)
+            phase.append(Panel([*seen[1], *drawn[1]], last, names[1], frequency=lines, y_ends=ends))
+        rows += [magnitude, phase]
+    unit = style.pretty_unit(measured.unit)
+    title = f"{measured.quantity} of {measured.configuration.name}, dB re 1 {unit} and phase"
+    return style.matrix(title, rows, 1.4, 1.2 + 3.4 * n_u, gaps=(0.2, 0.15), sharex=True)
 
 
-def _draw_model(magnitude: Axes, phase: Axes, model: FrequencyResponse, i: int, j: int, std: FloatArray | None) -> None:
-    f, G = model.freq_hz, model.G[:, i, j]
+def _measured(measured: FrequencyResponse, above: BoolArray, G: ComplexArray) -> tuple[list[Curve], list[Curve]]:
+    """Magnitude and phase as points."""
+    looks = {"ms": 2.4 if len(above) <= 300 else 1.6, "zorder": 2}
+    kinds = ((above, "measured", style.MEASURED), (~above, "measured, below 2 sigma", style.WEAK))
+    f = measured.freq_hz
+    magnitude, phase = (
+        [Curve(f[own], values[own], text, ink, True, looks=looks) for own, text, ink in kinds if own.any()]
+        for values in (in_db(G), np.degrees(np.angle(G)))
+    )
+    return magnitude, phase
+
+
+def _modelled(model: FrequencyResponse, i: int, j: int, std: FloatArray | None) -> tuple[list[Curve], list[Curve]]:
+    """Magnitude with its band, not below a thousandth of it, and phase, which breaks where it wraps."""
+    G, f = model.G[:, i, j], model.freq_hz
+    size, phase, band = np.abs(G), np.degrees(np.angle(G)), None
     if std is not None:
-        looks: dict[str, Any] = {"color": style.FITTED, "alpha": 0.25, "lw": 0, "label": "2 std of the model"}
-        magnitude.fill_between(f, *_band_db(G, std[:, i, j]), **looks)
-    magnitude.plot(f, style.in_db(G), color=style.FITTED, lw=1.1, zorder=3, label="model")
-    lines, degrees = _unwrapped(model)
-    phase.plot(lines, degrees[:, i, j], color=style.FITTED, lw=1.1)
+        spread = 2 * std[:, i, j]
+        band = in_db(np.maximum(size - spread, 1e-3 * size)), in_db(size + spread)
+    again = phase.copy()
+    again[:-1][np.abs(np.diff(phase)) > 180] = np.nan
+    looks = {"lw": 1.1, "zorder": 3}
+    magnitude = Curve(f, in_db(G), "model", style.FITTED, band=band, band_label="2 std of the model", looks=looks)
+    broken = np.stack([phase, again], axis=1).ravel()
+    return [magnitude], [Curve(np.repeat(f, 2), broken, "model", style.FITTED, looks=looks)]
 
 
-def _label(magnitude: Axes, phase: Axes, measured: FrequencyResponse, i: int, j: int) -> None:
-    phase.set_ylim(-190, 190)
-    phase.yaxis.set_major_locator(MultipleLocator(90))
-    if i == 0:
-        style.label(magnitude, title=f"by {measured.inputs[j]}")
-    if j == 0:
-        style.label(magnitude, y=f"dB re 1 {style.pretty_unit(measured.unit)}")
-        style.label(phase, y="phase in degrees")
-    if j == len(measured.inputs) - 1:
-        style.label_row(magnitude, measured.outputs[i])
+def quality_figure(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
+    """RMS amplitudes in dB of every output, then the unexplained part of all, and singular values of G and inputs.
 
-
-def levels(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
-    """RMS amplitude in dB of every output: excited lines, nonlinearities of even and odd order, stochastic, noise.
-
-    Levels of an experiment's mean over periods; the power of the noise is subtracted from that of the detection lines.
+    Levels of an experiment's mean over periods, on excited lines, and of nonlinearities of even and odd order; the
+    power of the noise is subtracted from that of the detection lines.
     """
-    n_y = len(response.outputs)
-    columns = min(n_y, 3)
-    figure, panels = _quality_panels(-(-n_y // columns), columns, 2.3)
-    for i, (output, axes) in enumerate(zip(response.outputs, panels.flat, strict=False)):
-        _plot_levels(axes, response, quality, i)
-        style.label(axes, title=f"{response.quantity} at {output}")
-    for spare in panels.flat[n_y:]:
-        spare.set_axis_off()
-    _label_quality(figure, response, f"RMS amplitude in dB re 1 {style.pretty_unit(response.output_unit)}")
-    return style.finish(figure, title, figure.axes, figure.axes, markerscale=2.0)
+    f, label = response.freq_hz, style.frequency_label(response.rate_is_known)
+    unit = f"dB re 1 {style.pretty_unit(response.output_unit)}"
+    panels = [
+        Panel(_levels(f, quality, i), label, unit, f"{response.quantity} at {output}", frequency=f)
+        for i, output in enumerate(response.outputs)
+    ]
+    lost = [
+        Curve(f, np.maximum(1 - part, 1e-16), color=style.SERIES[i % len(style.SERIES)])  # less is rounding
+        for i, part in enumerate(quality.multiple_coherence.T)
+    ]
+    panels.append(Panel(lost, label, title="1 − multiple coherence", frequency=f, scale="log"))
+    values = ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs"))
+    for each, name in values:
+        words = f"singular values of {name}, dB; condition {np.median(each[:, 0] / each[:, -1]):.3g}"
+        panels.append(Panel([Curve(f, in_db(column)) for column in each.T], label, title=words, frequency=f))
+    return style.matrix(title, style.in_columns(panels), gaps=(0.25, 0.45))
 
 
-def coherence(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
-    """1 - multiple coherence of every output, singular values of G, and those of the inputs with their condition."""
-    figure, ((lost, gains, inputs),) = _quality_panels(1, 3, 2.6)
-    f = response.freq_hz
-    for i, output in enumerate(response.outputs):
-        unexplained = np.maximum(1 - quality.multiple_coherence[:, i], 1e-16)  # less is rounding
-        lost.plot(f, unexplained, lw=0.8, color=style.SERIES[i % len(style.SERIES)], label=style.plain_label(output))
-    lost.set_yscale("log")
-    gains.plot(f, style.in_db(quality.singular_values), lw=0.8, color=style.MEASURED)
-    inputs.plot(f, style.in_db(quality.input_singular_values), lw=0.8, color=style.START)
-    style.label(lost, title="1 − multiple coherence")
-    style.label(gains, title="singular values of G in dB")
-    style.label(inputs, title=f"singular values of the inputs in dB, condition {np.median(quality.condition):.3g}")
-    _label_quality(figure, response)
-    return style.finish(figure, title, figure.axes, [lost])
-
-
-def _plot_levels(axes: Axes, response: FrequencyResponse, quality: Quality, i: int) -> None:
-    f, excited = response.freq_hz, quality.excited
-    axes.plot(f, style.in_db(excited.amplitude[:, i]), **style.DOTS, ms=2, color=style.MEASURED, label="excited lines")
-    axes.plot(f, style.in_db(excited.noise[:, i]), lw=0.7, color=style.NOISE, label="noise")
+def _levels(f: FloatArray, quality: Quality, i: int) -> list[Curve]:
+    excited, looks = quality.excited, {"lw": 0.7}
+    curves = [
+        Curve(f, in_db(excited.amplitude[:, i]), "excited lines", dots=True, looks={"ms": 2}),
+        Curve(f, in_db(excited.noise[:, i]), "noise", style.NOISE, looks=looks),
+    ]
     if quality.stochastic is not None:
-        axes.plot(f, style.in_db(quality.stochastic[:, i]), lw=0.7, color=style.TOTAL, label="stochastic nonlinear")
-    for lines, color, label in (
-        (quality.even, style.FITTED, "nonlinear, even"),
-        (quality.odd, style.START, "nonlinear, odd"),
-    ):
+        curves.append(Curve(f, in_db(quality.stochastic[:, i]), "stochastic nonlinear", style.TOTAL, looks=looks))
+    for lines, ink, name in ((quality.even, style.FITTED, "even"), (quality.odd, style.START, "odd")):
         if lines is not None:
             level = np.sqrt(np.maximum(lines.amplitude[:, i] ** 2 - lines.noise[:, i] ** 2, 0.0))
-            axes.plot(lines.freq_hz, style.in_db(level), **style.DOTS, ms=1.4, color=color, label=label)
+            curves.append(Curve(lines.freq_hz, in_db(level), f"nonlinear, {name}", ink, True, looks={"ms": 1.4}))
+    return curves
 
 
-def _quality_panels(rows: int, columns: int, panel_height: float) -> tuple[Figure, NDArray[Any]]:
-    return style.panels(rows, columns, (style.WIDE, 1.25 + rows * panel_height), spaces=(0.25, 0.25), sharex=True)
-
-
-def _label_quality(figure: Figure, response: FrequencyResponse, y_label: str = "") -> None:
-    style.set_log_frequency(figure.axes[0], response.freq_hz, most=4)
-    style.label_figure(figure, style.frequency_label(response.rate_is_known), y_label)
+def stabilisation_diagram(modes: Modes, title: str) -> Figure:
+    """Poles by frequency and order, lines at the modes; below them the singular values of the response."""
+    diagram, stable = modes.diagram, "stable in frequency (1 %) and damping (5 %)"
+    poles = [
+        Curve(diagram.freq_hz[own], diagram.order[own], text, ink, True)
+        for own, text, ink in ((~diagram.stable, "pole", style.WEAK), (diagram.stable, stable, style.MEASURED))
+    ]
+    top = float(diagram.order.max(initial=1))
+    looks = {"lw": 0.8, "zorder": 0.8}
+    lines = [Curve([f, f], [0.0, top], "mode", style.FITTED, looks=looks) for f in modes.freq_hz]
+    indicators = in_db(modes.indicators + np.finfo(float).tiny)
+    values = [Curve(modes.at_hz, column, color=style.WEAK) for column in indicators.T]
+    width = modes.at_hz[-1] - modes.at_hz[0]
+    ends = float(modes.at_hz[0] - 0.02 * width), float(modes.at_hz[-1] + 0.02 * width)
+    unit = "singular values, dB"
+    below = Panel(values, style.frequency_label(modes.rate_is_known), unit, x_ends=ends)
+    rows = [[Panel([*poles, *lines], y="order", x_ends=ends)], [below]]
+    return style.matrix(f"Stabilisation diagram, {title}", rows, (2.6, 1.6), sharex=True, gaps=(0.0, 0.1))

@@ -1,24 +1,23 @@
-"""One look for all figures: colour-blind safe colours, panels, labels, legends, heat maps; text is never a formula."""
+"""One look for all figures: colour-blind safe colours and a matrix of panels; text is never a formula."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from io import BytesIO
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context, rcdefaults
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator, StrMethodFormatter
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.escape import figure_label, figure_text
 from elastid.base.statistics import QUANTILE_95
 
@@ -95,89 +94,148 @@ def in_db(values: ComplexArray | FloatArray) -> FloatArray:
     return np.asarray(20 * np.log10(np.where(magnitude > 0, magnitude, np.nan)))
 
 
-def panels(
-    rows: int,
-    columns: int,
-    size: tuple[float, float],
-    margins: tuple[float, float, float, float] = (0.8, 0.25, 0.75, 0.5),
-    spaces: tuple[float, float] = (0.2, 0.2),
-    **options: Any,
-) -> tuple[Figure, NDArray[Any]]:
-    """A figure and its axes (rows, columns).
+@dataclass(frozen=True)
+class Curve:
+    """y (n,) over x (n,), as a line or as dots; band: both ends of an interval about it; looks: of matplotlib."""
 
-    size, margins (left, right, top, bottom): inches.  spaces: between columns and between rows, in panels.
-    options: of Figure.subplots, such as sharex.
+    x: ArrayLike
+    y: ArrayLike
+    label: str = ""
+    color: str = MEASURED
+    dots: bool = False
+    band: tuple[FloatArray, FloatArray] | None = None
+    band_label: str = ""
+    looks: Mapping[str, Any] = field(default_factory=dict)
+
+    def draw(self, axes: Axes) -> None:
+        """Bars at dots, else a band."""
+        looks = (DOTS | {"ms": 3.0} if self.dots else {"lw": 1.0}) | {"color": self.color, **self.looks}
+        if self.band is not None and self.dots:
+            y = np.asarray(self.y)
+            ends = np.abs(np.stack([y - self.band[0], self.band[1] - y]))
+            axes.errorbar(self.x, y, ends, elinewidth=0.8, label=plain_label(self.label), **looks)
+            return
+        if self.band is not None:
+            text = plain_label(self.band_label)
+            axes.fill_between(np.asarray(self.x), *self.band, color=self.color, alpha=0.25, lw=0, label=text)
+        axes.plot(self.x, self.y, label=plain_label(self.label), **looks)
+
+
+def about(y: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Both ends of the 95 % interval of values with these standard deviations."""
+    return y - QUANTILE_95 * std, y + QUANTILE_95 * std
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A heat map: values (rows, columns), their names, the ends of the colours, and the text of a value."""
+
+    values: FloatArray
+    rows: Sequence[str] = ()
+    columns: Sequence[str] = ()
+    ends: tuple[float, float] = (0.0, 100.0)
+    text: Callable[[float], str] = "{:.0f}".format
+    colors: str = "Blues"
+
+    def draw(self, axes: Axes) -> None:
+        """From light to dark, grey where NaN, each with its number where they are few."""
+        axes.set_facecolor(SHADE)
+        low, high = self.ends
+        axes.imshow(self.values, cmap=self.colors, vmin=low, vmax=high, interpolation="nearest", aspect="auto")
+        across = max(map(len, self.columns), default=0) * len(self.columns) > 60
+        set_names(axes.xaxis, self.columns, rotation=90 if across else 0, fontsize=SMALL)
+        set_names(axes.yaxis, self.rows, fontsize=SMALL)
+        axes.tick_params(length=0)
+        for (row, column), value in np.ndenumerate(self.values):
+            if np.isfinite(value) and self.values.size <= MAX_NUMBERED_CELLS:
+                dark = (abs(value) if low < 0 else value - low) / (high - max(low, 0.0)) > MIN_DARK
+                ink, size = "white" if dark else "black", SMALL if len(self.columns) < 13 else TINY
+                text = self.text(float(value))
+                axes.text(column, row, text, ha="center", va="center", color=ink, fontsize=size)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes: curves or a heat map, labels, and horizontal lines at `marks`, dashed.
+
+    frequency: lines (F,) whose ends are those of a logarithmic x axis.  scale: of y.  span: of x, that is shaded.
     """
-    (width, height), (left, right, top, bottom) = size, margins
-    box = {"left": left / width, "right": 1 - right / width, "top": 1 - top / height, "bottom": bottom / height}
-    figure = ShownFigure(figsize=size)
-    grid = box | {"wspace": spaces[0], "hspace": spaces[1]}
-    return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, **options)
+
+    curves: Sequence[Curve] = ()
+    x: str = ""
+    y: str = ""
+    title: str = ""
+    cells: Cells | None = None
+    marks: Sequence[float] = ()
+    frequency: FloatArray | None = None
+    scale: str = "linear"
+    x_ends: tuple[float, float] | None = None
+    y_ends: tuple[float | None, float | None] | None = None
+    span: tuple[float, float] | None = None
+
+    def draw(self, axes: Axes) -> None:
+        """All of it."""
+        for curve in self.curves:
+            curve.draw(axes)
+        for mark in self.marks:
+            axes.axhline(mark, color=TRUTH, lw=0.8, ls="--")
+        if self.span is not None:
+            axes.axvspan(*self.span, color=SHADE, lw=0, zorder=0)
+        if self.cells is not None:
+            self.cells.draw(axes)
+        else:
+            lighten(axes)
+            axes.margins(x=0.01)
+            axes.set_yscale(self.scale)
+        if self.frequency is not None:
+            set_log_frequency(axes, self.frequency)
+        axes.set(**{k: v for k, v in (("xlim", self.x_ends), ("ylim", self.y_ends)) if v is not None})
+        label(axes, self.x, self.y, self.title)
 
 
-def add_title(figure: Figure, title: str) -> None:
-    """The title at the top left, an eighth of an inch below the edge."""
-    width, height = figure.get_size_inches()
-    figure.text(0.125 / width, 1 - 0.125 / height, plain(title), fontsize=LARGE, fontweight="bold", va="top")
-
-
-def add_legend(figure: Figure, axes: Iterable[Axes], markerscale: float = 1.0) -> None:
-    """One legend for all axes, each label once, below the title."""
-    entries: dict[str, Artist] = {}
-    for panel in axes:
-        handles, labels = panel.get_legend_handles_labels()
-        entries |= dict(zip(labels, handles, strict=True))
-    width, height = figure.get_size_inches()
-    looks: dict[str, Any] = {"frameon": False, "fontsize": SMALL, "markerscale": markerscale, "loc": "upper center"}
-    looks |= {"bbox_to_anchor": (0.5, 1 - 0.33 / height), "ncols": len(entries) if width > 8 else 3}
-    figure.legend(list(entries.values()), list(entries), **looks)
-
-
-def column(height: float, ratios: Sequence[float], space: float, sharex: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure of axes one below the other, with heights in these ratios and a legend above them."""
-    size, margins = (WIDE, height), (0.8, 0.25, 0.85, 0.55)
-    figure, axes = panels(len(ratios), 1, size, margins, (0.0, space), sharex=sharex, height_ratios=ratios)
-    return figure, axes[:, 0].tolist()
-
-
-Curve: TypeAlias = tuple[FloatArray, str, float, str]
-
-
-def plot_curves(axes: Axes, x: FloatArray, *curves: Curve, part: slice = slice(None)) -> None:
-    """Curves over a part of one x: values, color, width in points and label of each."""
-    for values, color, width, text in curves:
-        axes.plot(x[part], values[part], color=color, lw=width, label=text)
-
-
-def plot_intervals(axes: Axes, x: FloatArray, y: FloatArray, std: FloatArray, **looks: Any) -> None:
-    """Points with their 95 % intervals."""
-    axes.errorbar(x, y, QUANTILE_95 * std, **DOTS | {"elinewidth": 0.8} | looks)
-
-
-def fill_band(
-    axes: Axes, x: FloatArray, y: FloatArray, half: FloatArray, color: str, alpha: float, **looks: Any
-) -> None:
-    """A band of half-width `half` about y."""
-    axes.fill_between(x, y - half, y + half, color=color, alpha=alpha, lw=0, **looks)
-
-
-def finish(
-    figure: Figure,
+def matrix(
     title: str,
-    axes: Iterable[Axes] = (),
-    legend: Iterable[Axes] | None = None,
-    margin: float | None = None,
-    markerscale: float = 1.0,
+    rows: Sequence[Sequence[Panel | None]],
+    height: float | Sequence[float] = 2.2,
+    width: float = WIDE,
+    left: float = 0.85,
+    gaps: tuple[float, float] = (0.22, 0.3),
+    **options: Any,
 ) -> Figure:
-    """The figure with a title, thin grids in `axes`, one legend for all of `legend`; margin: at the data's sides."""
-    for panel in axes:
-        lighten(panel)
-        if margin is not None:
-            panel.margins(x=margin)
-    add_title(figure, title)
-    if legend is not None:
-        add_legend(figure, legend, markerscale)
+    """Panels in rows and columns under a title and one legend, each label once.
+
+    height: of a row, or of each, in inches.  width: of the figure.  left: room for labels.  gaps: between columns and
+    between rows, in panels.  options: of Figure.subplots, such as sharex.
+    """
+    heights = [height] * len(rows) if isinstance(height, int | float) else list(height)
+    given = [panel for row in rows for panel in row if panel is not None]
+    texts = {text for panel in given for curve in panel.curves for text in (curve.label, curve.band_label) if text}
+    columns = max(1, int((width - 0.3) / (0.065 * max(map(len, texts), default=1) + 0.5)))
+    below = max((len(name) for panel in given if panel.cells for name in panel.cells.columns), default=0)
+    top = 0.4 + 0.17 * -(-len(texts) // columns) + 0.3 * any(panel.title for panel in given)
+    bottom = 0.55 + 0.06 * below
+    tall, width = round(top + bottom + sum(heights), 1), round(width, 1)  # whole pixels
+    box = {"left": left / width, "right": 1 - 0.3 / width, "top": 1 - top / tall, "bottom": bottom / tall}
+    figure = ShownFigure(figsize=(width, tall))
+    spaces = box | {"wspace": gaps[0], "hspace": gaps[1], "height_ratios": heights}
+    axes = figure.subplots(len(rows), max(map(len, rows)), squeeze=False, gridspec_kw=spaces, **options)
+    for row, own in zip(rows, axes, strict=True):
+        for panel, each in zip([*row, *[None] * (len(own) - len(row))], own, strict=True):
+            each.set_axis_off() if panel is None else panel.draw(each)
+    figure.text(0.125 / width, 1 - 0.125 / tall, plain(title), fontsize=LARGE, fontweight="bold", va="top")
+    entries: dict[str, Artist] = {}
+    for each in axes.flat:
+        entries |= dict(zip(*reversed(each.get_legend_handles_labels()), strict=True))
+    if entries:
+        place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.06 / width, 1 - 0.33 / tall)}
+        place |= {"ncols": columns, "frameon": False, "fontsize": SMALL}
+        figure.legend(list(entries.values()), list(entries), **place)
     return figure
+
+
+def in_columns(panels: Sequence[Panel | None], most: int = 3) -> list[list[Panel | None]]:
+    """Panels row by row, at most so many across."""
+    return [list(panels[i : i + most]) for i in range(0, len(panels), most)]
 
 
 def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
@@ -185,17 +243,6 @@ def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
     for text, write in ((x, axes.set_xlabel), (y, axes.set_ylabel), (title, axes.set_title)):
         if text:
             write(plain(text), fontsize=NORMAL)
-
-
-def label_row(axes: Axes, text: str) -> None:
-    """A name for a row of panels, on the right of its last one, read downwards."""
-    axes.annotate(plain(text), (1.02, 0.5), xycoords="axes fraction", rotation=270, va="center", fontsize=NORMAL)
-
-
-def label_figure(figure: Figure, x: str = "", y: str = "") -> None:
-    """Labels that all panels share."""
-    figure.supxlabel(plain(x), fontsize=NORMAL, y=0.09 / figure.get_figheight())
-    figure.supylabel(plain(y), fontsize=NORMAL, x=0.015)
 
 
 def set_names(axis: Axis, names: Sequence[str], **options: Any) -> None:
@@ -211,47 +258,12 @@ def lighten(axes: Axes) -> None:
     axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
 
 
-def plot_points(
-    axes: Axes, x: FloatArray, values: FloatArray, above: BoolArray, shown: BoolArray | None = None
-) -> None:
-    """Measured values (F, ...) at x as points, grey where they are not above 2 sigma; of those that are `shown`."""
-    size = 2.4 if len(x) <= 300 else 1.6
-    looks = DOTS | {"ms": size, "zorder": 2}
-    shown = np.ones(above.shape, bool) if shown is None else shown
-    axes.plot(x[above & shown], values[above & shown], **looks, color=MEASURED, label="measured")
-    if not above.all():
-        below = ~above & shown
-        axes.plot(x[below], values[below], **looks, color=WEAK, label="measured, below 2 sigma")
-
-
-def heat_map(
-    axes: Axes, values: FloatArray, norm: Normalize, text: Callable[[float], str], size: float = SMALL
-) -> AxesImage:
-    """Cells (rows, columns) from light to dark, grey where NaN, each with its number where they are few."""
-    axes.set_facecolor(SHADE)
-    image = axes.imshow(values, cmap="Blues", norm=norm, interpolation="nearest", aspect="auto")
-    axes.tick_params(labelsize=SMALL, length=0)
-    if values.size <= MAX_NUMBERED_CELLS:
-        for (row, column), value in np.ndenumerate(values):
-            if np.isfinite(value):
-                color = "white" if norm(value) > MIN_DARK else "black"
-                axes.text(column, row, text(value), ha="center", va="center", fontsize=size, color=color)
-    return image
-
-
 def set_log_frequency(axes: Axes, freq_hz: FloatArray, most: int = 6) -> None:
     """Logarithmic frequency axis over freq_hz with at most so many plain numbers on it."""
     low, high = float(freq_hz[0]), float(freq_hz[-1])
     axes.set_xscale("log")
     axes.set_xlim(low / 1.05, high * 1.05)
     set_plain_ticks(axes.xaxis, round_ticks(low, high, most))
-
-
-def set_log_values(axes: Axes, low: float, high: float) -> None:
-    """Logarithmic y axis with a few plain numbers, a little wider than low to high."""
-    axes.set_yscale("log")
-    axes.set_ylim(low / 1.3, high * 1.3)
-    set_plain_ticks(axes.yaxis, round_ticks(low / 1.3, high * 1.3, 8))
 
 
 def set_plain_ticks(axis: Axis, ticks: Sequence[float]) -> None:

@@ -79,6 +79,75 @@
     draw();
   };
 
+  // The panels as they are drawn, as SVG: lines, points, frame, labels of both axes, titles and names of the curves.
+  const picture = () => {
+    const tag = (name, all, text = "") => {
+      const node = document.createElementNS("http://www.w3.org/2000/svg", name);
+      for (const [attribute, value] of Object.entries(all)) node.setAttribute(attribute, value);
+      node.textContent = text;
+      return node;
+    };
+    const look = getComputedStyle(document.documentElement);
+    const [ink, paper] = [look.getPropertyValue("--ink").trim(), look.getPropertyValue("--paper").trim()];
+    const box = grid.getBoundingClientRect();
+    const size = [grid.scrollWidth, grid.scrollHeight + 20];
+    const svg = tag("svg", { width: size[0], height: size[1], viewBox: `0 -20 ${size.join(" ")}`, "font-family": "sans-serif", "font-size": 11 });
+    svg.append(tag("rect", { y: -20, width: size[0], height: size[1], fill: paper }));
+    [...key.children].filter((each) => each.getAttribute("aria-pressed") !== "false").reduce((x, each) => {
+      svg.append(tag("text", { x, y: -6, fill: each.firstChild.style.color }, each.textContent));
+      return x + 7 * each.textContent.length + 14;
+    }, 4);
+    for (const plot of panels) {
+      const over = plot.over.getBoundingClientRect();
+      const [x0, y0] = [over.left - box.left + grid.scrollLeft, over.top - box.top];
+      const part = svg.appendChild(tag("svg", { x: x0, y: y0, width: over.width, height: over.height }));
+      part.append(tag("rect", { width: over.width, height: over.height, fill: "none", stroke: ink }));
+      const title = plot.root.querySelector(".u-title")?.textContent ?? plot.root.closest(".grid > div").querySelector(".open")?.textContent;
+      svg.append(tag("text", { x: x0 + over.width / 2, y: y0 - 4, "text-anchor": "middle", fill: ink }, title));
+      plot.axes.forEach(({ _splits, _values, scale: own, label }) => {
+        const across = own === "x";
+        _splits.forEach((value, i) => {
+          const at = plot.valToPos(value, own);
+          const where = across ? { x: x0 + at, y: y0 + over.height + 12, "text-anchor": "middle" } : { x: x0 - 4, y: y0 + at + 4, "text-anchor": "end" };
+          if (_values[i] !== null && at >= 0 && at <= (across ? over.width : over.height)) svg.append(tag("text", { ...where, fill: ink }, _values[i]));
+        });
+        const middle = across ? `translate(${x0 + over.width / 2} ${y0 + over.height + 26})` : `translate(${x0 - 32} ${y0 + over.height / 2}) rotate(-90)`;
+        if (label) svg.append(tag("text", { transform: middle, "text-anchor": "middle", fill: ink }, label));
+      });
+      const [lines] = plot.data;
+      plot.series.slice(1).forEach((series, k) => {
+        const points = lines.map((f, i) => [plot.valToPos(f, "x"), plot.data[k + 1][i]]).filter(([, y]) => y !== undefined && (series.spanGaps ? y !== null : true));
+        const at = points.map(([x, y]) => (y === null ? null : [x.toFixed(1), plot.valToPos(y, "y").toFixed(1)]));
+        const color = typeof series.stroke === "function" ? series.stroke(plot, k + 1) : series.stroke;
+        if (color === "transparent") {
+          const fill = series.points.fill(plot, k + 1);
+          at.filter(Boolean).forEach(([cx, cy]) => part.append(tag("circle", { cx, cy, r: 1.6, fill })));
+        } else {
+          const path = at.map((point, i) => (point === null ? "" : `${i && at[i - 1] ? "L" : "M"}${point.join(" ")}`)).join("");
+          part.append(tag("path", { d: path, fill: "none", stroke: color, "stroke-width": series.width, "stroke-dasharray": (series.dash ?? []).join(" ") }));
+        }
+      });
+    }
+    return [new XMLSerializer().serializeToString(svg), size];
+  };
+
+  const save = (kind) => {
+    const [text, [width, height]] = picture();
+    const address = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
+    const give = (href) => Object.assign(document.createElement("a"), { href, download: `${data.responses[chosen].name ?? "curves"}.${kind}` }).click();
+    if (kind === "svg") return give(address);
+    const image = new Image();
+    image.onload = () => {
+      const canvas = Object.assign(document.createElement("canvas"), { width: 2 * width, height: 2 * height });
+      const context = canvas.getContext("2d");
+      context.scale(2, 2);
+      context.drawImage(image, 0, 0);
+      give(canvas.toDataURL("image/png"));
+    };
+    image.src = address;
+  };
+
+  for (const button of root.querySelectorAll("[data-save]")) button.addEventListener("click", () => save(button.dataset.save));
   for (const select of [quantity, element, scale]) select.addEventListener("change", draw);
   let resized;
   window.addEventListener("resize", () => {

@@ -11,7 +11,6 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from matplotlib import rc_context
@@ -29,6 +28,7 @@ from elastid.report.content import ReportContent, ResponsesContent, gear_line, g
 from elastid.report.figures import style
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings, drawings_of_responses
 from elastid.report.figures.style import own_style
+from elastid.report.figures.validation import fleet_parameter
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
 from elastid.response import FrequencyResponse
@@ -195,35 +195,6 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
     names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
     names["questions"] = overview.questions_of_responses(content)
     return render("responses.html.j2", content, figures, responses, scripts, **names)
-
-
-def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:
-    """One column a robot, its dates from left to right; marked: robots with a finding."""
-    figure, panels = style.panels(1, 1, (style.WIDE, 3.2), (0.8, 0.25, 0.85, 0.9), (0.0, 0.0))
-    axes = panels[0, 0]
-    robots = list(dict.fromkeys(value.robot for value in values))
-    days = sorted({value.day for value in values})
-    width = 0.6 / max(1, len(days))
-    for is_marked in (False, True):
-        own = [value for value in values if (value.robot in marked) == is_marked]
-        if not own:
-            continue
-        x = [robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in own]
-        looks = {
-            "ms": 2.5 if len(robots) > 12 else 5,
-            "elinewidth": 0.9,
-            "color": style.FITTED if is_marked else style.TOTAL,
-        }
-        text = "differs or drifts" if is_marked else "robot, dates from left to right"
-        y, std = np.array([(value.value, value.std) for value in own]).T
-        style.plot_intervals(axes, np.array(x), y, std, **looks, label=text)
-    names_fit = len(robots) <= 40
-    if names_fit:
-        style.set_names(axes.xaxis, robots, rotation=90 if len(robots) > 12 else 0)
-    axes.ticklabel_format(axis="y", useOffset=False)
-    of_unit = f" in {style.pretty_unit(unit)}" if unit else ""
-    style.label(axes, "" if names_fit else "robot", f"{style.plain(name)}{of_unit}")
-    return style.finish(figure, f"{name} over the fleet", [axes], [axes])
 
 
 @dataclass(frozen=True)

@@ -9,16 +9,12 @@ import pytest
 from plants.friction_records import TEMPLATE
 from plants.refusals import refused
 
-from elastid.app import cli
 from elastid.app.cli import run_command
 from elastid.app.console import Console
 from elastid.app.export import export
-from elastid.app.overview import overview
 from elastid.app.run import Run, run_all, run_stage
-from elastid.app.stage_table import FRICTION, stages_of
-from elastid.friction_study.identify import identify_friction
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.store.friction_study import read_filter, read_friction_records, read_friction_result, read_levels
+from elastid.store.friction_study import read_filter, read_friction_records, read_friction_result
 from elastid.study import load, load_robot
 from tests.plants.warm_joint import COULOMB, JOINT, RATE_HZ, VISCOUS, rich, simulate
 
@@ -64,17 +60,6 @@ def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path, monkeypatch
     assert {"value", "std", "interval95", "unit", "learnt_from", "truth"} <= set(summary["parameters"]["Fc_m1"])
 
 
-def test_a_study_of_friction_ends_with_three_answers(finished: Path) -> None:
-    """And where it is; what the data cannot show is a detail, for the page and `-v`."""
-    lines = (finished / "run" / "run.log").read_text(encoding="utf-8").splitlines()
-    said = [line.partition(" INFO    ")[2] for line in lines if " INFO " in line]
-    ending = said[next(i for i, line in enumerate(said) if line.startswith("Are the numbers good?")) :]
-    assert [line.partition("?")[0] for line in ending[1:3]] == ["Where does it fail, and why", "What next"]
-    assert "report.html" in ending[3]
-    assert len(ending) <= 12
-    assert any("DEBUG" in line and "joint 1: no exponent of the Stribeck curve: " in line for line in lines)
-
-
 def test_another_law_measures_nothing_again(finished: Path) -> None:
     """The law is read by friction and the stages after it, and by the advice of the design; loads by all."""
     other = run_of(finished, *SMALL, "friction.law.quadratic=yes")
@@ -103,20 +88,6 @@ def test_stages_of_elasticity_are_refused(finished: Path, tiny: Path) -> None:
     elastic = Run(load(tiny), tiny.parent / "run", 1, Console(-1))
     with refused("study/stage", place="study.yml"):
         run_stage(elastic, "levels")
-
-
-def test_the_overview_says_what_will_be_known() -> None:
-    """Speeds, motions, robot time, and what is missing."""
-    text = overview(load(TEMPLATE / "study.yml").study)
-    assert "friction of joint 1" in text
-    assert "window -1.047 to 1.047 rad, speeds in rad/s: 0.00873" in text
-    assert "min of the robot's time" in text
-    assert "change with temperature: one temperature; give warm_up" in text
-
-
-def test_every_row_of_friction_has_a_command() -> None:
-    """`elastid levels` and `elastid friction` beside the commands that both kinds share."""
-    assert set(stages_of(FRICTION)) <= set(cli.cli.commands)
 
 
 @pytest.mark.slow
@@ -183,15 +154,6 @@ def test_a_robot_that_was_identified_is_the_start_of_the_next_study(tmp_path: Pa
     for name in NUMBERS:
         assert after[name].truth == pytest.approx(before[name].value, rel=1e-9)
         assert abs(after[name].value - before[name].value) < 3.3 * after[name].std, name
-
-
-def test_levels_and_law_are_those_of_the_library(finished: Path) -> None:
-    """Stages only read and write: the functions that a notebook calls give the same."""
-    run = run_of(finished, *SMALL)
-    measured, levels = read_friction_records(run.path("measure")), read_levels(run.path("levels"))
-    result = identify_friction(run.study.as_robot(), levels, measured, run.study.as_friction())
-    kept = read_friction_result(run.path("friction"))
-    np.testing.assert_array_equal([n.value for n in result.numbers], [n.value for n in kept.numbers])
 
 
 @pytest.mark.slow

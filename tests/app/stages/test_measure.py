@@ -88,7 +88,7 @@ def test_single_precision_is_written_once_and_stays_what_it_is(tmp_path: Path) -
     changed = np.flatnonzero(stored != np.deg2rad(load.astype(np.float64)).astype(np.float32))
     assert changed.tolist() == [50 * N + 77]
     (measured,) = read_records(records)
-    assert measured.repairs == {"spikes replaced": 1}
+    assert measured.repairs == {"samples taken as missing": 1}
 
 
 @pytest.mark.slow

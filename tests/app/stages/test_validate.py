@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.refusals import refused
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all, run_stage
@@ -110,23 +109,6 @@ def test_without_its_records_a_study_is_still_validated(finished, tmp_path):
     assert found.replayed == ""
     assert found.verdict == read_validation(finished / "run" / "validation.h5").verdict
     assert "nothing is replayed" in (folder / "run" / "run.log").read_text()
-
-
-@pytest.mark.parametrize("folds", [1, -1])
-def test_one_part_is_no_cross_validation(finished, folds):
-    """It would leave nothing to fit."""
-    with refused("study/invalid"):
-        load(finished / "study.yml", (f"validation.folds={folds}",))
-
-
-def test_the_replay_is_the_same_whatever_was_said_before(finished):
-    """The stage again gives the same numbers."""
-    before = read_validation(finished / "run" / "validation.h5")
-    run_stage(run_of(finished / "study.yml", finished / "run", "validation.folds=2"), "validate")
-    after = read_validation(finished / "run" / "validation.h5")
-    np.testing.assert_array_equal(before.replays[0].fit_percent, after.replays[0].fit_percent)
-    assert before.folds == after.folds
-    assert len(read_responses(finished / "run" / "frf.h5")) == 2
 
 
 def test_modes_and_responses_have_the_uncertainty_of_the_parameters(finished):

@@ -12,7 +12,7 @@ from plants.notes import said
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.recorded.periodicity import repetition
 from elastid.recorded.repair import Log
-from elastid.recorded.repair.stops import without_stops
+from elastid.recorded.repair.masks import without_stops
 
 
 def _log(periods: int, seed: int = 0, N: int = N) -> dict[str, np.ndarray]:

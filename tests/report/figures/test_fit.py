@@ -14,9 +14,9 @@ from elastid.report.page.page import rendered
 
 def test_the_identifiability_figure_writes_strong_correlations_into_the_matrix():
     """-0.97 twice, nothing else; the singular values beside it."""
-    matrix, values, _ = identifiability(fit_result()).axes
+    matrix, values = identifiability(fit_result()).axes
     np.testing.assert_allclose(matrix.images[0].get_array(), fit_result().correlation)
-    assert [text.get_text() for text in matrix.texts] == ["-0.97", "-0.97"]
+    assert [text.get_text() for text in matrix.texts if text.get_text()] == ["-0.97", "-0.97"]
     np.testing.assert_allclose(values.get_lines()[0].get_ydata(), [2.0, 1.0, 0.5, 0.01])
     assert values.get_title() == "singular values, condition 200"
 
@@ -49,11 +49,3 @@ def test_the_forest_plot_takes_the_estimate_as_reference_where_no_truth_is_known
     assert "estimate" in ratio.get_xlabel()
     zero = replace(result, x=np.array([0.0, 0.0, 0.0, 0.0]))
     rendered(forest(parameter_rows(zero, {"x_c": 0.0})))
-
-
-def test_an_estimate_that_is_far_off_is_marked_at_the_edge_of_the_percent_axis():
-    """Twenty times the truth: an arrow in its row instead of nothing."""
-    _, percent = forest(parameter_rows(fit_result(), TRUTH | {"k_2": 1.5e4})).axes
-    arrow = lines_of(percent)["estimate off the scale"]
-    assert arrow.get_ydata().tolist() == [1.0]
-    assert 0 < arrow.get_xdata()[0] < percent.get_xlim()[1]

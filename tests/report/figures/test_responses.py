@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from plants.report_values import lines_of, pair
 
-from elastid.report.figures.responses import coherence, levels
+from elastid.report.figures.responses import quality_figure
 from elastid.response import Levels, Quality
 
 RESPONSE = pair(2, 4)[0]
@@ -40,8 +40,8 @@ def made_up():
 def test_the_levels_of_every_output_are_drawn_and_noise_is_taken_off_the_detection_lines():
     """In power, at the detection lines' own frequencies; a spare panel is empty."""
     quality = made_up()
-    panels = levels(RESPONSE, quality, "c1").axes
-    assert [axes.axison for axes in panels] == [True] * 4 + [False] * 2
+    panels = quality_figure(RESPONSE, quality, "c1").axes
+    assert [axes.axison for axes in panels] == [True] * 7 + [False] * 2
     for i, axes in enumerate(panels[:4]):
         drawn = lines_of(axes)
         np.testing.assert_allclose(drawn["excited lines"].get_ydata(), db(quality.excited.amplitude[:, i]))
@@ -53,10 +53,10 @@ def test_the_levels_of_every_output_are_drawn_and_noise_is_taken_off_the_detecti
             np.testing.assert_allclose(drawn[f"nonlinear, {name}"].get_xdata(), found.freq_hz)
 
 
-def test_the_coherence_figure_shows_the_unexplained_share_and_singular_values():
+def test_the_last_panels_show_the_unexplained_share_and_singular_values():
     """One curve an output, two singular values of G and of the inputs, their condition in the title."""
     quality = made_up()
-    lost, gains, inputs = coherence(RESPONSE, quality, "c1").axes
+    lost, gains, inputs = quality_figure(RESPONSE, quality, "c1").axes[4:7]
     shown = [line.get_ydata() for line in lost.get_lines()]
     np.testing.assert_allclose(shown, 1 - quality.multiple_coherence.T)
     np.testing.assert_allclose([line.get_ydata() for line in gains.get_lines()], db(quality.singular_values.T))

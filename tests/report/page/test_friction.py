@@ -42,11 +42,6 @@ def test_the_section_has_the_numbers_of_the_file(written: Callable[[FrictionTake
     assert '<a href="#friction">' in text
 
 
-@pytest.mark.parametrize("written", [page, page_of_responses])
-def test_a_study_that_looked_for_none_has_no_section(written: Callable[[FrictionTakenOut | None], str]) -> None:
-    assert "friction" not in written(None)
-
-
 def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
     """Neither tables nor a figure of nothing."""
     friction = taken_friction()
@@ -60,11 +55,3 @@ def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
     assert "F_c" not in text
     assert "friction" not in {drawing.name for drawing in drawings(report_content(friction=refused))}
     assert "friction" in {drawing.name for drawing in drawings(report_content(friction=friction))}
-
-
-def test_numbers_are_marked_with_what_they_contain() -> None:
-    """Below the table."""
-    content = report_content(contents={"d_1": "viscous friction alone"}, friction=taken_friction())
-    page = html(content, [])
-    assert "at its bound</td>" in page
-    assert '<p class="note">d_1: viscous friction alone.</p>' in page

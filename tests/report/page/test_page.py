@@ -5,8 +5,6 @@ from __future__ import annotations
 import errno
 import io
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.resources import files
@@ -15,8 +13,6 @@ import numpy as np
 import pytest
 from cycler import cycler
 from matplotlib import rc_context
-from PIL import Image
-from plants.arm_modes import mode_row
 from plants.report_values import PARAMETERS, TRUTH, bars_of, fit_result, pair, report_content
 
 from elastid.base.display import number
@@ -25,19 +21,17 @@ from elastid.base.note import Note
 from elastid.parameters import ParameterSet
 from elastid.report.content import parameter_rows
 from elastid.report.figures.responses import bode
+from elastid.report.figures.validation import fleet_parameter
 from elastid.report.page.page import (
     DPI,
     EmbeddedFigure,
-    FleetContent,
-    Outcome,
-    fleet_parameter,
     html,
     rendered,
     within,
     write_report,
 )
 from elastid.validation.agreement import validate
-from elastid.validation.fleet import Finding, FleetValue, Spread
+from elastid.validation.fleet import FleetValue
 
 
 class Page(HTMLParser):
@@ -78,21 +72,6 @@ def test_the_page_shows_every_warning_parameter_and_configuration(report_folder)
     for given in (content.title, content.verdict, content.validation.verdict, content.study_text, "17"):
         assert given in text
     assert text.index("AT BOUND") < text.index("What next?") < text.index(str(content.notes[0]))
-
-
-def test_the_page_counts_what_was_mended_in_the_records():
-    """A row for each configuration with repairs, a column for each kind; no table where nothing was mended."""
-    (first, model), (second, other) = pair(1, name="c1"), pair(1, name="c2")
-    first = replace(first, repairs={"missing samples filled": 21})
-    second = replace(second, repairs={"spikes replaced": 3, "missing samples filled": 4})
-    shown = html(report_content(frf=((first, model), (second, other))), [])
-    table = shown[
-        shown.index("Repairs of the records") : shown.index("</table>", shown.index("Repairs of the records"))
-    ]
-    assert "<th>missing samples filled</th><th>spikes replaced</th>" in table
-    assert "<td>c1</td><td>21</td><td>0</td>" in table
-    assert "<td>c2</td><td>4</td><td>3</td>" in table
-    assert "Repairs of the records" not in html(report_content(), [])
 
 
 def test_the_page_needs_nothing_from_outside(report_folder):
@@ -199,40 +178,6 @@ def test_a_report_that_cannot_be_written_leaves_the_last_one_whole(tmp_path, mon
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [page]
 
 
-def test_options_load_neither_matplotlib_nor_jinja():
-    """`elastid check` reads the sections of a study and must not pay for figures."""
-    code = (
-        "import sys, elastid.study.sections, elastid.validation.spec\n"
-        "print([m for m in ('matplotlib', 'jinja2', 'scipy') if m in sys.modules])"
-    )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert out.strip() == "[]"
-
-
-def test_the_page_shows_further_intervals_and_what_informs_a_parameter():
-    """Profile and bootstrap beside the interval; a dash where one was not asked for; the most telling configuration."""
-    n = len(PARAMETERS.free)
-    share = np.full((2, n), np.nan)
-    share[:, :2] = [[0.3, 0.9], [0.7, 0.1]]
-    profile = np.full((n, 2), np.nan)
-    profile[0] = 2.91e5, 3.17e5
-    result = replace(
-        fit_result(),
-        profile95=profile,
-        bootstrap95=np.tile([1.0, 2.0], (n, 1)),
-        configurations=("c1", "c2"),
-        share=share,
-        informing_hz=np.tile([12.0, 25.0], (n, 1)),
-        weakest=np.ones(n),
-    )
-    text = html(report_content(result=result), [])
-    assert "by profile" in text
-    assert "291000 … 317000" in text
-    assert '<td class="words">c2 70 %, 12.0 … 25.0 Hz</td>' in text
-    assert '<td class="words">c1 90 %, 12.0 … 25.0 Hz</td>' in text
-    assert "by profile" not in html(report_content(), [])
-
-
 def test_figures_without_room_on_the_page_are_linked_to():
     """The largest of single configurations first; others stay whatever they cost."""
     figures = [
@@ -272,32 +217,10 @@ def test_the_page_fits_a_phone_and_paper(visit, report_folder):
     assert phone.pdf().startswith(b"%PDF")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_paper_of_figures_is_that_of_the_page(visit, report_folder, scheme) -> None:
-    """White on a light page, dark on a dark one: the corner of a figure is as the page beside it."""
-    page = visit(report_folder / "report.html", color_scheme=scheme)
-    figure = page.locator("main figure img").first
-    figure.scroll_into_view_if_needed()
-    box = figure.bounding_box()
-    beside = {"x": box["x"], "y": box["y"] - 3, "width": 2, "height": 6}
-    pixels = np.asarray(Image.open(io.BytesIO(page.screenshot(clip=beside))).convert("RGB"), int)
-    assert np.ptp(pixels, axis=(0, 1)).max() <= 2
-    assert (pixels.mean() > 250) == (scheme == "light")
-
-
 @pytest.mark.parametrize("name", ["map.js", "curves.js", "explorer.js", "mode_viewer.js"])
 def test_text_of_a_script_has_the_colour_of_the_scheme(name: str) -> None:
     """Light and dark; a colour of its own would be faint in one of them."""
     assert 'fill: "#' not in (files("elastid.report.page") / name).read_text("utf-8")
-
-
-def test_the_page_says_where_the_energy_is() -> None:
-    text = html(report_content(modes=(mode_row(),)), []).replace("\u00a0", " ")
-    assert "92 % gear 2, 8 % rod" in text
-    assert "mode-viewer" in text
-    plain = html(report_content(modes=(replace(mode_row(), drawing=None),)), [])
-    assert "mode-data" not in plain
-    assert "PERIOD" not in plain
 
 
 def test_values_are_in_the_column_of_their_robot_and_findings_apart() -> None:
@@ -309,22 +232,3 @@ def test_values_are_in_the_column_of_their_robot_and_findings_apart() -> None:
     points = bars_of(axes)
     np.testing.assert_allclose(points["robot, dates from left to right"], ((-0.15, 0.15), (0.0, 1.0)))
     np.testing.assert_allclose(points["differs or drifts"], ((0.85, 1.15), (1.0, 2.0)))
-
-
-def test_the_verdict_counts_what_was_identified() -> None:
-    outcomes = (Outcome("A", "2026-01-01", "converged", ""), Outcome("B", "2026-01-01", "died", "no memory"))
-    content = FleetContent("fleet", (), {}, (Spread("k_1", True, 0.01, None),), (), outcomes, 0.05, "elastid")
-    verdict = content.verdict
-    assert content.headline == ("FAILED", "1 of 2 measurements; the others are alike")
-    assert replace(content, outcomes=outcomes[:1]).headline[0] == "ALIKE"
-    found = Finding("differs", "A", "k_1", -0.1, True, -6.0, 1e-4)
-    assert replace(content, findings=(found,)).headline == ("CHANGED", "1 finding in 1 of 2 robots")
-    assert verdict == "2 robots, 1 of 2 measurements identified: no parameter differs or drifts beyond what is natural."
-
-
-def test_a_fleet_of_one_is_not_called_alike() -> None:
-    """It has nothing to be like."""
-    content = FleetContent("fleet", (), {}, (), (), (Outcome("A", "2026-01-01", "converged", ""),), 0.05, "elastid")
-    assert content.headline == ("TOO FEW", "1 robot: nothing to compare with")
-    assert "3 robots, or 3 dates of one" in content.verdict
-    assert content.questions[1][1] == (content.verdict.partition(": ")[2],)

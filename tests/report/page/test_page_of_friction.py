@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from plants import friction_study as study
 
-from elastid.report.page.page_of_friction import friction_explorer, html_of_friction, write_page_of_friction
+from elastid.report.page.page_of_friction import friction_explorer, html_of_friction
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +37,6 @@ def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth
     assert "no speed below nu_s / 3" in page
 
 
-def test_notes_stand_once_and_names_cannot_run(page: str) -> None:
-    for note in ("a note on the study", "pass 1: it sticks"):
-        assert page.count(note) == 1
-    assert "<lift>" not in page.split('id="frf-data"')[0]
-    assert "friction of &lt;an arm&gt;" in page
-    assert "script-src 'sha256-" in page
-
-
 def test_the_explorer_has_the_levels_and_the_law_of_both_directions() -> None:
     shown = friction_explorer(study.friction_result().joints)
     assert shown is not None
@@ -59,16 +50,6 @@ def test_the_explorer_has_the_levels_and_the_law_of_both_directions() -> None:
         low, line, high = (curve["curves"][f"{what}{key}"] for what in ("low", "law", "high"))
         assert all(a < b < c for a, b, c in zip(low, line, high, strict=True))
     assert (curve["unit"], curve["x_unit"]) == ("N·m", "rad/s")
-
-
-def test_the_report_is_written_whole(tmp_path: Path) -> None:
-    """Page and figures; old figures go."""
-    result = study.friction_result()
-    short = replace(study.friction_content(), result=replace(result, joints=result.joints[1:]))
-    (tmp_path / "figures").mkdir()
-    (tmp_path / "figures" / "old.png").touch()
-    write_page_of_friction(short, tmp_path, ("png",))
-    assert sorted(p.name for p in tmp_path.rglob("*.*")) == ["friction--lift--motion.png", "report.html"]
 
 
 def test_the_browser_reads_a_level_under_the_pointer(visit: Callable[..., Any], tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Spikes are replaced, steps and noise are not."""
+"""Spikes, channels that hang or drop out, and stops are missing samples; steps, noise and rest are not."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair import Log, counts
-from elastid.recorded.repair.spikes import REPLACED, despiked
+from elastid.recorded.repair.masks import MASKED, without_spikes, without_standstill
 
 N, P = 500, 6
 
@@ -44,13 +44,16 @@ def test_spikes_are_found_and_nothing_else_is_touched() -> None:
     signals = CLEAN + DRIFT + NOISE + ring[:, None] * np.array([0.1, 300.0])
     spoilt, where = signals.copy(), [640, 1033, 1034, 2222, 2990]
     spoilt[where, 1] += np.array([40, -40, -40, 30, 50.0])
-    repaired = despiked(spoilt, N, 1, LOG)
+    repaired = without_spikes(spoilt, N, 1, LOG)
     untouched = np.ones(signals.shape, dtype=bool)
     untouched[where, 1] = False
     np.testing.assert_array_equal(repaired.signals[untouched], signals[untouched])
-    assert counts(repaired.findings) == {REPLACED: 5}
-    assert np.abs(repaired.signals - signals)[where, 1].max() < 6
-    assert "angle: 5 of 3000 samples are spikes, the first is sample 640 (0.64 s)" in repaired.findings[0].text
+    assert counts(repaired.findings) == {MASKED: 5}
+    assert np.flatnonzero(np.isnan(repaired.signals[:, 1])).tolist() == where
+    assert (
+        "angle: 5 of 3000 samples differ from the other periods, the first is sample 640 (0.64 s)"
+        in repaired.findings[0].text
+    )
 
 
 @settings(max_examples=15, deadline=None)
@@ -61,7 +64,7 @@ def test_noise_and_steps_of_an_encoder_are_no_spikes(seed: int, level: float, q:
     signals += level * signals.std(axis=0) * np.random.default_rng(seed).normal(size=signals.shape)
     if q:
         signals[:, 1] = q * np.round(signals[:, 1] / q)
-    repaired = despiked(signals, N, 1, LOG)
+    repaired = without_spikes(signals, N, 1, LOG)
     assert repaired.findings == ()
     np.testing.assert_array_equal(repaired.signals, signals)
 
@@ -74,13 +77,13 @@ def test_few_periods_of_a_slow_wander_have_no_spikes_but_their_own(periods: int)
         n = periods * N
         slow = np.cumsum(rng.normal(size=(n, 2)), axis=0) * np.array([5e-5, 0.05])
         signals = wave(np.arange(n), seed) + slow + rng.normal(size=(n, 2)) * np.array([1e-4, 0.1])
-        repaired = despiked(signals, N, 1, LOG)
+        repaired = without_spikes(signals, N, 1, LOG)
         np.testing.assert_array_equal(repaired.signals, signals)
         spoilt = signals.copy()
         spoilt[N + 77, 1] += 6.0
-        repaired = despiked(spoilt, N, 1, LOG)
-        assert counts(repaired.findings) == {REPLACED: 1}
-        assert np.abs(repaired.signals - signals).max() < 2.0
+        repaired = without_spikes(spoilt, N, 1, LOG)
+        assert counts(repaired.findings) == {MASKED: 1}
+        assert np.flatnonzero(np.isnan(repaired.signals[:, 1])).tolist() == [N + 77]
 
 
 def test_what_is_no_single_spike_is_left_with_a_word() -> None:
@@ -88,10 +91,58 @@ def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     rng = np.random.default_rng(5)
     many = CLEAN + NOISE
     many[rng.choice(P * N, 60, replace=False), 0] += 1.0
-    repaired = despiked(many, N, 1, LOG)
+    repaired = without_spikes(many, N, 1, LOG)
     np.testing.assert_array_equal(repaired.signals, many)
     assert "differ from the other periods: too many for spikes, left unchanged" in repaired.findings[0].text
     burst = CLEAN + NOISE
     burst[1200:1260, 0] += np.sin(np.arange(60) * 2.0)
-    assert despiked(burst, N, 1, LOG).findings == ()
-    assert despiked(many[: 2 * N], N, 1, LOG).findings == ()
+    assert without_spikes(burst, N, 1, LOG).findings == ()
+    assert without_spikes(many[: 2 * N], N, 1, LOG).findings == ()
+
+
+@pytest.mark.parametrize("length", [1, 3, 40])
+def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length: int) -> None:
+    """A bus that lost samples of an angle far from 0; those of a torque about 0 stay, and pulses that repeat."""
+    signals = 1e-4 * CLEAN + np.array([0.0, 90.0])
+    signals[3 * N + 100 : 3 * N + 100 + length] = 0.0
+    found = without_standstill(signals, N, LOG)
+    lost = np.isnan(found.signals)
+    assert lost[:, 1].nonzero()[0].tolist() == list(range(3 * N + 100, 3 * N + 100 + length))
+    assert not lost[:, 0].any()
+    assert counts(found.findings) == {MASKED: length}
+    pulses = np.tile(np.where(np.arange(N) % 100 < length, 0.0, 50.0), P)[:, None] + np.zeros(2)
+    assert without_standstill(pulses, N, LOG).findings == ()
+    assert without_standstill(CLEAN, N, LOG).findings == ()
+
+
+M = 400
+
+
+def sines(seed: int = 0) -> FloatArray:
+    """Two periodic signals with noise of a thousandth."""
+    rng = np.random.default_rng(seed)
+    t = 2 * np.pi * np.arange(4 * M) / M
+    parts = [np.cos(k * t[:, None] + rng.uniform(0, 6, 2)) for k in range(2, 30)]
+    return np.asarray(sum(parts) + 1e-3 * rng.normal(size=(4 * M, 2)))
+
+
+def test_a_channel_that_hangs_lacks_these_samples() -> None:
+    """From the second sample of one value on, the first of which was measured; the other channel is as it was."""
+    signals = sines()
+    signals[530:590, 1] = signals[530, 1]
+    repaired = without_standstill(signals, M, LOG)
+    assert np.flatnonzero(np.isnan(repaired.signals[:, 1])).tolist() == list(range(531, 590))
+    np.testing.assert_array_equal(repaired.signals[:, 0], signals[:, 0])
+    assert counts(repaired.findings) == {MASKED: 59}
+    assert "angle stands still or at 0 for 59 samples from sample 531 (0.531 s) on" in repaired.findings[0].text
+
+
+def test_what_stands_in_every_period_or_within_a_count_does_not_hang() -> None:
+    """An excitation with a pause, a joint that rests, a coarse encoder, a short hold and a limit."""
+    signals = sines()
+    signals[np.arange(4 * M) % M > 300] = 0.0
+    signals[100:115, 0] = signals[100, 0]
+    assert without_standstill(signals, M, LOG).findings == ()
+    for seed in range(20):
+        coarse = np.stack([np.round(sines(seed)[:, 0] / 4) * 4, np.clip(sines(seed)[:, 1], -3, 3)], axis=1)
+        assert without_standstill(coarse, M, LOG).findings == ()

@@ -6,10 +6,7 @@ import numpy as np
 
 from elastid.design.forecast import Forecast
 from elastid.design.limits import QUANTITIES, LimitUse
-from elastid.report.figures.design import (
-    information,
-    limit_use,
-)
+from elastid.report.figures.fit import information, limit_use
 
 
 def forecast():
@@ -22,12 +19,13 @@ def forecast():
 
 
 def test_the_information_figure_shows_the_shares_of_the_forecast():
-    """In percent: by band, NaN between the lines, the mean over the parameters; by parameter, written where 0.5 %."""
+    """In percent: by octave, the mean over the parameters; by parameter, written where 0.5 %."""
     given = forecast()
     left, right = information(given).axes
-    by_band = np.ma.filled(left.collections[0].get_array(), np.nan).reshape(2, -1)
-    assert np.isfinite(by_band).sum() == 2 * 3
-    np.testing.assert_allclose(np.nansum(by_band, axis=1), 100 * given.share.mean(axis=2).sum(axis=1))
+    by_octave = np.asarray(left.images[0].get_array())
+    assert by_octave.shape == (2, 5)  # from 2, 4, 8, 16 and 32 Hz
+    np.testing.assert_allclose(by_octave[:, 2], 100 * given.share.mean(axis=2)[:, 1])
+    np.testing.assert_allclose(by_octave.sum(axis=1), 100 * given.share.mean(axis=2).sum(axis=1))
     expected = 100 * given.share.sum(axis=1)
     np.testing.assert_allclose(right.images[0].get_array(), expected)
     assert [text.get_text() for text in right.texts] == [f"{value:.0f}" for value in expected.ravel()]
