@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from elastid.app.run import Run, logged_in
@@ -22,13 +20,12 @@ from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
 from elastid.use.loops.assess import LoopState
 from elastid.use.loops.measured import MeasuredLoops, measured_loops, refusal
-from elastid.use.loops.result import Asked, Loops, Today, design_loops, inertias, with_delay
+from elastid.use.loops.result import Asked, Loops, Today, design_loops, inertias
 from elastid.use.loops.sensitivity import LIMIT_DB
 
 NAME = "loops"
 RESULTS = ("loops.h5", "loops.yml", "loops.csv", "loops.html", "loops.png")
 _GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")
-_POOR = 0.9  # explained part of a measured controller, below which its numbers are not used
 
 
 def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws: int) -> None:
@@ -48,12 +45,17 @@ def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws
             raise StudyError(
                 "options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path
             )
-        measured = _measured(run, result, rate_hz)
-        today = _today(run, own_hz or rate_hz, measured)
-        delay = asked_delay if asked_delay is not None else _own_delay(run, measured)
+        measured, simulated = _measured(run, result, rate_hz), run.study.experiment.simulated
+        own_delay = 0 if simulated is None else simulated.controller.delay_samples
+        delay = own_delay if asked_delay is None else asked_delay
         asked = Asked(rate_hz, delay, draws, run.study.seed or 0)
         loops = design_loops(
-            run.study.name, result, asked, today, measured, lambda words: run.console.detail(f"{NAME}: found {words}")
+            run.study.name,
+            result,
+            asked,
+            _today(run, own_hz or rate_hz),
+            measured,
+            lambda words: run.console.detail(f"{NAME}: found {words}"),
         )
         _write(run, loops)
         for table in tables(loops):  # both are on the page
@@ -64,7 +66,7 @@ def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws
         if loops.today is not None and (lost := unstable(loops.today)):
             kind = "simulated" if run.study.experiment.simulated is not None else "recorded"
             run.console.warn(
-                f"{_place(run, 'experiment', kind, 'controller')}: today's controller ({loops.source}) is unstable at "
+                f"{_place(run, 'experiment', kind, 'controller')}: today's controller is unstable at "
                 f"{own_hz or rate_hz:g} Hz in posture {', '.join(lost)}; take the gains of {run.folder / RESULTS[1]}"
             )
         warn_of_distrust(run, NAME, result)
@@ -79,14 +81,6 @@ def _own_rate(run: Run) -> float | None:
     if recorded is not None and recorded.rate_hz != "unknown":
         return float(recorded.rate_hz)
     return None
-
-
-def _own_delay(run: Run, measured: Sequence[MeasuredLoops]) -> int:
-    """As the study states it, else as its records show it."""
-    simulated = run.study.experiment.simulated
-    if simulated is not None:
-        return simulated.controller.delay_samples
-    return max((own.delay for own in measured if own.explained.min() > _POOR), default=0)
 
 
 def _place(run: Run, *keys: str) -> str:
@@ -108,28 +102,20 @@ def _measured(run: Run, result: FitResult, rate_hz: float) -> list[MeasuredLoops
             )
             return []
         J = inertias(result, linear.configuration, rate_hz)
-        measured.append(measured_loops(records, run.study.estimator, J, run.study.seed or 0))
+        measured.append(measured_loops(records, run.study.estimator, J))
     return measured
 
 
-def _today(run: Run, rate_hz: float, measured: Sequence[MeasuredLoops]) -> Today | None:
-    """As the study states it, else as its records show it; a warning where neither does."""
+def _today(run: Run, rate_hz: float) -> Today | None:
+    """As the study states it; a warning where it does not."""
     experiment = run.study.experiment
-    n_u = len(run.study.as_robot().driven)
     if experiment.simulated is not None:
-        return Today("stated in the study", rate_hz, spec=experiment.simulated.controller)
+        return Today(rate_hz, spec=experiment.simulated.controller)
     if experiment.recorded is not None and experiment.recorded.controller is not None:
-        delay = max((own.delay for own in measured), default=0)
-        gains, filters = with_delay(_stated(experiment.recorded.controller, n_u), delay)
-        return Today("stated in the study", rate_hz, gains, filters)
-    good = [own for own in measured if own.explained.min() > _POOR]
-    if good:
-        mean = Gains(*(np.mean([getattr(own, name) for own in good], axis=0) for name in ("kp", "kd", "ki")))
-        gains, filters = with_delay(mean, good[0].delay)
-        return Today("identified from the records", rate_hz, gains, filters)
+        return Today(rate_hz, _stated(experiment.recorded.controller, len(run.study.as_robot().driven)))
     run.console.warn(
         f"{_place(run, 'experiment', 'recorded')}: today's controller is not known: the study states none "
-        "(experiment.recorded.controller), and its records show none; gains are designed all the same"
+        "(experiment.recorded.controller); gains are designed all the same"
     )
     return None
 
@@ -194,7 +180,7 @@ def sentences(loops: Loops) -> tuple[str, ...]:
     """Both controllers in words, and what limits the designed one."""
     lines = []
     if loops.today is not None:
-        lines.append(f"{loops.today.name}, {loops.source}: {state_words(loops.today)}")
+        lines.append(f"{loops.today.name}: {state_words(loops.today)}")
     designed = loops.designed
     worst = int(np.argmax(designed.peak_db))
     lines.append(f"{designed.name}: {state_words(designed)}")

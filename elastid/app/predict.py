@@ -147,7 +147,7 @@ def _elasticity(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Seque
     of_study = study.name, robot, study.model, study.seeded_fit, ValidationSpec(), study.estimator
     records = run.path("measure") if "measure" in run.stages else None
     own = Validated(*of_study, fitted, responses, friction, gears)
-    replays, twin = replayed_in_time(own, records, None, run.console, Execution(run.jobs))
+    replays, twin = replayed_in_time(own, records, run.console, Execution(run.jobs))
     shifts = [fitted.response_shifts(response.configuration.name) for response in responses]
     judged = judged_elsewhere(responses, fitted.responses, shifts)
     judged = replace(judged, replays=replays, replayed=describe_replays(replays) if replays else "")

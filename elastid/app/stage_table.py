@@ -223,11 +223,8 @@ STAGES = (
     ),
     Stage(
         "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
-        values=(*FITTED, *values("seed", "estimator", "tool", "validation")), files=tool_responses,
-        sources=(
-            Source("design", part=True, optional=True), Source("measure", optional=True), Source("estimate"),
-            Source("fit"), Source("gears"),
-        ),
+        values=(*FITTED, *values("estimator", "tool", "validation")), files=tool_responses,
+        sources=(Source("measure", optional=True), Source("estimate"), Source("fit"), Source("gears")),
         help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
     ),
     Stage(

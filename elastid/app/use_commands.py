@@ -97,17 +97,17 @@ def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_m
 @study_argument
 @click.option("--rate", "rate_hz", type=POSITIVE, metavar="HZ", help="Of the controller (default: the study's).")
 @click.option("--delay", type=click.IntRange(min=0), metavar="N",
-    help="Samples from reading to torque (default: the study's, or as its records show it).")  # fmt: skip
+    help="Samples from reading to torque (default: the study's, else 0).")  # fmt: skip
 @click.option("--draws", type=click.IntRange(min=0), default=200, show_default=True, metavar="N",
     help="Robots drawn from the fit, of which 95 % keep the limit.")  # fmt: skip
 @stage_options
 def loops(study: Path, rate_hz: float | None, delay: int | None, draws: int, **options: Any) -> None:
     """Margins of the joint controllers, and gains for the fitted robot: loops.html, loops.csv and a section to paste.
 
-    Of today's controller, as the study states it and as its records show it, sensitivity peak, bandwidths and margins;
-    and gains of position and velocity, notches and low passes with the largest bandwidth whose sensitivity stays below
-    6 dB in all postures of the study, and on 95 % of the robots drawn from the fit. The gains are written as the
-    section `controller` of a study, too.
+    Of today's controller, as the study states it, sensitivity peak, bandwidths and margins; the same of records with an
+    injected torque, without a model; and gains of position and velocity, notches and low passes with the largest
+    bandwidth whose sensitivity stays below 6 dB in all postures of the study, and on 95 % of the robots drawn from the
+    fit. The gains are written as the section `controller` of a study, too.
     """
     asked = run_of(study, options)
     from elastid.app import loops as designing

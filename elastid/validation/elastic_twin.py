@@ -16,18 +16,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, StudyError
-from elastid.base.execution import Execution
 from elastid.excitation.grids import grid_lines, line_frequencies
-from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.hardware import filter_motions, logged_quantity, sense
-from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
@@ -108,48 +104,30 @@ class FittedTwin:
     spec: ModelSpec
 
 
-def elastic_runs(
-    record: Record,
-    twin: FittedTwin,
-    band_hz: tuple[float, float],
-    rig: SimulatedRig | None,
-    execution: Execution | None = None,
-) -> tuple[TwinRun, ...]:
-    """The runs along a record, compared within band_hz.
+def elastic_runs(record: Record, twin: FittedTwin, band_hz: tuple[float, float]) -> tuple[TwinRun, ...]:
+    """The run along a record, driven by its torque and compared within band_hz; none without a rate.
 
     Of a record without a period at most LONGEST_S from its beginning are simulated.
-    rig: which the record is of; None for a log, whose controller is not known: its torque alone drives the twin then.
     """
     if not record.rate_is_known:
         return ()
     n = round(LONGEST_S * record.rate_hz)
     if not record.is_periodic and record.n_samples > n:
         record = replace(record, u=record.u[:n], y=record.y[:n], r=None, period_samples=n)
-    rigs = [None] if rig is None else [None, rig]
-    return tuple((execution or Execution()).ordered(partial(_run, record, twin, band_hz), rigs))
-
-
-def _run(record: Record, twin: FittedTwin, band_hz: tuple[float, float], rig: SimulatedRig | None) -> TwinRun:
-    """Driven by the torque of the record, or by the reference of a rig."""
-    held_hz = 0.2 * band_hz[0] if rig is None else 0.0
+    held_hz = 0.2 * band_hz[0]
     seconds = record.period_samples / record.rate_hz
-    empty = TwinRun(record.name, "torque" if rig is None else "reference", held_hz, seconds, record.rate_hz)
+    empty = TwinRun(record.name, "torque", held_hz, seconds, record.rate_hz)
     outcomes: list[Record | str] = []
     for robot in (twin.robot, without_friction(twin.robot)):
         try:
-            if rig is None:
-                outcomes.append(_under_torque(record, robot, twin.spec, held_hz))
-            else:
-                experiment = Experiment(record.configuration, record.realisation, record.experiment)
-                outcomes.append(rig.follow(experiment, robot, twin.spec))
+            outcomes.append(_under_torque(record, robot, twin.spec, held_hz))
         except (DataError, StudyError) as error:
             outcomes.append(str(error))
     full, free = outcomes
     if isinstance(full, str):
-        return replace(empty, lost=full)
-    delay_s = twin.delay_s if rig is None else 0.0
-    compared = _compared(record, full, None if isinstance(free, str) else free, band_hz, delay_s)
-    return replace(empty, signals=compared, lost_without_friction=free if isinstance(free, str) else "")
+        return (replace(empty, lost=full),)
+    compared = _compared(record, full, None if isinstance(free, str) else free, band_hz, twin.delay_s)
+    return (replace(empty, signals=compared, lost_without_friction=free if isinstance(free, str) else ""),)
 
 
 def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float) -> Record:

@@ -1,4 +1,4 @@
-"""Tests of residuals against the measured noise: share, whiteness, normality, each with its false alarm rate.
+"""Tests of residuals against the measured noise: share, power, whiteness, each with its false alarm rate.
 
 The residuals of a line are whitened by the noise with which the fit weighs, z = L^-1 vec E with C~ = L L^H, so that
 elements do not count twice where they err together. Each test gives the probability p with which chance leaves as much;
@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import fdtr, fdtrc, gammaincc, log_ndtr
+from scipy.special import fdtr, fdtrc, gammaincc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.statistics import chi_square_tail
@@ -20,8 +20,6 @@ from elastid.response import Covariance, FrequencyResponse
 
 # Probability of a verdict against a true model.
 FALSE_ALARM = 0.005
-# The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
-NORMALITY_95 = 0.752
 LAGS = (1, 2, 3)
 
 
@@ -152,48 +150,3 @@ def inside_expected(dof: float) -> float:
     if dof == 0:
         return math.nan
     return 1 - math.exp(-4 if math.isinf(dof) else -dof * math.log1p(4 / dof))
-
-
-def autocorrelation(e: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    r"""|r_l| (3, n_y, n_u) of a normalised residual e (F, n_y, n_u) along frequency, and its 95 % bound.
-
-    .. math:: r_l = \sum_k \bar e_k e_{k+l} / \sum_k |e_k|^2, \qquad
-              b_l^2 = -\ln 0.05 \sum_k |e_k|^2 |e_{k+l}|^2 / (\sum_k |e_k|^2)^2
-
-    Given the magnitudes, the sum is nearly complex normal of that variance for a white circular residual, so the bound
-    holds even where sigma is uncertain. Lines with e = 0 are not counted.
-    """
-    power = np.abs(e) ** 2
-    total = power.sum(axis=0)
-    total = np.where(total > 0, total, np.nan)
-    r = np.stack([np.abs((e[:-lag].conj() * e[lag:]).sum(axis=0)) for lag in LAGS]) / total
-    variance = np.stack([(power[:-lag] * power[lag:]).sum(axis=0) for lag in LAGS]) / total**2
-    return r, np.sqrt(-math.log(0.05) * variance)
-
-
-def normality(e: ComplexArray, dof: float = math.inf) -> FloatArray:
-    r"""Anderson and Darling's statistic A*^2 (n_y, n_u) of the real and imaginary parts of a residual e (F, n_y, n_u).
-
-    .. math:: A^2 = -n - \frac1n \sum_{i=1}^n (2i - 1) [\ln \Phi(z_i) + \ln(1 - \Phi(z_{n+1-i}))],
-              \quad A^{*2} = A^2 (1 + 0.75 / n + 2.25 / n^2)
-
-    z: the n = 2 F numbers, less their mean, over their standard deviation, in order. Of normal residuals 5 % exceed
-    NORMALITY_95, whatever their variance; a few lines that are far off raise it most. Where sigma has `dof` degrees of
-    freedom, |e|^2 becomes dof ln(1 + |e|^2 / dof) first, which is exponential as it is for a known sigma. NaN where
-    fewer than eight lines have a residual that is not 0.
-    """
-    statistic = np.full(e.shape[1:], np.nan)
-    for i, j in np.ndindex(e.shape[1:]):
-        some = e[:, i, j][e[:, i, j] != 0]
-        if math.isfinite(dof) and dof > 0:
-            power = np.abs(some) ** 2 / np.mean(np.abs(some) ** 2)
-            some = some / np.abs(some) * np.sqrt(dof * np.log1p(power / dof))
-        z = np.concatenate([some.real, some.imag])
-        n = len(z)
-        if n < 16:  # too few for the shape of a distribution
-            continue
-        z = np.sort((z - z.mean()) / z.std(ddof=1))
-        weight = 2 * np.arange(1, n + 1) - 1
-        A2 = -n - np.mean(weight * (log_ndtr(z) + log_ndtr(-z[::-1])))
-        statistic[i, j] = A2 * (1 + 0.75 / n + 2.25 / n**2)
-    return statistic

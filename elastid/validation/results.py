@@ -19,7 +19,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
 from elastid.record import Motion
 from elastid.validation.predicted import PredictedResponse
-from elastid.validation.residual_tests import FALSE_ALARM, NORMALITY_95, exceeds_by_chance, together
+from elastid.validation.residual_tests import FALSE_ALARM, exceeds_by_chance, together
 
 PeakKind: TypeAlias = Literal["resonance", "antiresonance"]
 
@@ -154,9 +154,7 @@ class Agreement:
 
     lines: judged for magnitude and phase.  rms_log_db: of 20 log10 |Ghat / G|.  phase_rms_deg: of the wrapped phase of
     Ghat / G.  inside_2sigma: share of all lines with |E| <= 2 sigma; inside_expected: that of a true model, given its
-    degrees of freedom.  autocorrelation, autocorrelation_bound (3, n_y, n_u): of E / sigma at lags of 1 to 3 lines,
-    and the bound that a white residual keeps with 95 % probability.  rms_sigma: of E / sigma, 1 for a true model.
-    normality: Anderson and Darling's statistic of E / sigma, below NORMALITY_95 for 95 % of normal ones.
+    degrees of freedom.  rms_sigma: of E / sigma, 1 for a true model.
     power_ratio, power_dof: as `power_over_noise`.  white_p: as `white_by_chance`.  NaN without an uncertainty or lines.
     """
 
@@ -169,10 +167,7 @@ class Agreement:
     phase_rms_deg: FloatArray = labelled("rms of the phase of measured / modelled", "deg", "outputs inputs")
     inside_2sigma: FloatArray = labelled("share of the lines within 2 standard deviations", "", "outputs inputs")
     inside_expected: float
-    autocorrelation: FloatArray = labelled("of the residual, lags from 1 line on", "", "lag outputs inputs")
-    autocorrelation_bound: FloatArray = labelled("95 % bound of a white residual", "", "lag outputs inputs")
     rms_sigma: FloatArray = labelled("rms of the residual over its standard deviation", "", "outputs inputs")
-    normality: FloatArray = labelled("Anderson-Darling statistic of the residual", "", "outputs inputs")
     peaks: tuple[Peak, ...]
     power_ratio: float = math.nan
     power_dof: float = 0.0
@@ -197,17 +192,6 @@ class Agreement:
     def overall_rms_sigma(self) -> float:
         """Residual over its standard deviation, rms over all elements with one."""
         return math.sqrt(_known_mean(self.rms_sigma**2))
-
-    @property
-    def coloured(self) -> float:
-        """Share of the autocorrelations beyond their bound: 0.05 for a white residual, NaN without an uncertainty."""
-        r = self.autocorrelation
-        return _known_mean(np.where(np.isfinite(r), r > self.autocorrelation_bound, np.nan))
-
-    @property
-    def not_normal(self) -> float:
-        """Share of the elements whose residual is not normal: 0.05 where it is, NaN without an uncertainty."""
-        return _known_mean(np.where(np.isfinite(self.normality), self.normality > NORMALITY_95, np.nan))
 
     @property
     def is_white(self) -> bool:

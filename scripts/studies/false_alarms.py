@@ -133,7 +133,7 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
             codes[f"status-{result.status}"] = result.message
         modelled = FittedRobot.of(result, robot, responses).responses
         judged = validate(responses, modelled, (), cost_p(result))
-        if cost := explain_cost(result, responses, modelled, judged.fitted, spec):
+        if cost := explain_cost(result, responses, judged.fitted):
             is_beyond = "times the noise" in cost and ", smaller than" not in cost and "and show no" not in cost
             codes |= {"excess-of-cost": cost} if is_beyond else {}
         without = [peak for each in judged.fitted for peak in each.peaks if np.isnan(peak.modelled_hz)]

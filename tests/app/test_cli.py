@@ -272,18 +272,6 @@ def test_a_full_disk_is_one_sentence(
     assert "runs/tiny/frf.h5: No space left on device" in refused(tiny, 1, capsys)
 
 
-@pytest.mark.parametrize(
-    ("number", "advice"), [(28, "make room"), (13, "--run"), (30, "--run"), (2, "give the command again"), (5, "")]
-)
-def test_an_error_of_the_system_has_advice(number: int, advice: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """A full disk, a folder of others, one that is mounted to be read; a broken disk has none."""
-    assert cli.explained(OSError(number, "said so", "runs/x")) == 1
-    words = capsys.readouterr().err.strip().partition("runs/x: said so")
-    assert words[0] == ""
-    assert advice in words[2]
-    assert bool(advice) == bool(words[2])
-
-
 # --- Ctrl-C and kill -9 -----------------------------------------------------------------------------------------------
 
 # The run receives the signal where a stage is about to write its result, or in the middle of measuring.
@@ -433,16 +421,6 @@ def _descendants(pid: int) -> list[int]:
             child = int(status.parent.name)
             found += [child, *_descendants(child)]
     return found
-
-
-def test_a_study_that_asks_for_more_memory_than_there_is_gets_a_message(
-    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It is the study that is wrong, and no traceback says so."""
-    full = create_autospec(running.run_all, side_effect=MemoryError("87 TiB"))
-    monkeypatch.setattr(running, "run_all", full)
-    assert cli.run_command(["run", str(tiny)]) == 2
-    assert "more memory than there is (87 TiB)" in capsys.readouterr().err
 
 
 def test_a_command_without_stdout_works(tiny: Path, here: Path) -> None:

@@ -7,14 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.refusals import refused
-from plants.report_values import report_content
 from plants.two_axes import ROBOT, STUDY, measured
 
-from elastid.app import compare as comparing
-from elastid.app.compare import search_elasticity, trial_table
+from elastid.app.compare import search_elasticity
 from elastid.app.run import Run
-from elastid.report.page.page import html
-from elastid.store.results import read_comparison
 from elastid.study import load
 
 # In the truth 1x is as good as rigid; the study may find it so, since its bounds are wide.
@@ -60,42 +56,6 @@ def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path)
     names = {"two", "driven joints alone", "1x elastic", "2x elastic"}
     names |= {"2x elastic, gear 1 rigid", "2x elastic, gear 2 rigid"}
     assert {row["name"] for row in content["models"]} == names
-
-
-@pytest.mark.slow
-def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
-    study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The same bytes from two processes and from one that was stopped after five fits."""
-    straight = plan(study, "compare.folds=2", jobs=2, folder="straight")
-    search_elasticity(straight)
-    stopped = plan(study, "compare.folds=2", folder="stopped")
-    refit, calls = comparing.refit, []
-
-    def interrupted(responses, task):
-        calls.append(task)
-        if len(calls) == 6:
-            raise KeyboardInterrupt
-        return refit(responses, task)
-
-    monkeypatch.setattr(comparing, "refit", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        search_elasticity(stopped)
-    search_elasticity(stopped)
-    assert len(calls) == 6 * 3 + 1
-    first, second = ((run.folder / "compare.json").read_bytes() for run in (straight, stopped))
-    assert first == second
-    comparison = read_comparison(stopped.folder / "compare.json", stopped.stamps["estimate"])
-    assert comparison is not None
-    assert [row[:3] for row in trial_table(comparison.trials)[1:]] == [
-        ["1", "1x free", "3"],
-        ["1", "2x free", "4"],
-        ["2", "1x free", "5"],
-        ["2", "gear 1 rigid", "3"],
-        ["2", "gear 2 rigid", "3"],
-    ]
-    page = html(report_content(comparison=comparison), [])
-    assert page.count("2x free</td>") == page.count(">taken</td>") == 1
 
 
 LINKAGE = """\

@@ -82,11 +82,3 @@ def test_a_summary_shows_its_numbers(tmp_path: Path) -> None:
     (tmp_path / "summary.json").write_text('{"status": ')
     with refused("files/damaged", place="summary.json"):
         described(tmp_path / "summary.json")
-
-
-def test_what_cannot_be_shown_is_refused_with_a_reason(tmp_path: Path) -> None:
-    """A missing file and a folder."""
-    with refused("files/missing", place="nothing.h5"):
-        described(tmp_path / "nothing.h5")
-    with refused("files/kind"):
-        described(tmp_path)

@@ -51,17 +51,6 @@ def test_logs_are_at_the_motors_that_they_name(suffix: str, units: str, tmp_path
     assert {*study.fit.parameters} == {"k_*", "d_*", "fm_*", "Jm_*"}
 
 
-def test_logs_of_another_number_of_joints_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With both lists; nothing is written."""
-    (tmp_path / "arm.urdf").write_text(ARM)
-    log = logged(tmp_path / "log.csv", ("1", "2", "3"), (0.0, 0.1, 0.2))
-    assert run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "arm.urdf"), log]) == 1
-    said = capsys.readouterr().err
-    assert "torque and motion of 3 joints (tau_1, tau_2, tau_3)" in said
-    assert "drives 2 (shoulder, elbow)" in said
-    assert not (tmp_path / "new").exists()
-
-
 def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path: Path) -> None:
     """The signs of orthogonal experiments, on a carrier that is most of the second drive: `run` would refuse them."""
     t, lines, rng = np.arange(1500) / 500, np.arange(7, 100, 4), np.random.default_rng(0)

@@ -9,7 +9,6 @@ import pytest
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
-from elastid.base.errors import StudyError
 from elastid.store.measured import read_responses
 from elastid.study import load
 
@@ -37,19 +36,3 @@ def test_a_payload_on_and_off_gives_the_torque_constant_of_a_study(tiny: Path) -
     assert not {"fit/responses", "fit/unlike-responses"} & {note["code"] for note in summary["notes"]}
     low, high = summary["parameters"]["gain_u_motor_1"]["interval95"]
     assert low < 0.95 < high < 1.02 * low
-
-
-@pytest.mark.parametrize(
-    ("payload", "names", "words"),
-    [
-        ("", "[a]", "the robot's file has no payload; give it there"),
-        (LOADED, "[b]", "no configuration is called 'b'"),
-    ],
-)
-def test_configurations_without_a_payload_exist_and_so_does_the_payload(
-    payload: str, names: str, words: str, tiny: Path
-) -> None:
-    with (tiny.parent / "robot.yml").open("a", encoding="utf-8") as file:
-        file.write(payload)
-    with pytest.raises(StudyError, match=words):
-        load(tiny, ["experiment.configurations={a: [0]}", f"experiment.without_payload={names}"])

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from plants import lugre_rig, warm_rig
-from plants.refusals import refused
 from plants.warm_ups import predicted
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_all, run_stage
-from elastid.base.errors import DataError
+from elastid.app.run import Run, run_all
 from elastid.friction_study.result import FrictionNumber, FrictionResult
 from elastid.store.friction_study import read_friction_result
 from elastid.study import load
@@ -143,45 +139,6 @@ def test_a_warm_up_without_a_thermometer_has_its_time_constants(tmp_path: Path) 
     assert joint.thermal is not None
     assert joint.thermal.scale == "relative"
     assert max(joint.thermal.time_constants) == pytest.approx(1965.0, rel=0.2)
-
-
-def still(log: warm_rig.WarmLog) -> warm_rig.WarmLog:
-    return replace(log, position=1e-4 * log.position)
-
-
-FAULTS: dict[str, tuple[Callable[[warm_rig.WarmLog], warm_rig.WarmLog], str, str]] = {
-    "kelvin": (lambda log: replace(log, thermometer=log.thermometer + 273.15), "", "give that channel unit: K"),
-    "constant": (lambda log: replace(log, thermometer=0 * log.thermometer), "", "reads 0 degC throughout, while"),
-    "short": (lambda log: log, "samples: [0, 5000]", "200 s are no warm-up"),
-    "one way": (
-        lambda log: replace(log, position=np.linspace(0, 9, len(log.position))), "", "never returns, so that the work",
-    ),
-    "sign": (lambda log: replace(log, torque=-log.torque), "", "friction would drive the joint; correct the sign"),
-    "still": (still, "", "no joint moves in it"),
-    "at rest": (lambda log: log, "purpose: at_rest", "it slides, and is not at rest; take purpose: motion or loops"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_logs_that_do_not_fit_their_purpose_have_their_message(fault: str, tmp_path: Path) -> None:
-    spoilt, keys, words = FAULTS[fault]
-    purpose = keys if keys.startswith("purpose") else f"purpose: warm_up{', ' * bool(keys)}{keys}"
-    run = warm(tmp_path, spoilt(warm_rig.warm_log(0.3, 25.0)), f"{{path: warm.csv, {purpose}}}")
-    with pytest.raises(DataError) as error:
-        run_stage(run, "measure")
-    assert words in str(error.value)
-
-
-def test_nothing_that_moves_at_rest_and_loops_without_a_way_back_are_refused(tmp_path: Path) -> None:
-    """No count of the encoder; a torque that grows one way."""
-    rng = np.random.default_rng(5)
-    lugre_rig.write_rest_log(tmp_path / "rest.csv", lugre_rig.noise(1e-3, rng, 4.0), rng, 2e-6 * rng.random(4000))
-    with refused("friction/no-record", place="no friction was identified"):
-        run_all(study(tmp_path, "{path: rest.csv, purpose: at_rest}"))
-    ramp = np.linspace(0.0, 20.0, 4000)
-    lugre_rig.write_rest_log(tmp_path / "loops.csv", ramp, rng, ramp / lugre_rig.SIGMA_0)
-    with refused("friction/presliding", place="loops.csv"):
-        run_all(study(tmp_path, "{path: loops.csv, purpose: loops}"))
 
 
 def test_logs_of_one_amplitude_at_rest_are_realisations(tmp_path: Path) -> None:

@@ -113,17 +113,6 @@ def test_a_fit_leaves_the_robot_with_its_numbers(finished: Path) -> None:
     assert path.read_text() == (finished / "run" / "identified_robot.yml").read_text()
 
 
-def test_a_study_in_its_own_run_folder_keeps_the_robot_that_it_reads(copy: Path) -> None:
-    """As the demo's, whose folder is also that of its results: its robot.yml is the user's."""
-    before = (copy / "robot.yml").read_text()
-    for name in ("study.yml", "robot.yml"):
-        shutil.copy(copy / name, copy / "run" / name)
-    run = run_of(copy / "run" / "study.yml", copy / "run")
-    run_stage(run, "fit")
-    assert (copy / "run" / "robot.yml").read_text() == before
-    assert (copy / "run" / "identified_robot.yml").read_text() != before
-
-
 def test_a_result_that_has_changed_on_the_disk_is_made_again(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One bit of a response: `run` says so and ends with the bytes that were there; the fit alone refuses it."""
     path = copy / "run" / "frf.h5"
@@ -169,16 +158,6 @@ def test_a_change_of_the_code_does_everything_again(
     monkeypatch.setattr(work, "code_hash", lambda: 64 * "0")
     run_all(run_of(copy / "study.yml", copy / "run"))
     assert worked_on == ALL
-
-
-def test_a_lost_or_damaged_result_is_made_again_alone(copy: Path, worked_on: list[str]) -> None:
-    """The rest is kept: the same inputs give the same file."""
-    (copy / "run" / "frf.h5").unlink()
-    records = copy / "run" / "records.h5"
-    records.write_bytes(records.read_bytes()[:5000])
-    (copy / "run" / "summary.json").unlink()
-    run_all(run_of(copy / "study.yml", copy / "run"))
-    assert worked_on == ["measure", "estimate", "fit"]
 
 
 @pytest.mark.slow

@@ -14,9 +14,9 @@ from elastid.export.control import write_control
 from elastid.export.csv import write_csv
 from elastid.export.matlab import write_matlab
 from elastid.export.mujoco import write_mujoco
-from elastid.export.numbers import interval_lines, known_numbers
+from elastid.export.numbers import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.parameters import ParameterSet, Tie
+from elastid.parameters import ParameterSet
 
 SPRING = "k_1"
 
@@ -96,15 +96,3 @@ def test_modes_and_fitted_responses_in_tables_have_deviations(fitted: FittedRobo
     modes = np.genfromtxt(tmp_path / "modes.csv", delimiter=",", names=True, usecols=(2, 4))
     np.testing.assert_allclose(modes["frequency_std"] / modes["frequency_hz"], 0.005, rtol=1e-2)
     assert "std_" in (tmp_path / "one-fitted.csv").read_text().splitlines()[0]
-
-
-def test_a_tied_number_names_what_it_is_tied_to(fitted: FittedRobot) -> None:
-    """It has no interval of its own."""
-    result = fitted.result
-    tied = tuple(
-        replace(p, free=False, tie=Tie(SPRING)) if p.name == "d_1" else p for p in result.parameters.parameters
-    )
-    changed = replace(fitted, result=replace(result, parameters=ParameterSet(tied)))
-    (number,) = [number for number in known_numbers(changed) if number.name == "d_1"]
-    assert number.words == f"tied to {SPRING}"
-    assert np.isnan(number.std)

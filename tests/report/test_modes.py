@@ -17,7 +17,7 @@ from elastid.model.formulation import formulate
 from elastid.model.kinematics import frame_poses, stick_figure
 from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
-from elastid.report.modes import SWING, ModeRow, load_name, mode_drawing, shares_in_words, spring_names
+from elastid.report.modes import load_name, mode_drawing, shares_in_words, spring_names
 from elastid.response import FrequencyResponse
 from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Robot, Rod, Spring
 
@@ -72,21 +72,6 @@ def test_energies_follow_the_numbers_of_a_configuration() -> None:
     assert warm.energy[gear, 1] != pytest.approx(cold.energy[gear, 1], rel=0.05)
 
 
-def test_coordinates_and_springs_are_written_from_the_largest_and_at_most_four():
-    """Coordinates from half of the largest motion, with their direction; springs from 5 % of the energy."""
-    shape = np.array([[0.49], [-0.6], [1.0], [0.9], [0.8], [0.7]])
-    energy = np.array([[0.04], [0.3], [0.36], [0.3]])
-    row = ModeRow(
-        "c", np.ones(1), np.ones(1), coordinates=tuple("abcdef"), shapes=shape, stores=tuple("wxyz"), energy=energy
-    )
-    assert row.modes[0][4:] == ("36 % y, 30 % x, 30 % z", "c +1.00, d +0.90, e +0.80, f +0.70")
-    two = replace(row, coordinates=("a", "b"), shapes=np.array([[0.5], [-1.0]]))
-    assert two.modes[0][5] == "b -1.00, a +0.50"
-    assert np.isnan(row.modes[0][1])
-    with pytest.raises(ValueError, match="of 3 names"):
-        replace(row, stores=tuple("xyz"))
-
-
 def test_the_tool_moves_as_the_shape_moves_the_kinematics() -> None:
     """By one factor in all directions: differences of the pose along real and imaginary part of the shape."""
     q, freq_hz, shapes, figure = swinging()
@@ -100,15 +85,6 @@ def test_the_tool_moves_as_the_shape_moves_the_kinematics() -> None:
         expected, moved = tool[0] + 1j * tool[1], drawing.moved[-1, :, mode]
         factor = (expected.conj() @ moved) / (expected.conj() @ expected)
         np.testing.assert_allclose(moved, factor * expected, atol=1e-6 * np.abs(moved).max())
-
-
-def test_every_mode_swings_by_the_same_part_of_the_robot_s_size() -> None:
-    """And at t = 0 further than at any other time, however the damping turns the phases."""
-    drawing = drawn()
-    furthest = np.linalg.norm(drawing.moved.real, axis=1).max(axis=0)
-    np.testing.assert_allclose(furthest, SWING * np.ptp(drawing.points, axis=0).max())
-    turned = [((drawing.moved * np.exp(1j * a)).real ** 2).sum(axis=(0, 1)) for a in np.linspace(0, np.pi, 60)]
-    assert np.all(turned[0] >= np.max(turned, axis=0) * (1 - 1e-12))
 
 
 @settings(max_examples=20, deadline=None)
@@ -132,22 +108,6 @@ def test_a_plane_mode_has_one_view_and_another_two() -> None:
         assert (len(pair) == 1) == (largest[missing] <= 0.1 * largest.max())
         assert len(pair) == 1 or set(pair[0]) | set(pair[1]) == {0, 1, 2}
         assert all(2 not in view or view[1] == 2 for view in pair)
-
-
-def test_a_robot_seen_end_on_is_no_view_of_it() -> None:
-    """A pole swings to all sides: from the side, not from above, where it is a point."""
-    pole = Robot(
-        "pole",
-        (
-            Body("a", joints=(Joint("1", "x", Spring(1e5), MOTOR), Joint("2", "y", Spring(1e5))), mass=10,
-                 center_of_mass=(0, 0, 1.0), inertia=1.0),
-        ),
-        gravity=(0, 0, 0),
-    )  # fmt: skip
-    figure = stick_figure(pole, np.zeros(2))
-    drawing = mode_drawing(figure, np.array([[1.0], [0.9]], complex), pole.gravity)
-    assert drawing is not None
-    assert set(drawing.views(0)) == {(0, 2), (1, 2)}
 
 
 def test_where_nothing_is_seen_to_move_nothing_is_drawn() -> None:

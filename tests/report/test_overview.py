@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from plants.report_values import TRUTH, fit_result, report_content
 
 from elastid.base.display import number, percent
@@ -23,9 +22,7 @@ from elastid.report.overview import (
     numbers_answer,
     questions_of_responses,
     residual_sentence,
-    strip,
     verdict_sentence,
-    widest,
 )
 from elastid.response import BENT, Configuration, FrequencyResponse
 
@@ -42,25 +39,6 @@ def test_the_verdict_is_of_the_numbers_and_names_the_cause_where_it_did_not_conv
     assert verdict_sentence(fit_result(), rows_of(result)).startswith("The fit ended with d_1 at its lower bound;")
     unknown = replace(result, status="noise_unknown", cost_dof=np.nan, message="The noise is unknown.")
     assert "noise is unknown" in verdict_sentence(unknown, rows_of(unknown))
-
-
-def test_the_widest_number_is_the_one_with_the_largest_ratio_of_interval_to_estimate():
-    rows = rows_of(fit_result())
-    worst = widest(rows)
-    assert worst is not None
-    assert worst.name == "d_1"
-    low, high = worst.interval
-    assert half_width(worst) == pytest.approx((high - low) / 2 / worst.estimate)
-
-
-def test_the_strip_points_at_the_largest_residual_over_noise():
-    content = report_content()
-    found = strip(content.validation.configurations)
-    assert found.worst is not None
-    values = np.array([a.rms_sigma.ravel() for a in content.validation.configurations])
-    q, e = np.unravel_index(int(values.argmax()), values.shape)
-    assert (found.worst.configuration, found.worst.element) == (q, e)
-    assert found.worst.value == values.max()
 
 
 def test_the_page_of_responses_answers_its_three_questions_by_the_modes():

@@ -87,7 +87,6 @@ def test_a_validation_comes_back_to_the_last_bit(tmp_path):
 
     def agreement(name, peaks):
         block = np.arange(2.0).reshape(2, 1)
-        lags = np.full((3, 2, 1), np.nan)
         return Agreement(
             name,
             name == "b",
@@ -98,9 +97,6 @@ def test_a_validation_comes_back_to_the_last_bit(tmp_path):
             block,
             block,
             0.95,
-            lags,
-            lags,
-            block,
             block,
             peaks,
         )

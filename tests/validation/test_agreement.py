@@ -11,11 +11,10 @@ from plants.report_values import fit_result
 from plants.two_mass import FREQ_HZ, STIFFNESS, circular, response, two_mass
 
 from elastid.base.errors import StudyError
-from elastid.fit.spec import FitSpec
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
-from elastid.validation.agreement import Excess, agreement, explain_cost, validate
-from elastid.validation.residual_tests import NORMALITY_95, above_2sigma
+from elastid.validation.agreement import agreement, explain_cost, validate
+from elastid.validation.residual_tests import above_2sigma
 from elastid.validation.results import are_white, noise_p, resonances
 
 
@@ -103,13 +102,12 @@ def test_a_stiffness_two_percent_too_high_shifts_the_modelled_peaks_by_one_perce
 
 
 def test_a_delay_that_the_model_lacks_colours_the_residual():
-    """A smooth phase error of a few sigma is beyond the bound at every lag; the true model is white."""
+    """A smooth phase error of a few sigma is no white one; the true model is white."""
     rng = np.random.default_rng(6)
     G, _, _ = two_mass(FREQ_HZ)
     std = 0.01 * np.abs(G)
     measured = response(G + std * circular(rng, G.shape), std)
     delayed = agreement(measured, response(G * np.exp(-2j * np.pi * FREQ_HZ * 5e-5)[:, None, None]))
-    assert np.all(delayed.autocorrelation > delayed.autocorrelation_bound)
     assert not delayed.is_white
     assert agreement(measured, response(G)).is_white
 
@@ -148,7 +146,6 @@ def test_without_an_uncertainty_the_errors_are_there_and_the_statistics_are_not(
     assert judged.overall_rms_log_db == pytest.approx(20 * math.log10(1.1))
     assert math.isnan(judged.overall_inside_2sigma)
     assert math.isnan(judged.inside_expected)
-    assert np.isnan(judged.autocorrelation).all()
     assert validate([response(G)], [response(G)], []).verdict.endswith(".")
 
 
@@ -161,7 +158,7 @@ def test_the_unit_of_the_response_does_not_matter(seed, scale):
     f = np.arange(1.0, 201.0)
     one = agreement(response(G, 0.5, freq_hz=f), response(model, freq_hz=f))
     other = agreement(response(scale * G, 0.5 * scale, freq_hz=f), response(scale * model, freq_hz=f))
-    for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma", "autocorrelation"):
+    for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma"):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-6)
 
 
@@ -184,18 +181,6 @@ def test_left_out_configurations_that_make_no_sense_are_refused(left_out, messag
         validate(*measured_and_modelled([0.5, 0.5]), left_out=left_out)
 
 
-@pytest.mark.slow
-def test_normal_residuals_over_a_sigma_of_two_realisations_pass_for_normal():
-    """A smoothed sigma of one degree of freedom a line is allowed for: below 8 % of 300 residuals."""
-    rng = np.random.default_rng(9)
-    G = np.repeat(two_mass(FREQ_HZ, damping=0.05)[0], 150, axis=2)
-    std = 0.05 * np.abs(G)
-    measured = response(G + std * circular(rng, G.shape), std * np.sqrt(rng.gamma(1, 1, G.shape)), dof=1)
-    judged = agreement(measured, response(G))
-    assert np.mean(judged.normality > NORMALITY_95) < 0.08
-    assert np.median(judged.rms_sigma) == pytest.approx(1, abs=0.1)
-
-
 @pytest.mark.parametrize(("sigmas", "says"), [(1.0, "no more than the noise"), (2.0, "more than the noise")])
 def test_the_verdict_compares_white_residuals_with_the_noise(sigmas, says):
     """Twice the noise is white, and yet more than it."""
@@ -215,7 +200,6 @@ def test_a_modelled_peak_may_be_flatter_than_a_measured_one():
 
 
 LINES_HZ = np.arange(2.0, 82.0, 0.5)
-NO_FLOOR = FitSpec(weights=replace(FitSpec().weights, floor=0.0))
 
 
 def responses(rng, names=("c1", "c2", "c3"), std=0.05):
@@ -233,12 +217,12 @@ def responses(rng, names=("c1", "c2", "c3"), std=0.05):
 
 def words(pairs, expected=1.0):
     """explain_cost of a fit whose cost is that of these residuals, beside what noise would leave times `expected`."""
-    measured, modelled = zip(*pairs, strict=True)
+    measured = [m for m, _ in pairs]
     judged = [agreement(m, G) for m, G in pairs]
     power = sum(float(np.sum(np.abs((m.G - G.G) / 0.05) ** 2)) for m, G in pairs)
     n = sum(m.G.size for m, _ in pairs)
     result = replace(fit_result(), cost=power, cost_expected=n * expected, dof=2 * n, cost_dof=2 * n)
-    return explain_cost(result, measured, modelled, judged, NO_FLOOR)
+    return explain_cost(result, measured, judged)
 
 
 def moved(pair, change):
@@ -254,18 +238,15 @@ def test_a_cost_as_expected_asks_for_no_reason(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_missing_mode_is_found_with_its_place(seed):
+def test_a_missing_mode_is_beyond_the_noise_and_correlated(seed):
     """A resonance at 40 Hz that the model lacks, in one element of one configuration."""
     pairs = responses(np.random.default_rng(seed))
     mode = np.zeros((len(LINES_HZ), 2, 2), complex)
     mode[:, 0, 1] = 0.02 / (1 - (LINES_HZ / 40) ** 2 + 0.04j * LINES_HZ / 40)
     pairs[1] = moved(pairs[1], 3 * mode)
     said = words(pairs)
-    assert "the model lacks something" in said
-    assert "configuration c2" in said
-    assert "motor 2 to motor 1" in said
-    low, high = said.split("lies between ")[1].split(" Hz")[0].split(" and ")
-    assert float(low) < 40 < float(high)
+    assert "times the noise (" in said
+    assert "correlated in c2" in said
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -275,45 +256,9 @@ def test_more_noise_than_measured_is_distinguished_from_a_model_error(seed):
     pairs = [moved(p, m[0].G - m[1].G) for p, m in zip(*[responses(rng)] * 2, strict=True)]
     said = words(pairs)
     assert "2 times the noise" in said or "1.99" in said or "2.0" in said
-    assert "lines are uncorrelated" in said
-    assert "spread over all configurations" in said
-
-
-def test_a_few_lines_far_off_are_called_outliers():
-    """One line of a hundred and sixty, fifty standard deviations away."""
-    pairs = responses(np.random.default_rng(0))
-    spike = np.zeros((len(LINES_HZ), 2, 2))
-    spike[60] = 2.5
-    assert "single lines are far off" in words([moved(p, spike) for p in pairs])
+    assert "correlated" not in said
 
 
 def test_residuals_below_the_noise_are_not_taken_for_a_good_model():
     """Half of the expected cost: the uncertainty is too large."""
     assert "overestimated" in words(responses(np.random.default_rng(0)), expected=2.0)
-
-
-def test_the_excess_is_counted_once_for_every_line_that_counts():
-    """Shares of configurations and elements are of |E|^2 / sigma^2 - 1 where that is positive."""
-    pairs = responses(np.random.default_rng(1))
-    excess = Excess.of(*zip(*pairs, strict=True), NO_FLOOR)
-    assert len(excess.power) == len(excess.freq_hz) == sum(m.G.size for m, _ in pairs)
-    assert np.mean(excess.power) == pytest.approx(1, abs=0.1)
-    assert excess.largest(excess.configuration) is None
-    assert excess.band_hz() is None
-
-
-def test_shares_are_of_the_excess_and_not_of_the_cost():
-    """|E|^2 / sigma^2 beyond 1: all of it in a, between 4 and 6 Hz, where b has as many lines."""
-    power = np.array([1.0, 1.0, 1.0, 5.0, 5.0, 5.0, *[1.0] * 14])
-    f = np.arange(1.0, 21.0)
-    excess = Excess(power, ("a",) * 6 + ("b",) * 14, ("x", "y") * 10, f)
-    assert excess.largest(excess.configuration) == ("a", 1.0)
-    assert excess.largest(excess.element) is None
-    assert excess.band_hz() == (4.0, 5.0)
-    assert excess.outlying == pytest.approx(5 / 32)
-
-
-def test_a_band_of_many_lines_is_not_named():
-    """The excess spread over half of the lines."""
-    power, f = np.where(np.arange(20) < 10, 3.0, 1.0), np.arange(1.0, 21.0)
-    assert Excess(power, ("a",) * 20, ("x",) * 20, f).band_hz() is None

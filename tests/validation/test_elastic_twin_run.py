@@ -13,7 +13,6 @@ from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.model.formulation import EXACT
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Robot, Spring
-from elastid.robot.simplified import without_friction
 from elastid.validation.elastic_twin import FittedTwin, elastic_runs
 from elastid.validation.twin_run import LINK, MOTION, TORQUE, TwinRun, describe_run
 
@@ -65,24 +64,19 @@ def noise_share(record: Record, signal: np.ndarray, std: float) -> float:
 def test_the_true_twin_is_off_by_the_noise_and_without_friction_by_far_more(
     measured: tuple[SimulatedRig, Record],
 ) -> None:
-    """Under the reference by the noise of each signal; under the torque motions by what its noise moves besides."""
-    rig, record = measured
-    under_torque, followed = elastic_runs(record, FittedTwin(arm(), 0.0, EXACT), BAND_HZ, rig)
-    assert (under_torque.drive, followed.drive) == ("torque", "reference")
+    """Motions by what the noise of the torque moves, held on the log by a slow loop."""
+    _, record = measured
+    (run,) = elastic_runs(record, FittedTwin(arm(), 0.0, EXACT), BAND_HZ)
+    assert run.drive == "torque"
     expected = noise_share(record, record.u[:, 0], TORQUE_STD)
-    assert errors(followed)[TORQUE] == pytest.approx(expected, rel=0.25)
-    for kind, column in ((MOTION, 0), (LINK, 1)):
-        # The loop reads the noise of its own encoder.
-        assert errors(followed)[kind] < 2 * noise_share(record, record.y[:, column], ANGLE_STD)
-        assert errors(under_torque)[kind] < 5 * expected
-    assert errors(under_torque)[TORQUE] < expected
-    assert under_torque.held_hz == pytest.approx(0.4)
-    for run in (under_torque, followed):
-        motion = run.of(MOTION)[0]
-        assert motion.error_without_friction > 10 * motion.error
-        assert max(band.error for band in motion.bands) < 0.2
-    assert "without friction" in describe_run(followed)
-    assert "driven by its reference through its controller" in describe_run(followed)
+    assert errors(run)[TORQUE] < expected
+    assert errors(run)[MOTION] < 5 * expected
+    assert errors(run)[LINK] < 5 * expected
+    assert run.held_hz == pytest.approx(0.4)
+    motion = run.of(MOTION)[0]
+    assert motion.error_without_friction > 10 * motion.error
+    assert max(band.error for band in motion.bands) < 0.2
+    assert "without friction" in describe_run(run)
 
 
 def test_a_motor_that_is_not_in_the_log_is_held(measured: tuple[SimulatedRig, Record]) -> None:
@@ -91,7 +85,7 @@ def test_a_motor_that_is_not_in_the_log_is_held(measured: tuple[SimulatedRig, Re
     hand = Body("hand", "link", joints=(Joint("2", "y", motor=Motor(1e-5, 50.0)),), mass=1e-3, inertia=1e-3)
     robot = replace(arm(), bodies=(*arm().bodies, hand))
     both = replace(record, configuration=Configuration("c1", np.array([0.3, 0.0])))
-    (run,) = elastic_runs(both, FittedTwin(robot, 0.0, EXACT), BAND_HZ, None)
+    (run,) = elastic_runs(both, FittedTwin(robot, 0.0, EXACT), BAND_HZ)
     assert errors(run)[MOTION] < 0.02
     assert [signal.place for signal in run.signals] == ["motor 1", "motor 1", "joint 1"]
 
@@ -104,28 +98,20 @@ def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
     rig = rig_of(bristly)
     record = rig.measure(rig.experiments[0])
     twin = FittedTwin(bristly, 0.0, EXACT)
-    (periodic,) = elastic_runs(record, twin, BAND_HZ, None)
+    (periodic,) = elastic_runs(record, twin, BAND_HZ)
     assert errors(periodic)[MOTION] < 0.02
     assert periodic.of(MOTION)[0].error_without_friction > 10 * errors(periodic)[MOTION]
-    (once,) = elastic_runs(replace(record, is_periodic=False, period_samples=record.n_samples), twin, BAND_HZ, None)
+    (once,) = elastic_runs(replace(record, is_periodic=False, period_samples=record.n_samples), twin, BAND_HZ)
     assert once.seconds == record.n_samples / RATE_HZ
     # Speed and deflection of the link are not in the log: what they begin with fades at low frequencies.
     assert max(band.error for band in once.of(MOTION)[0].bands) < 0.05
 
 
-def test_a_twin_that_runs_away_is_said_to_be_lost(measured: tuple[SimulatedRig, Record]) -> None:
-    """A motor of a fortieth of its inertia is unstable in the same sampled loop; stiff friction is too fast."""
-    rig, record = measured
-    smooth = without_friction(arm())
-    body, (joint,) = smooth.bodies[0], smooth.driven
-    assert joint.motor is not None
-    light = replace(joint, motor=replace(joint.motor, inertia=5e-6))
-    twin = FittedTwin(replace(smooth, bodies=(replace(body, joints=(light,)),)), 0.0, EXACT)
-    under_torque, followed = elastic_runs(record, twin, BAND_HZ, rig)
-    assert not under_torque.lost
-    assert followed.lost.startswith("configuration c1")
-    assert not followed.signals
-    assert "the twin is lost: configuration c1" in describe_run(followed)
-    assert elastic_runs(replace(record, rate_is_known=False), twin, BAND_HZ, rig) == ()
-    (stiff,) = elastic_runs(record, FittedTwin(arm(friction=Friction(8.0)), 0.0, EXACT), BAND_HZ, None)
+def test_a_twin_that_is_too_fast_is_said_to_be_lost(measured: tuple[SimulatedRig, Record]) -> None:
+    """Stiff friction takes more steps in a sample than are affordable; without a rate nothing is simulated."""
+    _, record = measured
+    assert elastic_runs(replace(record, rate_is_known=False), FittedTwin(arm(), 0.0, EXACT), BAND_HZ) == ()
+    (stiff,) = elastic_runs(record, FittedTwin(arm(friction=Friction(8.0)), 0.0, EXACT), BAND_HZ)
     assert "steps in a sample of 500 Hz, and 40 are affordable" in stiff.lost
+    assert not stiff.signals
+    assert "the twin is lost" in describe_run(stiff)

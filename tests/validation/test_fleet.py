@@ -86,14 +86,6 @@ def test_an_equal_fleet_has_false_findings_at_the_stated_rate() -> None:
     assert np.mean(rates) < 0.05 + 3 * np.sqrt(0.05 / 100)
 
 
-def test_numbers_that_were_held_and_two_robots_tell_no_difference() -> None:
-    """No std, no test; of two robots neither is the odd one."""
-    held = [FleetValue(f"r{i}", 0.0, "k_1", 1.0 + i, 0.0) for i in range(5)]
-    assert find_changes(held, 0.05) == ()
-    pair = [FleetValue(f"r{i}", 0.0, "k_1", 1.0 + i, 0.01) for i in range(2)]
-    assert find_changes(pair, 0.05) == ()
-
-
 def test_one_odd_robot_of_three_does_not_make_the_others_odd() -> None:
     """Two of a kind are the fleet."""
     three = [FleetValue(f"r{i}", 0.0, "k_1", 54.0 if i == 2 else 60.0 + 0.01 * i, 0.05) for i in range(3)]

@@ -17,7 +17,6 @@ from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
-from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.spec import FitSpec
@@ -30,7 +29,7 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import net_records
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.store.measured import read_configurations, read_friction, read_plan, read_records, read_responses
+from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
 from elastid.store.results import read_fit, read_gears, read_motion, write_validation
 from elastid.validation import elastic_twin
 from elastid.validation.agreement import cost_p, explain_cost
@@ -64,7 +63,6 @@ class Validated:
 def validate(
     *,
     name: str,
-    seed: int,
     robot: Robot,
     experiment: ExperimentSpec,
     model: ModelSpec,
@@ -77,28 +75,23 @@ def validate(
     files: Path,
     work: Work,
     measure_file: Path | None = None,
-    design_file: Path | None = None,
     gears_file: Path | None = None,
 ) -> Artefacts:
     """validation.h5 and validation.json: prediction errors of the fitted model, on left-out configurations if any.
 
-    measure_file: None where no records are kept, which are then not replayed.  design_file: the plan that a simulated
-    rig carries out along a record.
+    measure_file: None where no records are kept, which are then not replayed.
     """
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     fitted = FittedRobot.of(result, robot, responses, model, read_motion(fit_file))
     friction = read_friction(estimate_file)
     gears = read_gears(gears_file)
     own = Validated(name, robot, model, seeded_fit, validation, estimator, fitted, responses, friction, gears)
-    rig = None
-    if measure_file is not None and design_file is not None:
-        rig = SimulatedRig(robot, experiment, read_plan(design_file), seed)
     unfinished = work.checkpoint()
     if measure_file is None and experiment.responses is None:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is replayed in time")
     with work.execution(unfinished) as execution:
         net = net_records_of(estimate_file)
-        replays, twin = replayed_in_time(own, measure_file, rig, work.console, execution, net)
+        replays, twin = replayed_in_time(own, measure_file, work.console, execution, net)
         judged = _validation(own, replays, execution)
     at_tool = at_tool_predicted(own, tool_responses(validation.tool, robot, experiment, estimator, files))
     tapped = at_tool_predicted(own, tool_responses(tool, robot, experiment, estimator, files), is_fitted=True)
@@ -127,7 +120,6 @@ def validate(
 def replayed_in_time(
     own: Validated,
     records: Path | None,
-    rig: SimulatedRig | None,
     console: Console,
     execution: Execution,
     net: Path | None = None,
@@ -140,7 +132,7 @@ def replayed_in_time(
         return (), NO_TWIN
     in_time = _records_in_time(own, (records, net), console, execution)
     balances = tuple(balance for _, of_motors in in_time for balance in of_motors)
-    return tuple(each for each, _ in in_time), TwinFindings(balances, _twin_runs(own, records, rig, execution))
+    return tuple(each for each, _ in in_time), TwinFindings(balances, _twin_runs(own, records))
 
 
 def _validation(own: Validated, replays: tuple[Replay, ...], execution: Execution) -> Validation:
@@ -152,7 +144,7 @@ def _validation(own: Validated, replays: tuple[Replay, ...], execution: Executio
     judged = validate_responses(responses, modelled, left_out, cost_p(result), shifts)
     pairs = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
     folds = _folds(own, [Ghat for Ghat, _ in pairs], execution)
-    cost = explain_cost(result, [Ghat for Ghat, _ in pairs], [G for _, G in pairs], judged.fitted, own.fit)
+    cost = explain_cost(result, [Ghat for Ghat, _ in pairs], judged.fitted)
     replayed = describe_replays(replays) if replays else ""
     folded = describe_folds(folds, judged.fitted) if folds else ""
     return replace(judged, cost=cost, replays=replays, replayed=replayed, folds=folds, folded=folded)
@@ -253,8 +245,8 @@ def _in_time(
     return replay(every, models.linear, models.theta, band_hz, spec), balances
 
 
-def _twin_runs(own: Validated, path: Path, rig: SimulatedRig | None, execution: Execution) -> tuple[TwinRun, ...]:
-    """Simulations along the first record of the first configuration that was left out, or else of the first of all."""
+def _twin_runs(own: Validated, path: Path) -> tuple[TwinRun, ...]:
+    """A simulation along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
     chosen = next((name for name in own.spec.left_out if name in names), names[0])
     result = with_gears(own.fitted.result, own.gears)
@@ -267,4 +259,4 @@ def _twin_runs(own: Validated, path: Path, rig: SimulatedRig | None, execution: 
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
     twin = elastic_twin.FittedTwin(moved, numbers.get(DELAY, 0.0), own.model)
-    return elastic_twin.elastic_runs(record, twin, band_hz, rig, execution)
+    return elastic_twin.elastic_runs(record, twin, band_hz)

@@ -130,9 +130,8 @@ def true_plant(
 
 
 def exact_plant(
-    robot: Robot, equations: ModelSpec, rate_hz: float, start: Configuration, saturation: bool = False,
-    controller: ControllerSpec | None = None,
-) -> tuple[Plant, OperatingPoint]:  # fmt: skip
+    robot: Robot, equations: ModelSpec, rate_hz: float, start: Configuration
+) -> tuple[Plant, OperatingPoint]:
     """A robot with exact encoders and smooth drives, at rest in `start`, with as many steps a sample as it takes.
 
     StudyError where it finds no rest there, and where that is more than MAX_SUBSTEPS.
@@ -149,7 +148,7 @@ def exact_plant(
             f"friction at standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are "
             "affordable",
         )
-    return plant_of(robot, equations, rate_hz, substeps, 0, (), (), saturation, 0, controller), point
+    return plant_of(robot, equations, rate_hz, substeps, 0, (), (), False, 0), point
 
 
 def closed_loop_of(robot: Robot, controller: ControllerSpec, rate_hz: float) -> PredictClosedLoop:

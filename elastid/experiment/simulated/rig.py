@@ -6,7 +6,7 @@ friction, encoders and noise. Its records are treated like measured ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,14 +27,11 @@ from elastid.experiment.simulated.hardware import (
     sense,
     sense_movement,
 )
-from elastid.experiment.simulated.plant import Plant, exact_plant, feed_forward_of, model_of, true_plant, true_robot
-from elastid.experiment.specs.disturbances import NoiseSpec
+from elastid.experiment.simulated.plant import Plant, feed_forward_of, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
-from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import EXACT
-from elastid.model.spec import ModelSpec
 from elastid.record import Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
@@ -118,23 +115,6 @@ class SimulatedRig:
         )
         return self._record(run, trajectory, notes)
 
-    def follow(self, experiment: Experiment, robot: Robot, spec: ModelSpec = EXACT) -> Record:
-        """The run of another robot under this rig's controller: its gains, its reference and its torques, no noise.
-
-        robot: with numbers of its own, encoders without counts, and friction that does not warm up.
-        DataError where a motor is lost, StudyError where it finds no rest.
-        """
-        simulated = replace(self.simulated, noise=NoiseSpec(), warming=None)
-        quiet = replace(self, spec=replace(self.spec, simulated=simulated))
-        plant, point = exact_plant(
-            robot, spec, self.plan.rate_hz, experiment.configuration, simulated.saturation, simulated.controller
-        )
-        # The loop of the rig's own robot, which takes long to build, is not needed.
-        carrying = true_robot(self.robot, simulated.truth).carrying(experiment.configuration.carries)
-        own = model_of(carrying, simulated.model)
-        run = quiet._under_control(experiment, plant, point, own, equilibrium(own, own.theta, experiment.configuration))
-        return quiet._record(run, quiet._moved(run, 1.0, self._end), ())
-
     @property
     def _end(self) -> int:
         """Samples of a run without the way out, which is not measured."""
@@ -200,15 +180,8 @@ class SimulatedRig:
         samples, configuration = len(self.plan.experiments) * self.plan.run_samples, experiment.configuration
         highest_hz = float(self.plan.freq_hz[-1])
         plant, point = true_plant(self.robot, spec, rate_hz, highest_hz, samples, configuration, "excitation.rate_hz")
-        return self._under_control(experiment, plant, point, plant.model, point)
-
-    def _under_control(
-        self, experiment: Experiment, plant: Plant, point: OperatingPoint, own: ElasticModel, rest: OperatingPoint
-    ) -> _Run:
-        """A run of a plant in `point` by the reference and the gains that suit the rig's own robot at rest."""
-        spec = self.simulated
-        given = reference(self.plan, spec.carrier, feed_forward_of(own), experiment.configuration)
-        gains = gains_of(own, rest.q, spec.controller)
+        given = reference(self.plan, spec.carrier, feed_forward_of(plant.model), configuration)
+        gains = gains_of(plant.model, point.q, spec.controller)
         return _Run(experiment, plant, point, given, gains, self._noise(experiment))
 
     def _moved(self, run: _Run, factor: float, n: int) -> Trajectory:

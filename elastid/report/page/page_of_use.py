@@ -22,7 +22,7 @@ from elastid.report.page.page import render, rendered
 from elastid.use.command.moves import KINDS
 from elastid.use.command.tune import TunedMove
 from elastid.use.loops.result import Loops
-from elastid.use.loops.sensitivity import LIMIT_DB
+from elastid.use.loops.sensitivity import LIMIT_DB, Margins
 from elastid.use.map import WorkspaceMap
 
 LISTED = 10
@@ -229,22 +229,19 @@ class LoopContent:
 
     @property
     def margins(self) -> list[list[str]]:
-        """Cells of each axis of each controller: the smallest over the postures, with the low end of its band."""
+        """Cells of each axis of each controller, the smallest over the postures, then as measured."""
+        known: list[tuple[str, tuple[str, ...], FloatArray | None, Margins]] = [
+            (state.name, state.axes, state.bandwidth_hz, state.margins) for state in self.loops.states
+        ]
+        known += [(f"measured, {own.configuration}", own.axes, None, own.margins) for own in self.loops.measured]
         rows = []
-        for state in self.loops.states:
-            for i, axis in enumerate(state.axes):
-                low, own = state.margins_low, state.margins
-                rise = 20 * np.log10(np.array([own.rise[:, i].min(), low.rise[:, i].min()]))
-                phase = np.degrees([own.phase[:, i].min(), low.phase[:, i].min()])
-                late = 1e3 * np.array([own.delay[:, i].min(), low.delay[:, i].min()])
-                least = np.array([state.bandwidth_hz[:, i].min(), state.bandwidth_low[:, i].min()])
-                rows.append([state.name, axis, *(_with_low(*pair) for pair in (least, rise, phase, late))])
+        for name, axes, bandwidth_hz, own in known:
+            for i, axis in enumerate(axes):
+                numbers = [np.nan if bandwidth_hz is None else bandwidth_hz[:, i].min()]
+                numbers += [20 * np.log10(own.rise[:, i].min()), np.degrees(own.phase[:, i].min())]
+                cells = (number(float(each), 3) for each in (*numbers, 1e3 * own.delay[:, i].min()))
+                rows.append([name, axis, *cells])
         return rows
-
-
-def _with_low(value: float, low: float) -> str:
-    shown = number(float(value), 3) if np.isfinite(value) else "none"
-    return f"{shown} ({number(float(low), 3)})" if np.isfinite(low) else shown
 
 
 @own_style()

@@ -1,4 +1,4 @@
-r"""A controller on the identified robot: peaks, bandwidths and margins in every posture with 95 % of the draws.
+r"""A controller on the identified robot: peaks, with 95 % of the draws, bandwidths and margins in every posture.
 
 Each peak within half a dB of the largest is traced to the axis that has most of it and to the nearest mode of the
 robot, its motors free, that moves the motor of this axis; one that is farther than a third from every mode is left to
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 
@@ -32,7 +31,6 @@ from elastid.use.loops.sensitivity import (
 )
 
 _NEAR, _MOVED = 1 / 3, 5e-3  # of a frequency within which, and of the motor's motion by which, a mode makes a peak
-Band: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +80,8 @@ class Sampled:
 class LoopState:
     """A controller in Q postures of n_u axes, with the ends of 95 % of the draws (NaN without draws).
 
-    peak_db (Q,): M_S, infinite where a loop is unstable.  peak_hz (Q,), limited_by (Q,): where it is and what makes it.
-    bandwidth_hz (Q, n_u).  stable (Q,): share of the draws whose loops are stable.  drawn_peaks_db (D,): of each draw
-    over all postures.  freq_hz (K,), sensitivity_db (Q, K) for a figure, with its band.
+    peak_db (Q,): M_S, infinite where a loop is unstable.  limited_by (Q,): what makes it.  bandwidth_hz (Q, n_u).
+    drawn_peaks_db (D,): of each draw over all postures.  freq_hz (K,), sensitivity_db (Q, K): of a figure.
     """
 
     name: str
@@ -93,13 +90,9 @@ class LoopState:
     peak_db: FloatArray = labelled("sensitivity peak", "dB", "postures")
     peak_low: FloatArray = labelled("lower end of 95 % of draws", "dB", "postures")
     peak_high: FloatArray = labelled("upper end of 95 % of draws", "dB", "postures")
-    peak_hz: FloatArray = labelled("frequency of the peak", "Hz", "postures")
     limited_by: tuple[str, ...] = labelled("cause of the peak", axes="postures")
     bandwidth_hz: FloatArray = labelled("bandwidth of each axis", "Hz", "postures axes")
-    bandwidth_low: FloatArray = labelled("lower end of 95 % of draws", "Hz", "postures axes")
     margins: Margins
-    margins_low: Margins
-    stable: FloatArray = labelled("share of draws with stable loops", "", "postures")
     drawn_peaks_db: FloatArray = labelled("sensitivity peak of each draw over all postures", "dB", "draw")
     freq_hz: FloatArray = labelled("frequency", "Hz")
     sensitivity_db: FloatArray = labelled("largest sensitivity", "dB", "postures freq_hz")
@@ -114,63 +107,25 @@ def assess(
     """plants: of Q postures; drawn: D times as many; gains (n_u,) or (Q, n_u); modes: of each posture."""
     Q = len(plants)
     own = Sampled.of(plants, gains, filters, 600, 41)
-    rows = np.arange(Q)
-    peak_hz = own.freq_hz[rows, own.size.argmax(axis=1)]
     freq_hz = np.geomspace(own.freq_hz[:, 0].max(), own.freq_hz[:, -1].min(), 240)  # lines of the curves that are kept
     peak = np.where(own.stable, own.peaks_db, np.inf)
     causes = tuple("; ".join(_causes(own, plants, q, modes[q], axes)) for q in range(Q))
     S_db, bandwidth = own.shown(20 * np.log10(own.size), freq_hz), bandwidths(own.E, own.freq_hz)
-    bands = (
-        _Bands.of(drawn, gains, filters, Q, freq_hz) if drawn is not None else _Bands.none(Q, len(axes), len(freq_hz))
-    )
+    none = np.full(Q, np.nan), np.full(S_db.shape, np.nan)
+    peak_ends, drawn_peaks, S_ends = (none[0], none[0]), np.zeros(0), (none[1], none[1])
+    if drawn is not None:
+        D, shape = len(drawn) // Q, bandwidth.shape
+        tiled = (np.tile(np.broadcast_to(part, shape), (D, 1)) for part in (gains.kp, gains.kd, gains.ki))
+        robots = Sampled.of(drawn, Gains(*tiled), filters, 120, 9)
+        peaks = np.where(robots.stable, robots.peaks_db, np.inf)
+        peak_ends, drawn_peaks = _ends(peaks, D), peaks.reshape(D, Q).max(axis=1)
+        S_ends = _ends(robots.shown(20 * np.log10(robots.size), freq_hz), D)
     return LoopState(
-        name, postures, axes, peak, *bands.peak, peak_hz, causes, bandwidth, bands.bandwidth, own.margins,
-        bands.margins, bands.stable, bands.peaks, freq_hz, S_db, *bands.sensitivity,
-    )  # fmt: skip
+        name, postures, axes, peak, *peak_ends, causes, bandwidth, own.margins, drawn_peaks, freq_hz, S_db, *S_ends
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class _Bands:
-    """Of each quantity of a `LoopState` what 95 % of the draws have: both ends, or the lower one."""
-
-    peak: Band
-    bandwidth: FloatArray
-    margins: Margins
-    stable: FloatArray
-    peaks: FloatArray
-    sensitivity: Band
-
-    @classmethod
-    def of(cls, drawn: Plants, gains: Gains, filters: Filters | None, Q: int, freq_hz: FloatArray) -> _Bands:
-        """Of D times Q plants."""
-        D = len(drawn) // Q
-        each = Gains(
-            *(np.tile(np.broadcast_to(part, (Q, drawn.B.shape[2])), (D, 1)) for part in (gains.kp, gains.kd, gains.ki))
-        )
-        own = Sampled.of(drawn, each, filters, 120, 9)
-        peaks = np.where(own.stable, own.peaks_db, np.inf).reshape(D, Q)
-        found = own.margins
-        low = Margins(*(_ends(getattr(found, name), D)[0] for name in ("rise", "fall", "phase", "delay")))
-        return cls(
-            _ends(peaks.ravel(), D), _ends(bandwidths(own.E, own.freq_hz), D)[0], low,
-            own.stable.reshape(D, Q).mean(axis=0), peaks.max(axis=1),
-            _ends(own.shown(20 * np.log10(own.size), freq_hz), D),
-        )  # fmt: skip
-
-    @classmethod
-    def none(cls, Q: int, n_u: int, K: int) -> _Bands:
-        """Without draws."""
-
-        def empty(*shape: int) -> FloatArray:
-            return np.full(shape, np.nan)
-
-        margins = Margins(*(empty(Q, n_u) for _ in range(4)))
-        return cls(
-            (empty(Q),) * 2, empty(Q, n_u), margins, empty(Q), np.zeros(0), (empty(Q, K),) * 2
-        )  # fmt: skip
-
-
-def _ends(values: FloatArray, D: int) -> Band:
+def _ends(values: FloatArray, D: int) -> tuple[FloatArray, FloatArray]:
     """Quantiles of values (D Q, ...) over the draws, which are there with infinities."""
     sorted_ = np.sort(values.reshape(D, -1, *values.shape[1:]), axis=0)
     return sorted_[int(0.025 * (D - 1))], sorted_[int(np.ceil(0.975 * (D - 1)))]

@@ -15,7 +15,7 @@ from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.result import FitResult
 from elastid.linear.equilibrium import equilibrium
 from elastid.record import Configuration
-from elastid.simulation.controller import Filters, Gains, filters_of, gains_of
+from elastid.simulation.controller import Gains, filters_of, gains_of
 from elastid.use.loops.assess import LoopState, assess
 from elastid.use.loops.cascade import Cascade
 from elastid.use.loops.design import robust
@@ -27,13 +27,12 @@ TODAY, DESIGNED = "today's controller", "designed controller"
 
 @frozen_value
 class Loops:
-    """today: None where it is not known, with its `source`.  designed, with its gains.  count: of draws."""
+    """today: None where the study does not state it.  designed, with its gains.  count: of draws."""
 
     name: str
     joints: tuple[str, ...]
     rate_hz: float = labelled("rate of the controller", "Hz")
     count: int
-    source: str
     today: LoopState | None
     measured: tuple[MeasuredLoops, ...]
     designed: LoopState
@@ -66,15 +65,13 @@ class Loops:
 
 @dataclass(frozen=True, eq=False)
 class Today:
-    """A known controller: gains (n_u,) or (Q, n_u) with filters, or a `ControllerSpec`, and where it is known from.
+    """The controller that a study states: gains (n_u,), or a `ControllerSpec`.
 
     rate_hz: its own, which may be another than that of the loops that are designed.
     """
 
-    source: str
     rate_hz: float
     gains: Gains | None = None
-    filters: Filters | None = None
     spec: ControllerSpec | None = None
 
     def in_postures(self, family: PostureFamily) -> Gains:
@@ -116,7 +113,7 @@ def design_loops(
     joints = tuple(joint.name for joint in family.family.robot.driven)
     state = None
     if today is not None:
-        filters = today.filters if today.spec is None else filters_of(joints, today.spec, today.rate_hz)
+        filters = None if today.spec is None else filters_of(joints, today.spec, today.rate_hz)
         gains, own = today.in_postures(family), (plants, drawn)
         if today.rate_hz != asked.rate_hz:
             at_its_rate = replace(family, rate_hz=today.rate_hz)
@@ -129,8 +126,7 @@ def design_loops(
     model = family.family.model
     gains, filters = gains_of(model, np.zeros(model.n_q), spec), filters_of(joints, spec, asked.rate_hz)
     designed = assess(DESIGNED, plants, drawn, gains, filters, family.names, joints, modes)
-    source = "" if today is None else today.source
-    return Loops(name, joints, asked.rate_hz, asked.draws, source, state, tuple(measured), designed, found)
+    return Loops(name, joints, asked.rate_hz, asked.draws, state, tuple(measured), designed, found)
 
 
 def _cell(peak: float) -> str:
@@ -151,11 +147,6 @@ def _sprung(modes: tuple[PlantMode, ...], posture: str) -> tuple[PlantMode, ...]
             f"posture {posture}",
         )
     return kept
-
-
-def with_delay(gains: Gains, delay: int) -> tuple[Gains, Filters]:
-    """Gains of n_u axes with a delay alone."""
-    return gains, Filters(((),) * len(gains.kp), delay)
 
 
 def inertias(result: FitResult, configuration: Configuration, rate_hz: float) -> FloatArray:

@@ -190,25 +190,3 @@ def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_befor
         _, reached, words = session(study, folder, "k_*: 0.05 %", robot_time=100.0).work()
         assert reached == is_right, words
         assert ("the logs of x2 contradict those before" in words) == (not is_right)
-
-
-@pytest.mark.slow
-def test_the_folder_of_another_study_is_refused(
-    study: Path, measured: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert command(study, measured, "--goal", GOAL, "--simulate", "--set", "seed=2") == 2
-    assert "planned for another study" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_simulated_logs_are_never_taken_for_those_of_the_robot(
-    study: Path, measured: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In one folder; and unless a folder is given, each have their own."""
-    assert command(study, measured, "--goal", GOAL) == 2
-    assert "for logs that are simulated" in capsys.readouterr().err
-    folders: list[Path] = []
-    monkeypatch.setattr("elastid.app.live.session.live_study", lambda _, folder, asked: folders.append(folder))
-    for words in ((), ("--simulate",)):
-        assert cli.run_command(["live", str(study), "--goal", GOAL, "-q", *words]) == 0
-    assert len({*folders}) == 2

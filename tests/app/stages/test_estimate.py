@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.artefacts import same
-from plants.dry_friction import measured
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import SLOPE, WITH_COULOMB
@@ -14,35 +12,14 @@ from elastid.app.inspection import described
 from elastid.app.run import Run, run_stage
 from elastid.app.stages.estimate import (
     NET_RECORDS,
-    estimate_configuration,
-    find_friction_of_run,
     net_records_of,
 )
 from elastid.app.stages.fit import conclude
 from elastid.base.display import digits, number
-from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.find import find_friction
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.store.artefacts import NO_STAMP
-from elastid.store.measured import read_friction, read_records, read_responses, write_records
+from elastid.store.measured import read_friction, read_records, read_responses
 from elastid.store.results import read_validation
 from elastid.study import load, load_robot
-
-
-@pytest.mark.slow
-def test_records_in_a_file_show_the_same_friction(tmp_path: Path) -> None:
-    """As those in memory; the responses then scatter less, and a study that asks for none gets none."""
-    configurations, lines = measured()
-    path, spec = tmp_path / "records.h5", EstimatorSpec(friction="auto")
-    write_records(path, (record for records in configurations for record in records))
-    friction = find_friction_of_run(path, spec, lines)
-    assert same(friction, find_friction(configurations, spec, lines))
-    responses = (estimate_configuration(path, spec, lines, f, None, NO_STAMP, ("a", None))[0] for f in (None, friction))
-    raw, net = (response.total for response in responses)
-    assert raw is not None
-    assert net is not None
-    assert net.variance.mean() < 0.1 * raw.variance.mean()
-    assert find_friction_of_run(path, EstimatorSpec(friction="none"), lines) is None
 
 
 def run_of(tiny: Path, friction: str) -> Run:

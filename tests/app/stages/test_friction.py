@@ -12,7 +12,7 @@ from plants.refusals import refused
 from elastid.app.cli import run_command
 from elastid.app.console import Console
 from elastid.app.export import export
-from elastid.app.run import Run, run_all, run_stage
+from elastid.app.run import Run, run_all
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.friction_study import read_filter, read_friction_records, read_friction_result
 from elastid.study import load, load_robot
@@ -81,15 +81,6 @@ def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
         export(run, "matlab")
 
 
-def test_stages_of_elasticity_are_refused(finished: Path, tiny: Path) -> None:
-    """And those of friction in a study of elasticity, each with the stages that there are."""
-    with refused("study/stage", place="study.yml"):
-        run_stage(run_of(finished, *SMALL), "fit")
-    elastic = Run(load(tiny), tiny.parent / "run", 1, Console(-1))
-    with refused("study/stage", place="study.yml"):
-        run_stage(elastic, "levels")
-
-
 @pytest.mark.slow
 def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_path: Path) -> None:
     """Every number within 3.3 std; the same bytes from one process and from two."""
@@ -112,32 +103,6 @@ def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_pat
         assert truth is not None
         assert abs(found[name].value - truth) < 3.3 * found[name].std, name
         assert found[name].std < 0.02 * truth
-
-
-@pytest.mark.slow
-def test_an_interrupted_measurement_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Motions that were measured are kept, and the records are those of an undisturbed run."""
-    from elastid.app.stages import measure as measuring
-
-    folder = copied(tmp_path / "study")
-    run_stage(run_of(folder, *SMALL), "design")
-    whole, done = measuring._measure_part, []
-
-    def stopped(measure, write, stamp, file):  # type: ignore[no-untyped-def]
-        if len(done) == 3:
-            raise KeyboardInterrupt
-        done.append(file)
-        whole(measure, write, stamp, file)
-
-    monkeypatch.setattr(measuring, "_measure_part", stopped)
-    with pytest.raises(KeyboardInterrupt):
-        run_stage(run_of(folder, *SMALL), "measure")
-    assert len(list((folder / "run" / "records.partial").glob("*.h5"))) == 3
-    monkeypatch.setattr(measuring, "_measure_part", whole)
-    run_stage(run_of(folder, *SMALL), "measure")
-    resumed = (folder / "run" / "records.h5").read_bytes()
-    run_stage(run_of(folder, *SMALL), "measure")
-    assert (folder / "run" / "records.h5").read_bytes() == resumed
 
 
 @pytest.mark.slow
@@ -230,16 +195,3 @@ def test_friction_of_a_log_is_followed(study: Path) -> None:
     assert list((run / "figures").glob("*filter.png"))
     assert run_command(["export", str(study), "--run", str(run), "--to", "observer", "-q"]) == 0
     assert "joint_1_follow" in (run / "export" / "observer" / "observer.h").read_text()
-
-
-def test_what_follow_needs_is_said(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A study without the section, and a filter of a study of elasticity."""
-    plain = tmp_path / "study.yml"
-    text = study.read_text().replace("robot.yml", str(study.parent / "robot.yml"))
-    plain.write_text("\n".join(line for line in text.splitlines() if not line.startswith("filter")))
-    (tmp_path / "log.csv").write_bytes((study.parent / "log.csv").read_bytes())
-    assert run_command(["follow", str(plain), "--run", str(tmp_path / "run")]) == 2
-    assert "give filter: {}" in capsys.readouterr().err
-    plain.write_text("\n".join(line for line in text.splitlines() if not line.startswith("friction")))
-    assert run_command(["check", str(plain)]) == 2
-    assert "a filter follows friction" in capsys.readouterr().err

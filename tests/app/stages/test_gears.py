@@ -115,12 +115,12 @@ def _off(cell: str, expected: list[float]) -> list[tuple[str, float]]:
 
 @pytest.mark.slow
 def test_the_robot_that_was_found_moves_as_the_log(folder: Path) -> None:
-    """Its file states the effects; simulated forwards along the reference it is 0.1 % off, without friction 40."""
+    """Its file states the effects; simulated forwards under the torque of the log it stays on it."""
     first = load_robot(folder / "identified_robot.yml").driven[0]
     assert first.gear.error[0].amplitude == pytest.approx(2e-5, rel=0.1)
     assert first.friction.coulomb == pytest.approx(12.0, rel=0.01)
     runs = json.loads((folder / "validation.json").read_text())["twin"]
-    (run,) = (run for run in runs if run["driven_by"] == "reference")
+    (run,) = runs
     motion = [signal for signal in run["signals"] if signal["signal"] == "motor angle"]
     assert motion
     assert all(signal["error"] < 2e-3 and signal["error_without_friction"] > 0.1 for signal in motion)

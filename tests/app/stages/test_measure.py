@@ -200,23 +200,3 @@ def test_a_fault_in_the_file_is_named_at_its_cell(tiny: Path, csv: str, words: s
     with pytest.raises(StudyError) as error:
         load_study(write(tiny, LISTED, csv))
     assert words in str(error.value), str(error.value)
-
-
-def test_faults_in_the_study_are_named(tiny: Path) -> None:
-    """A frame, a file and a channel that are not there."""
-    wrong = (LISTED + TOOL).replace("force tool y", "force hook y").replace("hammer.csv", "hamer.csv")
-    wrong = wrong.replace("std: 1 um}", "std: 1 um, frame: hok}")
-    wrong += (
-        TAPPED.replace("[40]", "[40, 50]")
-        .replace("[0.02 N*m*s/rad]", "[0.02, 0.03]")
-        .replace("frame tool y", "motor 1")
-    )
-    with pytest.raises(StudyError) as error:
-        load_study(write(tiny, wrong))
-    for words in (
-        "frame or body is called 'hok'",
-        "no such file",
-        "no input is called 'force hook y'",
-        "2 drives, and robot",
-    ):
-        assert words in str(error.value), str(error.value)

@@ -10,7 +10,6 @@ import pytest
 
 from elastid.app.cli import run_command
 from elastid.app.scaffold import TRUTH
-from elastid.base.errors import StudyError
 from elastid.experiment.simulated.structure import shake, true_modes
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.recorded.responses.reading import read_table
@@ -36,12 +35,6 @@ def exported(bench: Path, target: str) -> Path:
     arguments = ["export", str(bench / "study.yml"), "--run", str(run), "--set", "report.formats=[png]", "-q"]
     assert run_command([*arguments, "--to", target]) == 0
     return run / "export" / target
-
-
-def refusal(study: Path, *overrides: str) -> str:
-    with pytest.raises(StudyError) as caught:
-        load(study, overrides)
-    return str(caught.value)
 
 
 # Figures of a response and its modes.
@@ -125,25 +118,6 @@ def test_stages_of_a_robot_say_what_the_study_lacks(
     assert len(said.strip().splitlines()) == 1
 
 
-CHANNEL = "experiment.recorded.channels"
-
-
-@pytest.mark.parametrize(
-    ("override", "says"),
-    [
-        ("fit.starts=3", "fit: this section needs a robot"),
-        ("experiment.configurations={bench: [1]}", "1 angle, and a study without a robot has no joints; write []"),
-        (f"{CHANNEL}.2.unit=''", "it is unknown if 'table x' translates; give unit: m/s^2 or rad/s^2"),
-        (f"{CHANNEL}.2.unit=deg", "units that fit here: m/s^2, mm/s^2, rad/s^2, deg/s^2"),
-        (f"{CHANNEL}.2.side=motor", "has no gears; drop side"),
-        (f"{CHANNEL}.2={{role: y, at: shaker tip, column: 3, quantity: position, unit: rad}}", "another name"),
-        ("experiment={configurations: {bench: []}, simulated: {}}", "robot: the experiment is simulated"),
-    ],
-)
-def test_contradictions_name_their_remedy(bench: Path, override: str, says: str) -> None:
-    assert says in refusal(bench / "study.yml", override)
-
-
 @pytest.mark.slow
 def test_noise_without_a_period_leads_to_the_same_modes(tmp_path: Path) -> None:
     """One record of 32 s for each experiment, in which nothing repeats: frequencies to 1e-3."""
@@ -199,24 +173,6 @@ def test_responses_from_elsewhere_need_no_robot(
         assert run_command(["export", str(study), *run, "--to", target]) == 0
     assert run_command(["measure", str(study), *run]) == 2
     assert "its stages are estimate and report" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_frf_of_a_study_is_read_by_another_without_a_robot(bench: Path, tmp_path: Path) -> None:
-    """It brings its places with it; a hold is of the study that estimated it, which a note says."""
-    file = {"path": str(bench / "run" / "frf.h5"), "configuration": "bench"}
-    responses = {"hold": "zero-order", "rate_hz": 256, "files": [file]}
-    study = tmp_path / "study.yml"
-    study.write_text(
-        json.dumps({"name": "again", "experiment": {"configurations": {"bench": []}, "responses": responses}})
-    )
-    options = ["--run", str(tmp_path / "run"), "-q", "--set", "report.formats=[]"]
-    assert run_command(["check", str(study)]) == 0
-    assert run_command(["run", str(study), *options]) == 0
-    (measured,), (again,) = read_responses(bench / "run" / "frf.h5"), read_responses(tmp_path / "run" / "frf.h5")
-    np.testing.assert_array_equal(again.G, measured.G)
-    assert again.outputs == measured.outputs
-    assert "responses/hold" in {note.code for note in again.notes}
 
 
 def test_the_template_of_logs_runs_at_once(tmp_path: Path) -> None:

@@ -99,18 +99,6 @@ def test_what_was_not_done_is_empty_and_what_failed_is_null(finished):
     assert json.dumps(summary_json, allow_nan=False)
 
 
-def test_without_its_records_a_study_is_still_validated(finished, tmp_path):
-    """Logs are large and may be gone: all but the replay is there, and the log says what is missing."""
-    folder = Path(shutil.copytree(finished, tmp_path / "copy"))
-    (folder / "run" / "records.h5").unlink()
-    run_stage(run_of(folder / "study.yml", folder / "run", "validation.folds=2"), "validate")
-    found = read_validation(folder / "run" / "validation.h5")
-    assert found.replays == ()
-    assert found.replayed == ""
-    assert found.verdict == read_validation(finished / "run" / "validation.h5").verdict
-    assert "nothing is replayed" in (folder / "run" / "run.log").read_text()
-
-
 def test_modes_and_responses_have_the_uncertainty_of_the_parameters(finished):
     """One joint: its mode moves with the root of its stiffness, so by half of its relative deviation."""
     run = run_of(finished / "study.yml", finished / "run", "validation.folds=2")

@@ -65,16 +65,6 @@ def test_a_further_configuration_or_realisation_leaves_the_others_as_they_were()
     assert not np.array_equal(small.R, _plan({"a": (0.0, 0.0)}, 2, seed=2).R)
 
 
-def test_one_torque_for_all_motors_is_allowed_and_a_wrong_number_of_them_refused() -> None:
-    """The message counts torques and motors."""
-    experiment = ExperimentSpec({"a": (0.0, 0.0)}, simulated=SimulatedSpec())
-    plan = make_plan(replace(EXCITATION, torque_rms=7.0), experiment, ROBOT, 0)
-    torque = plan.torque(plan.experiments[0])
-    np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), 7.0, rtol=1e-12)
-    with refused("excitation/power", place="excitation.torque_rms"):
-        make_plan(replace(EXCITATION, torque_rms=(1.0, 2.0, 3.0)), experiment, ROBOT, 0)
-
-
 def test_a_configuration_outside_the_joint_limits_is_refused_in_degrees() -> None:
     """The message names configuration, joint, angle and limits; the limit itself is inside."""
     with refused("experiment/limits", place="configuration b"):

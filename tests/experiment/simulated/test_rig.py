@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.integration import acceleration
 from plants.notes import said
 from plants.refusals import refused
 from scipy.linalg import expm
@@ -226,18 +224,6 @@ def test_without_excitation_the_robot_stays_where_gravity_left_it() -> None:
     np.testing.assert_allclose(record.y, np.tile([*POSTURE, 0.0], (4000, 1)), atol=1e-9)
 
 
-def test_the_same_seed_gives_the_same_bytes_in_another_process_too() -> None:
-    """All noise comes from seed and experiment; the rig pickles."""
-    simulated = three_axes(SimulatedSpec(noise=NOISE))
-    first, second = simulated.experiments[:2]
-    record, again = simulated.measure(first), pickle.loads(pickle.dumps(simulated)).measure(first)
-    assert record.y.tobytes() == again.y.tobytes()
-    assert record.u.tobytes() == again.u.tobytes()
-    noise = [one.u - np.roll(one.u, 2000, axis=0) for one in (record, simulated.measure(second))]
-    assert abs(np.corrcoef(noise[0][:2000, 0], noise[1][:2000, 0])[0, 1]) < 0.1
-    assert replace(simulated, seed=2).measure(first).y.tobytes() != record.y.tobytes()
-
-
 def test_a_record_holds_the_plan_without_its_transient() -> None:
     """Two periods of what was injected, repeating themselves, the transient simulated and dropped."""
     simulated = three_axes()
@@ -262,11 +248,6 @@ def test_encoders_count_motor_turns() -> None:
     simulated = three_axes(SimulatedSpec(noise=NoiseSpec(encoder_counts=4096)))
     counts = simulated.measure(simulated.experiments[0]).y / (2 * math.pi / (4096 * np.array([120, 130, 110])))
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
-
-
-def test_ten_coordinates_cost_few_instructions() -> None:
-    """The price of a Runge-Kutta stage: a fifth of what eight seconds of robot in a second of CPU would allow."""
-    assert acceleration(serial(robot()), np.ones(3)).n_instructions() < 1500
 
 
 def test_limits_of_torque_and_speed_are_reported() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -167,36 +166,3 @@ def test_the_tab_key_reaches_every_control_and_shows_where_it_is(visit: Any, tmp
     assert set(wanted) == reached, opened.evaluate(
         "(stop) => document.querySelector(`[data-stop='${stop}']`).outerHTML", min(set(wanted) - reached)
     )
-
-
-def test_the_faults_that_are_sought_are_found(visit: Any, tmp_path: Path) -> None:
-    """Of a page with one of each."""
-    bad = (
-        '<!DOCTYPE html><html><body style="background: #fff"><h1>a</h1><h3 id="a">b</h3><p id="a" aria-label="x">c</p>'
-        '<img src="data:," alt=""><button></button><div style="overflow-x: auto; width: 90px">'
-        '<div style="width: 900px; color: #aaa">faint</div></div><table><tr><td>1</td></tr></table></body></html>'
-    )
-    opened = visit(written(tmp_path, bad))
-    said = " ".join(opened.evaluate(FAULTS))
-    for words in (
-        "no language",
-        "no title",
-        "left out",
-        "id twice",
-        "label without role",
-        "image without text",
-        "control without name",
-        "not by keyboard",
-        "without headers",
-    ):
-        assert words in said
-    assert [text.split(":")[0] for text in opened.evaluate(FAINT)] == ["2.32"]
-
-
-@pytest.mark.skipif("AXE_CORE" not in os.environ, reason="AXE_CORE does not name axe.min.js")
-@pytest.mark.parametrize("page", PAGES)
-def test_axe_finds_nothing(visit: Any, tmp_path: Path, page: Callable[..., Path]) -> None:
-    """axe-core, which is no part of this project, on each kind of page."""
-    opened = visit(page(tmp_path), bypass_csp=True)
-    opened.evaluate(Path(os.environ["AXE_CORE"]).read_text(encoding="utf-8"))
-    assert opened.evaluate("axe.run(document).then((result) => result.violations.map((one) => one.id))") == []

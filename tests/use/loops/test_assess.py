@@ -19,4 +19,3 @@ def test_a_peak_is_traced_to_the_mode_that_makes_it(family: PostureFamily) -> No
     assert any(f"mode at {mode.freq_hz:.3g} Hz, {mode.spring}" in " ".join(state.limited_by)
                for own in modes for mode in own)  # fmt: skip
     assert np.all(state.peak_low <= state.peak_high)
-    assert np.all(state.stable == 1)

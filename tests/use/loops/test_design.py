@@ -14,9 +14,9 @@ from elastid.record import Configuration
 from elastid.simulation.controller import Gains
 from elastid.use.loops.assess import assess
 from elastid.use.loops.cascade import Cascade
-from elastid.use.loops.design import Scene, _Problem, design, robust, rules
+from elastid.use.loops.design import Scene, _Problem, design, robust
 from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import Asked, Today, design_loops, with_delay
+from elastid.use.loops.result import Asked, Today, design_loops
 from elastid.use.loops.sensitivity import LIMIT_DB
 
 RATE_HZ = 250.0
@@ -56,32 +56,16 @@ def test_the_design_keeps_its_limit_on_postures_and_draws_and_is_at_it(family: P
     assert scene.reached(found) > scene.reached(first) + 0.3
 
 
-def test_a_design_that_slowing_spoils_gives_way_to_the_one_before(
-    family: PostureFamily, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A faster rule that keeps the limit only where it is the slower of the two: the other one is taken."""
-    plants = family.estimate()
-    scene = Scene.of(plants)
-    by_rule = [own for own in rules(plants, 9.0, 1) if np.isfinite(scene.peaks_db(own).max())]
-    best = max((own for own in by_rule if scene.keeps(own, LIMIT_DB)), key=scene.reached)
-    faster = [own for own in by_rule if scene.reached(own) > scene.reached(best) + 0.3]
-    worst = max(faster, key=lambda own: float(scene.peaks_db(own).max()))
-    monkeypatch.setattr("elastid.use.loops.design.design", lambda *_: iter([best, worst]))
-    monkeypatch.setattr("elastid.use.loops.design.searched", lambda *_: None)
-    found, _ = robust(plants, plants[:0], 9.0, 1)
-    assert scene.reached(found) > scene.reached(best) - 0.02
-
-
 def test_todays_loops_keep_their_own_rate(family: PostureFamily, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the rate of the loops that are designed."""
     plants = family.estimate()
     gains = Gains(plants.inertia[0] * 6.0**2, plants.inertia[0] * 8.0, np.zeros(2))
     monkeypatch.setattr("elastid.use.loops.result.robust", lambda *_: (start(family), None))
     asked = Asked(100.0, 1, 0, 1)
-    loops = design_loops("arm", result(), asked, Today("stated", RATE_HZ, *with_delay(gains, 3)), ())
+    loops = design_loops("arm", result(), asked, Today(RATE_HZ, gains), ())
     assert loops.today is not None
     home = PostureFamily.of(result(), [linear.configuration for linear in result().linear], RATE_HZ)
-    at_its_rate = assess("", home.estimate(), None, *with_delay(gains, 3), home.names, ("1", "2"), ((),))
+    at_its_rate = assess("", home.estimate(), None, gains, None, home.names, ("1", "2"), ((),))
     assert loops.today.peak_db == pytest.approx(at_its_rate.peak_db)
     assert loops.designed.freq_hz[-1] < 50 < loops.today.freq_hz[-1]
 

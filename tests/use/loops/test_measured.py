@@ -1,4 +1,4 @@
-"""Records give back their controller, its delay and its margins."""
+"""Records show the sensitivity and the margins of their loops."""
 
 from __future__ import annotations
 
@@ -17,30 +17,17 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, SimulatedSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration
-from elastid.simulation.controller import Gains, filters_of
+from elastid.simulation.controller import filters_of
 from elastid.use.loops.assess import assess
-from elastid.use.loops.measured import fitted_cascade, measured_loops, refusal
+from elastid.use.loops.measured import measured_loops, refusal
 from elastid.use.loops.plants import PostureFamily
 
 RATE_HZ = 250.0
 
 
-@pytest.mark.parametrize("ki", [0.0, 6.0])
-@pytest.mark.parametrize("delay", [0, 2])
-def test_a_sampled_cascade_is_found_in_its_response(ki: float, delay: int) -> None:
-    """Exactly; without an integral none is found."""
-    freq_hz = np.linspace(1, 60, 50)
-    gains = Gains(np.array([4e3]), np.array([500.0]), np.array([ki]))
-    F = gains.response(freq_hz, 500.0) * np.exp(-2j * np.pi * freq_hz * delay / 500.0)[:, None]
-    kp, kd, found, late, explained = fitted_cascade(F, freq_hz, 500.0)
-    np.testing.assert_allclose([kp[0], kd[0], found[0]], [4e3, 500.0, ki], rtol=1e-6, atol=1e-6)
-    assert late == delay
-    assert explained[0] == pytest.approx(1)
-
-
 @pytest.mark.slow
-def test_records_show_their_controller_and_their_peak() -> None:
-    """Of a noisy rig with a cascade and a delay: gains to 3 %, the peak of the model within four deviations."""
+def test_records_show_their_peak_and_their_margins() -> None:
+    """Of a noisy rig with a cascade and a delay: the peak of the model within four deviations, margins to 3 %."""
     spec = ControllerSpec(4.0, kind="cascade", delay_samples=1)
     simulated = SimulatedSpec(controller=spec, noise=NoiseSpec(torque_std=0.3, angle_std=1e-7))
     experiment = ExperimentSpec(configurations={"a": (0.3, 0.5)}, realisations=2, simulated=simulated)
@@ -52,10 +39,6 @@ def test_records_show_their_controller_and_their_peak() -> None:
     plants = own.estimate()
     found = measured_loops(records, EstimatorSpec(), plants.inertia[0])
     truth = rig._prepared(rig.experiments[0]).gains
-    np.testing.assert_allclose(found.kd, truth.kd, rtol=0.03)
-    np.testing.assert_allclose(found.kp, truth.kp, rtol=0.03)
-    np.testing.assert_allclose(found.ki, truth.ki, rtol=0.1)
-    assert found.delay == 1
     state = assess("own", plants, None, truth, filters_of(("1", "2"), spec, RATE_HZ), own.names, ("1", "2"),
                    (own.modes(0),))  # fmt: skip
     assert not found.at_edge
@@ -63,9 +46,6 @@ def test_records_show_their_controller_and_their_peak() -> None:
     np.testing.assert_allclose(found.margins.phase, state.margins.phase, rtol=0.03)
     np.testing.assert_allclose(found.margins.rise, state.margins.rise, rtol=0.03)
     assert "holds no injected torque" in refusal([replace(record, r=None) for record in records])
-    assert "holds no angle of motor 2" in refusal(
-        [replace(record, outputs=("motor 1", "joint 2")) for record in records]
-    )  # fmt: skip
 
 
 @pytest.mark.slow

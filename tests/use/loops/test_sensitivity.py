@@ -9,7 +9,7 @@ from plants.predicted_arm import result
 
 from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration
-from elastid.simulation.controller import Filters, Gains
+from elastid.simulation.controller import Gains
 from elastid.use.loops.cascade import Cascade
 from elastid.use.loops.plants import Plants, PostureFamily, _sampled
 from elastid.use.loops.sensitivity import (
@@ -159,7 +159,3 @@ def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None
         sampled.append(C[0] @ x)
         x = A @ x + B[:, 0] * (k == 0)
     np.testing.assert_allclose(sampled, y, rtol=1e-6, atol=1e-12 * np.abs(y).max())
-
-
-def test_a_filter_of_one_axis_leaves_the_other() -> None:
-    assert Filters(((), ()), 2).response(np.array([10.0]), RATE_HZ)[0, 0] == pytest.approx(np.exp(-0.1j * np.pi))
