@@ -12,7 +12,6 @@ from plants.notes import said
 from plants.refusals import refused
 
 from elastid.app.console import Console
-from elastid.app.overview import overview
 from elastid.app.run import Run, run_stage
 from elastid.base.errors import StudyError
 from elastid.design.choice import draw_candidates
@@ -155,13 +154,6 @@ def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None
         with pytest.raises(StudyError) as refusal:
             load(written(tmp_path, rough=True, **changes))
         assert says in str(refusal.value)
-
-
-def test_the_overview_tells_metres_from_radians(tmp_path: Path) -> None:
-    """The carrier's amplitude of each joint in its unit."""
-    page = overview(load(written(tmp_path, rough=True)).study)
-    assert "carrier: sine, amplitude 0.008 m, 0.0175 rad, 0.0175 rad" in page
-    assert "carries 8 kg at tool" in page
 
 
 @pytest.mark.slow
