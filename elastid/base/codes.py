@@ -26,7 +26,6 @@ CODES: Final[Mapping[str, str]] = {
     "files/table": "The rows and columns of a table do not go together.",
     "files/unsafe": "A file points to other files, or claims more than it holds, and is not opened.",
     "files/version": "A result was written by another version of elastid.",
-    "filter/at-stops": "Innovations of the friction filter repeat at standstill: presliding is missing.",
     "filter/inconsistent": "The innovations of the friction filter are not those of its model: do not trust its bands.",
     "filter/not-excited": "The motion does not inform all states of the friction filter: their bands are wide.",
     "filter/record": "A record cannot be followed by the friction filter.",

@@ -7,14 +7,10 @@ Before a band is believed its innovations are tested,
           n_\mathrm{eff} = n \frac{1 - \rho}{1 + \rho}
 
 (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) NIS does
-not see errors of the model that the followed numbers take up. Two tests see these: a number moves, within a lag up to
-the filter's memory, by no more than noise and drift allow, where its band does not hold that; and the innovations
-within 0.2 s of a stop, which the joint reaches or leaves forwards or backwards, have the mean 0 over such events,
+not see errors of the model that the followed numbers take up: a number moves, within a lag up to the filter's memory,
+by no more than noise and drift allow, where its band does not hold that,
 
-.. math:: \overline{\frac{(p_{t + L} - p_t)^2}{\sigma_t^2 + \sigma_{t + L}^2}} , \qquad
-          z = \overline{\frac{\pm 1}{\sqrt n} \sum_{k = 1}^n \nu_k}
-
-so that what repeats at each stop (stiction, inertia, gravity) shows.
+.. math:: \overline{\frac{(p_{t + L} - p_t)^2}{\sigma_t^2 + \sigma_{t + L}^2}}
 """
 
 from __future__ import annotations
@@ -48,11 +44,6 @@ class FilterThresholds:
     lags_s: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which a followed number is compared with itself
     max_movement: float = 0.2  # mean square, over the variances of both ends; 1 of errors that do not depend
     max_excess: float = 2.0  # the same over what noise and drift allow
-    max_before_stops: float = 2.0  # mean of z over events of a kind; 1 / sqrt(events) by chance
-    max_square_before_stops: float = 9.0  # mean of z^2; 1 by chance
-    max_after_stops: float = 4.0  # the same; 3 where stiction is off by as much as the band has
-    repeating_stds: float = 5.0  # of that mean, by its scatter: below, it does not repeat
-    least_events: int = 4
     diverged_stds: float = 5.0  # of the prior, by which a filter has diverged
 
 
@@ -79,33 +70,13 @@ class Movement:
         return min(self.ratio / FILTER.max_movement, self.excess / FILTER.max_excess)
 
 
-@dataclass(frozen=True)
-class StopPattern:
-    """Innovations within 0.2 s of stops of one kind: z, mean over `events` and its std by their scatter; mean z^2."""
-
-    kind: str
-    events: int
-    mean: float
-    std: float
-    square: float
-
-    @property
-    def repeats(self) -> bool:
-        """True if the events have the same sign beyond chance, or are far beyond the noise where stiction is none."""
-        before = self.kind.startswith("before")
-        if before and self.square > FILTER.max_square_before_stops:
-            return True
-        limit = FILTER.max_before_stops if before else FILTER.max_after_stops
-        return abs(self.mean) > max(limit, FILTER.repeating_stds * self.std)
-
-
 @frozen_value
 class Consistency:
     """Of the samples after a filter has settled at which the joint moves (Track.moves).
 
     nis, nis_at_stops: means; NaN at stops where there are none.  band: 95 % of the mean of white innovations.
     autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
-    movements: of each followed number the largest; at_stops: of each kind of event that repeats.
+    movements: of each followed number the largest.
     """
 
     nis: float
@@ -114,17 +85,16 @@ class Consistency:
     autocorrelation: FloatArray
     n_eff: float
     movements: tuple[Movement, ...] = ()
-    at_stops: tuple[StopPattern, ...] = ()
 
     @property
     def is_honest(self) -> bool:
-        """True if no test finds a band too narrow: size and correlation of innovations, movements, patterns at stops.
+        """True if no test finds a band too narrow: size and correlation of innovations, and movements.
 
         Nothing sees an error of held numbers that the band does not have and the followed ones take up for good.
         """
         means = [mean for mean in (self.nis, self.nis_at_stops) if not np.isnan(mean)]
         tested = max(means) <= FILTER.nis_band[1] and self.autocorrelation[1] < FILTER.max_correlation
-        return tested and not self.restless and not any(pattern.repeats for pattern in self.at_stops)
+        return tested and not self.restless
 
     @property
     def restless(self) -> tuple[Movement, ...]:
@@ -159,7 +129,6 @@ def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
         autocorrelation=rho,
         n_eff=float(min(n_eff, moves.sum())),
         movements=tuple(_movements(track, first)),
-        at_stops=tuple(_patterns_at_stops(track, first)),
     )
 
 
@@ -184,27 +153,6 @@ def _movements(track: Track, first: int) -> Iterator[Movement]:
             excess = float(np.mean(square / noise))
             found.append(Movement(name, float(lag_s), float(np.sqrt(square.mean())), ratio, excess))
         yield max(found, key=lambda movement: movement.size)
-
-
-def _patterns_at_stops(track: Track, first: int) -> Iterator[StopPattern]:
-    """Of stops that are reached and left, forwards and backwards; none of fewer events than `least_events`."""
-    velocity, stands = track.values("v_m"), _standing(track)
-    nu = np.sign(velocity) * track.innovation / np.sqrt(track.variance)
-    reach = round(FILTER.around_a_stop_s * track.rate_hz)
-    sums: dict[str, list[float]] = {}
-    for edge in (np.flatnonzero(np.diff(stands.astype(int))) + 1).tolist():
-        is_left = bool(stands[edge - 1])
-        window = np.arange(edge, min(edge + reach, len(nu))) if is_left else np.arange(max(0, edge - reach), edge)
-        window = window[~stands[window]]
-        if edge < first or len(window) < FILTER.least_events:
-            continue
-        way = "forwards" if velocity[window].sum() > 0 else "backwards"
-        kind = f"after stops, {way}" if is_left else f"before stops, {way}"
-        sums.setdefault(kind, []).append(float(nu[window].sum()) / np.sqrt(len(window)))
-    for kind, values in sorted(sums.items()):
-        if (n := len(values)) >= FILTER.least_events:
-            std = float(np.std(values, ddof=1) / np.sqrt(n))
-            yield StopPattern(kind, n, float(np.mean(values)), std, float(np.mean(np.square(values))))
 
 
 def _standing(track: Track) -> BoolArray:

@@ -333,12 +333,3 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
             "filter.drift"
         )
         yield Note("filter/inconsistent", text, place, severity="warning")
-    if repeated := [pattern for pattern in judged.at_stops if pattern.repeats]:
-        worst = max(repeated, key=lambda pattern: pattern.square)
-        way = "farther" if worst.mean > 0 else "less far"
-        text = (
-            f"{worst.kind}, the joint goes {way} than predicted, by {np.sqrt(worst.square):.2g} std of the noise (rms "
-            f"of {worst.events} times): stiction, inertia or gravity is not that of the joint, and the bands are too "
-            "narrow; correct them, or identify the friction again"
-        )
-        yield Note("filter/at-stops", text, place, severity="warning")

@@ -11,20 +11,69 @@ Where gears couple motors with several joints, each channel is converted by its 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.note import Note
-from elastid.experiment.specs.channels import ChannelSpec, Places
+from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.recorded import RecordedSpec
 
 UNWRAPPED = "records/unwrapped"
 # The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
 MAX_COMPUTABLE = 1e60
+
+
+def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterator[tuple[int, str, str]]:
+    """Place, key and reason of each channel that is not on the robot, in no unit of its quantity, or given twice."""
+    motors, signals = places.motor_locations, set[tuple[str, str, int]]()
+    for i, channel in enumerate(channels):
+        if channel.role == "d" and channel.at not in motors:
+            yield i, "at", _no_motor(channel.at, motors)
+        elif channel.role in ("r", "u", "reference") and channel.at not in motors:
+            yield i, "at", f"no motor or input is called '{channel.at}'; {did_you_mean(channel.at, motors)}"
+        else:
+            try:
+                places.check_location(channel.at)
+            except StudyError as error:
+                yield i, "at", str(error)
+        key, refused = channel_refusal(channel, channels, places)
+        if refused:
+            yield i, key, refused
+        try:
+            channel.unit_factor(places.slides(channel.at) and channel.side == "link")
+        except ValueError as error:
+            if key != "unit":
+                yield i, "unit", str(error)
+        # r may be in several files, which it synchronises.
+        signal = (channel.role, channel.at, channel.file if channel.role == "r" else 1)
+        if signal in signals:
+            yield i, "at", f"two channels of role {channel.role} at '{channel.at}'; leave one out"
+        signals.add(signal)
+        has_torque = any(each.role == "u" and each.at == channel.at for each in channels)
+        if channel.role == "d" and channel.at in motors and not has_torque:
+            yield i, "at", f"no channel of role u is at '{channel.at}', to whose torque d is added"
+    of = {role: {c.at for c in channels if c.role == role} for role in ("r", "u")}
+    if of["r"] and of["r"] != of["u"]:
+        first = next(i for i, channel in enumerate(channels) if channel.role == "r")
+        text = f"channels with role r act at {', '.join(sorted(of['r']))}, those with role u at"
+        yield first, "at", f"{text} {', '.join(sorted(of['u']))}; list r for every input or for none"
+
+
+def _no_motor(at: str, motors: Sequence[str]) -> str:
+    """Why a disturbance cannot act at a place that is no motor, and what can be done."""
+    own = "motor " + at.removeprefix("joint ")
+    if at.startswith("joint ") and own in motors:
+        then = f"where joint {at.removeprefix('joint ')} has no spring, give at: {own}, which is the same"
+    else:
+        then = f"give one of {', '.join(motors)} where its torque there is known"
+    return (
+        f"a known disturbance is added to the torque of a motor, and '{at}' is none: {then}; what acts behind a spring "
+        "or on a body is no input of the model: cut that time off with samples"
+    )
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:

@@ -12,14 +12,21 @@ import numpy as np
 
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.plan.plan import Experiment, checked_configurations
-from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal, input_units
+from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes, posture_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, is_single, naming, rows_of
-from elastid.recorded.link_side import check_holds, disturbances, hold_samples, link_side_factor, to_joints
+from elastid.recorded.link_side import (
+    channel_refusals,
+    check_holds,
+    disturbances,
+    hold_samples,
+    link_side_factor,
+    to_joints,
+)
 from elastid.recorded.periodicity import check_repeat, grid_samples, unstated_period_notes
 from elastid.recorded.pieces import end_notes, joined, joined_periods, may_be_large, pieces
 from elastid.recorded.repair import Log, Repaired, counts
@@ -222,33 +229,8 @@ def _check_files(spec: ExperimentSpec, recorded: RecordedSpec, base: Path) -> No
 
 
 def _check_channels(channels: tuple[ChannelSpec, ...], robot: Places) -> None:
+    for i, _, text in channel_refusals(channels, robot):
+        raise StudyError("study/recorded", text, channels[i].full_name)
     for channel in channels:
-        robot.check_location(channel.at)
-        if refused := channel_refusal(channel, channels, robot)[1]:
-            raise StudyError("study/recorded", refused, channel.full_name)
         link_side_factor(channel, robot)
-        if channel.role in ("r", "u", "d") and channel.at not in robot.motor_locations:
-            raise StudyError(
-                "study/recorded",
-                f"{channel.role} acts at '{channel.at}', where no motor is; "
-                f"there are {', '.join(robot.motor_locations)}",
-                f"channel {channel.name_in_file}",
-            )
     to_joints(channels, robot)
-    places = {role: [c.at for c in channels if c.role == role] for role in ("r", "u", "y")}
-    # r may be in several files, which are aligned by it.
-    signals = [(c.role, c.at, c.file if c.role == "r" else 1) for c in channels]
-    for role, place, _ in signals:
-        if signals.count((role, place, 1)) > 1:
-            raise StudyError("study/recorded", f"two channels have role {role} at {place}; keep one of them")
-    if alone := {channel.at for channel in channels if channel.role == "d"} - set(places["u"]):
-        raise StudyError(
-            "study/recorded",
-            f"role d acts at {', '.join(sorted(alone))}, whose torque (role u) is not among the channels",
-        )
-    if places["r"] and set(places["r"]) != set(places["u"]):
-        raise StudyError(
-            "study/recorded",
-            f"channels with role r act at {', '.join(places['r'])}, those with role u at {', '.join(places['u'])}; "
-            "list r for every input or for none",
-        )

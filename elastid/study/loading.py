@@ -20,7 +20,7 @@ from elastid.linear.linear_model import DELAY
 from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
-from elastid.study.checks import check_lines, check_study
+from elastid.study.checks import check_study
 from elastid.study.checks.logs import check_logs
 from elastid.study.load_file import with_load_file
 from elastid.study.messages import Problem, make_error, validate
@@ -216,7 +216,7 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
     study, unresolved = convert_to_si(study)
     study = with_usual_tolerances(study) if not unresolved else study
     problems = [*check_study(study, path.parent), *unresolved]
-    if problems := problems or list(check_lines(study)):
+    if problems:
         raise make_error(source, problems)
     return LoadedStudy(_with_every_amplitude(study), path, source.text, overrides), source
 

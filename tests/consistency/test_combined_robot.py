@@ -25,7 +25,7 @@ from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, skeleton, tool_jacobian
-from elastid.robot import Body, Chain, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.robot import Body, Chain, Frame, Joint, Limits, Motor, Placement, Robot
 from elastid.store.measured import read_forecast
 from elastid.study import load
 
@@ -296,10 +296,3 @@ def test_candidates_of_a_slide_need_its_ends() -> None:
     angles = np.array([one.angles[0] for one in drawn.configurations])
     assert angles.min() >= 0.15
     assert angles.max() <= 0.35
-
-
-def test_a_plain_spring_refusal_says_metres_where_it_was_written_in_them(tmp_path: Path) -> None:
-    """Units of the message follow those of the file."""
-    with refused("study/invalid"):
-        load(written(tmp_path, rough=False, **{"cubic: 1e12 N/m^3": "cubic: -1e12 N/m^3"}))
-    assert Spring(1.0).is_linear

@@ -376,14 +376,6 @@ def test_wrong_designs_are_refused_at_their_line(
     assert message in capsys.readouterr().err
 
 
-def test_check_tells_how_many_configurations_will_be_chosen(
-    study: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    """By number or by robot time."""
-    assert run_command(["check", str(study(DESIGN))]) == 0
-    assert "4 experiments: 2 configurations (2 to be chosen)" in capsys.readouterr().out
-
-
 def test_a_carrier_narrows_the_candidates() -> None:
     """Its swing stays within the limits."""
     wide = replace(PROBLEM.experiment, simulated=SimulatedSpec(noise=NOISE, carrier=CarrierSpec(1.0)))

@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import pytest
+from plants.refusals import refused
 from plants.two_axes import ROBOT, STUDY
 
+from elastid.app.run import Run, carry_out
 from elastid.base.errors import StudyError
 from elastid.study import load
 
@@ -63,21 +65,10 @@ def refusals(study: Path, *overrides: str) -> list[str]:
         ),
         (["fit.profile=[k_7]"], "fit.profile[0]", "did you mean"),
         ([DESIGN % "given: {a: [0, 0]}"], "design.candidates.given.a", "is a configuration of experiment.config"),
-        ([DESIGN % "given: {e: [0]}"], "design.candidates.given.e", "1 angles for 2 driven joints"),
         ([DESIGN % "given: {e: [0, 1 mm]}"], "design.candidates.given.e[1]", "joint 2 is a rotation"),
         ([DESIGN % "margin: 1 mm"], "design.candidates.margin", "or one number for each motor"),
-        ([DESIGN % "points: {hand: [[0, 0, 1]]}"], "design.candidates.points.hand", "no body is called 'hand'"),
-        ([DESIGN % "grid: [3]"], "design.candidates.grid", "1 numbers for 2 driven joints"),
-        (["design={robot_time: 1 s}"], "design.robot_time", "leave no room"),
         ([f"{SIMULATED}.carrier={{amplitude: 1 mm}}"], f"{SIMULATED}.carrier.amplitude", "is a rotation"),
         ([f"{SIMULATED}.carrier={{kind: square, velocity: 1 mm/s}}"], f"{SIMULATED}.carrier.velocity", "a rotation"),
-        (["robot.chain={differentiator: 1 ms}"], SIMULATED, "differentiates nothing"),
-        (["model={formulation: minimal, independent: [joint 9]}"], "model.independent[0]", "is no coordinate"),
-        (
-            [f"{SIMULATED}.model={{formulation: minimal, independent: [joint 9]}}"],
-            f"{SIMULATED}.model.independent[0]",
-            "is no coordinate",
-        ),
         (
             ["fit.parameters={'[kd]_1': {start: 1}}"],
             "fit.parameters.[kd]_1.start",
@@ -103,6 +94,33 @@ def test_a_contradiction_is_reported_once_at_its_key(study: Path, overrides: lis
     (line,) = refusals(study, *overrides)
     assert f": {key}: " in line
     assert message in line
+
+
+@pytest.mark.parametrize(
+    ("override", "code"),
+    [
+        (DESIGN % "given: {e: [0]}", "design/candidates"),
+        (DESIGN % "points: {hand: [[0, 0, 1]]}", "design/candidates"),
+        (DESIGN % "grid: [3]", "design/candidates"),
+        ("design={robot_time: 1 s}", "design/limits"),
+        ("robot.chain={differentiator: 1 ms}", "experiment/simulated"),
+        ("model={formulation: minimal, independent: [joint 9]}", "model/variant"),
+        (f"{SIMULATED}.model={{formulation: minimal, independent: [joint 9]}}", "model/variant"),
+        (f"{SIMULATED}.outputs=[nowhere]", "robot/unknown-name"),
+        (f"{SIMULATED}.saturation=true", "experiment/simulated"),
+        (f"{SIMULATED}.carrier={{amplitude: 0.1, cycles: 5}}", "experiment/simulated"),
+        ("excitation.band_hz=[4.5, 5.5]", "excitation/power"),
+        ("excitation.phases=schroeder", "excitation/lines"),
+        ("excitation.torque_rms=[1, 2, 3]", "excitation/power"),
+        ("excitation=null", "study/stage"),
+    ],
+)
+def test_what_cannot_be_designed_or_simulated_the_first_stage_refuses(study: Path, override: str, code: str) -> None:
+    """Before anything is measured."""
+    run = Run(load(study, [override]), study.parent / "run", 1)
+    with refused(code):
+        carry_out(run, "design")
+        carry_out(run, "measure")
 
 
 @pytest.mark.parametrize(

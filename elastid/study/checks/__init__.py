@@ -1,7 +1,7 @@
 """Contradictions between the sections of a study: names, counts, limits, units, files.
 
-A check yields a Problem with the key path at which it stands. A rule that a section or a stage enforces as well is a
-function of theirs, called here for its place in the file.
+A check yields a Problem with the key path at which it stands. What the first stage says in its first second is not
+repeated here.
 """
 
 from __future__ import annotations
@@ -17,20 +17,17 @@ from elastid.study.checks.experiment import (
     check_design,
     check_estimator,
     check_excitation,
-    check_lines,
     check_payload,
     check_simulated,
     check_structure,
 )
-from elastid.study.checks.fit import check_fit, check_loads, check_model, check_moved_inertias
+from elastid.study.checks.fit import check_fit, check_loads, check_moved_inertias
 from elastid.study.checks.friction import check_friction
 from elastid.study.checks.names import check_names
 from elastid.study.checks.recorded import check_recorded, check_responses, check_tool
 from elastid.study.messages import Problem
 from elastid.study.sections import Kind, Study
 from elastid.study.source import KeyPath
-
-__all__ = ["check_lines", "check_study"]
 
 
 def check_study(study: Study, base: Path) -> Iterator[Problem]:
@@ -57,7 +54,6 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_design(study, base)
     if experiment.simulated is not None:
         yield from check_simulated(study, experiment.simulated)
-    yield from check_model(("model",), study.model, study.robot)
     yield from check_moved_inertias(study)
     yield from check_fit(study)
     yield from check_loads(study)

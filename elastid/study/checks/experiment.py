@@ -9,19 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.errors import StudyError
 from elastid.base.names import posture_of
-from elastid.design.spec import CandidateSpec, DesignSpec, interest, robot_time_refusal
-from elastid.excitation.grids import line_count_refusal
-from elastid.excitation.phases import hadamard
 from elastid.excitation.spec import planned_lines
 from elastid.experiment.specs.disturbances import WarmingSpec
 from elastid.experiment.specs.recorded import RecordedSpec
-from elastid.experiment.specs.simulated import SimulatedSpec, carrier_refusal, chain_refusal, saturation_refusal
-from elastid.fit.parameter_choice import choose
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.robot import Joint, Robot
-from elastid.study.checks.fit import check_model
-from elastid.study.checks.names import check_names, check_place, check_units
+from elastid.study.checks.names import check_names, check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -122,16 +117,9 @@ def _angle_refusal(angle: float, joint: Joint, swing: float) -> str:
 
 
 def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
-    """A rig that can be simulated with this robot."""
+    """Gains, a carrier in units of the joints, and temperatures that act; what else a rig needs its own stage says."""
     robot, carrier = study.as_robot(), simulated.carrier
-    for i, output in enumerate(simulated.outputs):
-        yield from check_place((*_SIMULATED, "outputs", i), output, robot)
     yield from _check_controller(study, simulated)
-    if simulated.saturation and (refused := saturation_refusal(robot)):
-        yield Problem((*_SIMULATED, "saturation"), refused)
-    if refused := chain_refusal(robot):
-        yield Problem(_SIMULATED, refused, at_key=True)
-    yield from check_model((*_SIMULATED, "model"), simulated.model, robot)
     if carrier is not None:
         yield from check_units((*_SIMULATED, "carrier", "amplitude"), carrier.amplitude, robot)
         yield from check_units((*_SIMULATED, "carrier", "velocity"), carrier.velocity, robot)
@@ -189,43 +177,18 @@ def check_structure(study: Study) -> Iterator[Problem]:
 
 
 def check_excitation(study: Study) -> Iterator[Problem]:
-    """Given where the rig is simulated; torques for each motor, in its unit; signals that the realisations need."""
-    excitation, robot = study.excitation, study.as_robot()
-    if excitation is None:
-        if study.experiment.simulated is not None:
-            yield Problem(("excitation",), "this section is needed where the experiment is simulated", at_key=True)
+    """Torques for each motor in its unit, and bands with excited lines; what else it needs the design says."""
+    excitation = study.excitation
+    if excitation is None or study.experiment.simulated is None:
         return
-    if refused := excitation.realisation_refusal(study.experiment.realisations):
-        yield Problem(("excitation", "phases"), refused)
-    try:
-        if excitation.orthogonal == "hadamard":
-            hadamard(len(robot.driven))
-    except StudyError as error:
-        yield Problem(("excitation", "orthogonal"), str(error))
     for i, torque_rms in enumerate(excitation.levels):
         path: KeyPath = ("excitation", "torque_rms", *((i,) if len(excitation.levels) > 1 else ()))
-        if isinstance(torque_rms, tuple) and (refused := robot.count_refusal(len(torque_rms), "torques")):
-            yield Problem(path, f"{refused}, or one for all")
-        yield from check_units(path, torque_rms, robot)
-
-
-def check_lines(study: Study) -> Iterator[Problem]:
-    """Enough lines for orthogonal sets and unknowns, some in each band, none where the carrier is."""
-    excitation, simulated = study.excitation, study.experiment.simulated
-    if excitation is None or simulated is None:
-        return
-    path: KeyPath = ("excitation", "lines" if excitation.grid == "lines" else "band_hz")
+        yield from check_units(path, torque_rms, study.as_robot())
     try:
-        planned = planned_lines(excitation, study.seed)
-        unknowns = len(choose(study.fit, study.as_robot()).free)
+        freq_hz = planned_lines(excitation, study.seed).excited / excitation.period
     except StudyError as error:
-        yield Problem(path, str(error))
+        yield Problem(("excitation", "lines" if excitation.grid == "lines" else "band_hz"), str(error))
         return
-    lines = planned.excited
-    needed, noun = max((len(study.as_robot().driven), "motors"), (unknowns, "unknowns"))
-    if refused := line_count_refusal(len(lines), needed, noun):
-        yield Problem(path, refused)
-    freq_hz = lines / excitation.period
     for key, band in (("estimator", study.estimator.band_hz), ("fit", study.fit.band_hz)):
         if band is not None and not any(band[0] <= f <= band[1] for f in freq_hz):
             yield Problem(
@@ -233,10 +196,6 @@ def check_lines(study: Study) -> Iterator[Problem]:
                 f"none of the excited lines from {freq_hz[0]:g} to {freq_hz[-1]:g} Hz is within [{band[0]:g}, "
                 f"{band[1]:g}] Hz; widen this band, or excite lines in it",
             )
-    if simulated.carrier is not None:
-        analysed = np.concatenate([lines, planned.detection])
-        if refused := carrier_refusal(simulated.carrier, analysed, 1 / excitation.period, len(study.as_robot().driven)):
-            yield Problem(("experiment", "simulated", "carrier"), refused)
 
 
 def check_estimator(study: Study) -> Iterator[Problem]:
@@ -298,19 +257,19 @@ _CANDIDATES: KeyPath = ("design", "candidates")
 
 
 def check_design(study: Study, base: Path) -> Iterator[Problem]:
-    """Every contradiction between the design and the rest of the study, whose files are relative to `base`."""
+    """Earlier measurements, relative to `base`, exist; candidates are new and in units of the joints."""
     design = study.design
     if design is None:
         if not study.experiment.configurations:
             problem = "no configuration is given; name at least one, or add a section `design` that chooses them"
             yield Problem(("experiment", "configurations"), problem)
         return
-    if study.excitation is not None and study.experiment.simulated is not None:
-        n_u = len(study.as_robot().driven)
-        if refused := robot_time_refusal(design, study.excitation, study.experiment, n_u):
-            yield Problem((*_DESIGN, "robot_time"), refused)
-    yield from _check_parameters(study, design)
-    yield from _check_candidates(study, design.candidates)
+    yield from check_units((*_CANDIDATES, "margin"), design.candidates.margin, study.as_robot())
+    for name, angles in design.candidates.given.items():
+        yield from check_units((*_CANDIDATES, "given", name), angles, study.as_robot())
+        if name in study.experiment.configurations:
+            text = f"{name} is a configuration of experiment.configurations already; rename one"
+            yield Problem((*_CANDIDATES, "given", name), text, True)
     earlier: list[tuple[KeyPath, str]] = [((*_DESIGN, "measured", i), path) for i, path in enumerate(design.measured)]
     if design.noise.frf:
         earlier.append(((*_DESIGN, "noise", "frf"), design.noise.frf))
@@ -326,34 +285,3 @@ def responses_file(base: Path, path: str) -> Path:
     """The frf.h5 that a run folder or a file stands for."""
     given = base / path
     return given / "frf.h5" if os.path.isdir(given) or not given.suffix else given
-
-
-def _check_parameters(study: Study, design: DesignSpec) -> Iterator[Problem]:
-    try:
-        names = choose(study.fit, study.as_robot()).free_names
-    except StudyError:
-        return  # reported where fit.parameters is checked
-    for i, pattern in enumerate(design.parameters):
-        try:
-            interest(names, [pattern])
-        except StudyError as error:
-            yield Problem((*_DESIGN, "parameters", i), str(error))
-
-
-def _check_candidates(study: Study, spec: CandidateSpec) -> Iterator[Problem]:
-    robot = study.as_robot()
-    if isinstance(spec.grid, tuple) and (refused := robot.count_refusal(len(spec.grid), "numbers")):
-        yield Problem((*_CANDIDATES, "grid"), refused)
-    yield from check_units((*_CANDIDATES, "margin"), spec.margin, robot)
-    for name, angles in spec.given.items():
-        path: KeyPath = (*_CANDIDATES, "given", name)
-        yield from check_units(path, angles, robot)
-        if refused := robot.count_refusal(len(angles)):
-            yield Problem(path, refused)
-        if name in study.experiment.configurations:
-            yield Problem(path, f"{name} is a configuration of experiment.configurations already; rename one", True)
-    bodies = [body.name for body in robot.bodies]
-    for name in spec.points:
-        if name not in bodies:
-            message = f"no body is called '{name}'; {did_you_mean(name, bodies)}"
-            yield Problem((*_CANDIDATES, "points", name), message, at_key=True)

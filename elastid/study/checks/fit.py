@@ -1,4 +1,4 @@
-"""The sections `fit`, `model` and `loads` against robot and experiment: groups, weights, geometry, frames."""
+"""The sections `fit` and `loads` against robot and experiment: groups, weights, geometry, frames."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_choice import choose, named_geometry
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
 from elastid.fit.spec import FitSpec, misnamed
-from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.robot import TOOL, Body, Robot, unit_axis
 from elastid.study.checks.names import check_names, check_units, list_configurations, list_inputs, list_outputs, unknown
@@ -154,12 +153,6 @@ def _problem(robot: Robot, still: int, configuration: str) -> Problem:
         f"configuration {configuration}: the mass matrix is singular; give the {gives} of body {body.name}"
     )
     return Problem(("robot", "bodies", place, gives), message)
-
-
-def check_model(path: KeyPath, spec: ModelSpec, robot: Robot) -> Iterator[Problem]:
-    """The formulation suits the robot; independent coordinates are coordinates."""
-    for key, refused in spec.refusals(robot):
-        yield Problem((*path, *key), refused)
 
 
 def check_loads(study: Study) -> Iterator[Problem]:

@@ -6,10 +6,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from elastid.base.errors import did_you_mean
-from elastid.experiment.specs.channels import ChannelSpec, channel_refusal
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.recorded.files.formats import is_log
+from elastid.recorded.link_side import channel_refusals
 from elastid.study.checks.names import check_place, unknown
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
@@ -136,47 +137,7 @@ def _neighbours(place: Path) -> list[str]:
         return []
 
 
-def _no_motor(at: str, motors: Sequence[str]) -> str:
-    """Why a disturbance cannot act at a place that is no motor, and what can be done."""
-    own = "motor " + at.removeprefix("joint ")
-    if at.startswith("joint ") and own in motors:
-        then = f"where joint {at.removeprefix('joint ')} has no spring, give at: {own}, which is the same"
-    else:
-        then = f"give one of {', '.join(motors)} where its torque there is known"
-    return (
-        f"a known disturbance is added to the torque of a motor, and '{at}' is none: {then}; what acts behind a spring "
-        "or on a body is no input of the model: cut that time off with samples"
-    )
-
-
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
     """Channels are on the robot, in units of their quantity, and one signal each."""
-    places, motors = study.places, study.places.motor_locations
-    signals: set[tuple[str, str, int]] = set()
-    for i, channel in enumerate(channels):
-        key_path: KeyPath = (*path, "channels", i)
-        if channel.role == "d" and channel.at not in motors:
-            yield Problem((*key_path, "at"), _no_motor(channel.at, motors))
-        elif channel.role in ("r", "u", "reference") and channel.at not in motors:
-            yield unknown((*key_path, "at"), "motor" if study.robot else "input", channel.at, motors)
-        else:
-            yield from check_place((*key_path, "at"), channel.at, places)
-        key, refused = channel_refusal(channel, channels, places)
-        if refused:
-            yield Problem((*key_path, key), refused)
-        try:
-            channel.unit_factor(places.slides(channel.at) and channel.side == "link")
-        except ValueError as error:
-            if key != "unit":
-                yield Problem((*key_path, "unit"), str(error))
-        # r may be in several files, which it synchronises.
-        signal = (channel.role, channel.at, channel.file if channel.role == "r" else 1)
-        if signal in signals:
-            yield Problem((*key_path, "at"), f"two channels of role {channel.role} at '{channel.at}'; leave one out")
-        signals.add(signal)
-        if (
-            channel.role == "d"
-            and channel.at in motors
-            and not any(each.role == "u" and each.at == channel.at for each in channels)
-        ):
-            yield Problem((*key_path, "at"), f"no channel of role u is at '{channel.at}', to whose torque d is added")
+    for i, key, text in channel_refusals(channels, study.places):
+        yield Problem((*path, "channels", i, key), text)
