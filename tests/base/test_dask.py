@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -64,6 +65,8 @@ def test_a_worker_that_dies_while_it_is_given_the_work_costs_nothing(monkeypatch
         assert ordered(math.sqrt, [4.0, 1.0, 9.0], 1) == [2.0, 1.0, 3.0]
         assert len(calls) == 2
         cluster.scale(0)
+        while cluster.scheduler.workers:
+            time.sleep(0.01)
         with refused("workers/cluster"):
             ordered(math.sqrt, [4.0, 1.0], 1)
 

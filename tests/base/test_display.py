@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from elastid.base.display import digits, interval_of, number, percent
+from elastid.base.display import digits, interval_of, number
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,3 @@ def test_a_standard_deviation_leaves_two_to_eight_digits():
 def test_an_interval_over_twelve_decades_is_unbounded():
     assert interval_of((1.0, 0.9e12)) == ("1.000", "9.000e+11")
     assert interval_of((1.0, 1.1e12)) == ("0", "∞")
-
-
-def test_percent_of_nothing_is_a_dash():
-    assert [percent(value) for value in (0.5, None, math.nan)] == ["50 %", "–", "–"]

@@ -12,7 +12,6 @@ from plants.notes import said
 from plants.refusals import refused
 
 from elastid.app.console import Console
-from elastid.app.overview import overview
 from elastid.app.run import Run, run_stage
 from elastid.base.errors import StudyError
 from elastid.design.choice import draw_candidates
@@ -26,7 +25,7 @@ from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, skeleton, tool_jacobian
-from elastid.robot import Body, Chain, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.robot import Body, Chain, Frame, Joint, Limits, Motor, Placement, Robot
 from elastid.store.measured import read_forecast
 from elastid.study import load
 
@@ -155,13 +154,6 @@ def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None
         with pytest.raises(StudyError) as refusal:
             load(written(tmp_path, rough=True, **changes))
         assert says in str(refusal.value)
-
-
-def test_the_overview_tells_metres_from_radians(tmp_path: Path) -> None:
-    """The carrier's amplitude of each joint in its unit."""
-    page = overview(load(written(tmp_path, rough=True)).study)
-    assert "carrier: sine, amplitude 0.008 m, 0.0175 rad, 0.0175 rad" in page
-    assert "carries 8 kg at tool" in page
 
 
 @pytest.mark.slow
@@ -304,10 +296,3 @@ def test_candidates_of_a_slide_need_its_ends() -> None:
     angles = np.array([one.angles[0] for one in drawn.configurations])
     assert angles.min() >= 0.15
     assert angles.max() <= 0.35
-
-
-def test_a_plain_spring_refusal_says_metres_where_it_was_written_in_them(tmp_path: Path) -> None:
-    """Units of the message follow those of the file."""
-    with refused("study/invalid"):
-        load(written(tmp_path, rough=False, **{"cubic: 1e12 N/m^3": "cubic: -1e12 N/m^3"}))
-    assert Spring(1.0).is_linear

@@ -64,16 +64,6 @@ def test_manutec_is_complete(manutec):
     assert dampers == pytest.approx({"d_1": 0.005 * 105**2, "d_2": 0.01 * 210**2, "d_3": 0.04 * 60**2})
 
 
-def test_the_three_masses_have_their_published_resonances():
-    """Motor-side zeros 4.23 and 10.39 Hz, poles 9.04 and 11.48 Hz, with the damping that goes with them."""
-    model = linear(load_robot(ROBOTS / "three_mass_axis.yml"))
-    poles, zeros = modes(model, model.theta_ref), antiresonances(model, model.theta_ref, "motor 1", "motor 1")
-    np.testing.assert_allclose(poles.freq_hz, [9.04, 11.48], atol=5e-3)
-    np.testing.assert_allclose(poles.zeta, [0.045, 0.082], atol=5e-4)
-    np.testing.assert_allclose(zeros.freq_hz, [4.23, 10.39], atol=5e-3)
-    np.testing.assert_allclose(zeros.zeta, [0.037, 0.023], atol=5e-4)
-
-
 @pytest.mark.parametrize(
     ("k_1", "poles", "zeros"),
     [

@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,6 @@ from plants.measured import BENCH, measured, with_records
 
 from elastid.app import cli
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.fit.identify import fit_parameters
-from elastid.fit.spec import WeightSpec
 from elastid.store.measured import read_responses
 from elastid.store.results import read_fit
 from elastid.study import load
@@ -89,26 +86,6 @@ def test_the_bench_is_a_misfit_where_its_error_is_not_declared(tmp_path: Path) -
     assert (tmp_path / "report.html").stat().st_size > 100_000
     low, high = summary["parameters"]["k_1"]["interval95"]
     assert low < 95.4 < high
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("floor", [0.01, 0.05])
-def test_dampings_of_the_bench_by_different_lines_of_its_excitation_agree(tmp_path: Path, floor: float) -> None:
-    """Fits to the lines up to 100 Hz and from 60 Hz: the intervals of every parameter overlap, damping among them.
-
-    By the noise alone the dampings would be tens of deviations apart.
-    """
-    assert cli.run_command(["measure", str(with_records(BENCH_STUDY)), "--run", str(tmp_path), "-q"]) == 0
-    assert cli.run_command(["estimate", str(BENCH_STUDY), "--run", str(tmp_path), "-q"]) == 0
-    responses, study = read_responses(tmp_path / "frf.h5"), load(BENCH_STUDY).study
-    spec = replace(study.seeded_fit, starts=4, weights=WeightSpec(floor=floor))
-    low, high = (
-        fit_parameters(responses, study.as_robot(), replace(spec, band_hz=band)) for band in ((11, 100), (60, 250))
-    )
-    for name in low.parameters.free_names:
-        one, other = low.interval(name), high.interval(name)
-        assert one[0] < other[1], name
-        assert other[0] < one[1], name
 
 
 @pytest.mark.slow

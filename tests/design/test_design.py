@@ -460,18 +460,10 @@ def test_another_fit_has_another_forecast_and_keeps_the_records(tiny: Path, tmp_
 def test_wrong_designs_are_refused_at_their_line(
     section: str, message: str, study: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`elastid check` names file, line and what would fit."""
+    """The stage names file, line and what would fit in its first second."""
     path = study(section)
-    assert run_command(["check", str(path)]) == 2
+    assert run_command(["design", str(path)]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_check_tells_how_many_configurations_will_be_chosen(
-    study: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    """By number or by robot time."""
-    assert run_command(["check", str(study(DESIGN))]) == 0
-    assert "4 experiments: 2 configurations (2 to be chosen)" in capsys.readouterr().out
 
 
 def test_a_carrier_narrows_the_candidates() -> None:

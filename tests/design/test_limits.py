@@ -35,7 +35,6 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
-from elastid.report.figures.fit import limit_use as limit_use_figure
 from elastid.robot import Limits, Robot
 from elastid.store.measured import read_peaks, read_plan, write_plan
 
@@ -155,17 +154,6 @@ def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
     assert found.closest == limit_use.closest
     assert found.nearest == limit_use.nearest
     assert len(QUANTITIES) == found.peak.shape[1]
-
-
-def test_the_run_nearest_to_a_limit_has_the_largest_peak_of_the_plan() -> None:
-    """The figure of the peaks has all of them in per cent of the limits."""
-    plan, limit_use, _ = within(CARRIERS[0])
-    rig = SimulatedRig(arm(), experiment(CARRIERS[0]), plan, 1)
-    run = rig.rehearse(next(run for run in rig.experiments if run.name == limit_use.nearest))
-    used = np.abs(run.signals).max(axis=1) / limit_use.limit[0, :4]
-    assert used.max() == pytest.approx(limit_use.used.max(), rel=1e-9)
-    texts = [text.get_text() for axes in limit_use_figure(limit_use).axes for text in axes.texts]
-    assert texts == [f"{100 * value:.0f}" for kind in limit_use.used[0, :4] for value in kind]
 
 
 def test_design_leaves_references_for_a_robot_controller(tiny: Path, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -103,22 +102,6 @@ def test_a_fit_names_the_joint_that_rests_inside_its_gap() -> None:
     assert deviations(result, truth).max() < 3.5
     (word,) = (warning for warning in said(result.notes) if "backlash" in warning)
     assert word.startswith("joint 1 rests inside its backlash of +-0.0001 rad in c4 (deflected by")
-
-
-def test_starts_are_solved_in_processes_alike() -> None:
-    """What the search solves survives pickling, its value and its gradient that of differences."""
-    responses, start = measure(CUBIC, POSTURES[:2], 0), started_elsewhere(CUBIC, 1.5, 0)
-    parameters = choose(WANTED, start)
-    assembly = Assembly.of(responses, start, WANTED, parameters)
-    problem = assembly.search_problem(assembly.at(parameters.x, "complex"), "complex")
-    sent = pickle.loads(pickle.dumps(problem))
-    x = parameters.x + 0.01
-    here, there = problem.evaluate(x), sent.evaluate(x)
-    assert here.cost == there.cost
-    np.testing.assert_array_equal(here.gradient, there.gradient)
-    for i, unit in enumerate(1e-5 * np.eye(len(x))):
-        slope = (problem.evaluate(x + unit).cost - problem.evaluate(x - unit).cost) / 2e-5
-        assert here.gradient[i] == pytest.approx(slope, rel=1e-5, abs=1e-6 * here.cost)
 
 
 def test_motions_that_turn_and_that_slide_have_their_own_units() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
 
-from elastid.base.execution import Execution
 from elastid.fit.covariance import noise_dof
 from elastid.fit.intervals import bootstrap, interval_errors, profiles
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
@@ -131,15 +130,6 @@ def test_bootstraps_scatter_as_the_covariance_says(criterion):
     draws = bootstrap(fit, [weigh(response, NO_FLOOR)], end.x, 60, seed=4)
     ratio = draws.std(axis=0) / np.sqrt(np.diag(sure.covariance))
     assert np.all((ratio > 0.65) & (ratio < 1.35)), ratio
-
-
-def test_a_bootstrap_does_not_depend_on_the_number_of_processes():
-    """Each repetition has random numbers of its own."""
-    response = noisy(2)
-    fit, weights = fit_of(response, plant()), [weigh(response, NO_FLOOR)]
-    one, two = (bootstrap(fit, weights, X, 6, seed=5, execution=Execution(jobs)) for jobs in (1, 2))
-    np.testing.assert_array_equal(one, two)
-    assert not np.array_equal(one, bootstrap(fit, weights, X, 6, seed=6))
 
 
 def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():

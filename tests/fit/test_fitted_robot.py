@@ -1,7 +1,5 @@
 """FittedRobot: the numbers of each configuration, its linear model and response, and equations with fitted geometry."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from plants.elastic_arm import arm, measure, started_elsewhere
@@ -35,13 +33,6 @@ def test_each_configuration_has_its_linear_model_and_response(measured, result) 
         np.testing.assert_array_equal(model.G, frequency_response(linear, result.theta_of(name), G.freq_hz))
     with pytest.raises(KeyError, match="nowhere"):
         fitted.at("nowhere")
-
-
-def test_the_deviation_of_a_response_scales_with_that_of_the_parameters(measured, result) -> None:
-    fitted = FittedRobot.of(result, arm(), measured)
-    wider = FittedRobot.of(replace(result, covariance=4 * result.covariance), arm(), measured)
-    for std, twice in zip(fitted.response_std, wider.response_std, strict=True):
-        np.testing.assert_allclose(twice, 2 * std, rtol=1e-12)
 
 
 def test_the_model_of_an_export_has_the_fitted_numbers_in_its_robot(measured, result) -> None:

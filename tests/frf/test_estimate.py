@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,9 +16,8 @@ from plants.refusals import refused
 from elastid.base.errors import DataError
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.fit.problem.smoothed_noise import smooth_noise
-from elastid.frf import spectra
 from elastid.frf.estimate import estimate
-from elastid.frf.spec import EstimatorSpec, Method
+from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
 
 RATE = 500.0
@@ -95,36 +93,6 @@ def test_any_number_of_inputs_outputs_and_experiments_gives_the_plant(
     np.testing.assert_allclose(response.G, G, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(response.freq_hz, lines * RATE / 256)
     assert response.total is None
-
-
-@pytest.mark.parametrize("planned", [True, False])
-@pytest.mark.parametrize("method", ["arithmetic", "joint"])
-def test_every_signal_of_a_record_is_transformed_once(
-    method: Method, planned: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """u and y of two records, and r where lines are found in it or the method needs it."""
-    lines, transformed = np.arange(5, 40), []
-
-    def counted(x: np.ndarray, **same: Any) -> np.ndarray:
-        transformed.append(x.size)
-        return np.asarray(np.fft.rfft(x, **same))
-
-    monkeypatch.setattr(spectra, "rfft", counted)
-    records = _experiments(_plant(35, 2, 2), lines, 1, np.random.default_rng(0))
-    records = [replace(record, r=record.u) for record in records]
-    estimate(records, replace(ALL_PERIODS, method=method), lines if planned else None)
-    assert sum(transformed) == (4 if planned and method == "arithmetic" else 6) * records[0].u.size
-
-
-def test_a_delay_turns_the_phase_down() -> None:
-    """y(n) = u(n - 3): G = exp(-j omega 3 Ts); a conjugated estimate would turn it up."""
-    lines = np.arange(1, 60)
-    U = orthogonal_set(np.ones((59, 1)), np.random.default_rng(0))[0]
-    u = np.tile(synthesise(lines, U, 256), (3, 1))
-    record = _record(lines, U, U, P=3)
-    record = replace(record, u=u, y=np.roll(u, 3, axis=0))
-    G = estimate([record], ALL_PERIODS, lines).G[:, 0, 0]
-    np.testing.assert_allclose(G, np.exp(-2j * np.pi * lines * 3 / 256), atol=1e-12)
 
 
 def test_a_torque_that_is_held_between_samples_acts_later_and_weaker() -> None:
@@ -227,38 +195,6 @@ def test_noise_variance_has_the_closed_form_of_white_noise() -> None:
     assert response.noise is not None
     assert response.noise.dof == M * 2 * (P - 1)
     np.testing.assert_allclose(response.noise.variance.mean(axis=0), 4 * s**2 / N / (P * M * 2), rtol=0.05)
-
-
-def test_variance_falls_as_one_over_the_number_of_periods() -> None:
-    """Slope -1 of true and estimated variance from 2 to 32 periods."""
-    rng, lines, periods = np.random.default_rng(0), np.arange(5, 120), np.array([2, 8, 32])
-    G = _plant(len(lines), 2, 1)
-    true, estimated = [], []
-    for P in periods:
-        runs = [
-            estimate(_experiments(G, lines, 1, rng, P=P, noise=(rng, np.zeros((1, 1)), np.eye(2))), ALL_PERIODS, lines)
-            for _ in range(8)
-        ]
-        true.append(np.mean([np.abs(run.G - G) ** 2 for run in runs]))
-        estimated.append(np.mean([run.noise.variance for run in runs if run.noise is not None]))
-    for variance in (true, estimated):
-        assert np.polyfit(np.log(periods), np.log(variance), 1)[0] == pytest.approx(-1, abs=0.05)
-
-
-def test_orthogonal_experiments_beat_single_inputs_by_the_number_of_inputs() -> None:
-    """Same amplitude: n_u times less variance than moving one input at a time."""
-    rng, lines, n = np.random.default_rng(0), np.arange(5, 120), 3
-    G = _plant(len(lines), n, n)
-    noise = (rng, np.zeros((n, n)), 0.1 * np.eye(n))
-    together = estimate(_experiments(G, lines, 1, rng, P=8, noise=noise), ALL_PERIODS, lines)
-    single = [
-        _record(lines, U, np.einsum("fyu,fu->fy", G, U), P=8, experiment=e, noise=noise)
-        for e, U in enumerate(np.eye(n)[:, None, :] * np.ones((n, len(lines), n)))
-    ]
-    one_by_one = estimate(single, ALL_PERIODS, lines)
-    assert together.noise is not None
-    assert one_by_one.noise is not None
-    assert np.mean(one_by_one.noise.variance) / np.mean(together.noise.variance) == pytest.approx(n, rel=0.05)
 
 
 def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_weighs() -> None:

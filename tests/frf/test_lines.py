@@ -12,7 +12,7 @@ from plants.steady_record import AUTO, LINES, RATE, N, steady_record, unit_phase
 from elastid.excitation.multisine import synthesise
 from elastid.frf import lines as module
 from elastid.frf import spectra
-from elastid.frf.lines import analysed_lines, find_excited, smoothed_noise, spectra_of
+from elastid.frf.lines import analysed_lines, find_excited, smoothed_noise
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import Configuration, Record
 
@@ -84,14 +84,6 @@ def test_a_transient_in_the_first_period_hides_no_line() -> None:
     decaying = 100 * record.u.std() * np.exp(-np.arange(record.n_samples) / 20)[:, None]
     found = analysed_lines([RecordSpectra(replace(record, u=record.u + decaying))], AUTO, None)
     np.testing.assert_array_equal(found, LINES)
-
-
-def test_the_driver_is_transformed_first_only_where_lines_are_found_in_it() -> None:
-    """Not where a grid states them, or a plan."""
-    record, full = steady_record(), replace(AUTO, lines="full")
-    for spec, planned, is_known in ((AUTO, None, False), (AUTO, LINES, True), (full, None, True)):
-        (each,) = spectra_of([record], spec, planned)
-        assert (each.driver is None) == is_known
 
 
 def test_noise_of_few_degrees_of_freedom_is_averaged_over_its_neighbours() -> None:

@@ -24,9 +24,7 @@ from elastid.frf.methods import (
     errors_in_variables,
     h1,
     h2,
-    harmonic,
     harmonic_mean,
-    hv,
     joint,
     logarithmic,
     logarithmic_mean,
@@ -188,16 +186,6 @@ def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_and_h2_are_b
     assert error["errors_in_variables"] < 0.3 * min(error["h1"], error["h2"])
 
 
-def test_hv_lies_between_h1_and_h2_and_is_right_where_both_sides_are_equally_noisy() -> None:
-    """One input, one output, unit gain."""
-    rng, M, F = np.random.default_rng(2), 4000, 8
-    U, Y = (1 + 0.3 * complex_normal(rng, M, F, 1, 1) for _ in range(2))
-    data = spectra_from(U, Y)
-    low, middle, high = (np.abs(m(data).G).mean() for m in (h1, hv, h2))
-    assert low < middle < high
-    assert middle == pytest.approx(1, abs=0.01)
-
-
 def test_joint_needs_the_injected_torque() -> None:
     """A record without r."""
     lines = np.arange(4, 20)
@@ -242,24 +230,6 @@ def _noisy_records(n: int) -> list[Record]:
             u, y = (x + 0.3 * rng.normal(size=x.shape) for x in (record.u, record.y))
             records.append(replace(record, u=u, y=y))
     return records
-
-
-@pytest.mark.parametrize(
-    ("method", "kind", "n"), [("h1", "H1", 1), ("h1", "H1", 2), ("h2", "H2", 1), ("h2", "H2", 2), ("hv", "Hv", 1)]
-)
-def test_h1_h2_and_hv_agree_with_pyfrf(method: str, kind: str, n: int) -> None:
-    """An independent implementation, from time signals to FRF matrix, to 1e-10; it has Hv for one input only."""
-    pyfrf = pytest.importorskip("pyFRF")
-    records = _noisy_records(n)
-    u, y = _mean_periods(records)
-    with np.errstate(divide="ignore", invalid="ignore"):  # it divides by the frequency of line 0
-        peer = pyfrf.FRF(
-            int(RATE), exc=u, resp=y, exc_type="f", resp_type="a", window="none", fft_len=N, nperseg=N, noverlap=0
-        )
-        expected = peer.get_FRF(kind, "accelerance")
-    found = estimate(records, replace(ALL_PERIODS, method=method), np.arange(4, 100))
-    there = np.round(found.freq_hz * N / RATE).astype(int)
-    np.testing.assert_allclose(found.G, np.moveaxis(expected, 2, 0)[there], rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -311,14 +281,6 @@ def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
     assert found.total is not None
     assert found.total.form == "full"
     np.testing.assert_allclose(found.total.full(), peer.total.cov, rtol=1e-8, atol=1e-14)
-
-
-def test_harmonic_mean_is_the_inverse_of_the_mean_inverse() -> None:
-    """Matrices, not elements."""
-    rng = np.random.default_rng(0)
-    G = complex_normal(rng, 5, 4, 3, 3) + 3 * np.eye(3)
-    found = np.linalg.inv(harmonic(spectra_from(np.broadcast_to(np.eye(3, dtype=complex), G.shape), G)).G)
-    np.testing.assert_allclose(found, np.linalg.inv(G).mean(axis=0), atol=1e-12)
 
 
 def test_auto_takes_the_arithmetic_mean_where_realisations_can_be_averaged() -> None:

@@ -24,11 +24,6 @@ def test_any_motion_becomes_any_other_exactly(measured: Motion, wanted: Motion) 
     np.testing.assert_allclose(spectra.Y[:, :, 0] / spectra.U[:, :, 0], np.tile(expected, (4, 1)), rtol=1e-9)
 
 
-def test_amplitudes_are_those_of_the_sines_whatever_the_period() -> None:
-    """|U| is the peak in Nm of each line's cosine."""
-    np.testing.assert_allclose(np.abs(periods_of(steady_record(), LINES, "velocity").U), 1.0, rtol=1e-12)
-
-
 def test_without_a_rate_a_derivative_is_per_sample() -> None:
     """omega = 2 pi f with f in units of the sampling rate."""
     record = replace(steady_record(quantity="velocity"), rate_hz=1.0, rate_is_known=False)

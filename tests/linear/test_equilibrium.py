@@ -144,16 +144,6 @@ def test_not_finite_parameter_is_refused():
         equilibrium(model, theta, Configuration("c", (0.1,)))
 
 
-def test_wrong_number_of_angles_is_refused():
-    """A configuration gives one angle for each motor."""
-    model = serial(two_links())
-    with pytest.raises(
-        StudyError,
-        match=r"configuration c: 3 angles for 2 driven joints \(1, 2\) of robot two links; give one for each",
-    ):
-        equilibrium(model, model.theta, Configuration("c", (0, 0, 0)))
-
-
 def test_a_joint_that_moves_no_inertia_is_named() -> None:
     """A massless hand on a spring: its mass matrix is singular, which no solver below can say."""
     joint = Joint("2", "y", spring=Spring(1e3))

@@ -68,15 +68,6 @@ def test_three_mass_resonances_and_antiresonances_equal_published_numbers():
     np.testing.assert_allclose(zeros.zeta, [0.03726, 0.02332], rtol=0, atol=6e-6)
 
 
-def test_three_mass_undamped_frequencies_equal_published_numbers():
-    """The same without dissipation: modes need no damping to be found."""
-    model = linear(three_mass())
-    undamped = replace(model, D=0 * model.D)
-    np.testing.assert_allclose(modes(undamped, model.theta_ref).freq_hz, [8.9735, 11.5682], rtol=0, atol=6e-5)
-    zeros = antiresonances(undamped, model.theta_ref, "motor 1", "motor 1")
-    np.testing.assert_allclose(zeros.freq_hz, [4.2274, 10.3925], rtol=0, atol=6e-5)
-
-
 @pytest.mark.parametrize(
     ("k1", "resonances", "zeta", "zeros"),
     [
@@ -93,16 +84,6 @@ def test_four_mass_benchmark_equals_published_numbers(k1, resonances, zeta, zero
     np.testing.assert_allclose(found.zeta, zeta, rtol=0, atol=6e-4)
     locked = antiresonances(model, model.theta_ref, "motor 1", "motor 1")
     np.testing.assert_allclose(locked.freq_hz, zeros, rtol=0, atol=6e-4)
-
-
-def test_four_mass_undamped_frequencies_and_gain_limits():
-    """Undamped frequencies as printed; gain 1 / total inertia at low, 1 / motor inertia at high frequency."""
-    model = four_mass(100)
-    undamped = replace(model, D=0 * model.D)
-    np.testing.assert_allclose(modes(undamped, model.theta_ref).freq_hz, [12.402, 19.120, 54.671], rtol=0, atol=6e-4)
-    low, high = frequency_response(undamped, model.theta_ref, np.array([1e-3, 1e5]))[:, 0, 0]
-    assert low == pytest.approx(21.277, abs=6e-4)
-    assert high == pytest.approx(200.0, rel=1e-6)
 
 
 def test_zeros_between_motor_and_far_mass_are_none():
@@ -122,17 +103,6 @@ def test_long_chain_has_no_zero_to_its_far_end():
     model = linear(robot, outputs=("body mass5 z",))
     zeros = antiresonances(model, model.theta_ref, "body mass5 z", "motor 1")
     assert zeros.freq_hz.size == zeros.real_poles.size == 0
-
-
-def test_body_of_a_coaxial_chain_moves_by_the_sum_of_its_joints():
-    """Absolute acceleration of the last body = sum of the relative ones of all joints, bodies' own axes aligned."""
-    outputs = ("body mass3 z", "joint 1", "joint 2", "joint 3", "body mass3 x")
-    model = linear(
-        chain(Motor(5e-3, 10.0), [Spring(100, 1), Spring(110, 1), Spring(80, 1)], [1, 2, 3]), (0.3,), outputs
-    )
-    G = frequency_response(model, model.theta_ref, np.linspace(0.5, 40, 30))[:, :, 0]
-    np.testing.assert_allclose(G[:, 0], G[:, 1:4].sum(axis=1), rtol=1e-9)
-    np.testing.assert_array_equal(G[:, 4], 0)
 
 
 def test_gear_ratio_refers_motor_inertia_and_friction_to_the_link():

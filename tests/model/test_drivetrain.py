@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -113,21 +112,6 @@ def test_mass_and_coriolis_equal_pinocchio_with_rotors_as_bodies(pin, seed):
     np.testing.assert_allclose(found, c, rtol=0, atol=1e-10 * max(np.abs(c).max(), 1e-3 * springs))
 
 
-@given(seed=seeds)
-@settings(deadline=None, max_examples=10)
-def test_coriolis_terms_of_the_motors_have_the_shape_of_the_thesis(seed):
-    """C_2, in the rows of motors, has no q_m'; C_1, in the rows of links, is at most linear in it (eq. 2.22)."""
-    robot = random_arm(seed, coupled=False)
-    model, n_l = serial(robot), len(robot.joints)
-    rng = np.random.default_rng(seed)
-    q, v = rng.normal(size=(2, model.n_q))
-    spin = np.r_[np.zeros(n_l), 50 * rng.normal(size=model.n_q - n_l)]
-    c = [model.force(q, v + factor * spin, model.theta).full()[:, 0] for factor in (0, 1, 2)]
-    scale = max(np.abs(c[2]).max(), 1.0)
-    np.testing.assert_allclose(c[1][n_l:], c[0][n_l:], atol=1e-10 * scale)
-    np.testing.assert_allclose(c[2] - c[1], c[1] - c[0], atol=1e-10 * scale)
-
-
 def six_axes(carriers: list[tuple[str, str]], ratio: float = 100.0) -> Robot:
     """An upright arm with axes z, y, y, x, y, x at zero, motor inertia 1e-3, motors on the bodies and axes given."""
     bodies, parent = [], BASE
@@ -173,28 +157,6 @@ def test_coupling_is_strictly_upper_triangular_where_each_motor_rides_on_the_lin
     assert not np.tril(coupling(six_axes(before), q)).any()
     own = [*before[:2], ("link3", "y"), *before[3:]]
     assert coupling(six_axes(own), q)[2, 2] == pytest.approx(0.1)
-
-
-def test_coupling_relative_to_the_motor_falls_as_one_over_the_ratio():
-    """S_ij / M_m,jj = cos(angle between the axes) / eta."""
-    for ratio in (5.0, 50.0, 500.0):
-        carriers = [(BASE, "z"), ("link1", "z"), *[("", "")] * 4]
-        model = serial(six_axes(carriers, ratio))
-        M = model.mass(np.zeros(model.n_q), model.theta).full()
-        assert M[0, 7] / M[7, 7] == pytest.approx(1 / ratio, rel=1e-12)
-
-
-def test_coriolis_terms_of_the_rotors_cost_little():
-    """Operations of force beside those of the reduced model: six rotors on six axes add less than their part."""
-    riding = six_axes([("link1", "z"), ("link1", "y"), ("link3", "y"), *[("link3", "x")] * 3])
-    alone = six_axes([("", "")] * 6)
-    n = []
-    for robot in (riding, alone):
-        model = serial(robot)
-        q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
-        terms = [model.mass(q, model.theta), model.force(q, v, model.theta)]
-        n.append(ca.Function("terms", [q, v], terms, {"cse": True}).n_instructions())
-    assert n[0] < 1.2 * n[1]
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 
 import casadi as ca
@@ -34,17 +33,6 @@ def robot() -> Robot:
     )
 
 
-def six_axes(axis_of_elastic: str | tuple[float, float, float]) -> Robot:
-    """A six-axis arm with one further elastic joint an axis: 18 coordinates."""
-    bodies: list[Body] = []
-    for i, axis in enumerate("zyyxyx"):
-        joints = (Joint(axis + str(i), axis, Spring(1e5), MOTOR), Joint(f"e{i}", axis_of_elastic, Spring(3e5)))
-        parent = bodies[-1].name if bodies else "base"
-        place = Placement((0.2 * (i % 2), 0, 0.4))
-        bodies.append(Body(f"b{i}", parent, place, joints, 60 - 8 * i, (0.1, 0.02, 0.2), (3, 4, 5, 0.1, 0.2, 0.3)))
-    return Robot("six axes", tuple(bodies))
-
-
 def test_coordinates_are_joints_then_motors_of_elastic_gears():
     """Names and order, and the motor of a rigid gear turning with its joint."""
     model = serial(robot())
@@ -68,51 +56,6 @@ def test_gear_spring_drives_the_arm_and_holds_the_motor_back():
     f = (model.force(q, v, model.theta) - inertial.force(q, v, inertial.theta)).full()[:, 0]
     tau_a = 5e4 * (0.3 - 0.1) + 40 * (3.0 - 1.0)
     np.testing.assert_allclose(f, [-tau_a, 2e5 * 0.05 + 90 * 0.2, 0, 0, tau_a], rtol=1e-12)
-
-
-def test_gear_ratio_leads_motor_numbers_to_the_link_by_its_square():
-    """Inertia and viscous friction of a motor times 80^2, on its own coordinate or on its rigidly driven joint."""
-    model = serial(robot())
-    q = np.zeros(model.n_q)
-    M, D = model.mass(q, model.theta).full(), model.damping(q, model.theta).full()
-    assert M[4, 4] == pytest.approx(6400 * 1e-3)
-    assert np.count_nonzero(M[4]) == 1
-    theta = dict(zip(model.parameters, model.theta, strict=True)) | {"Jm_2": 0.0}
-    assert M[2, 2] - model.mass(q, [*theta.values()])[2, 2] == pytest.approx(6400 * 1e-3)
-    np.testing.assert_allclose(np.diag(D), [40 + 3, 90, 4 + 6400 * 2e-3, 0.5, 40 + 6400 * 2e-3])
-    assert D[0, 4] == D[4, 0] == -40
-
-
-def test_linear_matrices_are_the_derivatives_of_the_forces_at_rest():
-    """D = df/dv and K = df/dq at v = 0: Rayleigh function and Hessian of V against Newton-Euler, by differences."""
-    model = serial(robot())
-    q, rest = np.random.default_rng(3).normal(size=model.n_q), np.zeros(model.n_q)
-    h = 1e-5
-    for matrix, force in (
-        (model.damping(q, model.theta).full(), lambda e: model.force(q, rest + e, model.theta)),
-        (model.stiffness(q, [], model.theta).full(), lambda e: model.force(q + e, rest, model.theta)),
-    ):
-        differences = np.column_stack([(force(h * e) - force(-h * e)).full() / (2 * h) for e in np.eye(model.n_q)])
-        np.testing.assert_allclose(matrix, differences, atol=1e-5)
-
-
-def test_turns_about_coordinate_axes_cost_few_operations():
-    """18 coordinates: M and f in under 2000 instructions each; oblique axes may cost more but give the same laws."""
-    aligned, oblique = serial(six_axes("x")), serial(six_axes((1.0, 0.2, 0.3)))
-    assert aligned.n_q == 18
-    for name in ("mass", "force"):
-        count = getattr(aligned, name).n_instructions()
-        assert count < 2000
-        assert getattr(oblique, name).n_instructions() > 1.3 * count
-
-
-def test_model_survives_pickling():
-    """Simulations run in processes: the functions of a model that was sent give the same numbers."""
-    model = serial(robot())
-    sent = pickle.loads(pickle.dumps(model))
-    q = np.linspace(0.1, 0.5, model.n_q)
-    np.testing.assert_array_equal(sent.mass(q, sent.theta).full(), model.mass(q, model.theta).full())
-    assert sent.coordinates == model.coordinates
 
 
 def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():

@@ -65,12 +65,6 @@ def test_last_common_frame():
     assert last_common(layout, c, c) == c
 
 
-def test_unknown_body_is_named():
-    robot = forked()
-    with pytest.raises(KeyError, match="has no body d; there are base, a, b, c, payload"):
-        seat(robot, tree(robot), "d")
-
-
 def test_a_seat_on_a_seat_adds_its_place_in_the_axes_of_the_first() -> None:
     """p + R x: a quarter turn about z brings x to y."""
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

@@ -151,27 +151,6 @@ def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -
         assert np.all(error <= allowed), (name, (error / allowed).max())
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_coordinates_as_symbols_are_the_coordinates_of_the_robot(case: str) -> None:
-    """The model with all geometry as parameters, at other values of it, is that of the robot described so."""
-    robot, spec, angles, body = CASES[case]
-    outputs, at = measured(robot, body), Configuration("c", angles)
-    numbers = robot.parameters(robot.geometry)
-    rng = np.random.default_rng(0)
-    in_plane = [name for name in robot.geometry if name.endswith(("_x", "_z")) or name == "l_rod"]
-    values = {name: numbers[name][0] + 0.01 * float(rng.uniform(-1, 1)) for name in in_plane}
-    other = robot.with_parameters(values)
-    model, fresh = formulate(robot, spec, robot.geometry), formulate(other, spec)
-    theta = np.array([values.get(name, number) for name, number in zip(model.parameters, model.theta, strict=True)])
-    symbols = linearise(model, at, theta, outputs, "acceleration")
-    described = linearise(fresh, at, fresh.theta, outputs, "acceleration")
-    G = frequency_response(symbols, symbols.theta_ref, LINES)
-    expected = frequency_response(described, described.theta_ref, LINES)
-    np.testing.assert_allclose(G, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
-    assert fresh.parameters == tuple(robot.parameters())
-    assert model.robot_at(theta) == other
-
-
 def test_a_point_of_a_joint_moves_its_axis_and_nothing_else() -> None:
     """The same robot as one whose body is placed at the point, and mounted back by as much behind its joint."""
     arm = bending_arm()

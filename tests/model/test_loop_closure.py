@@ -192,22 +192,6 @@ def test_derivatives_of_the_response_equal_differences(spec: ModelSpec):
         assert np.abs(dG[i] - difference).max() < 1e-6 * np.abs(dG[i]).max()
 
 
-def test_slopes_are_those_of_the_model_built_with_other_numbers():
-    """Against linearisations at changed stiffnesses about the same posture: the projection holds for the slopes too."""
-    robot = linkage(bends=True, spatial=True)
-    weightless = replace(robot, gravity=(0.0, 0.0, 0.0))
-    at = postures(robot, 1, seed=1)[0]
-    for spec in (CONSTRAINED, MINIMAL, ModelSpec("minimal", "lumped_rod")):
-        model = formulate(weightless, spec)
-        linear = linearise(model, at, model.theta, model.inputs, "acceleration")
-        for name in ("k_rod", "k_b2", "m_rod", "d_rod", "I_rod"):
-            theta = np.array(model.theta)
-            theta[model.parameters.index(name)] *= 1.3
-            moved = linearise(model, at, theta, model.inputs, "acceleration")
-            G = frequency_response(linear, np.append(theta, 0.0), LINES)
-            assert far(G, frequency_response(moved, moved.theta_ref, LINES)) < 1e-9, (spec, name)
-
-
 def test_redundant_constraints_change_nothing():
     """A rod that is a body closed by a spatial pin (5 rows, 3 of them redundant), by a planar one, and as a rod."""
     at = Configuration("c", (0.4, 0.1))
@@ -251,21 +235,6 @@ def test_any_choice_of_independent_coordinates_gives_the_same_response():
         response(robot, ModelSpec("minimal", independent=("joint 9",)), at)
 
 
-def test_holding_torques_are_the_slope_of_the_energy():
-    """u0 = dV/dq_m along the equilibria, by differences of the potential at rest."""
-    robot = PLANTS["spatial, four-bar, elastic"]
-    for spec in (CONSTRAINED, MINIMAL):
-        model, angles, step = formulate(robot, spec), np.array([0.2, 0.5, 0.3]), 1e-4
-
-        def energy(at, model=model):
-            point = equilibrium(model, model.theta, Configuration("c", at))
-            return float(model.potential(point.q, model.theta))
-
-        slope = [(energy(angles + step * e) - energy(angles - step * e)) / (2 * step) for e in np.eye(3)]
-        u = equilibrium(model, model.theta, Configuration("c", angles)).u
-        np.testing.assert_allclose(u, slope, rtol=1e-5, atol=1e-3)
-
-
 def test_what_no_loop_can_be_is_refused():
     """By the description itself."""
     ends = (Anchor("crank"), Anchor("upper"))
@@ -306,12 +275,3 @@ def test_both_formulations_have_the_same_mode_shapes_in_all_coordinates(bends):
         one, other = constrained.coordinates.index(name), minimal.coordinates.index(name)
         np.testing.assert_allclose(np.abs(shapes[one]), np.abs(same_shapes[other]), atol=1e-7)
     np.testing.assert_allclose(np.abs(shapes).max(axis=0), 1)
-
-
-def test_a_mode_of_a_linkage_keeps_its_loops_closed():
-    """Phi times the shape is zero: no mode pulls the rod off its pins."""
-    model, _, shapes = mode_shapes(linkage(RIGID_ROD, bends=True), CONSTRAINED)
-    point = equilibrium(model, model.theta, POSTURE)
-    Phi = model.constraint_jacobian(point.q, model.theta).full()
-    assert len(Phi) > 0
-    np.testing.assert_allclose(Phi @ shapes, 0, atol=1e-9 * np.abs(Phi).max())

@@ -8,14 +8,12 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from plants.refusals import refused
 
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.model.frame_tree import between, seat, tree, turns
@@ -62,13 +60,6 @@ def test_a_spring_without_rest_length_cancels_gravity_at_every_angle(a: float, b
         assert abs(float(model.stiffness([angle], [], model.theta))) < 1e-6 * WEIGHT
 
 
-def test_a_rest_length_leaves_what_the_closed_form_says() -> None:
-    """L0 = 0.3 m leaves k a b L0 / L sin q of the 800 Nm, +-264 Nm with ends 0.9 m apart at the most."""
-    found = holding(arm(balancer(0.3)), ANGLES)
-    L = np.sqrt(A**2 + B**2 - 2 * A * B * np.cos(ANGLES))
-    np.testing.assert_allclose(found, -WEIGHT * 0.3 / L * np.sin(ANGLES), atol=1e-9)
-
-
 def test_the_most_that_a_rest_length_leaves() -> None:
     """m g l L0 / a at the angle whose cosine is b / a: L0 = 0.3 m and a = 0.909 m leave +-264 Nm of 800."""
     angles = np.array([-math.acos(0.3 / 0.909), math.acos(0.3 / 0.909)])
@@ -99,18 +90,6 @@ def test_gas_and_coil_give_forces_that_are_derivatives_of_their_energy() -> None
             h = 1e-5
             up, down = (float(model.force([angle + side * h], [0.0], model.theta)) for side in (1, -1))
             assert float(model.stiffness([angle], [], model.theta)) == pytest.approx((up - down) / (2 * h), rel=1e-6)
-
-
-@given(length=st.floats(0.3, 0.75), kappa=st.floats(1.0, 1.6), push=st.booleans())
-@settings(deadline=None, max_examples=30)
-def test_gas_follows_its_law(length: float, kappa: float, push: bool) -> None:
-    """F = F0 (h0 / h)^kappa: a strut pushes, a cylinder draws, and a lever of 1 m turns it into the same torque."""
-    gas = GasSpring(1000.0, 0.5, 0.9, kappa, "push" if push else "draw")
-    # The end on the arm is 1 m above the axis and the other one `length` m beside it: at angle 0 the lever is 1 m.
-    robot = arm(Compensator("c", (Anchor("base", (-length, 0, 1.0)), Anchor("arm", (0, 0, 1.0))), gas=gas), gravity=0.0)
-    held = holding(robot, np.zeros(1))[0]
-    h = 0.9 + (length - 0.5) * (1 if push else -1)
-    assert held == pytest.approx((-1 if push else 1) * 1000.0 * (0.9 / h) ** kappa, rel=1e-9)
 
 
 def test_the_counterbalance_of_a_kuka_kr300_equals_its_formula() -> None:
@@ -153,17 +132,6 @@ def test_the_balance_cylinder_of_an_irb_4400() -> None:
     for angle in (0.0, 0.7):
         u = equilibrium(weightless, weightless.theta, Configuration("c", (angle, 0.0))).u
         np.testing.assert_allclose(u, [0.0, 10e3 * lever], atol=1.0)
-
-
-def test_its_stiffness_is_in_the_linear_model() -> None:
-    """Held motor: K of an elastic joint is k_1 less gravity's m g l plus the balancer's k a b, at angle 0."""
-    joint = Joint("1", "y", Spring(2e5, 50), Motor(1e-3, 100))
-    plain = arm()
-    elastic = replace(plain, bodies=(replace(plain.bodies[0], joints=(joint,)),))
-    for compensators, stiffness in (((), 2e5 - WEIGHT), ((balancer(0.0),), 2e5)):
-        model = serial(replace(elastic, compensators=compensators))
-        linear = linearise(model, Configuration("up", (0.0,)), model.theta, ("motor 1",), "acceleration")
-        assert linear.K[0, 0] == pytest.approx(stiffness, rel=1e-9)
 
 
 def two_links() -> Robot:

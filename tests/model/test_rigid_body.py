@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -187,33 +186,6 @@ def test_angular_velocities_equal_pinocchio(pin, seed):
         twist = pin.getFrameVelocity(reference, data, reference.getFrameId(body.name), pin.ReferenceFrame.LOCAL)
         C = model.output_jacobian(q, [f"body {body.name} {axis}" for axis in "xyz"])
         np.testing.assert_allclose(C @ v, twist.angular, atol=1e-10)
-
-
-@given(seed=seeds)
-@settings(deadline=None, max_examples=8)
-def test_mass_is_symmetric_positive_and_linear_in_masses_and_inertias(seed):
-    """M = M^T > 0, and scaling all masses and inertias (centres of mass kept) scales M."""
-    model = serial(random_robot(seed))
-    q = np.random.default_rng(seed).normal(size=model.n_q)
-    M = model.mass(q, model.theta).full()
-    np.testing.assert_array_equal(M, M.T)
-    assert np.linalg.eigvalsh(M)[0] > -1e-12 * np.abs(M).max()
-    scaled = [3 * t if name[0] in "mIJ" else t for name, t in zip(model.parameters, model.theta, strict=True)]
-    np.testing.assert_allclose(model.mass(q, scaled).full(), 3 * M, atol=1e-12 * np.abs(M).max())
-
-
-@given(seed=seeds)
-@settings(deadline=None, max_examples=8)
-def test_coriolis_forces_do_no_work_beyond_the_change_of_kinetic_energy(seed):
-    """v^T (c - M' v / 2) = 0: the energy identity that sign errors in c break."""
-    model = serial(random_robot(seed))
-    rng = np.random.default_rng(seed)
-    q, v = rng.normal(size=(2, model.n_q))
-    c = model.force(q, v, model.theta).full()[:, 0] - model.potential_gradient(q, model.theta).full()[:, 0]
-    t = ca.SX.sym("t")
-    kinetic = ca.DM(v).T @ model.mass(ca.DM(q) + t * ca.DM(v), model.theta) @ ca.DM(v) / 2
-    rate = float(ca.Function("rate", [t], [ca.jacobian(kinetic, t)])(0))
-    assert v @ c == pytest.approx(rate, rel=1e-9, abs=1e-9)
 
 
 def test_a_frame_that_is_not_there_is_refused():

@@ -178,15 +178,6 @@ def test_upright_in_its_gap_a_beam_leans_on_the_flank() -> None:
         assert tangent > weight
 
 
-@pytest.mark.parametrize("stiffer", [1e12, 1e15, 1e18, 1e21])
-def test_statics_converge_from_the_rigid_posture_for_stiff_cubic_springs(stiffer: float) -> None:
-    """k + k3 D^2 with a start that is a millionth as stiff as the end."""
-    model = serial(beam(Spring(1e3, cubic=stiffer), 3000.0))
-    point = equilibrium(model, model.theta, HORIZONTAL)
-    x = point.q[1] - point.q[0]
-    assert 1e3 * x + stiffer * x**3 == pytest.approx(-3000 * math.cos(point.q[0]), rel=1e-9)
-
-
 @given(
     rounding=st.floats(-8, 0).map(lambda power: 10**power),
     b=st.floats(-5, -2).map(lambda power: 10**power),
@@ -227,26 +218,6 @@ def test_slopes_follow_the_operating_point() -> None:
         assert error < 1e-6 * np.abs(difference).max() + rounding, name
 
 
-def test_a_held_operating_point_would_mislead() -> None:
-    """A stiffer cubic spring deflects less: its slope is about half of what the held point makes it."""
-    model = serial(beam(Spring(1e6, cubic=3e11), 3000.0))
-    at = model.parameters.index("k3_1")
-    linear = linearise(model, HORIZONTAL, model.theta, ("motor 1",), "acceleration")
-    followed = linear.slopes["k3_1"].K[1, 1]
-    deflection, tangent = at_rest(model, 0.0)
-    # k D + k3 D^3 = tau:  dD/dk3 = -D^3 / k_t,  so that dk_t/dk3 = 3 D^2 - 6 k3 D^4 / k_t.
-    held = 3 * deflection**2
-    assert followed == pytest.approx(held - 6 * model.theta[at] * deflection**4 / tangent, rel=1e-3)
-    assert followed < 0.6 * held
-
-
-def test_nonlinear_springs_are_cheap_to_simulate() -> None:
-    """A few instructions a spring in the force that a simulation evaluates at every step."""
-    plain = serial(beam(Spring(1e6), 100.0)).force.n_instructions()
-    for spring, cost in ((Spring(1e6, cubic=1e11), 12), (Spring(1e6, backlash=1e-4), 32)):
-        assert serial(beam(spring, 100.0)).force.n_instructions() - plain <= cost
-
-
 def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
     """Gravity alone holds a hanging beam behind the top of its spring's law, k D + k2 D^2 at D = -1.1 k / 2 k2."""
     model = serial(beam(Spring(1e4, quadratic=0.0, cubic=0.0), 2000.0))
@@ -269,28 +240,15 @@ def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
         ({"quadratic": 1e9, "cubic": 1e11}, "loses its stiffness at a negative deflection of 0.0005"),
         ({"symmetric_quadratic": -1e9}, "loses its stiffness at a positive deflection of 0.0005"),
         ({"backlash": 1e-4, "quadratic": 1e6}, "inside the backlash"),
-        ({"backlash": 0.0}, "backlash is 0 rad, half the gap; it must be positive, or left out"),
+        ({"backlash": 0.0}, "backlash is 0; it must be positive"),
         ({"inner_stiffness": 10.0}, "inner_stiffness is that inside the backlash, and there is none"),
-        ({"backlash": 1e-4, "inner_stiffness": -1.0}, "inner_stiffness is -1 N"),
+        ({"backlash": 1e-4, "inner_stiffness": -1.0}, "inner_stiffness is -1"),
         ({"backlash": 1e-4, "rounding": 0.0}, "rounding is 0"),
     ],
 )
 def test_springs_that_pull_are_refused(fields: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Spring(1e6, **fields)
-
-
-def test_monotone_springs_are_accepted() -> None:
-    """quadratic^2 < 3 k cubic, and hardening to both sides without a cubic term."""
-    deflection = np.linspace(-5e-3, 5e-3, 2001)
-    for spring in (
-        Spring(1e6, quadratic=9e8, cubic=3e11),
-        Spring(1e6, symmetric_quadratic=1e9),
-        Spring(1e6, symmetric_quadratic=-9e8, cubic=3e11),
-    ):
-        k2, k2s, k3 = spring.quadratic or 0.0, spring.symmetric_quadratic or 0.0, spring.cubic or 0.0
-        torque = 1e6 * deflection + k2 * deflection**2 + k2s * deflection * np.abs(deflection) + k3 * deflection**3
-        assert np.all(np.diff(torque) > 0)
 
 
 def sampled_response(model: ElasticModel, q0: np.ndarray, lines_hz: np.ndarray, rate_hz: float) -> np.ndarray:

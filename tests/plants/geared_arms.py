@@ -1,26 +1,25 @@
-"""Arms with dry friction before and behind their gears, by equations and steps that share nothing with the package.
+"""A linkage with dry friction before and behind its gears, by equations and steps that share nothing with the package.
 
-Motors on shafts s = E a, E of the couplings between gears, a link-side angles before the springs; links l after them:
+Motors at link-side angles a before the springs, links l after them:
 
-    E^T J E a'' + E^T (f s' + F_m sgn s') + tau = u,    tau = k x + d x' + beyond(x) by gear, x = a - l (driven)
-    M(l) l'' + c(l, l') = tau - F_l sgn l' - springs of joints that no motor drives
+    J a'' + f a' + F_m sgn a' + tau = u,    tau = k x + d x', x = a - l
+    M(l) l'' + c(l, l') = tau - F_l sgn l'
 
-The links' equations are MuJoCo's, or for the parallel linkage those of two absolute angles, written out. Runge-Kutta
-of fourth order for all of it, experiments side by side. A sign turns over a small speed, which a step can follow.
+The links' equations are those of two absolute angles, written out. Runge-Kutta of fourth order for all of it,
+experiments side by side. A sign turns over a small speed, which a step can follow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.record import Configuration, Record
-from elastid.robot import Anchor, Body, GearCoupling, Joint, Loop, Motor, Placement, Robot, Rod, Spring
+from elastid.robot import Anchor, Body, Joint, Loop, Motor, Placement, Robot, Rod, Spring
 
 RATE_HZ, SAMPLES, SUBSTEPS, SETTLING = 500.0, 1000, 8, 1
 LINES = np.arange(5, 161, 4)
@@ -31,56 +30,31 @@ Links: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Drives:
-    """Numbers (n_u,) of the motors and gears, on the link side; E (n_u, n_u) from angles a to shafts.
+class Arm:
+    """A robot of the package, the same arm from outside, and the excitation that it bears.
 
-    driven (n_u,): place of each in the links' joints.  gap: half of the lost motion, in which the spring has `loose` of
-    its stiffness.
+    J, k, d, f, F_m, F_l, rms (n_u,): link side, Nm and rad.  turn: rad/s over which a sign turns.
     """
 
-    driven: tuple[int, ...]
+    robot: Robot
+    links: Links
     J: FloatArray
     k: FloatArray
     d: FloatArray
     f: FloatArray
     F_m: FloatArray
     F_l: FloatArray
-    E: FloatArray
-    k_3: FloatArray
-    gap: FloatArray
-    loose: float = 0.3
-
-    def spring(self, x: FloatArray) -> FloatArray:
-        """Torque (n_u, M) of the springs, without damping."""
-        lost = (1 - self.loose) * self.k[:, None] * np.clip(x, -self.gap[:, None], self.gap[:, None])
-        return np.asarray(self.k[:, None] * x + self.k_3[:, None] * x**3 - lost)
-
-
-@dataclass(frozen=True)
-class Arm:
-    """A robot of the package, the same arm from outside, and the excitation that it bears.
-
-    rms (n_u,): Nm.  turn (n_u,): rad/s over which a sign turns.
-    """
-
-    robot: Robot
-    links: Links
-    drives: Drives
     postures: Mapping[str, tuple[float, ...]]
     rms: FloatArray
-    turn: FloatArray
-    n_l: int
+    turn: float = 1e-3
     free: tuple[str, ...] = ("k_*", "d_*", "fm_*")
 
     @property
     def truth(self) -> dict[tuple[str, str], float]:
         """Kind and joint of each effect of its gears to its level."""
-        drives, levels = self.drives, {}
-        lost = (1 - drives.loose) * drives.k * (drives.gap > 0)
-        for i, joint in enumerate(self.robot.driven):
-            of_joint = {"friction": drives.F_m[i], "behind": drives.F_l[i], "gap": lost[i]}
-            levels |= {(kind, joint.name): float(level) for kind, level in of_joint.items() if level}
-        return levels
+        names = [joint.name for joint in self.robot.driven]
+        kinds = {"friction": self.F_m.tolist(), "behind": self.F_l.tolist()}
+        return {(kind, name): level for kind, row in kinds.items() for name, level in zip(names, row, strict=True)}
 
 
 def measure(
@@ -121,29 +95,22 @@ def _simulated(
     arm: Arm, angles: FloatArray, torque: FloatArray, reference: FloatArray, rate: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Torques and angles (n_u, m, n) of the motors in the settled periods; given (n_u, m, half steps)."""
-    drives, (n_u, m, n) = arm.drives, torque.shape
-    E, driven, h = drives.E, list(drives.driven), 1 / (RATE_HZ * SUBSTEPS)
-    inertia = E.T @ np.diag(drives.J) @ E
-    inverse = np.linalg.inv(inertia)
+    (n_u, m, n), h = torque.shape, 1 / (RATE_HZ * SUBSTEPS)
+    J, k, d, f, F_m, F_l = (x[:, None] for x in (arm.J, arm.k, arm.d, arm.f, arm.F_m, arm.F_l))
     stiff, damper = 40 * arm.rms[:, None], 6 * arm.rms[:, None]
     start, hold = _at_rest(arm, angles, m)
-    d = drives.d[:, None]
 
     def applied(a: FloatArray, da: FloatArray, i: int) -> FloatArray:
         error, of_rate = angles[:, None] + reference[:, :, i] - a, rate[:, :, i] - da
         return np.asarray(torque[:, :, i] + hold + stiff * error + damper * of_rate)
 
     def slopes(state: FloatArray, i: int) -> FloatArray:
-        a, da, link, dl = np.split(state, [n_u, 2 * n_u, 2 * n_u + arm.n_l])
-        tau = drives.spring(a - link[driven]) + d * (da - dl[driven])
-        shaft = E @ da
-        friction = drives.f[:, None] * shaft + drives.F_m[:, None] * np.tanh(shaft / arm.turn[:, None])
-        dda = inverse @ (applied(a, da, i) - E.T @ friction - tau)
-        on_links = np.zeros((arm.n_l, m))
-        on_links[driven] = tau - drives.F_l[:, None] * np.tanh(dl[driven] / arm.turn[:, None])
-        return np.concatenate([da, dda, dl, arm.links(link, dl, on_links)])
+        a, da, link, dl = np.split(state, 4)
+        tau = k * (a - link) + d * (da - dl)
+        dda = (applied(a, da, i) - f * da - F_m * np.tanh(da / arm.turn) - tau) / J
+        return np.concatenate([da, dda, dl, arm.links(link, dl, tau - F_l * np.tanh(dl / arm.turn))])
 
-    x = np.concatenate([np.repeat(angles[:, None], m, axis=1), np.zeros((n_u, m)), start, np.zeros((arm.n_l, m))])
+    x = np.concatenate([np.repeat(angles[:, None], m, axis=1), np.zeros((n_u, m)), start, np.zeros((n_u, m))])
     u, q = [], []
     for step in range((SETTLING + 2) * SAMPLES * SUBSTEPS):
         i = 2 * step % n
@@ -161,129 +128,21 @@ def _simulated(
 
 def _at_rest(arm: Arm, angles: FloatArray, m: int) -> tuple[FloatArray, FloatArray]:
     """Links (n_l, m) and holding torques (n_u, m) with the motors at their angles, by Newton's method."""
-    drives, driven = arm.drives, list(arm.drives.driven)
-    link = np.zeros(arm.n_l)
-    link[driven] = angles
+    link, none = angles.copy(), np.zeros((len(angles), 1))
 
     def force(link: FloatArray) -> FloatArray:
-        on_links = np.zeros((arm.n_l, 1))
-        on_links[driven] = drives.spring((angles - link[driven])[:, None])
-        return arm.links(link[:, None], np.zeros((arm.n_l, 1)), on_links)[:, 0]
+        return arm.links(link[:, None], none, (arm.k * (angles - link))[:, None])[:, 0]
 
     for _ in range(20):
         e = force(link)
-        slope = np.stack([(force(link + 1e-7 * row) - e) / 1e-7 for row in np.eye(arm.n_l)], axis=1)
+        slope = np.stack([(force(link + 1e-7 * row) - e) / 1e-7 for row in np.eye(len(link))], axis=1)
         link = link - np.linalg.solve(slope, e)
-    hold = drives.spring((angles - link[driven])[:, None])
-    return np.repeat(link[:, None], m, axis=1), np.repeat(hold, m, axis=1)
-
-
-def in_mujoco(robot: Robot) -> Links:
-    """Links of a serial robot by MuJoCo's equations, with the springs of joints that no motor drives."""
-
-    @cache
-    def engine() -> tuple[Any, Any, Any]:
-        import mujoco
-
-        model = mujoco.MjModel.from_xml_string(_mjcf(robot))
-        return mujoco, model, mujoco.MjData(model)
-
-    def accelerations(link: FloatArray, velocity: FloatArray, torque: FloatArray) -> FloatArray:
-        (mujoco, model, data), out = engine(), np.empty_like(link)
-        for i in range(link.shape[1]):
-            data.qpos[:], data.qvel[:], data.qfrc_applied[:] = link[:, i], velocity[:, i], torque[:, i]
-            mujoco.mj_forward(model, data)
-            out[:, i] = data.qacc
-        return out
-
-    return accelerations
-
-
-def _mjcf(robot: Robot) -> str:
-    axes = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
-
-    def body(one: Body) -> str:
-        joints = "".join(
-            f'<joint name="{joint.name}" type="hinge" axis="{axes[str(joint.axis)]}"'
-            + ("" if joint.motor or joint.spring is None else
-               f' stiffness="{joint.spring.stiffness}" damping="{joint.spring.damping}"')
-            + "/>"
-            for joint in one.joints
-        )  # fmt: skip
-        inertia = one.inertia if isinstance(one.inertia, tuple) else (one.inertia,) * 3
-        at = " ".join(map(str, one.placement.xyz))
-        return (
-            f'<body name="{one.name}" pos="{at}">{joints}<inertial mass="{one.mass}" '
-            f'pos="{" ".join(map(str, one.center_of_mass))}" diaginertia="{" ".join(map(str, inertia))}"/>'
-            + "".join(body(child) for child in robot.bodies if child.parent == one.name)
-            + "</body>"
-        )
-
-    gravity = " ".join(map(str, robot.gravity))
-    first = "".join(body(one) for one in robot.bodies if one.parent == "base")
-    return (
-        f'<mujoco><compiler autolimits="true" balanceinertia="false"/><option gravity="{gravity}">'
-        f'<flag contact="disable" constraint="disable"/></option><worldbody>{first}</worldbody></mujoco>'
-    )
-
-
-def _drives(robot: Robot, F_m: Sequence[float], F_l: Sequence[float], **further: FloatArray) -> Drives:
-    n_u = len(robot.driven)
-    springs, motors = [j.spring for j in robot.driven], [j.motor for j in robot.driven]
-    numbers = {
-        "J": [m.inertia * m.ratio**2 for m in motors if m], "f": [m.viscous * m.ratio**2 for m in motors if m],
-        "k": [s.stiffness for s in springs if s], "d": [s.damping for s in springs if s], "F_m": F_m, "F_l": F_l,
-    }  # fmt: skip
-    E = np.eye(n_u)
-    for gear in robot.gears:
-        names = [joint.name for joint in robot.driven]
-        E[names.index(gear.motor), names.index(gear.joint)] = gear.ratio / robot.ratio(gear.motor)
-    none = {"k_3": np.zeros(n_u), "gap": np.zeros(n_u)}
-    arrays = {name: np.array(values, float) for name, values in numbers.items()} | none | further
-    return Drives(tuple(robot.driven_indices), E=E, **arrays)
+    hold = arm.k * (angles - link)
+    return np.repeat(link[:, None], m, axis=1), np.repeat(hold[:, None], m, axis=1)
 
 
 def _joint(name: str, axis: str, J: float, k: float, d: float, f: float) -> Joint:
     return Joint(name, axis, Spring(k, d), Motor(J / RATIO**2, RATIO, f / RATIO**2))
-
-
-def wrist() -> Arm:
-    """Two axes across each other whose gears are coupled, as those of a wrist: motor 2 turns along with joint 1."""
-    robot = Robot(
-        "wrist",
-        (
-            Body("hand", joints=(_joint("1", "z", 6.0, 9e4, 30.0, 8.0),), mass=20.0, center_of_mass=(0.25, 0.02, 0.1),
-                 inertia=(0.5, 1.5, 1.6)),
-            Body("tool", "hand", Placement((0.4, 0.0, 0.1)), (_joint("2", "y", 3.0, 4e4, 12.0, 4.0),), 15.0,
-                 (0.3, 0.05, 0.02), (0.2, 0.9, 1.0)),
-        ),
-        gears=(GearCoupling("2", "1", 0.6 * RATIO),),
-    )  # fmt: skip
-    postures = {"a": (0.2, 0.3), "b": (-0.4, 1.1)}
-    drives = _drives(robot, (12.0, 5.0), (8.0, 4.0))
-    return Arm(robot, in_mujoco(robot), drives, postures, np.array([90.0, 40.0]), np.array([2e-3, 2e-3]), 2)
-
-
-def six_axes() -> Arm:
-    """Six axes of a handling robot."""
-    rows = (  # joint, axis, J, k, d, f; place of the body on the one before, mass, centre of mass, inertia
-        ("1", "z", 30.0, 1e6, 300.0, 40.0, (0.0, 0.0, 0.0), 120.0, (0.05, 0.02, 0.3), (5.0, 5.0, 4.0)),
-        ("2", "y", 28.0, 9e5, 250.0, 35.0, (0.2, 0.0, 0.5), 60.0, (0.02, 0.05, 0.4), (4.0, 4.2, 0.8)),
-        ("3", "y", 15.0, 4e5, 120.0, 20.0, (0.0, 0.0, 0.9), 45.0, (0.15, 0.03, 0.1), (0.9, 1.4, 1.3)),
-        ("4", "x", 2.5, 7e4, 12.0, 4.0, (0.4, 0.0, 0.15), 20.0, (0.25, 0.02, 0.05), (0.2, 0.6, 0.6)),
-        ("5", "y", 1.8, 5e4, 8.0, 3.0, (0.5, 0.0, 0.0), 10.0, (0.08, 0.02, 0.03), (0.08, 0.12, 0.11)),
-        ("6", "x", 0.8, 2.5e4, 3.0, 1.2, (0.12, 0.0, 0.0), 14.0, (0.15, 0.09, 0.06), (0.25, 0.4, 0.45)),
-    )
-    names = ("base", *(f"body {row[0]}" for row in rows))
-    bodies = tuple(
-        Body(f"body {name}", parent, Placement(at), (_joint(name, axis, J, k, d, f),), mass, center, inertia)
-        for parent, (name, axis, J, k, d, f, at, mass, center, inertia) in zip(names, rows, strict=False)
-    )
-    robot = Robot("six axes", bodies)
-    postures = {"a": (0.1, 0.4, 0.3, 0.5, 0.7, 0.2), "b": (0.6, -0.3, 0.8, -1.0, 1.2, 1.4)}
-    rms = np.array([500.0, 500.0, 250.0, 50.0, 40.0, 20.0])
-    drives = _drives(robot, 0.1 * rms, 0.06 * rms)
-    return Arm(robot, in_mujoco(robot), drives, postures, rms, np.array([1e-3, 1e-3, 1e-3, 4e-3, 4e-3, 4e-3]), 6)
 
 
 LOWER, LEVER = 0.8, 0.3
@@ -329,7 +188,5 @@ def parallel_linkage() -> Arm:
         return np.stack([(J_2 * e_t - coupling * e_s) / det, (J_1 * e_s - coupling * e_t) / det])
 
     postures = {"a": (0.2, 0.1), "b": (-0.3, 0.4)}
-    drives = _drives(robot, (40.0, 35.0), (20.0, 18.0))
-    plain = Drives((0, 1), drives.J, drives.k, drives.d, drives.f, drives.F_m, drives.F_l, np.eye(2), drives.k_3,
-                   drives.gap)  # fmt: skip
-    return Arm(robot, links, plain, postures, np.array([400.0, 350.0]), np.array([1e-3, 1e-3]), 2)
+    numbers = ((25.0, 20.0), (8e5, 5e5), (250.0, 150.0), (30.0, 25.0), (40.0, 35.0), (20.0, 18.0))
+    return Arm(robot, links, *map(np.array, numbers), postures, np.array([400.0, 350.0]))

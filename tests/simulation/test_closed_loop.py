@@ -29,7 +29,6 @@ from elastid.simulation.closed_loop import (
     Trajectory,
     closed_loop,
     compiled,
-    compiler,
     simulate,
 )
 from elastid.simulation.controller import Gains, tune
@@ -163,10 +162,6 @@ def test_machine_code_outlives_its_file(caplog: pytest.LogCaptureFixture) -> Non
     assert not caplog.messages
 
 
-def test_a_function_that_is_seldom_called_is_not_compiled() -> None:
-    assert not is_machine_code(compiled(wave(), MIN_CALLS - 1))
-
-
 @pytest.mark.parametrize(
     ("body", "reason"),
     [
@@ -188,10 +183,3 @@ def test_where_the_compiler_fails_a_warning_gives_the_reason(
     assert record.levelno == logging.WARNING
     assert reason in record.message
     assert "experiment.simulated.compiled" in record.message
-
-
-def test_a_compiler_with_an_unclosed_quote_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The words of CC are split as a shell splits them, which fails without a traceback."""
-    monkeypatch.setenv("CC", 'gcc "')
-    with pytest.raises(OSError, match=r'CC=gcc " is no command: No closing quotation'):
-        compiler()

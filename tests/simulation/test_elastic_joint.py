@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from plants.lugre_joint import JOINT, RATE, TRUTH
 from plants.two_axes import ROBOT
 from scipy.integrate import solve_ivp
@@ -34,14 +33,6 @@ def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held(tmp_
         D = np.array([[1.0, -1.0], [-1.0, 1.0]]) * 30.0
         Z = -(omega[:, None, None] ** 2) * M + K + 1j * omega[:, None, None] * D
         np.testing.assert_allclose(reaction(omega, joint), 1 / np.linalg.inv(Z)[:, 0, 0], rtol=1e-9)
-
-
-def test_a_joint_without_a_spring_has_no_such_form(tmp_path: Path) -> None:
-    text = ROBOT.replace("        spring: {stiffness: 30 kN*m/rad, damping: 30}\n", "")
-    (tmp_path / "robot.yml").write_text(text)
-    assert held_joint(load_robot(tmp_path / "robot.yml"), "1", np.zeros(2)) is None
-    with pytest.raises(ValueError, match="not in"):
-        held_joint(load_robot(tmp_path / "robot.yml"), "9", np.zeros(2))
 
 
 def test_the_step_is_that_of_the_differential_equation() -> None:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.marks import slow
 from plants.refusals import refused
 from plants.three_mass import (
     ACROSS_ARM,
@@ -100,37 +99,6 @@ def test_both_criteria_converge_from_far_starts():
 
     assert hits("log") >= 27
     assert hits("complex") >= 27
-
-
-@pytest.mark.parametrize("criterion", ["complex", "log"])
-@pytest.mark.parametrize("kind", ["relative", "constant"])
-@pytest.mark.slow
-def test_weighted_estimates_attain_the_cramer_rao_bound(criterion, kind):
-    """Standard deviations over 120 noisy responses within 1.25 of the bound, whether noise follows G or not."""
-    model = plant()
-    std, rng = noise_of(kind, model), np.random.default_rng(3)
-    x = np.array([estimate(measured(model, std, rng), model, criterion=criterion)[0].x for _ in range(120)])
-    bound = cramer_rao(model, std)
-    assert np.all(x.std(axis=0) < 1.25 * bound)
-    assert np.all(np.abs(x.mean(axis=0) - parameters().x) < 0.5 * bound)
-
-
-@pytest.mark.parametrize(("dof", "criterion"), [slow(np.inf, "complex"), (3.0, "complex"), (10.0, "log")])
-@pytest.mark.slow
-def test_intervals_of_95_percent_cover_the_truth(dof, criterion):
-    """200 responses, four parameters: 93 to 99 % of the intervals hold the truth; none is needlessly wide.
-
-    With exact variances and with variances from few degrees of freedom.
-    """
-    model = plant((0, 2))
-    std, rng = noise_of("relative", model), np.random.default_rng(4)
-    errors, claims = [], []
-    for _ in range(200):
-        end, sure = estimate(measured(model, std, rng, dof), model, criterion=criterion)
-        errors.append(end.x - parameters().x)
-        claims.append(np.sqrt(np.diag(sure.covariance)))
-    assert 0.93 < np.mean(np.abs(errors) < 1.96 * np.array(claims)) < 0.99
-    assert np.all(np.median(claims, axis=0) < 1.2 * np.std(errors, axis=0))
 
 
 def test_a_floor_answers_for_an_error_that_the_parameters_absorb():

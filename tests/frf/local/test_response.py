@@ -27,7 +27,6 @@ from elastid.study import load
 RATE, N = 512.0, 512
 LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
 LRM = EstimatorSpec(method="local_rational", quantity="velocity")
-SWEEP = EstimatorSpec(method="local_rational", quantity="velocity", lines="full", band_hz=(2.0, 35.0))
 LINES = np.arange(10, 131)
 FREQ = LINES * RATE / N
 
@@ -115,20 +114,6 @@ def test_a_rational_response_of_low_order_is_reproduced_to_rounding(order: int) 
     response = local_response([record], replace(LRM, local_order=order), LINES)
     np.testing.assert_allclose(response.G, G, atol=1e-9 * np.abs(G).max())
     assert np.abs(local_response([record], LPM, LINES).G - G).max() > 1e-2 * np.abs(G).max()
-
-
-@pytest.mark.parametrize("spec", [LPM, LRM], ids=lambda spec: spec.method)
-def test_phases_turn_as_those_of_the_analytic_plant(spec: EstimatorSpec) -> None:
-    """A delay turns the phase down, and a spring and mass goes from 0 to -180 degrees, in torque to position."""
-    delay, rng = 2e-3, np.random.default_rng(0)
-    s = 2j * np.pi * FREQ
-    G = np.exp(-s * delay) / (s**2 + 2 * 0.3 * 2 * np.pi * 60 * s + (2 * np.pi * 60) ** 2)
-    U = _phases(rng, len(LINES), 1)
-    record = _record(U, G[:, None] * U, quantity="position")
-    for quantity, power in (("position", 0), ("velocity", 1), ("acceleration", 2)):
-        response = local_response([record], replace(spec, quantity=quantity), LINES)  # type: ignore[arg-type]
-        ratio = response.G[:, 0, 0] / (G * s**power)
-        assert np.abs(np.angle(ratio)).max() < 0.01
 
 
 @pytest.mark.parametrize(("P", "table"), [(2, -56.0), (4, -83.0)])
@@ -273,15 +258,6 @@ def test_a_model_that_is_sufficient_keeps_its_variance() -> None:
     # An error as large as stated has chi-square / 2: 1 % of the squares are below 0.01 of their mean.
     assert np.mean(squares) == pytest.approx(1.15, abs=0.15)
     assert np.mean(np.array(squares) < 0.01) < 0.02
-
-
-def test_repeats_without_noise_give_the_response_of_one() -> None:
-    """Also with other gains and signs of the sweep; a note says that they count as one."""
-    plant, rng = study.SweptAxis(), np.random.default_rng(0)
-    one = local_response(plant.measured(1, 2.0, np.inf, rng), SWEEP)
-    three = local_response(plant.measured(3, 2.0, np.inf, rng, gains=(1.0, -1.0, 0.5)), SWEEP)
-    np.testing.assert_allclose(three.G, one.G, rtol=1e-6)
-    assert "3 records with 1 different excitation: " in " ".join(said(three.notes))
 
 
 def test_the_noise_of_repeats_is_that_of_all_their_periods() -> None:

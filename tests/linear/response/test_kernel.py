@@ -1,7 +1,5 @@
 """The kernel against the formula, its derivatives against differences, with loops in C and without."""
 
-import pickle
-
 import numpy as np
 import pytest
 from plants.oblique_arm import arm, linear
@@ -52,14 +50,3 @@ def test_derivatives_equal_central_differences_for_every_parameter(outputs):
             frequency_response(model, theta + shift, FREQ_HZ) - frequency_response(model, theta - shift, FREQ_HZ)
         ) / (2 * h)
         np.testing.assert_allclose(dG[place], numeric, atol=1e-6 * np.abs(numeric).max(), err_msg=name)
-
-
-def test_kernel_survives_pickling_and_refuses_unknown_parameters():
-    """Starts of a fit run in processes; a name that is not a parameter is an error that lists the names."""
-    model = linear(arm())
-    kernel = pickle.loads(pickle.dumps(Kernel(model, FREQ_HZ, ("k_1",))))
-    np.testing.assert_array_equal(
-        kernel.evaluate(model.theta_ref)[1], Kernel(model, FREQ_HZ, ("k_1",)).evaluate(model.theta_ref)[1]
-    )
-    with pytest.raises(KeyError, match="no parameter k_9; there are k_1y"):
-        Kernel(model, FREQ_HZ, ("k_9",))

@@ -15,7 +15,7 @@ from elastid.linear.linear_model import DELAY, LagElement, LinearModel, Slope
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import antiresonances, modes
 from elastid.linear.response.kernel import Kernel
-from elastid.linear.response.transfer import frequency_response, to_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration, HeldTorque
 
@@ -62,18 +62,6 @@ def test_low_frequency_response_without_gravity_is_that_of_the_rigid_robot():
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
 
 
-def test_stiff_springs_give_the_rigid_robot():
-    """All k -> infinity: motor and joint of an axis move alike, elastic joints not at all."""
-    robot = arm()
-    stiff = robot.with_parameters({name: 1e13 for name in robot.parameters() if name.startswith("k_")})
-    model = linear(stiff, outputs=("motor 1", "joint 1", "motor 3", "joint 3", "joint 3z"))
-    G = frequency_response(model, model.theta_ref, np.array([5.0, 50.0]))
-    scale = np.abs(G).max()
-    np.testing.assert_allclose(G[:, 0], G[:, 1], atol=1e-6 * scale)
-    np.testing.assert_allclose(G[:, 2], G[:, 3], atol=1e-6 * scale)
-    np.testing.assert_allclose(G[:, 4], 0, atol=1e-6 * scale)
-
-
 def test_antiresonances_are_the_modes_with_the_motor_locked():
     """Zeros of G_11 = natural frequencies of the arm whose motor 1 cannot turn; there G_11 vanishes (undamped)."""
     model = linear(arm())
@@ -86,17 +74,6 @@ def test_antiresonances_are_the_modes_with_the_motor_locked():
     G = frequency_response(undamped, undamped.theta_ref, np.array([*zeros.freq_hz, 30.3]))[:, 0, 0]
     assert np.all(np.abs(G[:-1]) < 1e-6 * np.abs(G[-1]))
     np.testing.assert_allclose(zeros.shapes[serial(arm()).index("motor 1")], 0, atol=1e-9)
-
-
-def test_collocated_zeros_lie_between_poles():
-    """Undamped and without gravity, poles and zeros of a diagonal element alternate."""
-    model = linear(arm(gravity=(0.0, 0.0, 0.0)))
-    undamped = replace(model, D=0 * model.D, slopes={})
-    poles = modes(undamped, undamped.theta_ref).freq_hz
-    zeros = antiresonances(undamped, undamped.theta_ref, "motor 3", "motor 3").freq_hz
-    # A rigid-body pole at 0 stands before the first zero; other rigid-body modes leave with as many zeros at 0.
-    below = [np.count_nonzero(poles < f) - np.count_nonzero(zeros < f) for f in np.linspace(0.1, 200, 997)]
-    assert set(below) <= {-1, 0}
 
 
 def test_modes_are_where_the_dynamic_stiffness_is_singular():
@@ -133,14 +110,6 @@ def test_delay_turns_the_phase_only():
     theta[-1] = 3e-3
     G0, G = (frequency_response(model, t, FREQ_HZ) for t in (model.theta_ref, theta))
     np.testing.assert_allclose(G, G0 * np.exp(-2j * np.pi * FREQ_HZ * 3e-3)[:, None, None], rtol=1e-12)
-
-
-def test_response_is_a_value_like_a_measured_one():
-    """to_response carries names, quantity and configuration along."""
-    model = linear(arm(), outputs=("motor 1",), quantity="velocity")
-    response = to_response(model, model.theta_ref, FREQ_HZ)
-    assert (response.outputs, response.quantity, response.configuration.name) == (("motor 1",), "velocity", "c")
-    np.testing.assert_array_equal(response.G, frequency_response(model, model.theta_ref, FREQ_HZ))
 
 
 def test_linearisation_built_once_serves_all_configurations():

@@ -1,7 +1,5 @@
 """Which effects the records of another simulator show."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -18,9 +16,9 @@ from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.nonlinear.gear_notes import rigid_gears
 from elastid.record import Configuration, Record
 from elastid.response import FrequencyResponse
-from elastid.robot import Robot
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from tests.nonlinear.gear.test_levels import SPEC, linear_fit
-from tests.plants.geared_arms import measure, parallel_linkage, wrist
+from tests.plants.geared_arms import measure, parallel_linkage
 from tests.plants.two_mass_gear import LINES, Gear, records, robot
 
 
@@ -89,9 +87,13 @@ def test_springs_have_their_law_and_its_ends(gear: Gear, expected: list[tuple[st
 
 def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else() -> None:
     """It brakes the motion that the others' records have; shapes of a deflection that there is none of are left out."""
-    hand, tool = wrist().robot.bodies
-    stiff = replace(tool, joints=(replace(tool.joints[0], spring=None),))
-    plant = Robot("one rigid gear", (hand, stiff))
+    hand = Body(
+        "hand", joints=(Joint("1", "z", Spring(9e4, 30.0), Motor(6e-4, 100.0, 8e-4)),), mass=20.0,
+        center_of_mass=(0.25, 0.02, 0.1), inertia=1.5,
+    )  # fmt: skip
+    rigid = Joint("2", "y", motor=Motor(3e-4, 100.0, 4e-4))
+    tool = Body("tool", "hand", Placement((0.4, 0, 0.1)), (rigid,), 15.0, (0.3, 0.05, 0.02), 1.0)
+    plant = Robot("one rigid gear", (hand, tool))
     linearisation, places = Linearisation.of_robot(plant), plant.motor_locations
     parameters = choose(FitSpec(parameters={"k_*": ParameterSpec()}), plant, ["a"])
     posture, (u, y) = (
