@@ -445,7 +445,7 @@ def test_another_fit_has_another_forecast_and_keeps_the_records(tiny: Path, tmp_
         ("", "experiment.configurations: no configuration is given; name at least one, or add a section `design`"),
         (
             "design: {count: 2, parameters: [k1]}\n",
-            "design.parameters[0]: the fit does not identify 'k1'; did you mean",
+            "the fit does not identify 'k1'; did you mean",
         ),
         ("design: {count: 2, robot_time: 5}\n", "give either count (of configurations) or robot_time"),
         ("design: {robot_time: 5}\n", "design.robot_time: 5 s leave no room for a configuration in addition to the 0"),
