@@ -10,7 +10,6 @@ import pytest
 from plants.notes import said
 from plants.refusals import refused
 
-from elastid.base.errors import DataError, StudyError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
@@ -72,25 +71,22 @@ def test_fixed_tied_and_known_beforehand():
 
 
 @pytest.mark.parametrize(
-    ("specs", "says"),
+    ("specs", "place"),
     [
-        ({"k1": ParameterSpec()}, "no parameter k1; did you mean 'k_1'?"),
-        ({"q_*": ParameterSpec()}, r"no parameter q_\*; .*there are k_1"),
-        ({"d_1x": ParameterSpec()}, r"d_1x: .*the start is 0 N\*m\*s/rad; give a positive one"),
-        ({"k_1": ParameterSpec(bounds=(1.0, 2.0))}, "outside its bounds"),
-        ({"k_1": ParameterSpec(bounds=(2e5, 1e5))}, "not below"),
-        ({"k_1": ParameterSpec(tie=TieSpec("k_9"))}, "tied to k_9, which is not a parameter"),
-        ({"k_1": ParameterSpec(prior=PriorSpec(mean=-1.0, std=0.1))}, "mean -1 .*must be positive"),
-        (
-            {"k_1": ParameterSpec(prior=PriorSpec(mean=1e5, std=600.0))},
-            "std: 600 is 6e.04 %, since .* relative; for 600 .* of 100000 write 0.006",
-        ),
-        ({"k_1": ParameterSpec(fixed=True)}, "nothing is left to identify"),
+        ({"k1": ParameterSpec()}, ""),
+        ({"q_*": ParameterSpec()}, ""),
+        ({"d_1x": ParameterSpec()}, ".d_1x"),
+        ({"k_1": ParameterSpec(bounds=(1.0, 2.0))}, ""),
+        ({"k_1": ParameterSpec(bounds=(2e5, 1e5))}, ""),
+        ({"k_1": ParameterSpec(tie=TieSpec("k_9"))}, ""),
+        ({"k_1": ParameterSpec(prior=PriorSpec(mean=-1.0, std=0.1))}, ".k_1.prior"),
+        ({"k_1": ParameterSpec(prior=PriorSpec(mean=1e5, std=600.0))}, ".k_1.prior.std"),
+        ({"k_1": ParameterSpec(fixed=True)}, ""),
     ],
 )
-def test_what_cannot_be_chosen_is_refused_with_the_way_out(specs, says):
+def test_what_cannot_be_chosen_is_refused_with_the_way_out(specs, place):
     """Unknown names, zero starts, bounds that exclude the start, ties to nothing, nothing free."""
-    with pytest.raises(StudyError, match=says):
+    with refused("fit/parameters", place=f"fit.parameters{place}"):
         parameters(**specs)
 
 
@@ -213,28 +209,19 @@ def test_the_jacobian_of_products_follows_from_differences():
 
 
 @pytest.mark.parametrize(
-    ("spec", "says"),
+    ("key", "spec", "ratios", "place"),
     [
-        (FitSpec(parameters={"k_1": ParameterSpec()}, ratios={"beta": RatioSpec(1.0)}), "fit.ratios.beta: no tie uses"),
-        (
-            FitSpec(parameters={"d_1": ParameterSpec(tie=TieSpec("k_1", by="b"))}),
-            "no ratio is called b;",
-        ),
-        (FitSpec(parameters={"d_1": ParameterSpec(tie=TieSpec("k_*"))}), r"needs exactly one \* in the key"),
-        (
-            FitSpec(parameters={"fm_1": ParameterSpec(per={"a": ("c1",), "b": ("c1",)})}),
-            "fit.parameters.fm_1.per: configuration c1 is in two groups",
-        ),
-        (
-            FitSpec(parameters={"d_1": ParameterSpec(tie=TieSpec("k_1", by="k_1"))}, ratios={"k_1": RatioSpec(1.0)}),
-            "fit.ratios.k_1: the robot has a parameter of that name",
-        ),
+        ("k_1", ParameterSpec(), {"beta": RatioSpec(1.0)}, "fit.ratios.beta"),
+        ("d_1", ParameterSpec(tie=TieSpec("k_1", by="b")), {}, "fit.parameters.d_1.tie"),
+        ("d_1", ParameterSpec(tie=TieSpec("k_*")), {}, "fit.parameters.d_1"),
+        ("fm_1", ParameterSpec(per={"a": ("c1",), "b": ("c1",)}), {}, "fit.parameters.fm_1.per"),
+        ("d_1", ParameterSpec(tie=TieSpec("k_1", by="k_1")), {"k_1": RatioSpec(1.0)}, "fit.ratios.k_1"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(spec, says):
+def test_what_cannot_be_meant_is_refused(key, spec, ratios, place):
     """By the place in the study where it stands."""
-    with pytest.raises(StudyError, match=says):
-        choose(spec, bench(), ["c1"])
+    with refused("fit/parameters", place=place):
+        choose(FitSpec(parameters={key: spec}, ratios=ratios), bench(), ["c1"])
 
 
 @pytest.fixture
@@ -250,16 +237,16 @@ def renamed(response: FrequencyResponse, name: str, angles=(0.0, 0.3)) -> Freque
 def test_wrong_sets_of_responses_are_named(data):
     """No response, one twice, angles missing or of another robot, an input or output that the robot lacks."""
     spec = FitSpec(starts=1)
-    for given, says in (
-        ([], "there is no response to fit"),
-        ([data[0], data[1], renamed(data[2], "c1")], "configuration c1 is given by two responses"),
-        ([data[0], renamed(data[1], "c2", ())], "configuration c2: 0 angles for 2 driven joints"),
-        ([data[0], renamed(data[1], "c2", (0.0,) * 6)], "c2: 6 angles for 2 driven joints .* another robot"),
-        ([data[0], replace(data[1], inputs=("motor 1", "motor 7"))], "input motor 7, which robot bench has not"),
-        ([data[0], replace(data[1], outputs=("motor 1", "tool"))], "'tool' is not a place .* another robot"),
-        ([replace(data[0], rate_is_known=False), data[1]], "the lines of c1 are in units of an unknown sampling rate"),
+    for given in (
+        [],
+        [data[0], data[1], renamed(data[2], "c1")],
+        [data[0], renamed(data[1], "c2", ())],
+        [data[0], renamed(data[1], "c2", (0.0,) * 6)],
+        [data[0], replace(data[1], inputs=("motor 1", "motor 7"))],
+        [data[0], replace(data[1], outputs=("motor 1", "tool"))],
+        [replace(data[0], rate_is_known=False), data[1]],
     ):
-        with pytest.raises(DataError, match=says):
+        with refused("fit/responses"):
             identify(given, bench(), spec)
 
 
