@@ -136,15 +136,6 @@ def test_an_exact_file_has_no_part_in_the_forecast() -> None:
     assert len({len(row) for row in forecast_table(within)}) == 1
 
 
-def test_a_tolerance_wider_than_its_number_leaves_nothing_undetermined() -> None:
-    """A centre of mass of 0.5 mm within 10 mm is no unknown, however many of its own sizes it may be off."""
-    upper, fore = TWO.bodies
-    robot = replace(TWO, bodies=(replace(upper, center_of_mass=(0.2, 5e-4, 0)), fore), tolerances=Tolerances())
-    within = design(replace(GIVEN, robot=robot)).forecast
-    assert within.std_by_file.any()
-    assert not len(within.blind)
-
-
 GIVEN = replace(PROBLEM, design=None, experiment=replace(PROBLEM.experiment, configurations={"a": (0.3, 0.8)}))
 
 

@@ -98,9 +98,3 @@ def test_what_cannot_be_done_is_refused_by_name(
 def test_a_part_of_the_law_without_its_conditions_is_refused(law: LawSpec, place: str) -> None:
     with refused("friction/plan", place=f"friction.{place}"):
         planned(FrictionSpec(law=law))
-
-
-def test_loops_do_not_tell_a_lugre_law() -> None:
-    """What does is named."""
-    with refused("friction/plan", place="friction.law.presliding"):
-        planned(FrictionSpec(law=LawSpec(presliding="lugre"), presliding=PreslidingSpec()))

@@ -170,17 +170,6 @@ def test_one_ratio_damps_all_springs():
         assert result.values["d_2"] / result.values["k_2"] == pytest.approx(result.values["d_1"] / result.values["k_1"])
 
 
-def test_a_ratio_stays_within_its_bounds_and_near_its_prior():
-    """As any positive parameter: bounds as given, and a prior of its relative standard deviation about the start."""
-    known = RatioSpec(1e-3, bounds=(5e-4, 2e-3), prior=PriorSpec(0.1))
-    dampings = {"d_*": ParameterSpec(tie=TieSpec("k_*", by="eta"))}
-    parameters = choose(FitSpec(parameters={"k_*": ParameterSpec(), **dampings}, ratios={"eta": known}), bench())
-    (eta,) = (parameter for parameter in parameters.free if parameter.name == "eta")
-    assert (eta.lower, eta.upper) == (5e-4, 2e-3)
-    assert eta.prior is not None
-    assert eta.prior.std == pytest.approx(0.1)
-
-
 def test_the_jacobian_of_products_follows_from_differences():
     """A tie to two free parameters, one to a fixed and a free one, a stand-in; logarithmic and linear."""
     parameters = ParameterSet(
@@ -411,33 +400,10 @@ def test_a_mass_its_place_and_its_inertia_are_found_together_from_many_starts():
         assert np.all(np.abs(result.x - x) < 4 * np.sqrt(np.diag(result.covariance)))
 
 
-def test_a_plate_is_no_start_that_leads_nowhere():
-    """The largest moment of a plate is the sum of the others, which is the very border of what a body can have."""
-    plate, names = bodied((0.02, 0.03, 0.05, 0.0, 0.0, 0.0)), ("I_arm_xx", "I_arm_yy", "I_arm_zz")
-    spec = FitSpec(parameters={name: ParameterSpec() for name in names}, starts=4)
-    result = identify([of_body(bodied((0.022, 0.03, 0.042, 0.0, 0.0, 0.0)), np.random.default_rng(2))], plate, spec)
-    assert result.status == "converged"
-    assert result.hits == 4
-    assert result.values["I_arm_zz"] == pytest.approx(0.042, rel=0.02)
-
-
 def test_a_start_that_no_body_can_have_is_named():
     spec = FitSpec(parameters={"I_arm_zz": ParameterSpec(start=0.2)}, starts=2)
     with refused("fit/parameters", place="fit.parameters"):
         identify([of_body(bodied(), np.random.default_rng(3))], bodied(), spec)
-
-
-@pytest.mark.slow
-def test_an_inertia_of_each_configuration_stays_one_that_a_body_can_have():
-    sheet = bodied((0.02, 0.03, 0.0499, 0.0, 0.0, 0.0))
-    both = [
-        replace(of_body(sheet, np.random.default_rng(seed)), configuration=Configuration(f"c{seed}", (0.0,)))
-        for seed in (1, 2)
-    ]
-    free = {"I_arm_zz": ParameterSpec(start=0.03, per="configuration"), "k_1": ParameterSpec()}
-    result = identify(both, bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), FitSpec(parameters=free, starts=2))
-    assert 0.044 < result.values["I_arm_zz@c1"] < 0.045
-    assert 0.044 < result.values["I_arm_zz@c2"] < 0.045
 
 
 def test_motor_friction_that_no_file_has_begins_where_it_stops_the_rotor_within_a_second():
