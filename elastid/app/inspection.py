@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.base.arrays import FloatArray, shown_values, value_range
-from elastid.base.display import columns
+from elastid.base.display import Display, columns, value_cells
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.friction_study.laws import NOT_ASKED
@@ -33,6 +33,7 @@ from elastid.store.kinds import SCHEMA
 from elastid.store.measured import read_friction
 from elastid.store.reading import described as described_artefact
 from elastid.store.results import GEARS, read_fit, read_gears
+from elastid.study.robots import yaml_text
 
 
 def _signal_row(
@@ -86,6 +87,8 @@ def _rise(start: NDArray[Any]) -> str:
     return f"rises unevenly: {described}, if it is the time in s; a study resamples on it where `time` names it"
 
 
+# Of a number behind its value.
+KNOWN = ("std", "95 % interval", "unit")
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest", "")
 # Files of a run folder that hold no signals.
 _WITHOUT_SIGNALS = (".html", ".png", ".svg", ".yml")
@@ -159,11 +162,6 @@ def _other(array: Any) -> str:
         return str(error)
 
 
-def _number_line(name: str, value: float, unit: str, std: float | None, interval: Sequence[float] = ()) -> str:
-    number = f"    {name} = {value:.6g} {unit}".rstrip()
-    return number if std is None else f"{number} ({std:.2g}; {interval[0]:.6g} to {interval[1]:.6g})"
-
-
 def _gear_sheets(path: Path) -> list[str]:
     gears = read_gears(path)
     if gears is None or gears.refused:
@@ -171,38 +169,38 @@ def _gear_sheets(path: Path) -> list[str]:
     return ["", *columns(gear_table(gears)), *map(str, gears.notes), gear_line(gears)]
 
 
-def _parameters(path: Path) -> Iterator[str]:
-    result = read_fit(path)
-    yield f"  {result.status}; parameters (standard deviation; 95 % interval):"
-    for parameter in result.parameters:
-        name, std = parameter.name, result.std.get(parameter.name)
-        interval = () if std is None else result.interval(name)
-        yield _number_line(name, result.values[name], parameter.unit, std, interval)
+def _whole(display: Display) -> list[str]:
+    """Its title and all rows."""
+    return [f"  {line}" for line in (display.title, *columns([display.headings, *display.rows]))]
+
+
+def _parameters(path: Path) -> list[str]:
+    return _whole(read_fit(path).display)
 
 
 def _friction(path: Path) -> Iterator[str]:
     friction = read_friction(path)
     if friction is None:
         return
-    if friction.shapes:
-        yield "  friction taken out of the torque, link side (standard deviation; 95 % interval):"
-    for row in friction_rows(friction):
-        if row.level is not None and row.std is not None and row.interval is not None:
-            yield _number_line(f"{row.place}: F_c", row.level, row.unit, row.std, row.interval)
+    cells = [
+        (row.place, *value_cells(row.level, row.std, row.interval), row.unit)
+        for row in friction_rows(friction)
+        if row.level is not None and row.std is not None and row.interval is not None
+    ]
+    if cells:
+        yield from _whole(Display("friction taken out of the torque, link side", ("motor", "F_c", *KNOWN), cells))
     yield from (f"  {note}" for note in friction.notes if note.code != "nonlinear/friction-taken-out")
 
 
 def _friction_numbers(path: Path) -> Iterator[str]:
     result = read_friction_result(path)
-    yield f"  {result.status}; friction, link side (standard deviation; 95 % interval):"
-    for each in result.numbers:
-        yield _number_line(each.name, each.value, each.unit, each.std, (each.low, each.high))
+    yield from _whole(result.display)
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
             yield f"  no {refusal.part} (joint {', '.join(refusal.joints)}): {refusal.reason}"
 
 
-def _json_lines(path: Path) -> Iterator[str]:
+def _json_lines(path: Path) -> list[str]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
@@ -215,23 +213,4 @@ def _json_lines(path: Path) -> Iterator[str]:
             f"form {content['schema']}, written by a newer elastid; this one reads up to {SCHEMA}",
             path,
         )
-    yield from _json_value("", content, 0)
-
-
-def _json_value(name: str, value: Any, depth: int) -> Iterator[str]:
-    indent = "  " * depth
-    members: Sequence[tuple[str, Any]]
-    if isinstance(value, list) and all(isinstance(each, int | float) for each in value) and value:
-        yield f"{indent}{name} = {shown_values(np.array(value))}"
-        return
-    if isinstance(value, dict):
-        members = list(value.items())
-    elif isinstance(value, list):
-        members = [(str(i), each) for i, each in enumerate(value, start=1)]
-    else:
-        yield f"{indent}{name} = {value:.6g}" if isinstance(value, float) else f"{indent}{name} = {value}"
-        return
-    if name:
-        yield f"{indent}{name}: {'' if members else 'none'}".rstrip()
-    for key, member in members:
-        yield from _json_value(key, member, depth + 1)
+    return yaml_text(content).splitlines()

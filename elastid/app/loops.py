@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from elastid.app.run import Run, logged_in
-from elastid.app.stages.fit import current_fit, warn_of_distrust
-from elastid.base.display import columns, number
+from elastid.app.run import Run
+from elastid.app.use_fit import Used, use_fit
+from elastid.base.arrays import FloatArray
+from elastid.base.display import Display, number
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.experiment.specs.simulated import MAX_DELAY_SAMPLES
 from elastid.fit.result import FitResult
-from elastid.report.page.page_of_use import write_page_of_loops
+from elastid.report.answer import Answer
+from elastid.report.figures.use import loops_figure
 from elastid.simulation.controller import Gains
-from elastid.store.files import keep_checksums, write_rows, write_text
+from elastid.store.files import write_rows, write_text
 from elastid.store.measured import read_records
 from elastid.store.results import write_loops
 from elastid.study.robots import yaml_text
@@ -21,10 +25,9 @@ from elastid.study.source import read_source
 from elastid.use.loops.assess import LoopState
 from elastid.use.loops.measured import MeasuredLoops, measured_loops, refusal
 from elastid.use.loops.result import Asked, Loops, Today, design_loops, inertias
-from elastid.use.loops.sensitivity import LIMIT_DB
+from elastid.use.loops.sensitivity import LIMIT_DB, Margins
 
 NAME = "loops"
-RESULTS = ("loops.h5", "loops.yml", "loops.csv", "loops.html", "loops.png")
 _GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")
 
 
@@ -37,39 +40,34 @@ def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws
         raise StudyError(
             "options/invalid", f"a controller answers within {MAX_DELAY_SAMPLES} samples", f"--delay {asked_delay}"
         )
-    result = current_fit(run)
-    with logged_in(run.folder, run.jobs, run.console):
-        own_hz = _own_rate(run)
-        rate_hz = asked_hz or own_hz
-        if rate_hz is None:
-            raise StudyError(
-                "options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path
-            )
+    own_hz = _own_rate(run)
+    rate_hz = asked_hz or own_hz
+    if rate_hz is None:
+        raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
+
+    def work(result: FitResult) -> Used:
         measured, simulated = _measured(run, result, rate_hz), run.study.experiment.simulated
         own_delay = 0 if simulated is None else simulated.controller.delay_samples
-        delay = own_delay if asked_delay is None else asked_delay
-        asked = Asked(rate_hz, delay, draws, run.study.seed or 0)
+        asked = Asked(rate_hz, own_delay if asked_delay is None else asked_delay, draws, run.study.seed or 0)
         loops = design_loops(
-            run.study.name,
-            result,
-            asked,
-            _today(run, own_hz or rate_hz),
-            measured,
+            run.study.name, result, asked, _today(run, own_hz or rate_hz), measured,
             lambda words: run.console.detail(f"{NAME}: found {words}"),
-        )
-        _write(run, loops)
-        for table in tables(loops):  # both are on the page
-            for row in columns(table):
-                run.console.detail(row)
-        for line in sentences(loops):
-            run.console.say(f"{NAME}: {line}")
+        )  # fmt: skip
+        files = {
+            "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
+            "loops.yml": lambda path: write_text(path, snippet(loops)),
+            "loops.csv": lambda path: write_rows(path, gain_rows(loops)),
+        }
+        warnings: tuple[str, ...] = ()
         if loops.today is not None and (lost := unstable(loops.today)):
-            kind = "simulated" if run.study.experiment.simulated is not None else "recorded"
-            run.console.warn(
-                f"{_place(run, 'experiment', kind, 'controller')}: today's controller is unstable at "
-                f"{own_hz or rate_hz:g} Hz in posture {', '.join(lost)}; take the gains of {run.folder / RESULTS[1]}"
+            place = _place(run, "experiment", "simulated" if simulated is not None else "recorded", "controller")
+            warnings = (
+                f"{place}: today's controller is unstable at {own_hz or rate_hz:g} Hz in posture {', '.join(lost)}; "
+                f"take the gains of {run.folder / 'loops.yml'}",
             )
-        warn_of_distrust(run, NAME, result)
+        return Used(answer(loops), files, partial(loops_figure, loops), warnings=warnings)
+
+    use_fit(run, NAME, work)
 
 
 def _own_rate(run: Run) -> float | None:
@@ -126,15 +124,6 @@ def _stated(cascade: CascadeSpec, n_u: int) -> Gains:
     return Gains(position * kd, np.asarray(kd, float), np.full(n_u, ki))
 
 
-def _write(run: Run, loops: Loops) -> None:
-    write_loops(run.folder / RESULTS[0], loops, run.stamps["fit"])
-    write_text(run.folder / RESULTS[1], snippet(loops))
-    write_rows(run.folder / RESULTS[2], gain_rows(loops))
-    write_page_of_loops(loops, snippet(loops), run.folder, run.stamps["fit"].shown)
-    keep_checksums(run.folder, RESULTS)
-    run.console.say(f"{NAME}: {', '.join(str(run.folder / name) for name in RESULTS)}")
-
-
 def snippet(loops: Loops) -> str:
     """The designed controller as the section of a study."""
     head = (
@@ -164,31 +153,63 @@ def _notches(loops: Loops, joint: str) -> list[tuple[float, float, float]]:
     return [(own.freq_hz, own.width, own.depth) for own in gains.notches if own.joint == joint]
 
 
-def tables(loops: Loops) -> list[list[list[str]]]:
-    """Peaks and their causes by posture, of today's controller and of the designed one; gains by axis."""
-    by_posture = [["controller", "posture", "sensitivity peak dB", "95 % of draws", "limited by"]]
-    by_posture += loops.peak_cells
-    gains = [["axis", "K_p 1/s", "K_v", "T_i s", "low pass Hz", "notches Hz", "bandwidth Hz"]]
-    rows, designed = gain_rows(loops), loops.designed.bandwidth_hz.min(axis=0)
-    for row, f_B in zip(rows[1:], designed, strict=True):
-        notches = ", ".join(number(float(each), 3) for each in row[5::3] if each != "")
-        gains.append([str(row[0]), *(number(float(each), 4) for each in row[1:5]), notches, number(float(f_B), 3)])
-    return [by_posture, gains]
-
-
-def sentences(loops: Loops) -> tuple[str, ...]:
-    """Both controllers in words, and what limits the designed one."""
-    lines = []
-    if loops.today is not None:
-        lines.append(f"{loops.today.name}: {state_words(loops.today)}")
-    designed = loops.designed
+def answer(loops: Loops) -> Answer:
+    """Both controllers in words, what limits the designed one, and all margins."""
+    designed, today = loops.designed, loops.today
     worst = int(np.argmax(designed.peak_db))
-    lines.append(f"{designed.name}: {state_words(designed)}")
-    lines.append(f"its gain is limited in posture {designed.postures[worst]}: {designed.limited_by[worst]}")
+    lines = [f"{designed.name}: {state_words(designed)}."]
+    lines.append(f"Its gain is limited in posture {designed.postures[worst]}: {designed.limited_by[worst]}.")
     if loops.count:
         kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
-        lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures")
-    return tuple(lines)
+        lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures.")
+    rows, bandwidth = gain_rows(loops), designed.bandwidth_hz.min(axis=0)
+    gains = [
+        (
+            str(row[0]), *(number(float(each), 4) for each in row[1:5]),
+            ", ".join(number(float(each), 3) for each in row[5::3] if each != ""), number(float(f_B), 3),
+        )
+        for row, f_B in zip(rows[1:], bandwidth, strict=True)
+    ]  # fmt: skip
+    heads = ("axis", "bandwidth in Hz", "gain margin in dB", "phase margin in deg", "delay margin in ms")
+    return Answer(
+        f"Joint loops of {loops.name}",
+        (
+            ("How fast may the loops be?", tuple(lines)),
+            ("How good are today's?", (f"{state_words(today)}." if today else "The study states no controller.",)),
+            ("What next?", ("Run a study with the section of loops.yml before the robot does.",)),
+        ),
+        (
+            Display(
+                "Sensitivity", ("controller", "posture", "peak in dB", "95 % of draws", "limited by"),
+                [tuple(row) for row in loops.peak_cells],
+            ),
+            Display("What is left to the edge", ("controller", *heads), margins(loops)),
+            Display("Gains", ("axis", "K_p 1/s", "K_v", "T_i s", "low pass Hz", "notches Hz", "bandwidth Hz"), gains),
+        ),
+        (
+            f"Bands: 95 % of {loops.count} robots drawn from the fit, over all postures. Sensitivity: largest singular "
+            "value, torques of the axes compared by their inertias. Dots: measured from the records, without a model. "
+            "Margins: the smallest over the postures, each axis while all others are closed. Below: the section of a "
+            "study, link side, SI.",
+        ),
+        snippet(loops),
+    )  # fmt: skip
+
+
+def margins(loops: Loops) -> list[tuple[str, ...]]:
+    """Cells of each axis of each controller, the smallest over the postures, then as measured."""
+    known: list[tuple[str, tuple[str, ...], FloatArray | None, Margins]] = [
+        (state.name, state.axes, state.bandwidth_hz, state.margins) for state in loops.states
+    ]
+    known += [(f"measured, {own.configuration}", own.axes, None, own.margins) for own in loops.measured]
+    rows = []
+    for name, axes, bandwidth_hz, own in known:
+        for i, axis in enumerate(axes):
+            numbers = [np.nan if bandwidth_hz is None else bandwidth_hz[:, i].min()]
+            numbers += [20 * np.log10(own.rise[:, i].min()), np.degrees(own.phase[:, i].min())]
+            cells = (number(float(each), 3) for each in (*numbers, 1e3 * own.delay[:, i].min()))
+            rows.append((name, axis, *cells))
+    return rows
 
 
 def unstable(state: LoopState) -> list[str]:

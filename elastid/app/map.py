@@ -4,26 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from elastid.app.export import gears_of
-from elastid.app.run import Run, logged_in
-from elastid.app.stages.fit import TRUSTED, current_fit
+from elastid.app.run import Run
+from elastid.app.use_fit import Used, use_fit
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.fit.posture import Family
+from elastid.fit.result import FitResult
 from elastid.nonlinear.gear_result import with_gears
+from elastid.report.answer import Answer
+from elastid.report.figures.use import workspace_figure
 from elastid.report.page.page_of_use import write_page_of_map
-from elastid.store.files import keep_checksums
 from elastid.store.results import write_map, write_map_table
 from elastid.use.compliance import Cut
 from elastid.use.map import WorkspaceMap, family_of_map, map_family
 from elastid.use.postures import grid_postures, random_postures, read_path
-
-RESULTS = ("map.h5", "map.csv", "map.html", "map.png")
 
 
 @dataclass(frozen=True)
@@ -55,24 +56,21 @@ def map_study(
     run: Run, frame: str | None, postures: Postures, cut: Cut, band_hz: Sequence[float] | None = None
 ) -> None:
     """map.h5, map.csv, map.html and map.png of the study's fit; StudyError without a current one."""
-    result = with_gears(current_fit(run), gears_of(run))
-    with logged_in(run.folder, run.jobs, run.console):
-        family = family_of_map(result, frame)
+
+    def work(fit: FitResult) -> Used:
+        family = family_of_map(with_gears(fit, gears_of(run)), frame)
         angles = postures.angles(run, family)
         lines = None if not band_hz else np.geomspace(band_hz[0], band_hz[1], 300)
-        name = run.study.name
-        workspace = map_family(family, angles, cut, lines, name, postures.path is not None)
-        write_map(run.folder / RESULTS[0], workspace, run.stamps["fit"])
-        write_map_table(run.folder / RESULTS[1], workspace)
-        write_page_of_map(workspace, run.folder, run.stamps["fit"].shown)
-        keep_checksums(run.folder, RESULTS)
-        for line in (*sentences(workspace), ", ".join(str(run.folder / each) for each in RESULTS)):
-            run.console.say(f"map: {line}")
-        if result.status not in TRUSTED:
-            run.console.warn(
-                f"map: the fit cannot be trusted ({result.status.replace('_', ' ')}); intervals are widened by its "
-                f"residuals, and still hold no effect that the model lacks: {result.message}"
-            )
+        workspace = map_family(family, angles, cut, lines, run.study.name, postures.path is not None)
+        files = {
+            "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
+            "map.csv": lambda path: write_map_table(path, workspace),
+        }
+        figure, page = partial(workspace_figure, workspace), partial(write_page_of_map, workspace)
+        answer = Answer(f"Map of {workspace.name}", (("Where is it soft?", sentences(workspace)),))
+        return Used(answer, files, figure, page)
+
+    use_fit(run, "map", work)
 
 
 def sentences(workspace: WorkspaceMap) -> tuple[str, ...]:

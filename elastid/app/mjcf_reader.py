@@ -1,4 +1,4 @@
-"""A process of its own that compiles an MJCF file with MuJoCo and prints its bodies, joints and sites as JSON.
+"""A process of its own that compiles an MJCF file with MuJoCo and prints its robot, as a robot's file has it, in JSON.
 
     python -m elastid.app.mjcf_reader FILE
 
@@ -10,98 +10,120 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from elastid.recorded.files.reader_process import limit_memory
+from elastid.robot import BASE, Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.robot.body import six_numbers
+from elastid.study.robots import yaml_text
 
 
-def compiled(path: str) -> dict[str, Any]:
-    """The numbers that a robot takes from the compiled model; everything in MuJoCo's units, angles in rad."""
-    import mujoco
-
-    model = mujoco.MjModel.from_xml_path(path)
-    name_of = mujoco.mj_id2name
-
-    def named(kind: Any, i: int, default: str) -> str:
-        return name_of(model, kind, i) or f"{default} {i}"
-
-    bodies = [
-        {
-            "name": named(mujoco.mjtObj.mjOBJ_BODY, i, "body"),
-            "parent": int(model.body_parentid[i]),
-            "joints": list(range(model.body_jntadr[i], model.body_jntadr[i] + model.body_jntnum[i])),
-            **{key: getattr(model, f"body_{key}")[i].tolist() for key in ("pos", "quat", "ipos", "iquat", "inertia")},
-            "mass": float(model.body_mass[i]),
-        }
-        for i in range(1, model.nbody)
-    ]
-    joints = []
-    at_joints = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    for i in range(model.njnt):
-        address, dof = int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])
-        actuators = [
-            a
-            for a in range(model.nu)
-            if int(model.actuator_trntype[a]) in at_joints and model.actuator_trnid[a, 0] == i
-        ]
-        joints.append(
-            {
-                "name": named(mujoco.mjtObj.mjOBJ_JOINT, i, "joint"),
-                "type": mujoco.mjtJoint(int(model.jnt_type[i])).name.removeprefix("mjJNT_").lower(),
-                "axis": model.jnt_axis[i].tolist(),
-                "pos": model.jnt_pos[i].tolist(),
-                "range": model.jnt_range[i].tolist() if model.jnt_limited[i] else None,
-                "force": min(
-                    largest(model.jnt_actfrclimited[i], model.jnt_actfrcrange[i]),
-                    sum(abs(model.actuator_gear[a, 0]) * strength(model, a) for a in actuators) or math.inf,
-                ),
-                "stiffness": float(model.jnt_stiffness[i]) if model.jnt_stiffness.ndim == 1 else 0.0,
-                "reference": float(model.qpos0[address]),
-                "armature": float(model.dof_armature[dof]),
-                "damping": float(model.dof_damping.reshape(model.nv, -1)[dof, 0]),
-                "friction": float(model.dof_frictionloss[dof]),
-                "gears": [float(model.actuator_gear[a, 0]) for a in actuators],
-            }
+def robot_of(model: Any, name: str) -> Robot:
+    """The robot of a compiled model, in MuJoCo's units, angles in rad; ValueError for other joints than both kinds."""
+    names = [BASE, *(model.body(i).name or f"body {i}" for i in range(1, model.nbody))]
+    bodies = []
+    for i in range(1, model.nbody):
+        first, R = int(model.body_jntadr[i]), _rotation(model.body_iquat[i])
+        joints = tuple(_joint(model, j) for j in range(first, first + int(model.body_jntnum[i])))
+        inertia = six_numbers(R @ np.diag(model.body_inertia[i]) @ R.T)
+        placement, center = Placement.of(_rotation(model.body_quat[i]), model.body_pos[i]), model.body_ipos[i].tolist()
+        mass, parent = float(model.body_mass[i]), names[int(model.body_parentid[i])]
+        bodies.append(Body(names[i], parent, placement, joints, mass, tuple(center), inertia))
+    frames = tuple(
+        Frame(
+            model.site(i).name or f"site {i}", names[int(model.site_bodyid[i])],
+            Placement.of(_rotation(model.site_quat[i]), model.site_pos[i]),
         )
-    sites = [
-        {
-            "name": named(mujoco.mjtObj.mjOBJ_SITE, i, "site"),
-            "body": int(model.site_bodyid[i]),
-            **{key: getattr(model, f"site_{key}")[i].tolist() for key in ("pos", "quat")},
-        }
         for i in range(model.nsite)
-    ]
-    left_out = {"equality constraint": model.neq, "tendon": model.ntendon}
-    name = model.names[: model.names.index(b"\0")].decode("utf-8", "replace")
-    return {
-        "name": name, "gravity": model.opt.gravity.tolist(), "bodies": bodies, "joints": joints, "sites": sites,
-        "left_out": {key: int(count) for key, count in left_out.items() if count},
-    }  # fmt: skip
+    )  # fmt: skip
+    own = model.names[: model.names.index(b"\0")].decode("utf-8", "replace")
+    return Robot(own or name, tuple(bodies), tuple(model.opt.gravity.tolist()), "", frames)
 
 
-def largest(is_limited: bool, ends: Any) -> float:
+def _joint(model: Any, i: int) -> Joint:
+    """Driven by its actuator, or by a motor to come where the file has no actuator at all."""
+    name, kind = model.joint(i).name or f"joint {i}", ("free", "ball", "slide", "hinge")[int(model.jnt_type[i])]
+    if kind in ("free", "ball"):
+        raise ValueError(f"joint {name} is of type {kind}; take hinges and slides, a base that stands still")
+    gears, stiffness, spring, motor = _gears(model, i), _stiffness(model, i), None, None
+    damping = float(model.dof_damping.reshape(model.nv, -1)[i, 0])
+    is_driven = bool(gears) or not (stiffness or any(_gears(model, j) for j in range(model.njnt)))
+    if is_driven:
+        ratio = next(iter(gears.values()), 0.0) or 1.0
+        motor = Motor(max(float(model.dof_armature[i]), 1e-290) / ratio**2, ratio, damping / ratio**2)
+    elif stiffness:
+        spring = Spring(stiffness, damping)
+    ends = model.jnt_range[i].tolist() if model.jnt_limited[i] else (-math.inf, math.inf)
+    low, high = (end - float(model.qpos0[model.jnt_qposadr[i]]) for end in ends)
+    strength = sum(abs(gear) * _strength(model, a) for a, gear in gears.items()) or math.inf
+    limits = Limits((low, high), torque=min(_largest(model.jnt_actfrclimited[i], model.jnt_actfrcrange[i]), strength))
+    x, y, z = model.jnt_pos[i].tolist() if kind == "hinge" else (0.0, 0.0, 0.0)
+    return Joint(
+        name, tuple(model.jnt_axis[i].tolist()), spring, motor, 0.0 if spring or motor else damping, limits=limits,
+        motion="rotation" if kind == "hinge" else "translation", point=(x, y, z),
+    )  # fmt: skip
+
+
+def left_out(model: Any) -> Iterator[str]:
+    """Parts that count in MuJoCo and are not taken over, in words."""
+    for what, count in (("equality constraint", model.neq), ("tendon", model.ntendon)):
+        yield from [f"{count} {what}{'s' if count > 1 else ''}"] if count else []
+    for i in range(model.njnt):
+        name, gears = model.joint(i).name or f"joint {i}", _gears(model, i)
+        yield from [f"dry friction of joint {name}"] if model.dof_frictionloss[i] else []
+        yield from [f"stiffness of joint {name}, which is driven"] if _stiffness(model, i) and gears else []
+        is_lost = model.dof_armature[i] and not gears and any(_gears(model, j) for j in range(model.njnt))
+        yield from [f"armature of joint {name}, which is not driven"] if is_lost else []
+
+
+def _gears(model: Any, i: int) -> dict[int, float]:
+    """The gear of each actuator of a joint."""
+    at = zip(model.actuator_trntype.tolist(), model.actuator_trnid[:, 0].tolist(), strict=True)
+    return {a: float(model.actuator_gear[a, 0]) for a, (kind, j) in enumerate(at) if kind in (0, 1) and j == i}
+
+
+def _stiffness(model: Any, i: int) -> float:
+    return float(model.jnt_stiffness[i]) if model.jnt_stiffness.ndim == 1 else 0.0
+
+
+def _largest(is_limited: bool, ends: Any) -> float:
     """The largest size within a range that holds, else infinity."""
     return float(abs(ends).max()) if is_limited else math.inf
 
 
-def strength(model: Any, a: int) -> float:
+def _strength(model: Any, a: int) -> float:
     """Largest force of an actuator before its gear: of its range, and of its control where that is a force."""
-    import mujoco
+    is_force = model.actuator_gaintype[a] == 0 == model.actuator_biastype[a] and model.actuator_ctrllimited[a]
+    by_control = _largest(is_force, model.actuator_gainprm[a, 0] * model.actuator_ctrlrange[a])
+    return min(by_control, _largest(model.actuator_forcelimited[a], model.actuator_forcerange[a]))
 
-    is_force = (
-        model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
-        and model.actuator_ctrllimited[a]
-    )
-    by_control = largest(is_force, model.actuator_gainprm[a, 0] * model.actuator_ctrlrange[a])
-    return min(by_control, largest(model.actuator_forcelimited[a], model.actuator_forcerange[a]))
+
+def _rotation(quaternion: Any) -> Any:
+    """R (3, 3) of w, x, y, z."""
+    return np.asarray(Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
+
+
+def main(path: Path) -> dict[str, Any]:
+    """The robot's file and what it lacks, or why there is none."""
+    try:
+        import mujoco
+    except ImportError:
+        return {"lacks": "mujoco"}
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, MemoryError) as error:
+        return {"wrong": f"MuJoCo does not take it: {' '.join(str(error).split())}"}
+    try:
+        return {"robot": yaml_text(robot_of(model, path.stem)), "left_out": [*left_out(model)]}
+    except (ValueError, MemoryError) as error:
+        return {"wrong": str(error)}
 
 
 if __name__ == "__main__":
     limit_memory()
-    try:
-        json.dump({"model": compiled(sys.argv[1])}, sys.stdout)
-    except ImportError:
-        json.dump({"lacks": "mujoco"}, sys.stdout)
-    except (ValueError, MemoryError) as error:
-        json.dump({"wrong": str(error)}, sys.stdout)
+    json.dump(main(Path(sys.argv[1])), sys.stdout)

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from elastid.base.display import columns
 from elastid.excitation.spec import MultisineSpec, planned_lines
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.parameter_choice import choose
 from elastid.fit.tolerances import with_tolerances
 from elastid.parameters import Parameter
-from elastid.robot import Robot
 from elastid.study import Study
-
-if TYPE_CHECKING:
-    from elastid.experiment.plan.friction import FrictionPlan
 
 
 def overview(study: Study) -> str:
@@ -124,46 +118,19 @@ def _experiments(study: Study) -> Iterator[str]:
     factors[1:1] = [_plural(L, "amplitude")] if L > 1 else []
     yield f"{_plural(Q * L * M * E, 'experiment')}: {' x '.join(factors)}"
     if excitation is not None:
-        yield from _run(study.as_robot(), experiment, excitation, Q * L * M * E)
-        yield from _signal(study, excitation)
+        yield from _run(experiment, excitation, study.seed or 0, Q * L * M * E)
 
 
-def _run(robot: Robot, experiment: ExperimentSpec, excitation: MultisineSpec, runs: int) -> Iterator[str]:
+def _run(experiment: ExperimentSpec, excitation: MultisineSpec, seed: int, runs: int) -> Iterator[str]:
     periods = experiment.periods + experiment.transient_periods
     duration = periods * excitation.period + 2 * (experiment.ramp + experiment.hold)
+    lines, (low, high) = planned_lines(excitation, seed), excitation.band_hz
     yield (
-        f"  {_plural(periods, 'period')} of {excitation.period:g} s each ({experiment.transient_periods} of transient) "
-        f"with ramps of {experiment.ramp:g} s, {runs * duration:g} s of the robot's time, movements between not counted"
+        f"  {_plural(periods, 'period')} of {excitation.period:g} s ({experiment.transient_periods} of transient), "
+        f"{runs * duration:g} s in all; {len(lines.excited)} {excitation.grid} lines from {low:g} to {high:g} Hz"
     )
-    carrier = experiment.simulated.carrier if experiment.simulated is not None else None
-    if carrier is None:
+    if experiment.simulated is not None and experiment.simulated.carrier is None:
         yield "  the robot rests in each configuration: sticking friction then looks like stiffness"
-    else:
-        yield f"  carrier: {carrier.kind}, {_speed(carrier, robot)}"
-
-
-def _speed(carrier: CarrierSpec, robot: Robot) -> str:
-    """How far or how fast each joint goes, with its unit; stated once where all are the same."""
-    sine, n_u = carrier.kind == "sine", len(robot.driven)
-    values = carrier.amplitudes(n_u) if sine else carrier.velocities(n_u)
-    each = [f"{v:.3g} {joint.unit}{'' if sine else '/s'}" for v, joint in zip(values, robot.driven, strict=True)]
-    stated = each[:1] if len(set(each)) == 1 else each
-    return f"{'amplitude' if sine else 'velocity'} {', '.join(stated)}"
-
-
-def _signal(study: Study, excitation: MultisineSpec) -> Iterator[str]:
-    lines = planned_lines(excitation, study.seed)
-    low, high = excitation.band_hz
-    free = f" and {len(lines.detection)} left free for detection" if len(lines.detection) else ""
-    yield (
-        f"  {len(lines.excited)} {excitation.grid} lines{free} from {low:g} to {high:g} Hz, sampled at "
-        f"{excitation.rate_hz:g} Hz"
-    )
-    as_large = "scaled to the limits" if excitation.torque_rms == "limits" else "as given, lowered where limits ask"
-    yield (
-        f"  {excitation.phases} phases, {excitation.orthogonal} set, flat in {excitation.flat}, {as_large} "
-        f"({excitation.margin:.0%} of every limit stays free)"
-    )
 
 
 def _plan_of_work(study: Study) -> Iterator[str]:
@@ -196,35 +163,15 @@ def _friction(study: Study) -> Iterator[str]:
     else:
         from elastid.design.friction import design_friction  # brings CasADi, which other overviews do not need
 
-        yield from _motions(
-            design_friction(study.as_friction(), joints, study.experiment, study.as_robot(), study.seed)
-        )
+        plan = design_friction(study.as_friction(), joints, study.experiment, study.as_robot(), study.seed)
+        yield f"  {_plural(len(plan.motions), 'motion')}, {plan.robot_time_s / 60:.3g} min of the robot's time"
+        yield from (f"  will be known: {sentence}" for sentence in plan.known)
+        yield from (f"  will not be known: {sentence}" for sentence in plan.unknown)
     yield ""
     yield (
         f"will {'import the logs' if recorded is not None else 'plan and simulate the motions'}, find the levels, "
         "identify the law, write identified_robot.yml and the report"
     )
-
-
-def _motions(plan: FrictionPlan) -> Iterator[str]:
-    for design in plan.designs:
-        unit = design.limits.unit
-        low, high = design.limits.window
-        speeds = ", ".join(
-            f"{speed:.3g}" + (f" ({round(count)} times)" if count > 1 else "")
-            for speed, count in zip(design.speed.tolist(), design.passes.tolist(), strict=True)
-        )
-        yield f"  joint {design.joint}: window {low:.4g} to {high:.4g} {unit}, speeds in {unit}/s: {speeds}"
-    kinds = [motion.purpose for motion in plan.motions]
-    names = {"passes": "passes there and back", "loops": "logs of loops", "at_rest": "multisines at rest"}
-    counted = [f"{kinds.count(kind)} {name}" for kind, name in names.items() if kind in kinds]
-    counted += [f"{len(plan.warm_ups)} warm-up{'s' if len(plan.warm_ups) > 1 else ''}"] if plan.warm_ups else []
-    yield f"  {', '.join(counted)}, {plan.robot_time_s / 60:.3g} min of the robot's time"
-    yield "will be known:"
-    yield from (f"  {sentence}" for sentence in plan.known)
-    if plan.unknown:
-        yield "will not be known:"
-        yield from (f"  {sentence}" for sentence in plan.unknown)
 
 
 def _plural(number: int, noun: str, plural: str = "") -> str:

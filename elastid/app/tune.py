@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from elastid.app.identified_robot import with_found_friction
-from elastid.app.run import Run, logged_in
-from elastid.app.stages.fit import current_fit, warn_of_distrust
-from elastid.base.display import number
+from elastid.app.run import Run
+from elastid.app.use_fit import Used, use_fit
+from elastid.base.display import Display, number, percent
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
 from elastid.export.fmu import write_move_fmu
 from elastid.export.move import write_move
 from elastid.fit.posture import Asked
-from elastid.report.page.page_of_use import write_page_of_move
+from elastid.fit.result import FitResult
+from elastid.report.answer import Answer
+from elastid.report.figures.use import move_figure
 from elastid.robot import Robot
-from elastid.store.files import keep_checksums, write_rows
+from elastid.store.files import write_rows
 from elastid.store.measured import read_friction
-from elastid.store.results import read_fit, write_tune
-from elastid.use.command.moves import read_move
+from elastid.store.results import write_tune
+from elastid.use.command.moves import KINDS, read_move
 from elastid.use.command.tune import Given, TunedMove, tune_move
 from elastid.use.draws import draw_robots, estimated_robot
-
-RESULTS = ("tune.h5", "tune.csv", "tune.html", "tune.png")
 
 
 @dataclass(frozen=True)
@@ -42,24 +45,27 @@ class Command:
 
 def tune_study(run: Run, asked: Command) -> None:
     """tune.h5, tune.csv and further files of a move on the study's fit; StudyError without a current one."""
-    result = current_fit(run)
-    with logged_in(run.folder, run.jobs, run.console):
-        given = _given(run, asked)
+
+    def work(result: FitResult) -> Used:
+        given = _given(run, asked, result)
         move = read_move(asked.path, given.identified, given.frame, 0.0 if asked.fastest else asked.duration)
         with run.console.progress("tune") as progress:
             tuned = tune_move(given, move, run.study.name, progress)
-        _write(run, tuned, given.identified)
-        run.console.table(table(tuned))
-        for line in sentences(tuned):
-            run.console.say(f"tune: {line}")
-        if tuned.advice:
-            run.console.warn(f"tune: {tuned.advice}")
-        warn_of_distrust(run, "tune", result)
+        folder = clear_folder(run.folder, "tune")
+        files = {
+            "tune.h5": lambda path: write_tune(path, tuned, run.stamps["fit"]),
+            "tune.csv": lambda path: write_table(path, tuned),
+            "tune": lambda _: (write_move(folder, tuned), write_move_fmu(folder, given.identified, tuned)),
+        }
+        warnings = (tuned.advice,) if tuned.advice else ()
+        return Used(answer(tuned), files, partial(move_figure, tuned), warnings=warnings)
+
+    use_fit(run, "tune", work)
 
 
-def _given(run: Run, asked: Command) -> Given:
+def _given(run: Run, asked: Command, result: FitResult) -> Given:
     """The robots of a study with the frame that is asked for."""
-    result, study = read_fit(run.path("fit")), run.study
+    study = run.study
     family = result.family(Asked(frame=asked.frame))
     friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
 
@@ -80,17 +86,6 @@ def _given(run: Run, asked: Command) -> Given:
     )  # fmt: skip
 
 
-def _write(run: Run, tuned: TunedMove, identified: Robot) -> None:
-    write_tune(run.folder / "tune.h5", tuned, run.stamps["fit"])
-    write_table(run.folder / "tune.csv", tuned)
-    write_page_of_move(tuned, run.folder, run.stamps["fit"].shown)
-    keep_checksums(run.folder, RESULTS)
-    folder = clear_folder(run.folder, "tune")
-    files = (*write_move(folder, tuned), *write_move_fmu(folder, identified, tuned))
-    results = ", ".join(str(run.folder / name) for name in RESULTS)
-    run.console.say(f"tune: {results}, and {len(files)} files for controllers and simulators in {folder}")
-
-
 def write_table(path: Path, tuned: TunedMove) -> None:
     """tune.csv: a row for each sample, link side, SI."""
     parts = ("position", "velocity", "torque")
@@ -100,27 +95,48 @@ def write_table(path: Path, tuned: TunedMove) -> None:
     write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
 
 
-def table(tuned: TunedMove) -> list[list[str]]:
-    """Errors of the tool in mm, and torques, by command."""
-    rows = [["command", "judged on", "largest mm", "rms mm", "static mm", "vibration mm", "peak torque N*m"]]
-    for own in tuned.outcomes:
-        figures = [number(1e3 * value, 3) for value in (own.largest, own.rms, own.static, own.residual)]
-        rows.append([own.name, tuned.judge, *figures, ", ".join(number(float(each), 4) for each in own.torque)])
-    return rows
-
-
-def sentences(tuned: TunedMove) -> tuple[str, ...]:
-    """The move in words: its time, its exactness against rigid feedforward, and its use of the torque limits."""
-    first, last = tuned.outcomes[0], tuned.outcomes[-1]
-    lines = [
-        f"{tuned.duration:.4g} s, {1e3 * tuned.margin_s:.0f} ms more before and after it; the largest error of "
-        f"{tuned.frame} is {number(first.largest / max(last.largest, 1e-12), 3)} times smaller than with {first.name}, "
-        f"its vibration after the move {number(first.residual / max(last.residual, 1e-12), 3)} times"
-    ]
-    if tuned.draws and last.high is not None:
-        used, error = (tuned.most / tuned.limits[3]).max(), number(1e3 * float(last.high.max()), 3)
-        lines.append(
-            f"on {tuned.draws} robots drawn from the fit the largest error is at most {error} mm (95 %), and torques "
-            f"take at most {100 * used:.0f} % of their limits"
-        )
-    return tuple(lines)
+def answer(tuned: TunedMove) -> Answer:
+    """The time of a move, its exactness against rigid feedforward, its use of the motors' limits."""
+    rigid, own, drawn = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.draws)
+    used = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
+    kind, i = np.unravel_index(int(np.argmax(used)), used.shape)
+    most = f"the {list(KINDS)[kind]} of motor {tuned.joints[i]} is used most, {percent(used[kind, i], 3)} of it"
+    kept = f"Yes: of all limits {most}." if used.any() else "No limit is given."
+    exact = (
+        f"{tuned.duration:.4g} s: {tuned.frame} stays within {number(1e3 * own.largest, 3)} mm of its path on the "
+        f"{tuned.judge}, with rigid feedforward within {number(1e3 * rigid.largest, 3)} mm; its vibration after the "
+        f"move is {number(rigid.residual / max(own.residual, 1e-12), 3)} times smaller."
+    )
+    on_draws = (
+        f"On {tuned.draws} robots drawn from the fit the largest error is at most "
+        f"{number(1e3 * float(own.high.max()), 3)} mm (95 %), and torques take at most "
+        f"{100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
+        if own.high is not None and drawn
+        else ""
+    )
+    advice = f"{tuned.advice}." if tuned.advice else "Give the drives tune.csv, or a file of the folder tune."
+    errors = [(o.name, *(number(1e3 * v, 3) for v in (o.largest, o.rms, o.static, o.residual))) for o in tuned.outcomes]
+    limits = []
+    for joint, unit, motor in zip(tuned.joints, tuned.units, range(len(tuned.joints)), strict=True):
+        cells = [f"{joint} ({unit})"]
+        for name, limit in zip(KINDS, tuned.limits[:, motor], strict=True):
+            value = number(float(np.abs(getattr(tuned, name)[:, motor]).max()), 3)
+            cells.append(f"{value} of {number(float(limit), 3)}" if np.isfinite(limit) else value)
+        limits.append((*cells, *[number(float(tuned.most[motor]), 4)] * drawn))
+    return Answer(
+        f"Move of {tuned.name}",
+        (
+            ("How exactly does the tool follow?", tuple(filter(None, (exact, on_draws)))),
+            ("Do the motors keep their limits?", (kept,)),
+            ("What next?", (advice[0].upper() + advice[1:],)),
+        ),
+        (
+            Display("Error of the tool in mm", ("command", "largest", "rms", "at rest after it", "vibration"), errors),
+            Display("Limits of the motors", ("motor", *KINDS, *["torque on draws"] * drawn), limits),
+        ),
+        (
+            f"Judged in position loops of {tuned.bandwidth_hz:.3g} Hz. Grey: the move; {1e3 * tuned.margin_s:.0f} ms "
+            "before and after it the motors wind the springs up and unwind them. Link side, SI: largest value and "
+            "limit of the robot's file.",
+        ),
+    )

@@ -25,7 +25,7 @@ from elastid.base.statistics import QUANTILE_95, chi_square_tail
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.motion_signals import MotionSignals
-from elastid.friction_study.pass_checks import check_loads, gravity_note, offset_steps, usable_passes
+from elastid.friction_study.pass_checks import usable_passes
 from elastid.friction_study.passes import Pass, PassRegression, one_way, passes_of, steady_velocity
 from elastid.record import FrictionRecord, drive_unit, motion_unit
 
@@ -131,14 +131,13 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
     regressed too; 0 for none.  DataError where a pair has one direction only, or no pair slides.
     """
-    check_loads(passes)
     used, notes = usable_passes(passes)
     pairs = _pairs(used)
     design = PassRegression.of(used, pairs, has_gravity, turn)
     values, covariance, left = design.solve()
     n_k, moved = len(pairs), np.zeros(len(pairs))
     conditions = np.array([_condition(members) for members in pairs.values()])
-    speed, load, _ = conditions.T
+    speed = conditions[:, 0]
     if wanders := _wander(used, speed, values[:n_k], np.sqrt(np.diag(covariance)[:n_k])):
         wandering = values[:n_k]
         values, covariance, left = design.without(wanders).solve()
@@ -172,8 +171,6 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     } | {"offset": offset}
     levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
     levels = replace(levels, max_difference=max_difference)
-    notes += offset_steps(pairs, o, speed, load, g)
-    notes += gravity_note(shared, g, used[0])
     per_row = sum(len(each.torque) for each in used) / len(left)  # samples, whose mean has less noise than one
     return PassLevels(levels, shared, float(np.sqrt(per_row * np.mean(left**2))), tuple(notes), turn)
 

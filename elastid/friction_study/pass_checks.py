@@ -1,4 +1,4 @@
-r"""Faults of passes that would be taken for friction: clipped torques, loads that are none, offsets that move.
+r"""Faults of passes that would be taken for friction: clipped torques, and sticking.
 
 Friction that changes with the angle of its joint is found by the difference of passes there and back at the same angle.
 
@@ -11,7 +11,7 @@ Loops before sliding are compared with the counts of the encoder.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,10 +21,9 @@ from scipy.special import stdtrit
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.base.statistics import f_test
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.passes import Pass
-from elastid.record import FrictionRecord, drive_unit, motion_unit
+from elastid.record import FrictionRecord, motion_unit
 
 
 @dataclass(frozen=True)
@@ -35,12 +34,6 @@ class PassThresholds:
     clipped_share: float = 0.02  # of a pass, at that torque, from which on it is clipped
     constant_share: float = 0.98  # of a pass: a torque without noise is constant throughout
     min_values: int = 50  # different torques of a pass in a log of fine steps
-    same_torque: float = 0.01  # of the largest: a load as near to the torque is that torque
-    different_torques: float = 0.05  # of the largest, by which torques differ at least to show that
-    step_chance: float = 1e-3  # of a step of the offset that is none, over all places of one
-    step_share: float = 0.1  # of the smallest level: the least step that counts
-    same_load: float = 0.05  # of the largest load: loads as near are one
-    large_gravity: float = 50.0  # over friction: a small error of gravity is then a large one of friction
     min_pairs: int = 4  # from which a change of friction with the angle can be identified
     min_cover: float = 0.6  # of the widest range of angles, below which a pair is left out of that test
     min_change: float = 0.03  # of friction with the angle, relative, that is worth a note
@@ -94,78 +87,6 @@ def _clipped(passes: Sequence[Pass]) -> dict[str, str]:
                 "too low and does not count; measure slower, or raise the limit of the drive"
             )
     return pairs
-
-
-def check_loads(passes: Sequence[Pass]) -> None:
-    """DataError where the load of passes is the very torque that they are to explain."""
-    torque = np.array([abs(float(each.torque.mean())) for each in passes])
-    load = np.array([each.load for each in passes])
-    if len(passes) < 3 or not load.any() or np.ptp(torque) < PASSES.different_torques * torque.max():
-        return
-    if np.all(np.abs(load - torque) <= PASSES.same_torque * torque.max()):
-        raise DataError(
-            "friction/passes",
-            f"the load of each equals its own torque ({load.min():.4g} to "
-            f"{load.max():.4g}): friction would explain itself; the load is the torque of gravity that the model holds "
-            "in that posture",
-            f"passes of {passes[0].place}",
-        )
-
-
-def offset_steps(
-    pairs: Mapping[str, Sequence[Pass]], offset: FloatArray, speed: FloatArray, load: FloatArray, level: FloatArray
-) -> tuple[Note, ...]:
-    """A note for each load on offsets of pairs (n,), in the order in which they were measured, that jump between two.
-
-    A part that grows with speed is no offset but friction that differs between the directions.
-    """
-    names, first = list(pairs), next(iter(pairs.values()))[0]
-    rounded = np.round(load / max(float(load.max(initial=0.0)), 1e-300) / PASSES.same_load)
-    groups = [np.flatnonzero(rounded == value).tolist() for value in np.unique(rounded)]
-    unit = drive_unit(first.slides)
-    texts = [_offset_step(offset[own], speed[own], [names[i] for i in own], level[own], unit) for own in groups]
-    return tuple(Note("friction/passes", text, f"passes of {first.place}") for text in texts if text)
-
-
-def _offset_step(offset: FloatArray, speed: FloatArray, names: Sequence[str], level: FloatArray, unit: str) -> str:
-    n = len(offset)
-    smooth = np.stack([np.ones(n), speed], axis=1)
-    dof = n - 3
-    if dof < 2:
-        return ""
-    without = _left(smooth, offset)
-    costs = [_left(np.column_stack([smooth, np.arange(n) >= k]), offset) for k in range(1, n)]
-    k = 1 + int(np.argmin(costs))
-    size = float(np.linalg.lstsq(np.column_stack([smooth, np.arange(n) >= k]), offset, rcond=None)[0][2])
-    is_chance = f_test(without - costs[k - 1], 1, costs[k - 1], dof) * (n - 1) > PASSES.step_chance
-    if is_chance or abs(size) < PASSES.step_share * float(np.abs(level).min()):
-        return ""
-    return (
-        f"their offset jumps by {size:.4g} {unit} between pass {names[k - 1]} and pass {names[k]}: controller, sensor "
-        "or posture were moved in between, and the levels of both sides are compared as if nothing had; measure them "
-        "again in one go, or in studies of their own"
-    )
-
-
-def _left(A: FloatArray, y: FloatArray) -> float:
-    left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
-    return float(left @ left)
-
-
-def gravity_note(shared: Mapping[str, tuple[float, float]], levels: FloatArray, member: Pass) -> tuple[Note, ...]:
-    """A note on gravity that is much larger than friction."""
-    if "gravity.cos" not in shared or not len(levels):
-        return ()
-    gravity, friction = float(np.hypot(shared["gravity.cos"][0], shared["gravity.sin"][0])), float(np.median(levels))
-    if gravity < PASSES.large_gravity * friction:
-        return ()
-    unit = drive_unit(member.slides)
-    text = (
-        f"gravity of {gravity:.4g} {unit} is {gravity / friction:.0f} times friction ({friction:.4g} {unit}): an error "
-        f"of {1 / PASSES.large_gravity:.0%} in it is as large as friction, and the std of the levels is mostly its; "
-        "measure about the vertical, in a posture with less gravity, or with a counterweight"
-    )
-    return (Note("friction/passes", text, f"passes of {member.place}"),)
 
 
 # Degrees of the polynomials, and bins of the angle.

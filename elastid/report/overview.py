@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.result import HELD_AS_EXACT, FitResult
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED
+from elastid.report.answer import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
 from elastid.response import BENT
 from elastid.validation.residual_tests import FALSE_ALARM
@@ -354,7 +355,6 @@ def _realisations(plan: Plan | None, name: str) -> str:
     return "" if count is None else f" ({2 * count} realisations instead of {count})"
 
 
-Questions: TypeAlias = tuple[tuple[str, tuple[str, ...]], ...]
 # Configurations whose modes the first screen names.
 MODES_SHOWN = 3
 

@@ -38,7 +38,6 @@ class Settings:
     knots_per_s: float = 100.0
     tolerance: float = 1e-6
     iterations: int = 150
-    is_exact: bool = False
 
 
 SETTINGS = Settings()
@@ -202,14 +201,7 @@ class _Problem:
         jacobian = self._slopes(slopes, Phi, B, lifts, [slope for _, slope, _ in bounded])
         self.jacobian = ca.Function("nlp_jac_g", [x, ca.MX(0, 1)], [g, jacobian], ["x", "p"], ["g", "jac_g_x"])
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
-        curvature = None
-        if s.is_exact:
-            mu = ca.vertcat(ca.reshape(lam_g[: n_q * n], n_q, n) / self.force_0,
-                            ca.reshape(lam_g[n_q * n : (n_q + n_c) * n], n_c, n))  # fmt: skip
-            weight = ca.repmat(lam_f * self.mesh.step / s.tool_m**2, 1, n)
-            given = Q, V, A, L * self.force_0, mu, self._p, self._R, weight
-            curvature = self._curvature(self.commanded.curvature.map(n)(*given), lifts)
-        H = self._hessian(lam_f, curvature, J, lifts[0])
+        H = self._hessian(lam_f, J, lifts[0])
         arguments = [x, ca.MX(0, 1), lam_f, lam_g]
         names = ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
         self.hessian = ca.Function("nlp_hess_l", arguments, [ca.triu(H)], *names)
@@ -237,28 +229,15 @@ class _Problem:
         rows += [ca.horzcat(slope, ca.MX(slope.size1(), others)) for slope in bounded]
         return ca.vertcat(*rows)
 
-    def _curvature(self, curved: ca.MX, lifts: list[ca.DM]) -> ca.MX:
-        """Second derivatives to the coefficients; those to multipliers, of loops alone, are left out."""
-        n_q = self.n_q
-        blocks = ca.horzsplit(curved, 3 * n_q + self.n_c)
-        H = ca.MX(n_q * self.n, n_q * self.n)
-        for i in range(3):
-            for j in range(3):
-                part = [block[i * n_q : (i + 1) * n_q, j * n_q : (j + 1) * n_q] for block in blocks]
-                H += lifts[i].T @ _block_diagonal(part) @ lifts[j]
-        return H
-
-    def _hessian(self, lam_f: ca.MX, curvature: ca.MX | None, J: ca.MX, lift: ca.DM) -> ca.MX:
-        """Of the Lagrangian, with that of the tool's error and the equations, or Gauss and Newton's without."""
+    def _hessian(self, lam_f: ca.MX, J: ca.MX, lift: ca.DM) -> ca.MX:
+        """Of the Lagrangian, by Gauss and Newton."""
         n, s = self.n, self.settings
         D = ca.kron(ca.sparsify(ca.DM(np.eye(n + 1, n) - np.eye(n + 1, n, -1))), ca.DM.eye(self.n_u))
         D *= s.rate_s / np.sqrt(self.mesh.step)
         R = ca.kron(self._ripple[:, _HELD : self.mesh.count - _HELD], ca.DM.eye(self.n_q))
-        if curvature is None:
-            E = _block_diagonal(ca.horzsplit(J, self.n_q)) @ lift * (np.sqrt(self.mesh.step) / s.tool_m)
-            curvature = 2 * lam_f * E.T @ E
+        E = _block_diagonal(ca.horzsplit(J, self.n_q)) @ lift * (np.sqrt(self.mesh.step) / s.tool_m)
         of_lambda = 1e-8 * lam_f * ca.DM.eye(self.n_c * n)
-        return ca.diagcat(curvature + 2 * lam_f * R.T @ R, 2 * lam_f * D.T @ D, of_lambda)
+        return ca.diagcat(2 * lam_f * (E.T @ E + R.T @ R), 2 * lam_f * D.T @ D, of_lambda)
 
     @property
     def _ripple(self) -> ca.DM:

@@ -87,18 +87,6 @@ class CommandedRobot:
         results = [ca.densify(part) for part in (force, slopes, phi, Phi)]
         return ca.Function("balance", [q, v, a, lambda_], results, {"cse": True})
 
-    @cached_property
-    def curvature(self) -> ca.Function:
-        """(q, v, a, lambda, mu, p, R, w) -> Hessian of mu . (r, phi) + w |e|^2 to (q, v, a, lambda)."""
-        n, n_c = self.model.n_q, len(self.rows)
-        sizes = {"q": n, "v": n, "a": n, "lambda": n_c, "mu": n + n_c, "p": 3, "R": 9, "w": 1}
-        given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
-        q, v, a, lambda_, mu, p, R, w = given.values()
-        force, _, phi, _ = self.balance(q, v, a, lambda_)
-        total = ca.dot(mu, ca.vertcat(force, phi)) + w * ca.sumsqr(self.tool(q, p, R)[0])
-        H = ca.hessian(total, ca.vertcat(q, v, a, lambda_))[0]
-        return ca.Function("curvature", [*given.values()], [ca.densify(H)], {"cse": True})
-
     def _friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
         """P tau_f (n_q,) of steady sliding, of all laws or those of motors alone."""
         laws = [law for law in frictions(self.robot) if law.place in self.model.inputs or not of_motors]

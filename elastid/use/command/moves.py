@@ -17,7 +17,6 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
-from elastid.base.units import of_translation
 from elastid.robot import Robot
 from elastid.use.postures import Table, follow_path, read_table
 
@@ -77,39 +76,6 @@ class References:
         used = {kind: np.abs(getattr(self, kind)) / getattr(limits, kind) for kind in KINDS}
         middle, reach = limits.range
         return {"angle": np.abs(self.position - middle) / reach, **used}
-
-
-@dataclass(frozen=True)
-class NearestLimit:
-    """A limit that a motion uses most: its kind, the joint, value and unit, and the part of it that is used."""
-
-    kind: str
-    joint: str
-    limit: float
-    unit: str
-    used: float
-
-    def __str__(self) -> str:
-        return f"the {self.kind} of joint {self.joint} uses {100 * self.used:.0f} % of {self.limit:.4g} {self.unit}"
-
-
-def nearest_limit(
-    robot: Robot, limits: MotionLimits, references: References, within: slice = slice(None)
-) -> NearestLimit | None:
-    """The limit that the samples `within` use most; None for a robot without limits."""
-    used = {kind: part[within].max(axis=0, initial=0.0) for kind, part in references.use(limits).items()}
-    kind = max(used, key=lambda name: float(used[name].max()))
-    place = int(np.argmax(used[kind]))
-    if not used[kind][place] > 0:
-        return None
-    joint = robot.driven[place]
-    if kind == "angle":
-        beyond = references.position[within, place] - limits.range[0][place]
-        limit = float(limits.angle[place, int(beyond[np.argmax(np.abs(beyond))] > 0)])
-    else:
-        limit = float(getattr(limits, kind)[place])
-    unit = joint.unit if kind == "angle" else of_translation(KINDS[kind]) if joint.slides else KINDS[kind]
-    return NearestLimit(kind, joint.name, limit, unit, float(used[kind][place]))
 
 
 TIMES = ("t", "time")

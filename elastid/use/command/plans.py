@@ -17,7 +17,7 @@ from elastid.simulation.controller import feed_forward
 from elastid.simulation.dynamics import contacts
 from elastid.use.command.collocation import SETTINGS, Planned, plan
 from elastid.use.command.equations import CommandedRobot
-from elastid.use.command.moves import MotionLimits, Move, References, nearest_limit
+from elastid.use.command.moves import MotionLimits, Move, References
 
 STEP = 1.25  # between durations that bracket the shortest one
 
@@ -39,7 +39,7 @@ def margin_of(commanded: CommandedRobot, move: Move) -> float:
 
 
 def best_plan(commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float) -> Planned:
-    """The plan by Gauss-Newton; where limits hold the tool off its path, by exact second derivatives and a wider e_0.
+    """The plan by Gauss-Newton; where limits hold the tool off its path, with a wider e_0.
 
     Of a tool far from its path the square outweighs the torque's rate, which would leave torques that chatter.
     """
@@ -49,7 +49,7 @@ def best_plan(commanded: CommandedRobot, move: Move, limits: MotionLimits, margi
         if planned.has_converged and away < SETTINGS.tool_m * 20:
             break
         scale = max(SETTINGS.tool_m, min(away, 1.0) / 40)
-        planned = plan(commanded, move, limits, margin_s, replace(SETTINGS, tool_m=scale, is_exact=True))
+        planned = plan(commanded, move, limits, margin_s, replace(SETTINGS, tool_m=scale))
     return planned
 
 
@@ -86,23 +86,6 @@ def require_ends(commanded: CommandedRobot, move: Move, limits: MotionLimits) ->
                 )
 
 
-def obstacle(
-    commanded: CommandedRobot, move: Move, limits: MotionLimits, planned: Planned, error: FloatArray, rate_hz: float
-) -> str:
-    """Where a plan leaves its path most, and the limit that is nearest there; error (N,): at its samples."""
-    references = sampled(commanded, planned, rate_hz, 0.0)
-    error = error[: len(references.time_s)]
-    worst = int(np.argmax(error))
-    around = np.flatnonzero(error >= 0.5 * error[worst])
-    near = nearest_limit(commanded.robot, limits, references, slice(int(around[0]), int(around[-1]) + 1))
-    why = "" if near is None else f", where {near}"
-    where = ", ".join(f"{c:.3f}" for c in commanded.poses(planned.q(references.time_s[worst : worst + 1])).position[0])
-    return (
-        f"the tool leaves its path by {1e3 * error[worst]:.3g} mm {references.time_s[worst]:.3g} s after the start, at "
-        f"({where}) m{why}"
-    )
-
-
 def shortest(
     commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, error_m: float
 ) -> Move | None:
@@ -110,8 +93,8 @@ def shortest(
 
     def can(duration: float) -> bool:
         own = move.in_time(duration)
-        for settings in (replace(SETTINGS, iterations=20), replace(SETTINGS, iterations=40, is_exact=True)):
-            planned = plan(commanded, own, limits, margin_s, settings)
+        for iterations in (20, 60):
+            planned = plan(commanded, own, limits, margin_s, replace(SETTINGS, iterations=iterations))
             away = planned_error(commanded, own, planned).max()
             if planned.is_feasible and away <= error_m:
                 return True

@@ -20,7 +20,6 @@ from elastid.use.command.plans import (
     best_plan,
     first_duration,
     margin_of,
-    obstacle,
     require_ends,
     rigid_references,
     sampled,
@@ -220,7 +219,8 @@ def _tuned(
     error = np.linalg.norm(planned - drawn.target, axis=1)
     advice = ""
     if error.max() > given.error_m:
-        advice = obstacle(commanded, move, limits, drawn.planned, error, given.rate_hz)
+        worst = int(np.argmax(error))
+        advice = f"the tool leaves its path by {1e3 * error[worst]:.3g} mm {r.time_s[worst]:.3g} s after the start"
         can = shortest(commanded, move, _spared(limits), margin_s, given.error_m)
         if can is not None:
             advice += f"; it stays within {1e3 * given.error_m:g} mm with --time {can.duration:.3g}"

@@ -4,31 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from plants.waves import CLEAN, LOG, N, P
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.recorded.repair import Log
 from elastid.recorded.repair.converter import CLIPPED, find_clipping, find_steps, step
-
-N, P = 500, 6
-
-
-LINES = np.arange(2, 150)
-
-
-LOG = Log("log.csv", ("torque", "angle"), 1000.0)
-
-
-def wave(t: FloatArray, seed: int = 0) -> FloatArray:
-    """Two periodic signals (n, 2) of period N at times t in samples: a torque of rms 1 and a position with it."""
-    rng = np.random.default_rng(seed)
-    U = np.exp(2j * np.pi * rng.random(len(LINES))) * np.sqrt(2 / len(LINES))
-    G = 1e3 / (1 + 2j * 0.03 * LINES / 40 - (LINES / 40) ** 2)
-    phasors = np.exp(2j * np.pi * np.outer(np.asarray(t) / N, LINES))
-    return np.asarray(np.stack([(phasors @ U).real, (phasors @ (U * G)).real], axis=1))
-
-
-CLEAN = wave(np.arange(P * N))
 
 
 def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:

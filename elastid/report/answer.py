@@ -1,0 +1,30 @@
+"""The answer of a command that uses a result, the same on its page and on the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from elastid.base.display import Display
+
+# Each with its sentences.
+Questions: TypeAlias = tuple[tuple[str, tuple[str, ...]], ...]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """title: of the page.  questions: what users ask, each with its sentences.  tables: with their titles.
+
+    notes: below the tables of the page alone.  text: to copy.
+    """
+
+    title: str
+    questions: Questions
+    tables: tuple[Display, ...] = ()
+    notes: tuple[str, ...] = ()
+    text: str = ""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Of all questions."""
+        return tuple(sentence for _, sentences in self.questions for sentence in sentences)

@@ -1,0 +1,26 @@
+"""A torque and a position with it, periodic, exact between samples too, of a log of six periods."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.recorded.repair import Log
+
+N, P = 500, 6
+LINES = np.arange(2, 150)
+LOG = Log("log.csv", ("torque", "angle"), 1000.0)
+
+
+def wave(t: FloatArray, seed: int = 0) -> FloatArray:
+    """Two periodic signals (n, 2) of period N at times t in samples: a torque of rms 1 and a position with it."""
+    rng = np.random.default_rng(seed)
+    U = np.exp(2j * np.pi * rng.random(len(LINES))) * np.sqrt(2 / len(LINES))
+    G = 1e3 / (1 + 2j * 0.03 * LINES / 40 - (LINES / 40) ** 2)
+    phasors = np.exp(2j * np.pi * np.outer(np.asarray(t) / N, LINES))
+    return np.asarray(np.stack([(phasors @ U).real, (phasors @ (U * G)).real], axis=1))
+
+
+CLEAN = wave(np.arange(P * N))
+DRIFT = np.arange(P * N)[:, None] / (P * N) * np.array([0.0, 5e4])
+NOISE = np.random.default_rng(9).normal(size=CLEAN.shape) * np.array([1e-3, 1.0])
