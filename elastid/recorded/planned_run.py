@@ -26,7 +26,7 @@ class PlanLimits:
 
     same_excitation: float = 0.98  # correlation of the injected torque with the plan
     late_s: float = 0.02  # by which a log may begin before or after the plan
-    excitation_gain: float = 0.02  # relative error of the injected torque
+    excitation_gain: float = 1.02  # ratio of the injected torque to the planned one, to either side
     posture: float = 0.01  # rad or m, of the mean position
     exchanged: float = 0.7  # correlation with another channel's plan, from which on it is that channel
     exchanged_lead: float = 0.2  # by which it exceeds that with the own plan
@@ -74,11 +74,14 @@ def contradiction(run: PlannedRun, r: FloatArray, u: FloatArray, y: FloatArray) 
     missing = [name for name, signal in (("r", r), ("u", u), ("y", y)) if not np.isfinite(signal).all()]
     if missing:
         return f"{missing[0]} has samples that are no finite numbers; measure it again"
+    planned = run.reference.injected(run.plan.torque(run.experiment))
+    late, injected = _in_step(run.plan, r, planned)
     return (
-        _excitation(run, r)
+        _unlike(run, "injected torque (r)", injected, planned, LIMITS.same_excitation, LIMITS.excitation_gain)
+        or late
         or _posture(run, y)
-        or _signals(run, "acting torque (u)", u, run.rehearsal.torque)
-        or _signals(run, "position (y)", y, run.rehearsal.position)
+        or _unlike(run, "acting torque (u)", u, run.rehearsal.torque, LIMITS.mirrored, LIMITS.unit)
+        or _unlike(run, "position (y)", y, run.rehearsal.position, LIMITS.mirrored, LIMITS.unit)
         or _saturation(run, u)
         or _holding_torque(run, u)
     )
@@ -100,45 +103,32 @@ def _correlation(a: FloatArray | ComplexArray, b: FloatArray | ComplexArray) -> 
     return np.asarray(np.divide(product, size, out=np.zeros_like(product), where=size > 0))
 
 
-def _excitation(run: PlannedRun, r: FloatArray) -> str:
-    """The injected torque is another than the planned one, or begins at another time."""
-    plan, planned = run.plan, run.reference.injected(run.plan.torque(run.experiment))
+def _in_step(plan: Plan, r: FloatArray, planned: FloatArray) -> tuple[str, FloatArray]:
+    """Why the injected torque begins at another time than planned, empty where it does not; and it, in step."""
     spectrum = np.fft.rfft(r, 2 * len(r), axis=0) * np.fft.rfft(planned, 2 * len(r), axis=0).conj()
     lag = int(np.argmax(np.fft.irfft(spectrum.sum(axis=1))))
     lag -= 2 * len(r) if lag > len(r) else 0
-    late = abs(lag) / plan.rate_hz
-    own = np.diag(_correlation(np.roll(r, -lag, axis=0), planned))
-    if own.min() < LIMITS.same_excitation:
-        worst = int(np.argmin(own))
-        return (
-            f"the injected torque of {plan.inputs[worst]} is not the planned one (correlation {own[worst]:.2f}): "
-            "another reference was played, or the channel is another"
-        )
-    if late > LIMITS.late_s:
-        return f"it begins {late:.3g} s {'before' if lag > 0 else 'after'} the planned run: log from its first sample"
-    gain = np.sum(np.roll(r, -lag, axis=0) * planned, axis=0) / np.sum(planned**2, axis=0)
-    worst = int(np.argmax(np.abs(gain - 1)))
-    if abs(gain[worst] - 1) <= LIMITS.excitation_gain:
-        return ""
-    return (
-        f"the injected torque of {plan.inputs[worst]} is {gain[worst]:.3g} times the planned one: its unit or its side "
-        "of the gear is another"
-    )
+    late, when = abs(lag) / plan.rate_hz, "before" if lag > 0 else "after"
+    text = f"it begins {late:.3g} s {when} the planned run: log from its first sample" if late > LIMITS.late_s else ""
+    return text, np.roll(r, -lag, axis=0)
 
 
-def _signals(run: PlannedRun, what: str, signal: FloatArray, expected: FloatArray) -> str:
-    """A channel that fits the plan of another motor, moves against its own, or has another size."""
+def _unlike(run: PlannedRun, what: str, signal: FloatArray, expected: FloatArray, same: float, size: float) -> str:
+    """A channel that fits the plan of another motor, does not follow its own, or has another size."""
     X, planned, names = run.lines(signal), run.lines(expected), run.plan.inputs
-    C, size = _correlation(X, planned), np.linalg.norm(X, axis=0) / np.linalg.norm(planned, axis=0)
+    C, gain = _correlation(X, planned), np.linalg.norm(X, axis=0) / np.linalg.norm(planned, axis=0)
     for i, place in enumerate(names):
         other = int(np.argmax(np.abs(C[i])))
         if other != i and abs(C[i, other]) > max(LIMITS.exchanged, abs(C[i, i]) + LIMITS.exchanged_lead):
-            return f"the {what} of {place} fits the plan of {names[other]}: channels are exchanged"
-        if C[i, i] < LIMITS.mirrored:
-            return f"the {what} of {place} moves against the plan (correlation {C[i, i]:.2f}): its sign is the other"
-        if not 1 / LIMITS.unit <= size[i] <= LIMITS.unit:
+            return f"the {what} of {place} is not the planned one but that of {names[other]}: channels are exchanged"
+        if C[i, i] < same:
             return (
-                f"the {what} of {place} is {number(float(size[i]), 3)} times the expected one: its unit or its side of "
+                f"the {what} of {place} is not the planned one (correlation {C[i, i]:.2f}): its sign is the other, or "
+                "another reference was played"
+            )
+        if not 1 / size <= gain[i] <= size:
+            return (
+                f"the {what} of {place} is {number(float(gain[i]), 3)} times the planned one: its unit or its side of "
                 "the gear is another"
             )
     return ""
@@ -162,7 +152,8 @@ def _saturation(run: PlannedRun, u: FloatArray) -> str:
     own, planned = u[run.measured], run.rehearsal.torque[run.measured]
     for i, joint in enumerate(run.robot.driven):
         peak, unit = float(np.abs(own[:, i]).max()), drive_unit(joint.slides)
-        flat, usual = (float(np.mean(np.abs(x[:, i]) > 0.99 * np.abs(x[:, i]).max())) for x in (own, planned))
+        flat = float(np.mean(np.abs(own[:, i]) > 0.99 * peak))
+        usual = float(np.mean(np.abs(planned[:, i]) > 0.99 * np.abs(planned[:, i]).max()))
         is_flat = flat > LIMITS.flat_share and flat > LIMITS.flat_ratio * usual
         if is_flat or peak >= LIMITS.torque_limit * joint.limits.torque:
             return (

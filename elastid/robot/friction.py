@@ -23,7 +23,7 @@ from elastid.base.units import (
     TemperatureRise,
     of_translation,
 )
-from elastid.robot.placement import require_not_negative, require_positive
+from elastid.robot.placement import require_not_negative
 
 
 @section
@@ -32,19 +32,13 @@ class LuGre:
 
     # fmt: off
     stiffness: Annotated[Stiffness, Key("Stiffness sigma_0 of the bristles.", "coulomb over the angle in which "
-        "friction builds up after a reversal, 1e-5 to 1e-3 rad at a motor; larger asks for more substeps.")]
+        "friction builds up after a reversal, 1e-5 to 1e-3 rad at a motor; larger asks for more substeps.", above=0)]
     damping: Annotated[Damping, Key("Damping sigma_1 of the bristles.", "about the root of stiffness times inertia, so "
-        "that sticking does not ring; too large a one is not passive.")] = 0.0
+        "that sticking does not ring; too large a one is not passive.", least=0)] = 0.0
     damping_velocity: Annotated[JointVelocity | None, Key("Velocity v_d with which the bristles' damping falls, "
         "sigma_1 exp(-(v / v_d)^2); default: constant.", "where damping at speed would add to viscous friction; at "
-        "most 9.3 coulomb / damping keeps it passive.")] = None
+        "most 9.3 coulomb / damping keeps it passive.", above=0)] = None
     # fmt: on
-
-    def __post_init__(self) -> None:
-        require_positive("lugre: stiffness (sigma_0)", self.stiffness)
-        require_not_negative("lugre: damping (sigma_1)", self.damping)
-        if self.damping_velocity is not None:
-            require_positive("lugre: damping_velocity (v_d)", self.damping_velocity)
 
 
 @section
@@ -53,14 +47,14 @@ class MaxwellSlip:
 
     # fmt: off
     stiffness: Annotated[tuple[Stiffness, ...], Key("Stiffness sigma_0 of every element.", "one number for each "
-        "element; those that are stiff for their share slip first.")]
+        "element; those that are stiff for their share slip first.", above=0)]
     shares: Annotated[tuple[float, ...], Key("Share nu of every element in the torque, 1 in sum.", "as many as "
-        "stiffnesses; equal ones are a good start by hand.")]
+        "stiffnesses; equal ones are a good start by hand.", above=0)]
     attraction: Annotated[Annotated[float, InUnit("N*m/s", "N/s")], Key("Attraction C: rate at which the torque of a "
         "slipping element approaches its level.", "larger reaches the level sooner after break-away and is stiffer to "
-        "integrate.")]
+        "integrate.", above=0)]
     damping: Annotated[tuple[Damping, ...], Key("Damping sigma_1 of every element (default: none).", "some for each "
-        "element against ringing at standstill; none for quasi-static loops.")] = ()
+        "element against ringing at standstill; none for quasi-static loops.", least=0)] = ()
     switching: Annotated[Literal["smooth", "events"], Key("Switching between sticking and slipping: `smooth`, without "
         "a memory of its own, or by `events`.", "`events` to compare with the textbook model; `smooth` where solvers "
         "need derivatives.")] = "smooth"
@@ -74,12 +68,6 @@ class MaxwellSlip:
             )
         if self.damping and len(self.damping) != len(self.stiffness):
             raise ValueError(f"maxwell_slip: {len(self.damping)} dampings for {len(self.stiffness)} elements")
-        for name, values in (("stiffness (sigma_0)", self.stiffness), ("shares (nu)", self.shares)):
-            for value in values:
-                require_positive(f"maxwell_slip: {name}", value)
-        for value in self.damping:
-            require_not_negative("maxwell_slip: damping (sigma_1)", value)
-        require_positive("maxwell_slip: attraction (C)", self.attraction)
         if abs(sum(self.shares) - 1) > 1e-6:
             raise ValueError(f"maxwell_slip: the shares sum to {sum(self.shares):.6g}; they must sum to 1")
 
@@ -98,20 +86,17 @@ class LoadDependence:
 
     # fmt: off
     coulomb: Annotated[float, Key("Coulomb friction in Nm that each Nm of load adds.", "0.01 to 0.1 for robot gears; "
-        "three loads identify it.")] = 0.0
+        "three loads identify it.", least=0)] = 0.0
     stiction: Annotated[float | None, Key("Stiction in Nm that each Nm of load adds; as much as coulomb unless given.",
-        "apart from coulomb only where slow passes were made at every load.")] = None
+        "apart from coulomb only where slow passes were made at every load.", least=0)] = None
     stribeck_velocity: Annotated[JointVelocity | None, Key("Velocity nu_l over which the stiction that the load adds "
         "falls; default: that of the friction.", "of its own where the curves of two loads fall over different "
-        "speeds.")] = None
+        "speeds.", above=0)] = None
     # fmt: on
 
     def __post_init__(self) -> None:
-        require_not_negative("load: coulomb", self.coulomb)
-        require_not_negative("load: stiction", self.of_stiction)
         if self.stribeck_velocity is None:
             return
-        require_positive("load: stribeck_velocity (nu_l)", self.stribeck_velocity)
         if not self.of_stiction > self.coulomb:
             raise ValueError(
                 f"load: stiction of {self.of_stiction:g} is not above coulomb of {self.coulomb:g}: nothing falls over "
@@ -140,16 +125,12 @@ class TemperatureDependence:
     stribeck_velocity: Annotated[Annotated[float, InUnit("rad/(s*K)", "m/(s*K)")], Key("Change b of the Stribeck "
         "velocity nu_s with temperature.", "positive: a thinner film needs more speed to carry.")] = 0.0
     viscous: Annotated[Damping, Key("Part f_T of viscous friction that vanishes with heat.", "about half of viscous "
-        "friction between 34 and 64 degC in one gear, a fifth in small robots.")] = 0.0
+        "friction between 34 and 64 degC in one gear, a fifth in small robots.", least=0)] = 0.0
     decay: Annotated[TemperatureRise, Key("Temperature rise T_V over which that part falls.", "20 K was found for an "
-        "industrial gear; only three temperatures over more than that can identify it.")] = 20.0
+        "industrial gear; only three temperatures over more than that can identify it.", above=0)] = 20.0
     coulomb: Annotated[Annotated[float, InUnit("N*m/K", "N/K")], Key("Change c of Coulomb friction F_c with "
         "temperature, which stiction shares.", "negative where seals and preload ease with heat.")] = 0.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        require_not_negative("temperature: viscous (f_T)", self.viscous)
-        require_positive("temperature: decay (T_V)", self.decay)
 
 
 @section
@@ -201,14 +182,14 @@ class Friction:
 
     # fmt: off
     coulomb: Annotated[JointTorque, Key("Coulomb level F_c of sliding friction.", "from slow passes in both "
-        "directions, half the difference; with a Stribeck curve that of medium speeds.")]
+        "directions, half the difference; with a Stribeck curve that of medium speeds.", above=0)]
     stiction: Annotated[JointTorque | None, Key("Stiction F_s, the level of break-away (default: F_c).", "commonly 1.1 "
         "to 2 times coulomb; it decides about stick and slip at reversals.")] = None
     stribeck_velocity: Annotated[JointVelocity | None, Key("Stribeck velocity nu_s, over which friction falls from F_s "
-        "to F_c.", "needed with stiction; some percent of the top speed for greased gears.")] = None
+        "to F_c.", "needed with stiction; some percent of the top speed for greased gears.", above=0)] = None
     quadratic: Annotated[Annotated[float, InUnit("N*m*s^2/rad^2", "N*s^2/m^2")], Key("Quadratic friction alpha_3, "
         "factor of v |v|.", "for oil churning at high speed; a linear fit of damping includes it at the working "
-        "speed.")] = 0.0
+        "speed.", least=0)] = 0.0
     exponent: Annotated[float, Key("Exponent a of the Stribeck curve.", "below 2 for a long gentle fall, as 1.36 of "
         "one measured gear; published ones lie between 0.5 and 2.")] = 2.0
     lugre: Annotated[LuGre | None, Key("Presliding by the LuGre law; without stiction and damping it is Dahl's. At "
@@ -229,8 +210,6 @@ class Friction:
     # fmt: on
 
     def __post_init__(self) -> None:
-        require_positive("friction: coulomb (F_c)", self.coulomb)
-        require_not_negative("friction: quadratic (alpha_3)", self.quadratic)
         low, high = EXPONENT_RANGE
         if not low <= self.exponent <= high:
             raise ValueError(
@@ -241,8 +220,6 @@ class Friction:
                 f"friction: directions: coulomb is {self.directions.coulomb:g}, not below coulomb of {self.coulomb:g}: "
                 "friction would drive in one direction; it is half of the difference between the directions"
             )
-        if self.stribeck_velocity is not None:
-            require_positive("friction: stribeck_velocity (nu_s)", self.stribeck_velocity)
         if self.break_away < self.coulomb:
             unit = next((x.dimension for x in (self.coulomb, self.stiction) if isinstance(x, Measured)), "N*m")
             raise ValueError(

@@ -16,7 +16,7 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import Force, Length, LinearStiffness, Ratio
 from elastid.robot.body import BASE
-from elastid.robot.placement import Numbers, Vector3, below, ends_of, require_not_negative, require_positive
+from elastid.robot.placement import Numbers, Vector3, below, ends_of
 
 
 @section
@@ -36,15 +36,12 @@ class CoilSpring:
 
     # fmt: off
     stiffness: Annotated[LinearStiffness, Key("Stiffness k_c of the coil.", "by the maker, or from holding torques of "
-        "two postures; it adds stiffness to the joint, and kc_NAME in fit.parameters finds it from the low lines.")]
+        "two postures; it adds stiffness to the joint, and kc_NAME in fit.parameters finds it from the low "
+        "lines.", above=0)]
     rest_length: Annotated[Length, Key("Length L_0 at which the coil has no force.", "0 for a spring that pulls "
         "wherever it is; it decides in which posture how much weight is carried. L0_NAME may be identified from "
-        "holding torques.")] = 0.0
+        "holding torques.", least=0)] = 0.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        require_positive("stiffness", self.stiffness, " N/m")
-        require_not_negative("rest_length", self.rest_length, " m")
 
     def numbers(self, name: str) -> Numbers:
         """kc_ and L0_ of a compensator."""
@@ -57,11 +54,11 @@ class GasSpring:
 
     # fmt: off
     force: Annotated[Force, Key("Force F_0 at the length L_0.", "scales with filling pressure, which falls over the "
-        "years: F0_NAME is the first of its numbers to identify.")]
+        "years: F0_NAME is the first of its numbers to identify.", above=0)]
     length: Annotated[Length, Key("Length L_0 between the ends at which force and column hold.", "that at which force "
-        "and column were read, usually fully extended.")]
+        "and column were read, usually fully extended.", above=0)]
     column: Annotated[Length, Key("Height h_0 of the gas column at that length.", "volume over piston area; a long one "
-        "gives a nearly constant force.")]
+        "gives a nearly constant force.", above=0)]
     kappa: Annotated[Ratio, Key("Exponent of the gas, 1 isothermal to 1.4 adiabatic.", "1 for slow motion and "
         "postures, 1.3 to 1.4 for motion within seconds, as in a multisine's swing.")] = 1.0
     action: Annotated[Literal["push", "draw"], Key("Direction of the force: `push` for a strut, `draw` for a cylinder "
@@ -69,8 +66,6 @@ class GasSpring:
     # fmt: on
 
     def __post_init__(self) -> None:
-        for name, unit in (("force", " N"), ("length", " m"), ("column", " m")):
-            require_positive(name, getattr(self, name), unit)
         if not 1 <= self.kappa <= 2:
             raise ValueError(f"kappa is {self.kappa:g}; it is 1 (isothermal) to 1.4 (adiabatic, nitrogen) or 1.67")
 

@@ -29,8 +29,6 @@ from elastid.robot.placement import (
     Vector3,
     below,
     coordinates,
-    require_not_negative,
-    require_positive,
     unit_axis,
 )
 from elastid.robot.spring import Spring
@@ -42,16 +40,12 @@ class TransmissionError:
 
     # fmt: off
     amplitude: Annotated[JointPosition, Key("Amplitude of the error, at the link.", "10 to 60 arcsec of makers' "
-        "sheets, which give the whole swing: half of that.")]
+        "sheets, which give the whole swing: half of that.", above=0)]
     order: Annotated[float, Key("Periods in a turn of the motor.", "1 for an eccentric part on the motor's shaft, 2 "
-        "for a strain wave gear; others for the teeth of later stages.")] = 1.0
+        "for a strain wave gear; others for the teeth of later stages.", above=0)] = 1.0
     phase: Annotated[Angle, Key("Phase at motor angle zero.", "as found by the stage gears; it matters beside other "
         "errors, and where the robot swings by less than a period.")] = 0.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        require_positive("error: amplitude", self.amplitude)
-        require_positive("error: order", self.order)
 
 
 @section
@@ -60,15 +54,11 @@ class GearRipple:
 
     # fmt: off
     amplitude: Annotated[JointTorque, Key("Amplitude of the torque, at the link.", "the motor's cogging times the "
-        "ratio: 0.5 to 2 % of rated torque.")]
+        "ratio: 0.5 to 2 % of rated torque.", above=0)]
     order: Annotated[float, Key("Periods in a turn of the motor.", "6 times the pole pairs where commutation makes "
-        "it.")] = 1.0
+        "it.", above=0)] = 1.0
     phase: Annotated[Angle, Key("Phase at motor angle zero.", "as found by the stage gears.")] = 0.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        require_positive("ripple: amplitude", self.amplitude)
-        require_positive("ripple: order", self.order)
 
 
 @section
@@ -77,17 +67,13 @@ class Hysteresis:
 
     # fmt: off
     torque: Annotated[JointTorque, Key("Torque at which the element slides, at the link.", "half of the height of the "
-        "loop in a maker's stiffness test; several elements make it round.")]
+        "loop in a maker's stiffness test; several elements make it round.", above=0)]
     deflection: Annotated[JointPosition, Key("Torsion of the gear over which it bends before it slides.", "the torsion "
-        "after a reversal at which the loop has closed half of its height.")]
+        "after a reversal at which the loop has closed half of its height.", above=0)]
     edge: Annotated[Literal["sharp", "smooth"], Key("Change from bending to sliding: `sharp`, as a spring with a stop, "
         "or `smooth`, as Dahl's bristles.", "as found by the stage gears; both lose as much energy in large "
         "loops.")] = "sharp"
     # fmt: on
-
-    def __post_init__(self) -> None:
-        require_positive("hysteresis: torque", self.torque)
-        require_positive("hysteresis: deflection", self.deflection)
 
 
 @section
@@ -96,7 +82,7 @@ class Gear:
 
     # fmt: off
     load: Annotated[float, Key("Coulomb friction at the motor for each Nm of torque in the gear, at every moment.",
-        "0.02 to 0.15: one minus the efficiency, about; friction.load is of the load at rest instead.")] = 0.0
+        "0.02 to 0.15: one minus the efficiency, about; friction.load is of the load at rest instead.", least=0)] = 0.0
     error: Annotated[tuple[TransmissionError, ...], Key("Transmission error, by order.", "from the maker's sheet, or "
         "as found by the stage gears.")] = ()
     ripple: Annotated[tuple[GearRipple, ...], Key("Ripple and cogging at the motor, by order.", "where they are known "
@@ -106,7 +92,6 @@ class Gear:
     # fmt: on
 
     def __post_init__(self) -> None:
-        require_not_negative("gear: load", self.load)
         if self.load >= 1:
             raise ValueError(
                 f"gear: load is {self.load:g}; a gear whose friction takes all of its torque turns no link"
@@ -119,13 +104,13 @@ class Motor:
 
     # fmt: off
     inertia: Annotated[Inertia, Key("Inertia of the rotor about its axis.", "rotor, brake and input stage together; "
-        "the data sheet's rotor alone may be half of it.")]
+        "the data sheet's rotor alone may be half of it.", above=0)]
     ratio: Annotated[float, Key("Gear ratio: motor turns per joint turn, negative where they turn in opposite ways.",
         "from the controller's parameters, sign included; an error here is one of its square in inertia.")] = 1.0
     viscous: Annotated[Damping, Key("Viscous friction of the motor.", "the slope of torque over speed of a warm axis, "
-        "over ratio^2 on the motor's side; fm_NAME of a fit finds it, from a start that is not 0.")] = 0.0
+        "over ratio^2 on the motor's side; fm_NAME of a fit finds it, from a start that is not 0.", least=0)] = 0.0
     coulomb: Annotated[Torque, Key("Coulomb friction of the motor, dry friction of one level.", "half the torque "
-        "between slow motion up and down; used by simulation, a linear fit does not see it.")] = 0.0
+        "between slow motion up and down; used by simulation, a linear fit does not see it.", least=0)] = 0.0
     spring: Annotated[Spring | None, Key("Spring of the motor's shaft, before all gears, on the motor side; in series "
         "with the joint's own.", "for belts and couplings between motor and gear that swing by themselves, mostly "
         "above 50 Hz.")] = None
@@ -144,13 +129,10 @@ class Motor:
     def __post_init__(self) -> None:
         if self.ratio == 0 or not math.isfinite(self.ratio):
             raise ValueError(f"the gear ratio is {self.ratio:g}; it must be a finite number other than 0")
-        require_positive("the motor's inertia", self.inertia, " kg*m^2")
         if self.spring is not None and not self.spring.is_linear:
             raise ValueError(
                 "the spring of a motor's shaft must be linear; give backlash and stiffening to the spring of the joint"
             )
-        require_not_negative("viscous friction", self.viscous)
-        require_not_negative("coulomb friction", self.coulomb)
         if bool(self.on) != (self.axis is not None):
             raise ValueError(
                 "the motor rides on a body: give both `on`, the body, and `axis`, the rotor's direction in the axes of "
@@ -221,7 +203,7 @@ class Joint:
     motor: Annotated[Motor | None, Key("Motor that drives the joint.", "for axes with a drive; the order of driven "
         "joints is that of angles in configurations.")] = None
     viscous: Annotated[Damping, Key("Viscous friction across the joint.", "of bearings and seals behind the gear; "
-        "friction before it belongs to the motor, whose response sees it directly.")] = 0.0
+        "friction before it belongs to the motor, whose response sees it directly.", least=0)] = 0.0
     friction: Annotated[Friction | None, Key("Dry friction across the joint.", "for simulation of dry friction on the "
         "link's side, as in bearings under load; most of it is at the motor.")] = None
     gear: Annotated[Gear | None, Key("Effects of the gear besides spring and friction: error, ripple, hysteresis, "
@@ -246,7 +228,6 @@ class Joint:
 
     def __post_init__(self) -> None:
         unit_axis(self.axis)
-        require_not_negative(f"joint {self.name}: viscous friction", self.viscous)
         if self.gear is not None and (self.motor is None or self.spring is None):
             raise ValueError(
                 f"joint {self.name}: gear holds effects of an elastic gear, and the joint has no "

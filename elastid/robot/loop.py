@@ -8,7 +8,7 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
 from elastid.robot.gravity_compensator import Anchor
-from elastid.robot.placement import Axis, Numbers, below, ends_of, require_not_negative, require_positive, unit_axis
+from elastid.robot.placement import Axis, Numbers, below, ends_of, unit_axis
 
 
 @section
@@ -37,25 +37,21 @@ class Rod:
 
     # fmt: off
     length: Annotated[Length, Key("Length between the two ball joints.", "between ball centres; an error closes the "
-        "loop at another angle and shifts the whole posture.")]
+        "loop at another angle and shifts the whole posture.", above=0)]
     mass: Annotated[Mass, Key("Mass of the rod.", "for rods of more than a few percent of the arm; 0 for one that only "
-        "couples.")] = 0.0
+        "couples.", least=0)] = 0.0
     center: Annotated[float, Key("Place of the centre of mass between first end (0) and second (1).", "away from 0.5 "
         "where one end carries a clevis or a spring.")] = 0.5
     inertia: Annotated[Inertia, Key("Inertia about the centre of mass, across the rod; its spin about itself is left "
-        "out.", "m l^2 / 12 for an even rod, which has little effect below its own modes.")] = 0.0
+        "out.", "m l^2 / 12 for an even rod, which has little effect below its own modes.", least=0)] = 0.0
     stiffness: Annotated[LinearStiffness | None, Key("Stiffness along the rod, which stretches evenly.", "E A / l to "
-        "start with; bearings make it a third or less, and it trades with the stiffness of its lever's gear.")] = None
+        "start with; bearings make it a third or less, and it trades with the stiffness of its lever's "
+        "gear.", above=0)] = None
     damping: Annotated[AxialDamping, Key("Damping along the rod, which stretches evenly.", "start with 1e-3 s times "
-        "the stiffness, as for a spring.")] = 0.0
+        "the stiffness, as for a spring.", least=0)] = 0.0
     # fmt: on
 
     def __post_init__(self) -> None:
-        require_positive("the length of the rod", self.length, " m")
-        for name in ("mass", "inertia", "damping"):
-            require_not_negative(f"{name} of the rod", getattr(self, name))
-        if self.stiffness is not None:
-            require_positive("stiffness of the rod", self.stiffness, " N/m", " (none: rigid)")
         if self.stiffness is None and self.damping > 0:
             raise ValueError("the rod has damping but no stiffness; a rigid rod does not stretch")
 

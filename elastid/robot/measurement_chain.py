@@ -43,12 +43,8 @@ class ChannelGain:
         "gain_y_... is found.")]
     gain: Annotated[float, Key("Gain of the channel, a positive factor; the start of a fit that names it "
         "(gain_y_accelerometer_tool_z), and held by others.", "the number of a calibration; 1 is the start where the "
-        "fit is to find it.")] = 1.0
+        "fit is to find it.", above=0)] = 1.0
     # fmt: on
-
-    def __post_init__(self) -> None:
-        hint = " (for the other sign give the channel sign: -1)"
-        require_positive(f"the gain of {self.role} at {self.at}", self.gain, advice=hint)
 
 
 @section
@@ -61,7 +57,7 @@ class Chain:
     torque_order: Annotated[Literal[1, 2], Key("Order of the torque loop: 1, or 2 with torque_damping.", "2 for loops "
         "that overshoot, or with a filter behind the controller.")] = 1
     torque_damping: Annotated[float, Key("Damping ratio of a torque loop of second order.", "lower for a loop that "
-        "rings; without torque_order: 2 it does nothing.")] = 0.7
+        "rings; without torque_order: 2 it does nothing.", above=0)] = 0.7
     sensor_lag: Annotated[Time | None, Key("Time constant 1 / (2 pi corner) of the low-pass filter of the logged "
         "motions.", "from the corner in the drive's manual; in doubt let the fit find it, with a prior.")] = None
     sensor_order: Annotated[Literal[1, 2, 3, 4], Key("Order of that filter, a Butterworth filter.", "as in the data "
@@ -76,7 +72,6 @@ class Chain:
     def __post_init__(self) -> None:
         for name, value in self._times.items():
             require_positive(name, value, " s", " (leave it out where there is none)")
-        require_positive("torque_damping", self.torque_damping)
         channels = [(channel.role, channel.at) for channel in self.gains]
         for role, place in channels:
             if channels.count((role, place)) > 1:

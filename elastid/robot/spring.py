@@ -18,7 +18,7 @@ from typing import Annotated
 
 from elastid.base.section import Key, section
 from elastid.base.units import CubicStiffness, Damping, JointPosition, QuadraticStiffness, Ratio, Stiffness
-from elastid.robot.placement import Numbers, require_not_negative, require_positive
+from elastid.robot.placement import Numbers
 
 # Field, parameter and unit of the optional terms of a spring.
 _FURTHER = (
@@ -39,9 +39,9 @@ class Spring:
     # fmt: off
     stiffness: Annotated[Stiffness, Key("Stiffness k of the deflection; with backlash, beyond the gap.",
         "the catalogue's torsional stiffness of the gear, at medium torque, or 1e5 to 1e6 N*m/rad for axes of large "
-        "robots; the fit starts there.")]
+        "robots; the fit starts there.", above=0)]
     damping: Annotated[Damping, Key("Damping d of the deflection's rate.", "start with 1e-3 s times the stiffness; a "
-        "damping of 0 stays 0 in a fit, unless fit.parameters names d_NAME with a start.")] = 0.0
+        "damping of 0 stays 0 in a fit, unless fit.parameters names d_NAME with a start.", least=0)] = 0.0
     quadratic: Annotated[QuadraticStiffness | None, Key("Quadratic stiffness k2 of Delta^2, which makes one direction "
         "stiffer.", "for springs that differ between pulling directions, as cable drives; postures with opposite "
         "gravity identify it.")] = None
@@ -50,26 +50,19 @@ class Spring:
     cubic: Annotated[CubicStiffness | None, Key("Cubic stiffness k3 of Delta^3.", "for the smooth stiffening of the "
         "textbooks; a multisine that deflects by sigma adds about 3 k3 sigma^2 to k.")] = None
     backlash: Annotated[JointPosition | None, Key("Backlash b, half the gap.", "for worn gears and rack drives; seen "
-        "only where gravity does not hold the flanks together.")] = None
+        "only where gravity does not hold the flanks together.", above=0)] = None
     inner_stiffness: Annotated[Stiffness, Key("Stiffness k_i inside the gap of the backlash.", "above 0 for gears that "
-        "are merely softer about zero torque, as strain wave gears are.")] = 0.0
+        "are merely softer about zero torque, as strain wave gears are.", least=0)] = 0.0
     rounding: Annotated[Ratio, Key("Rounding e / b of the backlash, the part of b over which the flanks take hold.",
         "smaller for hard flanks, with more substeps in simulation; 0.1 keeps derivatives that the solver can "
-        "use.")] = 0.1
+        "use.", above=0)] = 0.1
     # fmt: on
 
     def __post_init__(self) -> None:
-        unit, angle = self._units
-        require_positive("stiffness", self.stiffness, f" {unit}")
-        require_not_negative("damping", self.damping, f" {unit.replace('/', '*s/')}")
-        require_not_negative("inner_stiffness", self.inner_stiffness, f" {unit}")
         if self.backlash is None and self.inner_stiffness > 0:
             raise ValueError(
                 "inner_stiffness is that inside the backlash, and there is none; give backlash, half the gap"
             )
-        if self.backlash is not None:
-            require_positive("backlash", self.backlash, f" {angle}, half the gap", ", or left out")
-        require_positive("rounding", self.rounding, ", a part of the backlash", ", say 0.1")
         self._check_monotone()
 
     @property

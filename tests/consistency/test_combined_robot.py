@@ -147,7 +147,6 @@ def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None
             {"[8 mm, 1 deg, 1 deg]": "1 deg"},
             "carrier.amplitude: is given in units of rad, but joint z is a translation",
         ),
-        ({"[8 mm, 1 deg, 1 deg]": "[8 mm, 1 deg]"}, "2 amplitudes for 3 motors; give one for all or one for each"),
     ):
         with pytest.raises(StudyError) as refusal:
             load(written(tmp_path, rough=True, **changes))

@@ -69,10 +69,10 @@ FAULTS: dict[str, tuple[Callable[[Log], Log], tuple[str, ...]]] = {
     "late": (lambda log: tuple(np.roll(x, -100, axis=0) for x in log), ("begins 0.2 s after",)),  # type: ignore[dict-item]
     "missing": (lambda log: (log[0], np.where(log[1] == log[1].max(), np.nan, log[1]), log[2]), ("u has samples",)),
     "injected exchanged": (lambda log: (log[0][:, ::-1], *log[1:]), ("not the planned one",)),
-    "injected motor side": (lambda log: (log[0] / [100, 90], *log[1:]), ("motor 1 is 0.01 times",)),
+    "injected motor side": (lambda log: (log[0] / [100, 90], *log[1:]), ("motor 1 is 0.0100 times",)),
     "injected nothing like it": (lambda log: (np.cumsum(log[0], axis=0), *log[1:]), ("not the planned one",)),
     "torques exchanged": (lambda log: (log[0], log[1][:, ::-1], log[2]), ("acting torque (u)", "exchanged")),
-    "torque mirrored": (lambda log: (log[0], log[1] * [1, -1], log[2]), ("motor 2", "sign")),
+    "torque mirrored": (lambda log: (log[0], log[1] * [1, -1], log[2]), ("motor 2", "sign is the other")),
     "torque motor side": (lambda log: (log[0], log[1] / [100, 1], log[2]), ("motor 1", "side of the gear")),
     "positions exchanged": (lambda log: (*log[:2], log[2][:, ::-1]), ("another posture",)),
     "position mirrored": (lambda log: (*log[:2], 0.4 - log[2] * [1, 1] + [0, 0.4]), ("motor 1", "sign")),

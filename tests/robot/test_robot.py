@@ -53,7 +53,7 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float
     [
         (lambda: Motor(1e-3, 0.0), "gear ratio is 0"),
         (lambda: Motor(0.0), "inertia is 0"),
-        (lambda: Motor(1e-3, viscous=-1.0), "viscous friction is -1; it must not be negative"),
+        (lambda: Motor(1e-3, viscous=-1.0), "viscous is -1; it must not be negative"),
         (lambda: Spring(0.0), "must be positive"),
         (lambda: Spring(1.0, -1.0), "must not be negative"),
         (lambda: Spring(1.0, quadratic=1.8, cubic=1.0), "loses its stiffness at a negative deflection"),

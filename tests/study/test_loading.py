@@ -175,7 +175,7 @@ def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: s
 # The same in the robot's own file.
 WRONG_ROBOT = [
     ("ratio: 1", "ratio: 0", "bodies[0].joints[0].motor.ratio", "the gear ratio is 0"),
-    ("viscous: 1e-3", "viscous: 1e-3, coulomb: -1", "bodies[0].joints[0].motor.coulomb", "coulomb friction is -1"),
+    ("viscous: 1e-3", "viscous: 1e-3, coulomb: -1", "bodies[0].joints[0].motor.coulomb", "coulomb is -1"),
     ("    inertia: 1e-3\n", "    inertia: [1, 1, 9]\n", "bodies[0].inertia", "no body has the principal inertias"),
     ("    inertia: 1e-3\n", "    inertia: -1e-3\n", "bodies[0].inertia", "no body has the principal inertias"),
     ("    inertia: 1e-3\n", "    mass: -1\n", "bodies[0].mass", "mass of body load: -1 kg; it must not be negative"),
@@ -275,31 +275,6 @@ def test_no_text_breaks_the_reader(
     except StudyError as error:
         for line in str(error).splitlines():
             assert line.startswith(f"{folder}/")
-
-
-def recorded(tiny: Path, **changes: str) -> Path:
-    """The study with logs instead of the simulation."""
-    (tiny.parent / "logs").mkdir()
-    (tiny.parent / "logs" / "one.csv").write_text("u,y\n1,2\n")
-    keys = {"at": "motor 1", "y_at": "joint 1", "unit": "A", "file": "logs/one.csv", "configuration": "a"} | changes
-    text = tiny.read_text()
-    head, tail = text[: text.index("  simulated:")], text[text.index("fit:") :]
-    head = head.replace("    b: [30 deg]\n", "")
-    tiny.write_text(
-        head
-        + f"""\
-  recorded:
-    rate_hz: 500
-    period: 1
-    channels:
-      - {{role: u, at: {keys["at"]}, channel: u, quantity: current, unit: {keys["unit"]}, torque_constant: 1}}
-      - {{role: y, at: {keys["y_at"]}, channel: y, quantity: position}}
-    files:
-      - {{path: {keys["file"]}, configuration: {keys["configuration"]}}}
-"""
-        + tail
-    )
-    return tiny
 
 
 def test_the_schema_is_json_with_units_and_closed_sections() -> None:
