@@ -6,7 +6,6 @@ Friction that changes with the angle of its joint is found by the difference of 
 
 is friction alone: gravity, ripple and offsets of the torque are the same in both directions. Of each pair h over its
 mean is fitted by Legendre polynomials of the angle; shapes that all pairs have in common are no noise.
-Loops before sliding are compared with the counts of the encoder.
 """
 
 from __future__ import annotations
@@ -38,7 +37,6 @@ class PassThresholds:
     min_cover: float = 0.6  # of the widest range of angles, below which a pair is left out of that test
     min_change: float = 0.03  # of friction with the angle, relative, that is worth a note
     min_counts: float = 3.0  # amplitude of a loop in counts, below which it is steps of the encoder
-    max_small_share: float = 0.5  # of loops that may be as small
 
 
 PASSES = PassThresholds()
@@ -142,8 +140,8 @@ def _shape(pair: tuple[Pass, Pass], inertia: float, low: float, high: float) -> 
     return np.asarray(coefficients[1:] / coefficients[0])
 
 
-def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
-    """A note on loops of fewer than three counts; DataError where most are, and without a way back."""
+def check_reversal(record: FrictionRecord) -> None:
+    """DataError for loops without a way back."""
     if np.count_nonzero(np.diff(np.sign(record.torque - record.torque.mean()))) == 1:
         raise DataError(
             "friction/presliding",
@@ -151,33 +149,3 @@ def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
             "distinguished from a spring; log loops to and fro, or take purpose: motion",
             record.place,
         )
-    if record.resolution <= 0:
-        return ()
-    amplitudes = _amplitudes(record)
-    counts = amplitudes / record.resolution
-    small = int(np.sum(counts < PASSES.min_counts))
-    if not small:
-        return ()
-    where = f"loops {record.name} of joint {record.joint}"
-    text = (
-        f"{small} of {len(counts)} half loops move by less than {PASSES.min_counts:g} counts of the encoder "
-        f"({record.resolution:.3g} {record.unit} each; the smallest has {counts.min():.2g})"
-    )
-    if small > PASSES.max_small_share * len(counts):
-        raise DataError(
-            "friction/presliding",
-            f"{text}: stiffness before sliding cannot be identified from steps; raise the torque of the loops"
-            ", or measure with a finer encoder",
-            where,
-        )
-    return (Note("friction/presliding", f"{text}: they barely constrain the stiffest elements", where, "information"),)
-
-
-def _amplitudes(record: FrictionRecord) -> FloatArray:
-    """Travel of each half loop, by its period or else by the torque's sign, which noise changes where it is small."""
-    if record.period_samples is not None:
-        ends = np.arange(0, len(record.position), record.period_samples / 2)[1:].astype(int)
-    else:
-        ends = np.flatnonzero(np.diff(np.sign(record.torque - record.torque.mean())) != 0) + 1
-    halves = [part for part in np.split(record.position, ends) if len(part) > 1]
-    return np.array([np.ptp(part) for part in halves])

@@ -159,24 +159,6 @@ class ModalData:
         return np.asarray(self.weights[:, None] * self.basis.real_columns(poles, derivative))
 
 
-def orthogonal(A: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Q and R of columns (m, p) by Cholesky factors twice, by reflections where columns are nearly dependent.
-
-    Products of matrices are several times as fast as reflections and as exact up to a condition of 1e8 (Yamamoto,
-    Nakatsukasa, Yanagisawa and Fukaya, Electronic Transactions on Numerical Analysis 44, 2015).
-    """
-    Q, R = A, np.eye(A.shape[1])
-    for _ in range(2):
-        try:
-            factor = np.linalg.cholesky(Q.T @ Q).T
-        except np.linalg.LinAlgError:
-            return np.linalg.qr(A)
-        if np.diag(factor).min() < 1e-4:
-            return np.linalg.qr(A)
-        Q, R = Q @ scipy.linalg.solve_triangular(factor, np.eye(len(factor))), factor @ R
-    return Q, R
-
-
 @dataclass(frozen=True)
 class ModalFit:
     """Poles (n,) over the scale of the basis, and all linear coefficients at them."""
@@ -190,7 +172,7 @@ class ModalFit:
         data = self.data
         A = np.concatenate([data.columns(self.poles), data.weights[:, None] * data.basis.residuals()], axis=1)
         norms = np.linalg.norm(A, axis=0)
-        return *orthogonal(A / norms), norms
+        return *np.linalg.qr(A / norms), norms
 
     @cached_property
     def Q(self) -> FloatArray:

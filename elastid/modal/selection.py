@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.modal.model import ModalFit, unstacked
 
 
@@ -164,10 +164,3 @@ def residual_peaks(fit: ModalFit) -> ComplexArray:
     tops = tops[np.argsort(-smooth[tops])][:6]
     omega, spacing = fit.data.basis.s.imag, float(np.median(np.diff(fit.data.basis.s.imag)))
     return np.array([1j * omega[k] - width * spacing for k in tops for width in (0.7, 2.0, 6.0)], complex)
-
-
-def inside(fit: ModalFit) -> BoolArray:
-    """Flags (n,) of poles between the first and the last line."""
-    omega = fit.data.basis.s.imag
-    size = np.abs(fit.poles)
-    return np.asarray((size > omega[0]) & (size < omega[-1]))

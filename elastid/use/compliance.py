@@ -111,14 +111,14 @@ def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut:
         values[f"frequency_{i + 1}"], std[f"frequency_{i + 1}"] = dynamic.frequency(i)
     lines = dynamic.lines(lines_hz)
     G = dynamic.response(lines)
-    largest = _largest_singular(G)
+    largest = np.sqrt(np.maximum(np.linalg.eigvalsh(G.conj().swapaxes(-1, -2) @ G)[..., -1], 0.0))
     peak = np.argmax(largest, axis=1)
     row = np.arange(len(G))
     values["dynamic_compliance"], peak_hz = largest[row, peak], lines[row, peak]
     U, _, Vh = np.linalg.svd(G[row, peak])
     std["dynamic_compliance"] = dynamic.std(peak_hz, U[:, :, 0].conj(), Vh[:, 0].conj())
     directions = cut.directions
-    real = _extreme_eigenvalue(G.real, largest=False) if directions is None else _along(G.real, *directions)
+    real = np.linalg.eigvalsh(G.real)[..., 0] if directions is None else _along(G.real, *directions)
     worst = np.argmin(real, axis=1)
     chatter_hz, least = lines[row, worst], real[row, worst]
     if directions is None:
@@ -273,30 +273,3 @@ def _form(matrices: Any, a: ComplexArray | FloatArray, b: ComplexArray | FloatAr
 def _along(real: FloatArray, n: FloatArray, f: FloatArray) -> FloatArray:
     """n^T Re G f (P, F)."""
     return np.asarray(real.reshape(*real.shape[:2], 9) @ np.outer(n, f).ravel())
-
-
-def _largest_singular(G: ComplexArray) -> FloatArray:
-    """The largest singular value (P, F) of G (P, F, 3, 3) on lines that may have the largest of all, 0 on the others.
-
-    It is between the norm of all elements over the root of 3 and that norm.
-    """
-    norm = np.sqrt(np.sum(G.real**2 + G.imag**2, axis=(2, 3)))
-    may = norm >= norm.max(axis=1, keepdims=True) / np.sqrt(3) * (1 - 1e-9)
-    own = G[may]
-    largest = np.zeros(norm.shape)
-    largest[may] = np.sqrt(np.maximum(_extreme_eigenvalue(own.conj().swapaxes(-1, -2) @ own, largest=True), 0.0))
-    return largest
-
-
-def _extreme_eigenvalue(A: ComplexArray | FloatArray, largest: bool) -> FloatArray:
-    """An eigenvalue (...) of Hermitian A (..., 3, 3) in closed form (Smith, Comm. ACM 4 (1961), 168)."""
-    a, b, c = (A[..., i, i].real for i in range(3))
-    d, e, f = A[..., 0, 1], A[..., 1, 2], A[..., 0, 2]
-    mean = (a + b + c) / 3
-    a, b, c = a - mean, b - mean, c - mean
-    off = np.abs(d) ** 2 + np.abs(e) ** 2 + np.abs(f) ** 2
-    p = np.sqrt(np.maximum((a**2 + b**2 + c**2 + 2 * off) / 6, 1e-300))
-    mixed = (d * e * f.conjugate()).real
-    determinant = a * b * c + 2 * mixed - a * np.abs(e) ** 2 - b * np.abs(f) ** 2 - c * np.abs(d) ** 2
-    angle = np.arccos(np.clip(determinant / (2 * p**3), -1.0, 1.0)) / 3
-    return np.asarray(mean + 2 * p * np.cos(angle + (0.0 if largest else 2 * np.pi / 3)))

@@ -7,7 +7,7 @@ lengths are uncertain: `Family.at`, posture by posture.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
 from elastid.base.statistics import principal_axes
 from elastid.fit.posture import Family
@@ -87,7 +87,7 @@ class ManyPostures:
         return np.flatnonzero(moves), known.slopes[moves] @ axes.T
 
     @cached_property
-    def _functions(self) -> tuple[_Dense, _Dense]:
+    def _functions(self) -> tuple[ca.Function, ca.Function]:
         """q -> gradient and Hessian of the potential; and all matrices with slopes to the numbers that x moves."""
         model, rows = self.family.model, self._moved[0]
         carries = self.family.asked.payload is not False
@@ -99,20 +99,18 @@ class ManyPostures:
         for place, row in enumerate(rows):
             absent = not carries and model.parameters[row] in model.of_payload
             theta[int(row)] = 0.0 if absent else symbols[place]
-        none = ca.SX(0, 1)
-        lower = _lower(model.n_q)
-        M, D, K = (
-            ca.densify(part)[lower]
-            for part in (model.mass(q, theta), model.damping(q, theta), model.stiffness(q, none, theta))
-        )
+        K = model.stiffness(q, ca.SX(0, 1), theta)
         J = ca.densify(model.frame_velocity(q, theta))[self._frame_rows, :]
-        c, b = model.strain(q, theta)
-        stacked = ca.vertcat(M, D, K, ca.vec(J))
-        slopes = ca.jacobian(stacked, symbols)
+        matrices = ca.vertcat(*map(ca.vec, (model.mass(q, theta), model.damping(q, theta), K, J)))
+        outputs = [matrices, ca.jacobian(matrices, symbols), *model.strain(q, theta)]
         here = ca.DM(numbers[rows])
-        outputs = [ca.substitute(part, symbols, here) for part in (stacked, slopes, ca.densify(c), ca.densify(b))]
-        balance = [ca.substitute(part, symbols, here) for part in (model.potential_gradient(q, theta), K)]
-        return _Dense.of("balance", q, balance), _Dense.of("linearised", q, outputs)
+
+        def at_estimate(name: str, parts: Sequence[ca.SX]) -> ca.Function:
+            known = (ca.vec(ca.densify(ca.substitute(part, symbols, here))) for part in parts)
+            return ca.Function(name, [q], [*known], {"cse": True})
+
+        balance = at_estimate("balance", (model.potential_gradient(q, theta), K))
+        return balance, at_estimate("linearised", outputs)
 
     @property
     def _frame_rows(self) -> list[int]:
@@ -122,7 +120,7 @@ class ManyPostures:
 
     def _serial(self, angles: FloatArray) -> Linearised:
         model, (balance, linearised) = self.family.model, self._functions
-        free, places = free_coordinates(model), _places(model.n_q)
+        free, n = free_coordinates(model), model.n_q
         if not free.size:
             self.family.at(Configuration("posture", angles[0]))  # which says why
         robot = model.robot_at(self.family.theta)
@@ -133,32 +131,33 @@ class ManyPostures:
             q[:, model.index(motor)] = column
         open_ = np.arange(len(q))
         for _ in range(LIMITS.steps):
-            gradient, K = balance(q[open_])
-            K = K[:, places][:, free[:, None], free]
-            step = -np.linalg.solve(K, gradient[:, free, None])[:, :, 0]
+            gradient, K = _mapped(balance, q[open_])
+            step = -np.linalg.solve(K.reshape(-1, n, n)[:, free[:, None], free], gradient[:, free, None])[:, :, 0]
             largest = np.abs(step).max(axis=1, initial=0.0)
             q[np.ix_(open_, free)] += step * np.minimum(1.0, LIMITS.step / np.maximum(largest, 1e-300))[:, None]
             open_ = open_[largest > 1e-9]  # convergence is quadratic: the next step is below rounding
             if not open_.size:
                 break
-        stacked, slopes, c, b = linearised(q)
-        n, n_t = model.n_q, len(places[np.tril_indices(model.n_q)])
-        square = [part[:, places][:, free[:, None], free] for part in np.split(stacked[:, : 3 * n_t], 3, axis=1)]
-        J = stacked[:, 3 * n_t :].reshape(len(q), n, 6).transpose(0, 2, 1)[:, :, free]
+        stacked, slopes, c, b = _mapped(linearised, q)
         slopes = slopes.reshape(len(q), -1, stacked.shape[1])
-        dM, dD, dK = (
-            part[:, :, places][:, :, free[:, None], free] for part in np.split(slopes[:, :, : 3 * n_t], 3, axis=2)
-        )
-        dJ = slopes[:, :, 3 * n_t :].reshape(len(q), -1, n, 6).transpose(0, 1, 3, 2)[:, :, :, free]
-        stable = np.linalg.eigvalsh(square[2])[:, 0] > 0
+        M, D, K, J = (part[:, 0] for part in self._matrices(stacked[:, None], free))
+        dM, dD, dK, dJ = self._matrices(slopes, free)
+        stable = np.linalg.eigvalsh(K)[:, 0] > 0
         deflected = np.abs(q[:, : rigid.shape[1]] - rigid).max(axis=1)
         found = stable & ~np.isin(np.arange(len(q)), open_) & (deflected < LIMITS.deflection) & are_closed(robot, rigid)
         poses = self._poses(q[:, : len(self.family.robot.joints)])
         J, dJ = poses.turned @ J, poses.turned[:, None] @ dJ
         of_x = self._moved[1][: slopes.shape[1]]
         b = b.reshape(len(q), n, -1).transpose(0, 2, 1)[:, :, free]
-        M, D, K, J, dM, dD, dK, dJ = (array[found] for array in (*square, J, dM, dD, dK, dJ))
+        M, D, K, J, dM, dD, dK, dJ = (array[found] for array in (M, D, K, J, dM, dD, dK, dJ))
         return Linearised(M, D, K, J, dM, dD, dK, dJ, of_x, found, poses.position[found], c[found], b[found])
+
+    def _matrices(self, stacked: FloatArray, free: IntArray) -> list[FloatArray]:
+        """M, D, K (P, k, n, n) and J (P, k, 6, n) of what can move, from the columns (P, k, ...) of all."""
+        n = self.family.model.n_q
+        parts = np.split(stacked, [n * n, 2 * n * n, 3 * n * n], axis=2)
+        square = [part.reshape(*stacked.shape[:2], n, n)[:, :, free[:, None], free] for part in parts[:3]]
+        return [*square, parts[3].reshape(*stacked.shape[:2], n, 6).swapaxes(2, 3)[..., free]]
 
     def _poses(self, q: FloatArray) -> _Poses:
         poses = frame_poses(self.family.model.robot_at(self.family.theta), q, self.family.frame)
@@ -210,49 +209,10 @@ class _Poses:
     turned: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class _Dense:
-    """A CasADi function of one vector, called for many of them without a Python object for each number."""
-
-    function: ca.Function
-
-    @classmethod
-    def of(cls, name: str, q: ca.SX, outputs: list[ca.SX]) -> _Dense:
-        dense = [ca.vec(ca.densify(part)) for part in outputs]
-        return cls(ca.Function(name, [q], dense, {"cse": True}))
-
-    def __call__(self, q: FloatArray) -> tuple[FloatArray, ...]:
-        """Each output (P, size) of q (P, n)."""
-        function = self.function
-        buffer: Any
-        buffer, evaluate = function.buffer()
-        row = np.zeros(q.shape[1])
-        held = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
-        results = tuple(np.zeros((len(q), own.size)) for own in held)
-        buffer.set_arg(0, row.data)
-        for i, own in enumerate(held):
-            buffer.set_res(i, own.data)
-        for place, point in enumerate(q):
-            row[:] = point
-            evaluate()
-            for result, own in zip(results, held, strict=True):
-                result[place] = own
-        return results
-
-
-def _lower(n: int) -> list[int]:
-    """Places of the lower triangle of (n, n), as CasADi counts."""
-    rows, columns = np.tril_indices(n)
-    places: list[int] = (columns * n + rows).tolist()
-    return places
-
-
-def _places(n: int) -> Any:
-    """Places of the entries of a symmetric (n, n) among those of its lower triangle."""
-    places = np.zeros((n, n), np.int64)
-    rows, columns = np.tril_indices(n)
-    places[rows, columns] = places[columns, rows] = np.arange(rows.size)
-    return places
+def _mapped(function: ca.Function, q: FloatArray) -> list[FloatArray]:
+    """Each output (P, size) of q (P, n)."""
+    outputs = function.map(len(q))(q.T)
+    return [each.full().T for each in (outputs if isinstance(outputs, tuple) else (outputs,))]
 
 
 def _nothing(of_x: FloatArray, found: BoolArray) -> Linearised:

@@ -21,7 +21,6 @@ from elastid.app.cli import insisting, run_command
 from elastid.app.run import Run
 from elastid.app.stage_table import SIMULATED, stages_of
 from elastid.base.execution import ordered
-from elastid.store.results import read_fit
 
 
 def chatter(item: object) -> str:
@@ -155,24 +154,6 @@ def test_a_run_ends_with_the_table_and_writes_nowhere_else(
 RATE, N, PERIODS = 500, 500, 4
 
 
-def bench(noise: float = 1e-7) -> dict[str, np.ndarray[Any, Any]]:
-    """Logs of one elastic joint, motor and load angle under a periodic torque, four periods of a second."""
-    random = np.random.default_rng(3)
-    lines = np.arange(5, 100)
-    U = np.zeros(N // 2 + 1, dtype=complex)
-    U[lines] = np.exp(2j * np.pi * random.random(lines.size))
-    s = 2j * np.pi * lines
-    k, J, load = 60 + 0.01 * s, 1e-3 * s**2 + 1e-3 * s, 1e-3 * s**2
-    determinant = (J + k) * (load + k) - k**2
-    motor, arm = U.copy(), U.copy()
-    motor[lines] *= (load + k) / determinant
-    arm[lines] *= k / determinant
-    logs = {name: np.tile(np.fft.irfft(X, N), PERIODS) for name, X in (("u", U), ("motor", motor), ("arm", arm))}
-    return {
-        name: signal + noise * np.ptp(signal) * random.standard_normal(signal.size) for name, signal in logs.items()
-    }
-
-
 def recorded(tiny: Path, logs: dict[str, np.ndarray[Any, Any]], period: str = "1 s", motor: str = "motor") -> Path:
     """The study with these logs instead of the simulation."""
     table = np.stack(list(logs.values()), axis=1)
@@ -208,22 +189,6 @@ def refused(study: Path, code: int, capsys: pytest.CaptureFixture[str], *options
     assert "Traceback" not in err
     assert not list(Path().rglob(".*"))
     return last[0]
-
-
-def test_a_good_log_is_identified(tiny: Path, here: Path) -> None:
-    """The bench of the following tests, unspoilt: the stiffness to 1 %."""
-    assert cli.run_command(["run", str(recorded(tiny, bench())), "--jobs", "1", "-q"]) == 0
-    assert read_fit(here / "runs/tiny/fit.h5").values["k_1"] == pytest.approx(60, rel=0.01)
-
-
-def test_a_channel_of_opposite_sign_is_warned_of(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """No passive mechanism moves against its own torque at its own motor."""
-    logs = bench()
-    study = recorded(tiny, logs | {"motor": -logs["motor"], "arm": -logs["arm"]})
-    cli.run_command(["run", str(study), "--jobs", "1", "-q"])
-    err = capsys.readouterr().err
-    assert "Traceback" not in err
-    assert any(line.startswith("warning: ") and "sign" in line and "motor 1" in line for line in err.splitlines()), err
 
 
 @pytest.mark.parametrize(

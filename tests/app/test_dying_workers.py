@@ -16,7 +16,6 @@ from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.app.stage_table import STAGES
 from elastid.base import execution
-from elastid.base.execution import on_dask
 from elastid.base.workers import load_for_workers
 from elastid.study import load
 
@@ -121,21 +120,3 @@ def test_a_process_that_is_killed_in_each_stage_changes_no_byte(
     run = Run(runs[kind].loaded, tmp_path / "run", 2, Console(-1))
     assert stages_with_deaths(run, works(run), tmp_path, monkeypatch, "_by_processes") == PARALLEL[kind]
     assert files(run.folder) == files(runs[kind].folder)
-
-
-@pytest.mark.filterwarnings("default")
-def test_a_worker_of_a_cluster_that_is_killed_in_a_fit_changes_no_byte(
-    runs: dict[str, Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of two, one that has done its first part; the other goes on. Parts are handed out alike in every stage."""
-    distributed = pytest.importorskip("distributed", reason="Dask is not installed (extra dask)")
-    whole = runs["elastic"]
-    run = Run(whole.loaded, Path(shutil.copytree(whole.folder, tmp_path / "run")), 1, Console(-1))
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-        ) as cluster,
-        on_dask(cluster.scheduler_address),
-    ):
-        assert stages_with_deaths(run, ("fit",), tmp_path, monkeypatch, "_by_cluster") == {"fit"}
-    assert files(run.folder) == files(whole.folder)

@@ -18,7 +18,7 @@ import pytest
 from elastid.app.cli import run_command
 from elastid.app.fleet import _values, rows_of
 from elastid.store.files import keep_checksums
-from elastid.study.fleet import Member, load_fleet
+from elastid.study.fleet import Member
 from elastid.validation.fleet import MEANINGS, find_changes
 
 SOFT = "r2"
@@ -176,21 +176,6 @@ def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFi
         assert run_command(["fleet", str(path)]) == 2, text
         said = capsys.readouterr().err
         assert words in said, said
-
-
-def test_folders_name_their_members(tiny: Path) -> None:
-    """Robot and date from a pattern, and a path that is built from them."""
-    for robot, date in (("a", "2026-01-01"), ("a", "2026-02-01"), ("b", "2026-01-01"), ("b", "notes")):
-        (tiny.parent / "logs" / robot / date).mkdir(parents=True)
-    path = tiny.parent / "fleet.yml"
-    path.write_text(
-        "name: f\nstudy: study.yml\nfolders: logs/{robot}/{date}\nset: {name: '{robot} of {folder}'}\n"
-        "false_discovery_rate: 0.01\n"
-    )
-    assert load_fleet(path).false_discovery_rate == 0.01
-    members = load_fleet(path).members
-    assert [member.name for member in members] == ["a_2026-01-01", "a_2026-02-01", "b_2026-01-01"]
-    assert members[1].overrides == ("name=a of logs/a/2026-02-01",)
 
 
 def test_a_fleet_follows_what_was_found_at_the_gears(tmp_path: Path) -> None:

@@ -15,7 +15,6 @@ import pytest
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
-from elastid.base.execution import Execution, in_order
 from elastid.study import load
 
 OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
@@ -131,38 +130,6 @@ def test_an_interrupted_fit_is_resumed(
     ours, theirs = tree(unfitted), tree(whole / "run")
     assert ours.keys() == theirs.keys()
     assert [name for name in ours if ours[name] != theirs[name]] == ["run.log"]
-
-
-class Impatient(dict):
-    """Its user loses patience when so many parts are there."""
-
-    def __init__(self, at: int) -> None:
-        super().__init__()
-        self.at = at
-
-    def __setitem__(self, name: str, value: object) -> None:
-        super().__setitem__(name, value)
-        if len(self) == self.at:
-            raise KeyboardInterrupt
-
-
-def test_finished_work_is_not_done_again() -> None:
-    """Every item is worked on once over all attempts, and the answer is that of one attempt."""
-    worked: list[int] = []
-
-    def square(item: int) -> int:
-        worked.append(item)
-        return item**2
-
-    kept = Impatient(3)
-    names, items = [f"item-{i}" for i in range(8)], list(range(8))
-    with pytest.raises(KeyboardInterrupt):
-        list(Execution(checkpoint=kept).resumed(square, items, names))
-    counted: list[tuple[int, int]] = []
-    execution = Execution(1, lambda *counts: counted.append(counts), kept)
-    assert in_order(execution.resumed(square, items, names)) == [i**2 for i in items]
-    assert worked == items
-    assert counted == [(n, 8) for n in range(3, 9)]
 
 
 @pytest.mark.slow

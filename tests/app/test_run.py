@@ -8,31 +8,28 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
-from types import SimpleNamespace
 from typing import Any
 
-import click
 import numpy as np
 import pytest
 from plants.refusals import refused
 
-from elastid.app import cli, work
 from elastid.app import run as running
+from elastid.app import work
 from elastid.app.console import Console
 from elastid.app.export import export
 from elastid.app.run import Run, run_all, run_stage
-from elastid.app.stage_table import SIMULATED, STAGES, Source, Stage, stages_of, values
+from elastid.app.stage_table import SIMULATED, stages_of
 from elastid.app.stages import fit as fitting
 from elastid.app.stages import measure as measuring
-from elastid.app.work import Artefacts, Work
+from elastid.app.work import Artefacts
 from elastid.base.errors import FitError
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.result import FitResult
 from elastid.record import Record
 from elastid.response import FrequencyResponse
-from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.measured import read_responses
+from elastid.store.artefacts import read_stamp
 from elastid.store.results import read_fit
 from elastid.study import load, load_robot
 
@@ -325,46 +322,3 @@ def test_a_fit_that_did_not_converge_is_still_shown(copy: Path) -> None:
         assert run.is_current("report")
         assert read_fit(run.path("fit")).status == "not_converged"
     assert json.loads((copy / "run" / "summary.json").read_text())["status"] == "not_converged"
-
-
-def count_lines(*, name: str, estimate_file: Path, work: Work) -> Artefacts:
-    """A stage that counts the lines of all responses."""
-    counts = {response.configuration.name: response.n_lines for response in read_responses(estimate_file)}
-
-    def write(path: Path, stamp: Stamp) -> None:
-        path.write_text(json.dumps({"study": name, "lines": counts, "stamp": [stamp.inputs, stamp.code]}))
-
-    return Artefacts({"count.json": write}, lambda console: console.say("count: done"))
-
-
-def test_a_further_stage_is_one_row_and_one_function(
-    copy: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Run, provenance and the command line know it from its row: order, currency, command, refusal."""
-    row = Stage(
-        name="count",
-        help="Count the lines.",
-        kinds=(SIMULATED,),
-        values=values("name"),
-        sources=(Source("estimate"),),
-        leaves=("count.json",),
-        function="counting.stage:count_lines",
-    )
-    monkeypatch.setitem(sys.modules, "counting.stage", SimpleNamespace(count_lines=count_lines))
-    monkeypatch.setattr("elastid.app.stage_table.STAGES", (*STAGES, row))
-    study, folder = copy / "study.yml", copy / "run"
-    run_all(run_of(study, folder))
-    counted = json.loads((folder / "count.json").read_text())["lines"]
-    assert set(counted) == {"a", "b"}
-    assert min(counted.values()) > 0
-    assert run_of(study, folder).is_current("count")
-    assert not run_of(study, folder, "name=other").is_current("count")
-    assert run_of(study, folder, "fit.starts=3").is_current("count")
-    assert not run_of(study, folder, "estimator.outlier_sigma=7").is_current("count")
-    group = click.Group()
-    cli.add_stage_commands(group)
-    (folder / "count.json").unlink()
-    group.main(["count", str(study), "--run", str(folder), "-q"], standalone_mode=False)
-    assert (folder / "count.json").is_file()
-    with refused("run/earlier-stage"):
-        run_stage(run_of(study, copy / "elsewhere"), "count")

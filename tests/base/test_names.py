@@ -79,16 +79,16 @@ def test_what_no_folder_can_be_called_is_refused(tiny: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("option", "says"),
+    "option",
     [
-        ("experiment.configurations={a: [0], A: [0]}", "name 'A' differs from 'a' in case"),
-        ("robot.bodies.0.name=base", r"robot\.bodies\[0\]\.name: body base: its name is that of the base"),
-        ("robot.bodies.0.name=Base", "its name is that of the base"),
-        ("robot.frames=[{name: t, body: load}, {name: T, body: load}]", "frame 'T' differs from 't' in case"),
+        "experiment.configurations={a: [0], A: [0]}",
+        "robot.bodies.0.name=base",
+        "robot.bodies.0.name=Base",
+        "robot.frames=[{name: t, body: load}, {name: T, body: load}]",
     ],
 )
-def test_names_of_one_list_differ_in_more_than_case(tiny: Path, option: str, says: str) -> None:
-    with pytest.raises(StudyError, match=says):
+def test_names_of_one_list_differ_in_more_than_case(tiny: Path, option: str) -> None:
+    with refused("study/invalid"):
         load(tiny, [option])
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from plants.notes import said
 from plants.refusals import refused
 
 from elastid.app.console import Console
@@ -26,7 +25,6 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, skeleton, tool_jacobian
 from elastid.robot import Body, Chain, Frame, Joint, Limits, Motor, Placement, Robot
-from elastid.store.measured import read_forecast
 from elastid.study import load
 
 # A lift on an elastic foot; its arm turns and reaches, the wrist's motor is turned along by the elbow.
@@ -225,22 +223,6 @@ def stage(path: Path, *names: str) -> tuple[Run, dict]:
         run_stage(run, name)
     summary = run.folder / "summary.json"
     return run, json.loads(summary.read_text()) if summary.exists() else {}
-
-
-@pytest.mark.slow
-def test_a_design_tells_where_its_amplitude_stiffens_a_spring(tmp_path: Path) -> None:
-    """3 k3 sigma^2 of several per cent gets a word with its size; a tenth of the torque gets none."""
-    hard = {"cubic: 1e12 N/m^3": "cubic: 2e14 N/m^3", "[400 N, 60 N*m, 15]": "[2 kN, 60, 15]"}
-    run, _ = stage(written(tmp_path, rough=False, **hard), "design")
-    (word,) = [
-        note
-        for note in said(read_forecast(run.path("design")).notes)
-        if note.startswith("joint z: the multisine deflects its spring")
-    ]
-    assert "m rms in" in word
-    assert "stiffer than the tangent at rest" in word
-    soft, _ = stage(written(tmp_path, rough=False), "design")
-    assert not any("stiffer" in note for note in said(read_forecast(soft.path("design")).notes))
 
 
 @pytest.mark.parametrize(

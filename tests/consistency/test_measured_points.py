@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.refusals import refused
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
@@ -266,10 +265,3 @@ def test_records_and_responses_say_which_places_slide(tmp_path: Path):
     assert read_responses(tmp_path / "frf.h5")[0].sliding == ("frame tool z",)
     write_records(tmp_path / "records.h5", [record])
     assert next(iter(read_records(tmp_path / "records.h5"))).output_units == ("rad", "m/s^2")
-
-
-@pytest.mark.parametrize("place", ["frame tool w", "frame nose x", "accelerometer tool rx", "accelerometer fore x"])
-def test_places_that_are_not_there_are_refused(place):
-    """With those that are."""
-    with refused("robot/unknown-name"):
-        two_axes().check_location(place)

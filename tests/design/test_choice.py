@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from plants.refusals import refused
 
-from elastid.base.errors import StudyError
 from elastid.design.choice import dexterity, draw_candidates
 from elastid.design.spec import BoxSpec, CandidateSpec
 from elastid.model.kinematics import skeleton
@@ -95,21 +94,21 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -
 
 
 @pytest.mark.parametrize(
-    ("spec", "message"),
+    ("spec", "place"),
     [
-        (CandidateSpec(floor=2.0), "200 reach the floor.*a floor below .* m would let the highest of them in"),
-        (CandidateSpec(singular=0.99), "200 are singular.*the best of them has 0.*lower singular"),
-        (CandidateSpec(boxes=(BoxSpec("all", (-9, -9, -9), (9, 9, 9)),)), "reach into box all.*boxes or clearance"),
-        (CandidateSpec(given={"a": (0, 3, 0)}), "1 are outside the joints' limits.*within the limits"),
-        (CandidateSpec(given={"a": (0, 1)}), "given.a: 2 angles for 3 driven joints"),
-        (CandidateSpec(grid=(2, 2)), "grid: 2 numbers for 3 driven joints"),
-        (CandidateSpec(grid=100), "1000000 candidates; .* at most 200000"),
-        (CandidateSpec(floor=0.0, points={"hand": ((0, 0, 0),)}), "no body is called 'hand'; there are turret"),
+        (CandidateSpec(floor=2.0), ""),
+        (CandidateSpec(singular=0.99), ""),
+        (CandidateSpec(boxes=(BoxSpec("all", (-9, -9, -9), (9, 9, 9)),)), ""),
+        (CandidateSpec(given={"a": (0, 3, 0)}), ""),
+        (CandidateSpec(given={"a": (0, 1)}), ".given.a"),
+        (CandidateSpec(grid=(2, 2)), ".grid"),
+        (CandidateSpec(grid=100), ".grid"),
+        (CandidateSpec(floor=0.0, points={"hand": ((0, 0, 0),)}), ".points"),
     ],
 )
-def test_no_admissible_candidate_is_refused_with_what_would_help(spec: CandidateSpec, message: str) -> None:
+def test_no_admissible_candidate_is_refused_with_what_would_help(spec: CandidateSpec, place: str) -> None:
     """One message each."""
-    with pytest.raises(StudyError, match=message):
+    with refused("design/candidates", place=f"design.candidates{place}"):
         draw_candidates(spec, ARM, 1)
 
 

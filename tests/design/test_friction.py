@@ -10,7 +10,6 @@ import pytest
 from plants.friction_axis import LIMITS, axis, planned
 from plants.refusals import refused
 
-from elastid.base.errors import StudyError
 from elastid.experiment.plan.friction import pass_reference
 from elastid.friction_study.spec import (
     AtRestSpec,
@@ -76,39 +75,26 @@ def test_a_robot_without_friction_in_its_file_is_planned_by_those_of_common_gear
 
 
 REFUSED: list[tuple[dict[str, Any], Limits, float, str]] = [
-    ({"speeds": (0.01, 1.9), "window": (-0.2, 0.2)}, LIMITS, 8.0, r"passes.window: a pass of joint 1 at 1.9 .* up to"),
-    ({"speeds": (0.01, 2.5)}, LIMITS, 8.0, r"passes.speeds: joint 1 may move at 2 rad/s, and a pass at 2.5"),
-    ({"speeds": (0.01, 1.0)}, replace(LIMITS, torque=90.0), 8.0, r"gravity takes 66.* nothing is left to move it"),
-    ({"speeds": (0.01, 1.9)}, replace(LIMITS, torque=118.0), 8.0, r"its drive gives 118: the torque would be clipped"),
-    ({"speeds": (0.01, 1.0)}, LIMITS, 0.5, r"would stick and slip at .* its friction falls by .* from 0.5 to"),
-    ({"speeds": (0.01, 0.03)}, LIMITS, 8.0, r"passes.speeds: joint 1: passes from .* leave .* to .* rad/s"),
+    ({"speeds": (0.01, 1.9), "window": (-0.2, 0.2)}, LIMITS, 8.0, ".window"),
+    ({"speeds": (0.01, 2.5)}, LIMITS, 8.0, ".speeds"),
+    ({"speeds": (0.01, 1.0)}, replace(LIMITS, torque=90.0), 8.0, ""),
+    ({"speeds": (0.01, 1.9)}, replace(LIMITS, torque=118.0), 8.0, ".speeds"),
+    ({"speeds": (0.01, 1.0)}, LIMITS, 0.5, ".speeds"),
+    ({"speeds": (0.01, 0.03)}, LIMITS, 8.0, ".speeds"),
 ]
 
 
-@pytest.mark.parametrize(("passes", "limits", "bandwidth_hz", "word"), REFUSED)
+@pytest.mark.parametrize(("passes", "limits", "bandwidth_hz", "place"), REFUSED)
 def test_what_cannot_be_done_is_refused_by_name(
-    passes: dict[str, Any], limits: Limits, bandwidth_hz: float, word: str
+    passes: dict[str, Any], limits: Limits, bandwidth_hz: float, place: str
 ) -> None:
-    with pytest.raises(StudyError, match=word):
+    with refused("friction/plan", place=f"friction.passes{place}"):
         planned(FrictionSpec(passes=PassesSpec(**passes)), axis(limits), bandwidth_hz)
 
 
 @pytest.mark.parametrize(
-    ("law", "word"),
-    [
-        (
-            LawSpec(temperature="yes"),
-            "law.temperature: yes, and all passes have one temperature; .* give friction.warm_up",
-        ),
-        (LawSpec(load="yes"), "law.load: yes, and there is one load; .* give friction.loads"),
-    ],
+    ("law", "place"), [(LawSpec(temperature="yes"), "law.temperature"), (LawSpec(load="yes"), "law.load")]
 )
-def test_a_part_of_the_law_without_its_conditions_is_refused(law: LawSpec, word: str) -> None:
-    with pytest.raises(StudyError, match=word):
+def test_a_part_of_the_law_without_its_conditions_is_refused(law: LawSpec, place: str) -> None:
+    with refused("friction/plan", place=f"friction.{place}"):
         planned(FrictionSpec(law=law))
-
-
-def test_loops_do_not_tell_a_lugre_law() -> None:
-    """What does is named."""
-    with refused("friction/plan", place="friction.law.presliding"):
-        planned(FrictionSpec(law=LawSpec(presliding="lugre"), presliding=PreslidingSpec()))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 
-from elastid.base.errors import DataError
 from elastid.design.friction_axis import StribeckGuess, _information, optimal_speeds
 
 # Axis 2 of a large robot at 40 degC, in parts of its rating (LiTH-ISY-R-2948).
@@ -36,9 +36,9 @@ def test_no_speed_would_help_more_than_the_certificate_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lowest", "highest", "count", "word"),
-    [(10.0, 20.0, 12, "a range of four and more"), (0.5, 250.0, 4, "4 passes for the 5 numbers")],
+    ("lowest", "highest", "count"),
+    [(10.0, 20.0, 12), (0.5, 250.0, 4)],
 )
-def test_impossible_designs_are_refused(lowest: float, highest: float, count: int, word: str) -> None:
-    with pytest.raises(DataError, match=word):
+def test_impossible_designs_are_refused(lowest: float, highest: float, count: int) -> None:
+    with refused("friction/plan"):
         optimal_speeds([GUESS], lowest, highest, count)

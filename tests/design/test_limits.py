@@ -16,7 +16,6 @@ from plants.notes import said
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
-from elastid.base.errors import StudyError
 from elastid.design.forecast import QUANTITIES, LimitUse
 from elastid.design.limits import (
     limits_of,
@@ -83,19 +82,19 @@ def test_torques_that_are_too_large_are_lowered_with_a_word_and_small_ones_kept(
 
 
 @pytest.mark.parametrize(
-    ("limits", "carrier", "message"),
+    ("limits", "carrier", "code", "place"),
     [
-        (replace(LIMITS, torque=40.0), None, r"limits of joint 2.*\(torque\), the limit is 40 N\*m.*move the config"),
-        (replace(LIMITS, angle=(-1.5, 0.41)), CARRIERS[1], r"take joint 2 out of its limits"),
-        (replace(LIMITS, velocity=0.05), CarrierSpec(amplitude=0.02), r"\(velocity\), the limit is 0.05 rad/s"),
+        (replace(LIMITS, torque=40.0), None, "design/limits", "configuration a"),
+        (replace(LIMITS, angle=(-1.5, 0.41)), CARRIERS[1], "experiment/simulated", "experiment.simulated.carrier"),
+        (replace(LIMITS, velocity=0.05), CarrierSpec(amplitude=0.02), "design/limits", "configuration a"),
     ],
     ids=["gravity", "end of the joint", "carrier"],
 )
 def test_limits_that_leave_no_room_are_refused_with_what_is_in_the_way(
-    limits: Limits, carrier: CarrierSpec | None, message: str
+    limits: Limits, carrier: CarrierSpec | None, code: str, place: str
 ) -> None:
     """The robot's weight, its movement: how much it needs, how much there is, what to change."""
-    with pytest.raises(StudyError, match=message):
+    with refused(code, place=place):
         within(carrier, arm(limits))
 
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.limited_arm import LIMITS, arm, experiment
-from plants.refusals import refused
 
 from elastid.base.execution import Execution
 from elastid.design.design import design
@@ -127,25 +126,6 @@ def test_where_no_posture_shows_a_parameter_more_time_never_helps() -> None:
     assert found.more_s == np.inf
     assert found.floor[0] == "k_1"
     assert found.floor[1] > 1
-
-
-def test_a_robot_without_room_for_any_excitation_is_refused() -> None:
-    with refused("design/limits"):
-        proposed(problem(arm(replace(LIMITS, velocity=1e-3))), Goal({"k_1": 0.01}))
-
-
-NAMES = ("k_1", "k_2", "d_1", "c_1")
-
-
-@pytest.mark.parametrize("text", ["", "k_1", "k_1: ", "k_1: one %", "k_1: 0 %", "k_1: 100 %", "k_1: nan %", ": 1 %"])
-def test_a_text_without_a_width_is_refused_with_an_example(text: str) -> None:
-    with refused("design/goal"):
-        read_goal([text], NAMES)
-
-
-def test_a_name_that_is_none_is_refused_with_the_nearest() -> None:
-    with refused("design/goal"):
-        read_goal(["k1: 1 %"], NAMES)
 
 
 def test_the_used_part_is_the_half_width_over_the_goal() -> None:

@@ -119,15 +119,6 @@ def test_a_number_is_tunable_by_its_name(unit: tuple[FittedRobot, Path]) -> None
     np.testing.assert_array_equal(plain, run(model, folder / "robot_fmi2.fmu", torque, gains))
 
 
-def test_the_same_fit_gives_the_same_bytes(unit: tuple[FittedRobot, Path], tmp_path: Path) -> None:
-    """But for the library, which is the compiler's."""
-    model, folder = unit
-    again = write_fmu(tmp_path, model)
-    for path in again:
-        archives = [fmpy.read_model_description(str(each)) for each in (path, folder / path.name)]
-        assert archives[0].guid == archives[1].guid
-
-
 @needs_compiler
 def test_a_force_at_a_frame_moves_it_as_the_linear_model(tmp_path: Path) -> None:
     """A step of 3 N on the tool of a robot without dry friction: its path over 80 ms, by the matrix exponential."""

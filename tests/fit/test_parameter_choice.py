@@ -10,7 +10,6 @@ import pytest
 from plants.notes import said
 from plants.refusals import refused
 
-from elastid.base.errors import DataError, StudyError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
@@ -72,25 +71,22 @@ def test_fixed_tied_and_known_beforehand():
 
 
 @pytest.mark.parametrize(
-    ("specs", "says"),
+    ("specs", "place"),
     [
-        ({"k1": ParameterSpec()}, "no parameter k1; did you mean 'k_1'?"),
-        ({"q_*": ParameterSpec()}, r"no parameter q_\*; .*there are k_1"),
-        ({"d_1x": ParameterSpec()}, r"d_1x: .*the start is 0 N\*m\*s/rad; give a positive one"),
-        ({"k_1": ParameterSpec(bounds=(1.0, 2.0))}, "outside its bounds"),
-        ({"k_1": ParameterSpec(bounds=(2e5, 1e5))}, "not below"),
-        ({"k_1": ParameterSpec(tie=TieSpec("k_9"))}, "tied to k_9, which is not a parameter"),
-        ({"k_1": ParameterSpec(prior=PriorSpec(mean=-1.0, std=0.1))}, "mean -1 .*must be positive"),
-        (
-            {"k_1": ParameterSpec(prior=PriorSpec(mean=1e5, std=600.0))},
-            "std: 600 is 6e.04 %, since .* relative; for 600 .* of 100000 write 0.006",
-        ),
-        ({"k_1": ParameterSpec(fixed=True)}, "nothing is left to identify"),
+        ({"k1": ParameterSpec()}, ""),
+        ({"q_*": ParameterSpec()}, ""),
+        ({"d_1x": ParameterSpec()}, ".d_1x"),
+        ({"k_1": ParameterSpec(bounds=(1.0, 2.0))}, ""),
+        ({"k_1": ParameterSpec(bounds=(2e5, 1e5))}, ""),
+        ({"k_1": ParameterSpec(tie=TieSpec("k_9"))}, ""),
+        ({"k_1": ParameterSpec(prior=PriorSpec(mean=-1.0, std=0.1))}, ".k_1.prior"),
+        ({"k_1": ParameterSpec(prior=PriorSpec(mean=1e5, std=600.0))}, ".k_1.prior.std"),
+        ({"k_1": ParameterSpec(fixed=True)}, ""),
     ],
 )
-def test_what_cannot_be_chosen_is_refused_with_the_way_out(specs, says):
+def test_what_cannot_be_chosen_is_refused_with_the_way_out(specs, place):
     """Unknown names, zero starts, bounds that exclude the start, ties to nothing, nothing free."""
-    with pytest.raises(StudyError, match=says):
+    with refused("fit/parameters", place=f"fit.parameters{place}"):
         parameters(**specs)
 
 
@@ -174,17 +170,6 @@ def test_one_ratio_damps_all_springs():
         assert result.values["d_2"] / result.values["k_2"] == pytest.approx(result.values["d_1"] / result.values["k_1"])
 
 
-def test_a_ratio_stays_within_its_bounds_and_near_its_prior():
-    """As any positive parameter: bounds as given, and a prior of its relative standard deviation about the start."""
-    known = RatioSpec(1e-3, bounds=(5e-4, 2e-3), prior=PriorSpec(0.1))
-    dampings = {"d_*": ParameterSpec(tie=TieSpec("k_*", by="eta"))}
-    parameters = choose(FitSpec(parameters={"k_*": ParameterSpec(), **dampings}, ratios={"eta": known}), bench())
-    (eta,) = (parameter for parameter in parameters.free if parameter.name == "eta")
-    assert (eta.lower, eta.upper) == (5e-4, 2e-3)
-    assert eta.prior is not None
-    assert eta.prior.std == pytest.approx(0.1)
-
-
 def test_the_jacobian_of_products_follows_from_differences():
     """A tie to two free parameters, one to a fixed and a free one, a stand-in; logarithmic and linear."""
     parameters = ParameterSet(
@@ -213,28 +198,19 @@ def test_the_jacobian_of_products_follows_from_differences():
 
 
 @pytest.mark.parametrize(
-    ("spec", "says"),
+    ("key", "spec", "ratios", "place"),
     [
-        (FitSpec(parameters={"k_1": ParameterSpec()}, ratios={"beta": RatioSpec(1.0)}), "fit.ratios.beta: no tie uses"),
-        (
-            FitSpec(parameters={"d_1": ParameterSpec(tie=TieSpec("k_1", by="b"))}),
-            "no ratio is called b;",
-        ),
-        (FitSpec(parameters={"d_1": ParameterSpec(tie=TieSpec("k_*"))}), r"needs exactly one \* in the key"),
-        (
-            FitSpec(parameters={"fm_1": ParameterSpec(per={"a": ("c1",), "b": ("c1",)})}),
-            "fit.parameters.fm_1.per: configuration c1 is in two groups",
-        ),
-        (
-            FitSpec(parameters={"d_1": ParameterSpec(tie=TieSpec("k_1", by="k_1"))}, ratios={"k_1": RatioSpec(1.0)}),
-            "fit.ratios.k_1: the robot has a parameter of that name",
-        ),
+        ("k_1", ParameterSpec(), {"beta": RatioSpec(1.0)}, "fit.ratios.beta"),
+        ("d_1", ParameterSpec(tie=TieSpec("k_1", by="b")), {}, "fit.parameters.d_1.tie"),
+        ("d_1", ParameterSpec(tie=TieSpec("k_*")), {}, "fit.parameters.d_1"),
+        ("fm_1", ParameterSpec(per={"a": ("c1",), "b": ("c1",)}), {}, "fit.parameters.fm_1.per"),
+        ("d_1", ParameterSpec(tie=TieSpec("k_1", by="k_1")), {"k_1": RatioSpec(1.0)}, "fit.ratios.k_1"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(spec, says):
+def test_what_cannot_be_meant_is_refused(key, spec, ratios, place):
     """By the place in the study where it stands."""
-    with pytest.raises(StudyError, match=says):
-        choose(spec, bench(), ["c1"])
+    with refused("fit/parameters", place=place):
+        choose(FitSpec(parameters={key: spec}, ratios=ratios), bench(), ["c1"])
 
 
 @pytest.fixture
@@ -250,16 +226,16 @@ def renamed(response: FrequencyResponse, name: str, angles=(0.0, 0.3)) -> Freque
 def test_wrong_sets_of_responses_are_named(data):
     """No response, one twice, angles missing or of another robot, an input or output that the robot lacks."""
     spec = FitSpec(starts=1)
-    for given, says in (
-        ([], "there is no response to fit"),
-        ([data[0], data[1], renamed(data[2], "c1")], "configuration c1 is given by two responses"),
-        ([data[0], renamed(data[1], "c2", ())], "configuration c2: 0 angles for 2 driven joints"),
-        ([data[0], renamed(data[1], "c2", (0.0,) * 6)], "c2: 6 angles for 2 driven joints .* another robot"),
-        ([data[0], replace(data[1], inputs=("motor 1", "motor 7"))], "input motor 7, which robot bench has not"),
-        ([data[0], replace(data[1], outputs=("motor 1", "tool"))], "'tool' is not a place .* another robot"),
-        ([replace(data[0], rate_is_known=False), data[1]], "the lines of c1 are in units of an unknown sampling rate"),
+    for given in (
+        [],
+        [data[0], data[1], renamed(data[2], "c1")],
+        [data[0], renamed(data[1], "c2", ())],
+        [data[0], renamed(data[1], "c2", (0.0,) * 6)],
+        [data[0], replace(data[1], inputs=("motor 1", "motor 7"))],
+        [data[0], replace(data[1], outputs=("motor 1", "tool"))],
+        [replace(data[0], rate_is_known=False), data[1]],
     ):
-        with pytest.raises(DataError, match=says):
+        with refused("fit/responses"):
             identify(given, bench(), spec)
 
 
@@ -424,33 +400,10 @@ def test_a_mass_its_place_and_its_inertia_are_found_together_from_many_starts():
         assert np.all(np.abs(result.x - x) < 4 * np.sqrt(np.diag(result.covariance)))
 
 
-def test_a_plate_is_no_start_that_leads_nowhere():
-    """The largest moment of a plate is the sum of the others, which is the very border of what a body can have."""
-    plate, names = bodied((0.02, 0.03, 0.05, 0.0, 0.0, 0.0)), ("I_arm_xx", "I_arm_yy", "I_arm_zz")
-    spec = FitSpec(parameters={name: ParameterSpec() for name in names}, starts=4)
-    result = identify([of_body(bodied((0.022, 0.03, 0.042, 0.0, 0.0, 0.0)), np.random.default_rng(2))], plate, spec)
-    assert result.status == "converged"
-    assert result.hits == 4
-    assert result.values["I_arm_zz"] == pytest.approx(0.042, rel=0.02)
-
-
 def test_a_start_that_no_body_can_have_is_named():
     spec = FitSpec(parameters={"I_arm_zz": ParameterSpec(start=0.2)}, starts=2)
     with refused("fit/parameters", place="fit.parameters"):
         identify([of_body(bodied(), np.random.default_rng(3))], bodied(), spec)
-
-
-@pytest.mark.slow
-def test_an_inertia_of_each_configuration_stays_one_that_a_body_can_have():
-    sheet = bodied((0.02, 0.03, 0.0499, 0.0, 0.0, 0.0))
-    both = [
-        replace(of_body(sheet, np.random.default_rng(seed)), configuration=Configuration(f"c{seed}", (0.0,)))
-        for seed in (1, 2)
-    ]
-    free = {"I_arm_zz": ParameterSpec(start=0.03, per="configuration"), "k_1": ParameterSpec()}
-    result = identify(both, bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), FitSpec(parameters=free, starts=2))
-    assert 0.044 < result.values["I_arm_zz@c1"] < 0.045
-    assert 0.044 < result.values["I_arm_zz@c2"] < 0.045
 
 
 def test_motor_friction_that_no_file_has_begins_where_it_stops_the_rotor_within_a_second():

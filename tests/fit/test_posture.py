@@ -10,7 +10,7 @@ from plants.fitted_models import fitted_model
 from plants.predicted_arm import LENGTH, MASS, STD, STIFFNESS, TOOL, closed_form, result
 from plants.refusals import refused
 
-from elastid.base.errors import StudyError, UnknownNameError
+from elastid.base.errors import UnknownNameError
 from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import FitResult, ModificationIndex
@@ -123,28 +123,23 @@ def test_postures_are_given_by_numbers_names_or_the_name_of_a_configuration() ->
     by_name, by_angle = own.at("home").modes().freq_hz, own.at([0.3, 0.5]).modes().freq_hz
     np.testing.assert_array_equal(by_name, by_angle)
     np.testing.assert_array_equal(own.at({"2": 0.5, "1": 0.3}).modes().freq_hz, by_angle)
-    for posture, error, words in (
-        ([0.1], StudyError, "1 angles for 2 driven joints"),
-        ({"1": 0.1}, StudyError, "no angle of joint 2"),
-        ({"1": 0.1, "3": 0}, StudyError, "no driven joint 3"),
-        ("nowhere", UnknownNameError, "there are home"),
-    ):
-        with pytest.raises(error, match=words):
+    for posture in ([0.1], {"1": 0.1}, {"1": 0.1, "3": 0}):
+        with refused("fit/posture", place="posture"):
             own.at(posture)
+    with pytest.raises(UnknownNameError):
+        own.at("nowhere")
 
 
 def test_what_cannot_be_asked_is_refused_with_the_reason() -> None:
     """Each message names the way out."""
     own = result()
-    for keys, error, words in (
-        ({"inputs": ["motor 1"]}, StudyError, "moves nothing while the motors are held"),
-        ({"inputs": ["force nose x"]}, StudyError, "no frame nose"),
-        ({"inputs": ["push tool x"]}, StudyError, "is no input"),
-        ({"outputs": ["accelerometer tool x"], "quantity": "position"}, StudyError, "reads acceleration"),
-        ({"motors": "locked"}, ValueError, "give one of held, free, controlled"),
-        ({"motors": "controlled"}, ValueError, "by what"),
+    for keys, code in (
+        ({"inputs": ["motor 1"]}, "fit/posture"),
+        ({"inputs": ["force nose x"]}, "robot/unknown-name"),
+        ({"inputs": ["push tool x"]}, "fit/posture"),
+        ({"outputs": ["accelerometer tool x"], "quantity": "position"}, "fit/posture"),
     ):
-        with pytest.raises(error, match=words):
+        with refused(code):
             own.at(ANGLES, **keys)
     with refused("fit/posture"):
         own.at(ANGLES, motors="free").stiffness()

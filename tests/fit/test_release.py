@@ -89,15 +89,6 @@ def test_what_to_measure_is_said_with_its_gain() -> None:
     assert measurements_that_help(fitted(3, None)) == ()
 
 
-def test_the_bootstrap_draws_the_file_too() -> None:
-    """Where the file is nearly all of an interval, ends are those of the covariance within what 60 draws allow."""
-    loose = replace(arm(), tolerances=Tolerances(torque_constant=0.05))
-    result = identify(measure(arm(), np.random.default_rng(7)), loose, replace(SPEC, bootstrap=60))
-    assert result.std_by_file["k_1"] > 5 * result.std_by_noise["k_1"]
-    low, high = result.bootstrap95[result.parameters.free_names.index("k_1")]
-    assert (high - low) / (4 * result.std["k_1"]) == pytest.approx(1, abs=0.3)
-
-
 @pytest.mark.slow
 def test_measurements_of_one_robot_scatter_less_than_its_file_is_off() -> None:
     """Forty with torque constants known to 5 %: their scatter is that of a repeated measurement, to what 40 allow."""

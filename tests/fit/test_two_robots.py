@@ -163,15 +163,6 @@ def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1
     assert word.endswith("these are the robots A and B: give what differs `per: robot`")
 
 
-@pytest.mark.slow
-def test_one_robot_with_wrong_masses_is_not_taken_for_two() -> None:
-    """A model error that all configurations have is not removed by two sets of parameters."""
-    data = measure(arm(mass=30.0), "a", 0, (*POSTURES, (0.0, 0.5), (0.6, 0.7), (-0.9, -0.4)))
-    result = identify(data, arm(), replace(SPEC, robots={}, parameters={}, seed=0))
-    assert result.model_error > 1.5
-    assert not [word for word in said(result.notes) if "disagree" in word]
-
-
 def test_one_measurement_under_two_names_is_refused() -> None:
     (first, *_), rest = measure(A, "a", 0), measure(A, "b", 1)
     twin = replace(first, configuration=replace(first.configuration, name="copy"))

@@ -43,14 +43,6 @@ def test_no_passive_arm_is_said_to_be_exchanged_whatever_the_scales_of_its_chann
     assert not any("exchanged" in word for word in said(channel_notes(response)))
 
 
-def test_a_ring_of_three_is_named_too_and_an_output_elsewhere_does_not_disturb() -> None:
-    """Each output answers to the next input; the tool is no motor."""
-    response = arm(3)
-    G = np.concatenate([response.G[:, [1, 2, 0]], response.G[:, :1]], axis=1)
-    (word,) = said(channel_notes(replace(response, G=G, outputs=(*MOTORS, "body tool z"))))
-    assert "y at motor 1 answers to u at motor 2, y at motor 2 answers to u at motor 3, y at motor 3" in word
-
-
 def test_each_input_is_held_against_its_own_noise() -> None:
     """The second one is strong, weak but quiet, or absent; the first one is noisier than it throughout."""
     rng = np.random.default_rng(0)

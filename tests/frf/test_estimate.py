@@ -13,7 +13,6 @@ from plants.noise_record import noise_record
 from plants.notes import said
 from plants.refusals import refused
 
-from elastid.base.errors import DataError
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.fit.problem.smoothed_noise import smooth_noise
 from elastid.frf.estimate import estimate
@@ -258,12 +257,8 @@ def test_one_missing_sample_is_told_and_does_not_reach_the_response() -> None:
 def test_records_that_do_not_fit_together_are_refused_by_name() -> None:
     """Another rate, another period, other channels."""
     a, b = _experiments(_plant(10, 1, 2), np.arange(5, 15), 1, np.random.default_rng(0))
-    for changed, what in (
-        (replace(b, rate_hz=400.0), "rate_hz is 500.0 and 400.0"),
-        (replace(b, period_samples=128), "period_samples is 256 and 128"),
-        (replace(b, outputs=("joint 9",)), "outputs is"),
-    ):
-        with pytest.raises(DataError, match=f"records c-r0-e0 and c-r0-e1 .* do not fit together: {what}"):
+    for changed in (replace(b, rate_hz=400.0), replace(b, period_samples=128), replace(b, outputs=("joint 9",))):
+        with refused("frf/records"):
             estimate([a, changed], ALL_PERIODS)
 
 

@@ -133,12 +133,3 @@ def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     assert wide_windows(found, FREQ, span / 3, poles=0) == []
     assert wide_windows(found, FREQ, span, poles=2) == []
     assert "2 modes share a window of 90 Hz" in wide_windows(found, FREQ, 10 * span, poles=1)[0].text
-
-
-def test_the_noise_of_a_level_is_that_of_a_mean_over_the_periods() -> None:
-    """Five of them."""
-    rng, lines = np.random.default_rng(0), np.arange(10, 100)
-    u = np.tile(synthesise(lines, orthogonal_set(np.ones((90, 1)), rng)[0], N), (5, 1))
-    quality = estimate([record_of(u, u + 0.1 * rng.normal(size=u.shape))], ALL_PERIODS, lines).quality
-    assert quality is not None
-    np.testing.assert_allclose(quality.excited.noise, np.sqrt(quality.output_noise / 5))

@@ -84,14 +84,6 @@ def test_half_wave_records_give_two_estimates_of_a_period_and_a_true_noise_level
     assert np.mean(true) == pytest.approx(4 * s**2 / N, rel=0.06)
 
 
-def test_a_half_wave_position_that_is_off_centre_has_the_same_spectra() -> None:
-    """In each half period: the scatter, and so the noise level, stays as it is."""
-    lines = np.arange(1, 120, 2)
-    record = replace(steady_record(3, "position", lines=lines), half_wave=True)
-    centred, off_centre = (periods_of(replace(record, y=record.y + x), lines, "position").Y for x in (0.0, 7.0))
-    np.testing.assert_allclose(off_centre, centred, rtol=0, atol=1e-9)
-
-
 def test_a_half_wave_position_that_wanders_in_one_half_period_has_its_other_spectra() -> None:
     """What moves the mean of the record, and not the ends of the other half periods, is no part of these."""
     lines, half = np.arange(1, 120, 2), N // 2

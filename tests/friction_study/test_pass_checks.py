@@ -17,9 +17,8 @@ from plants.friction_logs import INERTIA, RATIO, ROBOT
 from elastid.base.errors import DataError
 from elastid.friction_study.joint_levels import check_sides, joint_inertia
 from elastid.friction_study.levels import PassLevels, find_levels
-from elastid.friction_study.pass_checks import angle_note, check_counts
+from elastid.friction_study.pass_checks import angle_note
 from elastid.friction_study.passes import Pass
-from elastid.record import FrictionRecord
 
 RATE, N = 200.0, 400
 
@@ -77,22 +76,6 @@ def test_inertias_that_are_roughly_right_or_not_known_are_not_refused() -> None:
     assert joint_inertia(ROBOT, joint, None) == pytest.approx(INERTIA)
     for inertia, std in ((0.5 * INERTIA, 0.1), (3 * INERTIA, 0.1), (INERTIA / RATIO, INERTIA), (-1.0, 0.1)):
         check_sides(ROBOT, joint, inertia, std, None, "log.csv")
-
-
-def loops(amplitudes: Sequence[float]) -> FrictionRecord:
-    """Loops of 1 Hz before sliding, an encoder of 1e-5 rad."""
-    t = np.arange(200) / 200
-    wave = np.concatenate([a * np.sin(2 * np.pi * t) for a in amplitudes])
-    return FrictionRecord("loops", "1", "loops", 200.0, np.round(wave / 1e-5) * 1e-5, 1e5 * wave, resolution=1e-5)
-
-
-def test_loops_below_three_counts_are_said_or_refused() -> None:
-    assert check_counts(loops([5e-5, 1e-4, 2e-4])) == ()
-    (note,) = check_counts(loops([2e-5, 1e-4, 2e-4, 4e-4]))
-    assert note.code == "friction/presliding"
-    assert "move by less than 3 counts of the encoder (1e-05 rad each" in note.text
-    with pytest.raises(DataError, match=r"stiffness before sliding cannot be identified from steps"):
-        check_counts(loops([1e-5, 1e-5, 2e-5, 1e-4]))
 
 
 def passes_by_angle(depth: float, seed: int, noise: float = 0.3) -> list[Pass]:

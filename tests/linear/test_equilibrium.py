@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.refusals import refused
 
-from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
@@ -131,8 +131,9 @@ def test_joint_without_spring_hangs_down():
 def test_spring_too_soft_for_its_load_is_refused():
     """An upright pendulum with k < m g l tips over: named with configuration, joint and stiffness left."""
     model = serial(pendulum(k=0.5 * M * G * L))
-    with pytest.raises(StudyError, match=r"configuration up: joint 1 tips over.*-41\.2 N\*m/rad"):
+    with refused("robot/no-rest", place="configuration up") as caught:
         equilibrium(model, model.theta, Configuration("up", (0.0,)))
+    assert "-41.2 " in str(caught.value)
 
 
 def test_not_finite_parameter_is_refused():
@@ -140,7 +141,7 @@ def test_not_finite_parameter_is_refused():
     model = serial(pendulum(k=5e3))
     theta = model.theta.copy()
     theta[0] = np.nan
-    with pytest.raises(StudyError, match="configuration c: the torque on joint 1 is not a finite number"):
+    with refused("robot/no-rest", place="configuration c"):
         equilibrium(model, theta, Configuration("c", (0.1,)))
 
 
@@ -150,9 +151,7 @@ def test_a_joint_that_moves_no_inertia_is_named() -> None:
     arm = Body("arm", joints=(Joint("1", "y", Spring(1e3), Motor(1e-3, 50)),), mass=1.0, inertia=0.1)
     robot = Robot("light", (arm, Body("hand", "arm", joints=(joint,))))
     model = serial(robot)
-    with pytest.raises(
-        StudyError, match="configuration home: the mass matrix is singular, motion of joint 2 moves no inertia"
-    ):
+    with refused("robot/no-rest", place="configuration home"):
         equilibrium(model, model.theta, Configuration("home", np.zeros(1)))
 
 

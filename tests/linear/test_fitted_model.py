@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from plants.predicted_arm import closed_form, result
 
+from elastid.linear.fitted_model import response_deviation, response_shifts
+
 ANGLES = np.array([0.4, -0.9])
 
 
@@ -30,6 +32,24 @@ def test_a_band_is_centred_on_its_response_and_the_simultaneous_one_is_wider() -
     np.testing.assert_array_equal(wide.freq_hz, lines)
     assert np.all(wide.simultaneous >= wide.pointwise - 1e-20)
     assert np.all(wide.pointwise >= narrow.pointwise)
+
+
+def test_the_deviation_of_a_response_is_that_of_its_shifts() -> None:
+    """The root of the sum of their squares; a parameter of which nothing is known counts with 100."""
+    fit, lines = result(), np.linspace(2.0, 40.0, 5)
+    (model,) = fit.linear
+    known = fit.covariance * (1 + np.eye(len(fit.x)))
+    G, std = response_deviation(model, lines, fit.parameters, fit.x, known)
+    shifts = response_shifts(model, lines, fit.parameters, fit.x, known)
+    assert shifts.shape == (len(fit.x), *G.shape)
+    np.testing.assert_allclose(np.sqrt(np.sum(np.abs(shifts) ** 2, axis=0)), std, rtol=1e-9)
+    one = np.full_like(known, np.inf)
+    one[1:, 1:] = known[1:, 1:]
+    step = 1e-6 * (np.arange(len(fit.x)) == 0)
+    moved = response_deviation(model, lines, fit.parameters, fit.x + step, known)[0] - G
+    shifts = response_shifts(model, lines, fit.parameters, fit.x, one)
+    largest = shifts[np.argmax(np.abs(shifts).max(axis=(1, 2, 3)))]
+    np.testing.assert_allclose(np.abs(largest), 100 * np.abs(moved) / 1e-6, rtol=1e-4)
 
 
 def test_modes_have_shapes_of_largest_entry_one_and_a_table() -> None:

@@ -60,6 +60,18 @@ def test_an_integral_is_a_further_state_and_has_no_second_order_form() -> None:
         model.as_linear()
 
 
+def test_a_controller_acts_on_the_motors_as_its_transfer_function() -> None:
+    """(kp + s kd) (1 + ki / s) beside the impedance of the robot whose motors are free."""
+    kp, kd, ki = np.array([4e4, 3e4]), np.array([8e2, 5e2]), np.array([30.0, 50.0])
+    motors, lines = ["motor 1", "motor 2"], np.array([0.3, 2.0, 20.0])
+    held = result().at(ANGLES, motors, motors, motors="controlled", controller=JointLoop(kp, kd, ki))
+    A = result().at(ANGLES, motors, motors, motors="free").matrices(result().x)
+    for G, s in zip(held.response(lines).G, 2j * np.pi * lines, strict=True):
+        loop = (A.B * ((kp + s * kd) * (1 + ki / s))) @ A.B.T
+        Z = s**2 * A.M + s * A.D + A.K + loop
+        np.testing.assert_allclose(G, A.C @ np.linalg.solve(Z, A.B), rtol=1e-9)
+
+
 def test_free_motors_have_no_stiffness() -> None:
     """They give way to any constant force, which is said."""
     with refused("fit/posture"):

@@ -66,13 +66,6 @@ def test_nothing_is_chosen_where_no_line_shows_anything() -> None:
     assert share == 1.0
 
 
-def test_a_choice_without_alternatives_adds_nothing() -> None:
-    """Shapes that differ are distinguished."""
-    shapes, covariance = neighbours_of(regression(1.0, 0), CHOSEN, EVERY, NONE)
-    np.testing.assert_array_equal(shapes, CHOSEN)
-    assert covariance[0, 0] == 0
-
-
 def test_the_covariance_covers_what_other_data_would_choose() -> None:
     """Where two shapes share the friction and one is chosen, the sum is within its deviation in most data."""
     truth = (0.5 * F_C, 0.5 * F_C, 0.0)
@@ -134,11 +127,6 @@ def test_friction_is_told_from_a_spring_beside_a_carrier(power: float) -> None:
     data, candidates = [on_a_carrier(power)], [Shape("motor 1", "sign"), Shape("motor 1", "stop", 1.0)]
     limits = _nonlinear_limits(data, candidates, ["motor 1"])
     np.testing.assert_array_equal(_is_nonlinear(data, limits[[0, 0]]), [True, False])
-
-
-def test_nothing_chosen_has_no_alternatives() -> None:
-    """Of a motor that keeps its friction."""
-    assert len(neighbours_of(regression(1e-3, 0), CHOSEN[:0], EVERY, NONE)[0]) == 0
 
 
 PLACES = ("motor 1", "motor 2")

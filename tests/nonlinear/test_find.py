@@ -165,11 +165,3 @@ def test_levels_that_a_line_through_the_loads_explains_are_said_to_be_friction_b
     text = _dependence(levels, stds, loads, "N*m", names)
     assert "as 10 +- 0.096 N*m and 5 +- 0.07 % of the torque that its gear carries (200 and 10 N*m in the mean)" in text
     assert "it depends on the angle" in _dependence(levels[[1, 0, 2]], stds, loads, "N*m", names)
-
-
-def test_a_structure_without_motors_has_no_word_of_friction() -> None:
-    """Only a study that asks for it gets the reason why it is not taken out."""
-    configurations, lines = measured()
-    structure = [[replace(r, inputs=("point 1", "point 2")) for r in records] for records in configurations]
-    assert find_friction(structure, AUTO, lines).notes == ()
-    assert len(find_friction(structure, EstimatorSpec(friction="curve"), lines).notes) == 1

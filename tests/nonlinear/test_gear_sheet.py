@@ -117,12 +117,6 @@ def test_what_was_not_seen_has_the_largest_bound_of_its_shapes() -> None:
     assert torque.bound == pytest.approx(1.0 * PEAK / K / 6e-3)
 
 
-def test_a_number_that_was_seen_has_no_bound_beside_it() -> None:
-    """Stiffening by one law is not bounded by another, under the same name."""
-    found = sheet({GearEffect("cubic", "1"): 4e9}, bounds={GearEffect("range", "1", 1e-3): 3.0})
-    assert [number.is_seen for number in found.numbers if number.name == "h_1"] == [True]
-
-
 def opened(after: float, *notes: Note) -> GearResult:
     """A law of a spring beside two parameters; of the motion the linear fit leaves 20 %."""
     effect, level = (GearEffect("cubic", "1"),), np.ones(1)

@@ -54,10 +54,6 @@ def test_a_shaft_needs_the_motions_of_all_motors() -> None:
 AUTO = EstimatorSpec(friction="auto")
 
 
-def test_a_motor_that_slides_has_no_note() -> None:
-    assert limits_of(measured()[0][0]) == ()
-
-
 def stuck(record: Record) -> Record:
     """Motor 2 stands for the middle of each period, and swings in the rest as before and back."""
     t = np.arange(record.n_samples) % record.period_samples / record.period_samples

@@ -106,13 +106,6 @@ def test_a_bristle_that_hardly_bends_is_the_sign(kind: str) -> None:
     np.testing.assert_allclose(bristle, amplitudes_of(record, SIGN, [3, 9, 15]), atol=0.06)
 
 
-def test_the_rate_of_a_bristle_is_its_derivative() -> None:
-    """j omega D times its spectrum."""
-    record = swinging(3, 0.2)
-    s, rate = (amplitudes_of(record, Shape("motor 1", kind, 0.05), [3]) for kind in ("stop", "stop rate"))  # type: ignore[arg-type]
-    np.testing.assert_allclose(rate, 2j * np.pi * 3 * RATE / N * 0.05 * s)
-
-
 def test_a_reversal_goes_from_one_direction_to_the_other() -> None:
     """Over twice the threshold of a stop operator."""
     curve = Shape("motor 1", "stop", 0.1).reversal(np.array([0.0, 0.1, 0.2, 0.5]))

@@ -6,9 +6,7 @@ from pathlib import Path
 
 from elastid.app import cli
 
-STUDY = """\
-name: arm
-seed: 1
+ROBOT = """\
 robot:
   name: arm
   bodies:
@@ -27,14 +25,18 @@ robot:
       center_of_mass: [0.35, 0, 0]
       inertia: 1
   frames: [{name: tool, body: fore, placement: {xyz: [0.6, 0, 0]}}]
-excitation: {rate_hz: 200, period: 2 s, band_hz: [2, 40], torque_rms: 20}
+"""
+STUDY = f"""\
+name: arm
+seed: 1
+{ROBOT}excitation: {{rate_hz: 200, period: 2 s, band_hz: [2, 40], torque_rms: 20}}
 experiment:
-  configurations: {down: [20 deg, 40 deg], out: [-10 deg, 10 deg]}
+  configurations: {{down: [20 deg, 40 deg], out: [-10 deg, 10 deg]}}
   simulated:
-    truth: {k_1: 3.4e4, k_2: 2.3e4}
-    carrier: {amplitude: 0.5 deg, cycles: 4}
-    noise: {torque_std: 0.2, encoder_counts: 1048576}
-fit: {starts: 1, parameters: {"k_*": {}, "d_*": {}}}
+    truth: {{k_1: 3.4e4, k_2: 2.3e4}}
+    carrier: {{amplitude: 0.5 deg, cycles: 4}}
+    noise: {{torque_std: 0.2, encoder_counts: 1048576}}
+fit: {{starts: 1, parameters: {{"k_*": {{}}, "d_*": {{}}}}}}
 """
 
 

@@ -174,26 +174,10 @@ def write_rig(folder: Path, number: int, seed: int) -> tuple[Mistake, ...]:
     kept = {name: x for name, x in log.items() if name.partition("_")[0] in names}
     rows = np.stack(list(kept.values()), axis=1)
     study, mistakes = MOTION % rate_hz + more + FILES, OF_ALL + (OF_TIME if has_time else ()) + mistakes
-    if number // 6 % 2:  # in radians
-        rows[:, [name.startswith(("phi", "link")) for name in kept]] *= np.pi / 180
-        study, mistakes = without_degrees(study), tuple(map(in_radians, mistakes))
     np.savetxt(folder / "log.csv", rows, "%.9g", ",", header=",".join(kept), comments="")
     (folder / "robot.yml").write_text(robot)
     (folder / "study.yml").write_text(study)
     return mistakes
-
-
-def without_degrees(text: str) -> str:
-    """A study, or a part of one, of a log in radians."""
-    return text.replace(", unit: deg/s", "").replace(", unit: deg", "")
-
-
-def in_radians(mistake: Mistake) -> Mistake:
-    """The same mistake about a log in radians; degrees taken as radians become radians taken as degrees."""
-    right, wrong = without_degrees(mistake.right), without_degrees(mistake.wrong)
-    if mistake.name.startswith("degrees as radians"):
-        return Mistake(mistake.name.replace("degrees as radians", "radians as degrees"), right, mistake.right)
-    return Mistake(mistake.name, right, wrong, mistake.line)
 
 
 def motion_log(rng: np.random.Generator, rate_hz: float) -> tuple[Mapping[str, FloatArray], str]:

@@ -32,19 +32,6 @@ def test_a_mirrored_motor_is_named_whatever_the_lines(step: int, periodic: bool)
     assert _notes(x, 0.9 * x, N if periodic else None) == []
 
 
-@pytest.mark.parametrize("n", [1000, 999])
-def test_lines_with_a_common_divisor_have_no_delay_of_parts_of_a_period(n: int) -> None:
-    """Lines 3, 9, 15, ... repeat after a third of the period; a real delay of 2 samples stays."""
-    rng = np.random.default_rng(0)
-    for _ in range(12):
-        lines = np.arange(3, 300, 6)
-        x = np.tile(synthesise(lines, np.exp(2j * np.pi * rng.random((len(lines), 1))), n)[:, 0], 3)
-        noisy = 0.8 * x + 1e-3 * rng.normal(size=len(x))
-        assert _notes(x, noisy, n) == []
-        (note,) = drive_notes((R, U), np.stack([x, np.roll(noisy, 2)], axis=1), n, "")
-        assert "lags r by 2.0 samples" in note.text
-
-
 @pytest.mark.parametrize("step", [1, 2, 4])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_feedback_that_turns_the_phase_mirrors_nothing(step: int, sign: int) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.arm_modes import ANGLES, ARM, MOTOR, drawn, swinging
+from plants.arm_modes import ANGLES, ARM, MOTOR, swinging
 from plants.report_values import fit_result
 
 from elastid.app.summaries import modes_of
@@ -95,19 +95,6 @@ def test_a_drawing_knows_neither_length_nor_phase_of_a_shape(length: float, phas
     assert one is not None
     assert other is not None
     np.testing.assert_allclose(one.moved, other.moved, atol=1e-9)
-
-
-def test_a_plane_mode_has_one_view_and_another_two() -> None:
-    """Up is up; the second view shows what the first cannot."""
-    plane = drawn(angles=(0.0, 0.3, -0.2))
-    views = [plane.views(mode) for mode in range(plane.moved.shape[2])]
-    assert {len(pair) for pair in views} == {1, 2}
-    for mode, pair in enumerate(views):
-        largest = np.abs(plane.moved[:, :, mode]).max(axis=0)
-        (missing,) = {0, 1, 2} - set(pair[0])
-        assert (len(pair) == 1) == (largest[missing] <= 0.1 * largest.max())
-        assert len(pair) == 1 or set(pair[0]) | set(pair[1]) == {0, 1, 2}
-        assert all(2 not in view or view[1] == 2 for view in pair)
 
 
 def test_where_nothing_is_seen_to_move_nothing_is_drawn() -> None:

@@ -11,7 +11,6 @@ from elastid.base.display import number, percent
 from elastid.base.note import Note
 from elastid.covariance import Covariance
 from elastid.experiment.simulated.structure import true_response
-from elastid.fit.result import ModificationIndex
 from elastid.modal.estimate import estimate_modes
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
 from elastid.report.content import ResponsesContent, model_lines, parameter_rows
@@ -125,21 +124,6 @@ def test_a_misfit_never_ends_in_numbers_to_be_used():
     assert next_steps(bent, rows)[0].text == "--set 'gears={}'"
     opened = replace(bent, message=f"{bent.message}; {NOT_EXPLAINED}")
     assert not any("gears" in action.text for action in next_steps(opened, rows))
-
-
-def test_a_cause_is_freed_by_a_command_only_where_a_study_takes_it():
-    """A positive number by itself; not the common factor to which others are tied, several, or a place."""
-    result = replace(fit_result(), cost=4000.0, cost_expected=100.0, cost_dof=200.0, status="misfit")
-    for members, log, is_command in (
-        (("mass",), (True,), True), (("d_1",), (True,), False), (("mass", "k_1"), (True, True), False),
-        (("x_c",), (False,), False),
-    ):  # fmt: skip
-        n, effects = len(members), np.zeros(len(result.x))
-        cause = ModificationIndex(
-            members[0], "mass", members, np.ones(n), ("kg",) * n, log, np.full(n, 0.1), 0.1, 9.0, 0.9, effects, (), 1
-        )
-        texts = [action.text for action in next_steps(replace(result, indices=(cause,)), rows_of(result))]
-        assert (f"--set 'fit.parameters.{members[0]}={{prior: {{std: {ADVICE.prior_std}}}}}'" in texts) == is_command
 
 
 def test_lines_of_the_model_hold_the_measured_ones_and_resolve_a_resonance():

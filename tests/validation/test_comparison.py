@@ -133,14 +133,3 @@ def test_wherever_a_search_starts_it_finds_what_helps(useful: set[str], start: s
     taken = [trial for trial in trials if trial.taken]
     assert [trial.becomes for trial in taken] == ["free"] * len(useful - start) + ["rigid"] * len(start - useful)
     assert ("can be rigid" in describe_search(NAMES, trials, first)) == (useful != set(NAMES))
-
-
-def test_models_without_a_fit_do_not_lead_the_search() -> None:
-    """One that can be fitted is better than one that cannot; where there is none, nothing is claimed."""
-    fitted = world(lambda model: ADDED if model == ("a",) else ADDED * math.nan)
-    trials = list(search(("a", "b"), fitted))
-    assert final_model(trials) == ("a",)
-    fitted = world(lambda _: ADDED * math.nan)
-    trials = list(search(("a", "b"), fitted))
-    assert final_model(trials) == ()
-    assert describe_search(("a", "b"), trials).startswith("The search has no result")

@@ -137,23 +137,6 @@ def test_the_record_that_fits_worst_is_shown_and_named():
     assert "record bad" in describe_replays([found])
 
 
-def test_an_output_that_does_not_move_has_no_fit():
-    """0 %, and nothing to reach, instead of a division by zero."""
-    rec = record(two_axes(), torque(7, 3))
-    still = replace(rec, y=rec.y * [1.0, 0.0])
-    found = replay([still], two_axes(), np.zeros(1), BAND_HZ, AUTO)
-    assert found.fit_percent[0, 1] == 0
-    assert np.isnan(found.reachable_percent[0, 1])
-    assert found.fit_percent[0, 0] > 99
-
-
-def test_one_period_with_hardly_a_line_is_replayed_without_its_ends():
-    """Ends have twelve unknowns here; three lines of two outputs do not determine them, and nothing is made up."""
-    u = torque(8)
-    found = replay([record(two_axes(), u)], two_axes(), np.zeros(1), (10.0, 11.0), AUTO)
-    assert found.worst > 95
-
-
 @pytest.mark.parametrize(("left_out", "dropped"), [((0,), "auto"), ((1,), "auto"), ((), 1)])
 def test_where_one_period_counts_it_alone_is_replayed(left_out, dropped):
     """The other was lost, or the study drops it: spoilt here, and not seen."""

@@ -151,28 +151,18 @@ def require_one_robot_in_any_posture(study: Study, path: str) -> None:
             path,
         )
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
-    if missing := sorted({*motors} - {*(simulated.outputs or motors)}):
-        raise StudyError(
-            "live/study", f"live needs the position of {', '.join(missing)}; add it", "experiment.simulated.outputs"
-        )
-    if simulated.carrier is not None and simulated.carrier.kind == "offset":
-        raise StudyError(
-            "live/study", "live has none of constant velocity; take sine or square", "experiment.simulated.carrier"
-        )
-    if study.fit.robots:
-        raise StudyError("live/study", "live identifies one robot; give each a study of its own", "fit.robots")
+    missing = sorted({*motors} - {*(simulated.outputs or motors)})
     own = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
-    if own:
-        raise StudyError(
-            "live/study", "live chooses the configurations, so that no groups are known", f"fit.parameters.{own[0]}.per"
-        )
-    if any(factor.configurations for factor in study.fit.weights.factors):
-        raise StudyError(
-            "live/study", "live chooses the configurations; leave their names out of the factors", "fit.weights.factors"
-        )
-    if study.experiment.without_payload:
-        raise StudyError(
-            "live/study",
-            "live measures all postures with the payload of the robot's file",
-            "experiment.without_payload",
-        )
+    offset = simulated.carrier is not None and simulated.carrier.kind == "offset"
+    weighed = any(factor.configurations for factor in study.fit.weights.factors)
+    payload = "live measures all postures with the payload of the robot's file"
+    for is_wrong, text, place in (
+        (missing, f"live needs the position of {', '.join(missing)}; add it", "experiment.simulated.outputs"),
+        (offset, "live has none of constant velocity; take sine or square", "experiment.simulated.carrier"),
+        (study.fit.robots, "live identifies one robot; give each a study of its own", "fit.robots"),
+        (own, "live chooses the configurations, so that no groups are known", f"fit.parameters.{''.join(own[:1])}.per"),
+        (weighed, "live chooses the configurations; leave their names out of the factors", "fit.weights.factors"),
+        (study.experiment.without_payload, payload, "experiment.without_payload"),
+    ):
+        if is_wrong:
+            raise StudyError("live/study", text, place)

@@ -6,7 +6,7 @@ import base64
 import io
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +26,7 @@ from elastid.nonlinear.result import friction_rows
 from elastid.report import overview
 from elastid.report.content import ReportContent, ResponsesContent, gear_line, gear_table, parameter_rows, seen_words
 from elastid.report.figures import style
-from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings, drawings_of_responses
+from elastid.report.figures.drawings import Drawing, drawings, drawings_of_responses
 from elastid.report.figures.style import own_style
 from elastid.report.figures.validation import fleet_parameter
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
@@ -38,9 +38,6 @@ if TYPE_CHECKING:
 
 
 DPI = 110
-# Beyond this, the largest figures are links to files. With the data of 20 configurations of a six-axis robot the page
-# then stays below 10 MB.
-MAX_FIGURE_BYTES = 1_200_000
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ def write_page(
     todo = [drawing for drawing in drawn if drawing.on_page or formats]
     write = partial(_written, figures if formats else None)
     embedded = (execution or Execution()).ordered(write, todo)
-    write_whole(folder / name, page(within(embedded, MAX_FIGURE_BYTES)).encode("utf-8"))
+    write_whole(folder / name, page(embedded).encode("utf-8"))
     return folder / name
 
 
@@ -93,17 +90,6 @@ def _written(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
     text = base64.b64encode(png).decode("ascii") if drawing.on_page else ""
     file = "" if figures is None else f"figures/{name}"
     return EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text, file)
-
-
-def within(figures: Sequence[EmbeddedFigure], room: int) -> list[EmbeddedFigure]:
-    """The figures, without the largest of single configurations as far as all take more than `room` bytes."""
-    excess = sum(len(figure.png) for figure in figures) - room
-    dropped = set()
-    for figure in sorted(figures, key=lambda figure: -len(figure.png)):
-        if excess > 0 and figure.section.startswith(CONFIGURATION):
-            dropped.add(figure.name)
-            excess -= len(figure.png)
-    return [replace(figure, png="") if figure.name in dropped else figure for figure in figures]
 
 
 def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:

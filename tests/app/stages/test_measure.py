@@ -12,9 +12,7 @@ import numpy as np
 import pytest
 
 from elastid.app import cli
-from elastid.base.errors import StudyError
 from elastid.store.measured import read_records
-from elastid.study import load_study
 
 N, NAMES = 16384, ("torque", "motor", "load")
 STUDY = """\
@@ -180,23 +178,3 @@ def test_a_study_with_load_tests_and_a_hammer(tiny: Path, capsys: pytest.Capture
     assert "static load tests" in page
     assert "Responses at the tool that were fitted" in page
     assert "predicted: b, motors held: frame tool y by force tool y" in " ".join(capsys.readouterr().out.split())
-
-
-@pytest.mark.parametrize(
-    ("csv", "words"),
-    [
-        (CSV.replace("b,10", "c,10"), "loads.csv:2:1: loads.tests[2].configuration: no configuration is called 'c'"),
-        (CSV.replace("b,10", "b,ten"), "loads.csv:2:3: loads.tests[2].force[0]: 'ten' is not a number with a unit"),
-        (CSV.replace("fx", "f_x"), "loads.csv:1:15: no column of load tests is called 'f_x'"),
-        (CSV.replace("0,,1", "0,1"), "loads.csv:2:1: 8 cells, and 9 names in line 1"),
-        (CSV.replace("b,10", "b,0"), "loads.csv:2:3: loads.tests[2].force: a load test without a load"),
-        (CSV.replace("b,10", "b,nan"), "loads.csv:2:3: loads.tests[2].force[0]: expected a finite number"),
-        (CSV.replace("[mm]", "[kg]").replace("0,,1", "0,5,1"), "unit 'kg' measures kg, not m"),
-        ("", "a row of names and a row for each test"),
-    ],
-)
-def test_a_fault_in_the_file_is_named_at_its_cell(tiny: Path, csv: str, words: str) -> None:
-    """Line and column of the CSV file, and the key that it fills."""
-    with pytest.raises(StudyError) as error:
-        load_study(write(tiny, LISTED, csv))
-    assert words in str(error.value), str(error.value)

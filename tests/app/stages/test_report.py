@@ -52,33 +52,6 @@ def test_the_page_shows_responses_and_modes_and_no_fit(bench: Path) -> None:
     assert names == {"frf-bench", *(f"frf-bench-{kind}" for kind in KINDS)}
 
 
-@pytest.mark.parametrize(
-    "method",
-    [
-        "auto",
-        *(pytest.param(method, marks=pytest.mark.slow) for method in ("h1", "local_polynomial", "local_rational")),
-    ],
-)
-def test_page_and_figures_show_coherence_and_singular_values_whatever_the_estimator(
-    bench: Path, method: str, tmp_path: Path
-) -> None:
-    """The records of the template, from 20 to 40 Hz: their figure on the page, and a table of modes."""
-    if method == "auto":
-        run = bench / "run"
-    else:
-        run = tmp_path / "run"
-        values = [f"estimator.method={method}", "estimator.band_hz=[20, 40]", "report.formats=[png]"]
-        options = [part for value in values for part in ("--set", value)]
-        assert run_command(["run", str(bench / "study.yml"), "--run", str(run), "--jobs", "1", "-q", *options]) == 0
-    page = (run / "report.html").read_text(encoding="utf-8")
-    assert "Modes" in page
-    assert (run / "figures" / "frf-bench-quality.png").stat().st_size > 0
-    assert "share of each output that no input explains" in page
-    (found,) = read_responses(run / "frf.h5")
-    assert found.quality is not None
-    assert np.median(found.quality.multiple_coherence) > 0.9
-
-
 def test_the_modes_are_those_of_the_structure(bench: Path) -> None:
     """Frequencies to 1e-4, damping to 1 % of itself."""
     natural, damping, _ = true_modes()
@@ -104,18 +77,6 @@ def test_exports_are_read_back(bench: Path, target: str, file: str) -> None:
     table = read_table(path, spec, "")
     np.testing.assert_allclose(table.freq, response.freq_hz, rtol=1e-9)
     np.testing.assert_allclose(table.G, response.G, rtol=1e-9)
-
-
-@pytest.mark.parametrize("command", [["fit"], ["validate"], ["design"], ["compare"], ["compare", "--search"]])
-def test_stages_of_a_robot_say_what_the_study_lacks(
-    bench: Path, command: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One sentence with its remedy, and exit code 2."""
-    assert run_command([*command, str(bench / "study.yml"), "--run", str(bench / "run")]) == 2
-    said = capsys.readouterr().err
-    assert "has no robot" in said
-    assert "fit.parameters" in said
-    assert len(said.strip().splitlines()) == 1
 
 
 @pytest.mark.slow

@@ -65,13 +65,6 @@ def test_a_further_configuration_or_realisation_leaves_the_others_as_they_were()
     assert not np.array_equal(small.R, _plan({"a": (0.0, 0.0)}, 2, seed=2).R)
 
 
-def test_a_configuration_outside_the_joint_limits_is_refused_in_degrees() -> None:
-    """The message names configuration, joint, angle and limits; the limit itself is inside."""
-    with refused("experiment/limits", place="configuration b"):
-        _plan({"a": (0.0, 0.0), "b": (0.0, math.radians(100))})
-    assert _plan({"edge": (3.0, math.pi / 2)}).configurations[0].name == "edge"
-
-
 @pytest.mark.parametrize("flat", ["position", "velocity", "acceleration"])
 def test_a_motion_that_is_to_be_flat_is_flat_and_low_where_a_resonance_may_be(flat: Any) -> None:
     """Amplitude times the largest response within 10 % is the same at all lines; no line of the motion is above it."""
@@ -104,17 +97,6 @@ def test_precision_puts_torque_where_angle_noise_would_hide_the_response() -> No
         make_plan(excitation, experiment(simulated=SimulatedSpec()), arm(), 0, closed_loop=loop_of)
     with refused("excitation/power", place="excitation"):
         make_plan(excitation, spec, arm(), 0)
-
-
-def test_a_plan_refuses_sets_that_its_lines_or_realisations_do_not_allow() -> None:
-    """Fewer lines than motors; two realisations of one signal; no Hadamard matrix is needed for two motors."""
-    few = replace(LIMITED, torque_rms=1.0, band_hz=(2.5, 3.5))
-    with refused("excitation/power", place="excitation"):
-        make_plan(few, experiment(), arm(), 0)
-    twice = replace(LIMITED, torque_rms=1.0, phases="schroeder")
-    with refused("excitation/lines", place="excitation.phases"):
-        make_plan(twice, experiment(realisations=2), arm(), 0)
-    assert make_plan(replace(twice, orthogonal="hadamard"), experiment(), arm(), 0).R.shape[1] == 1
 
 
 def test_a_plan_of_two_amplitudes_has_each_configuration_at_both() -> None:

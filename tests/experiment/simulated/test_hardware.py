@@ -17,7 +17,6 @@ from elastid.experiment.simulated.hardware import draw_noise, friction_of_a_run
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.disturbances import (
     ColoredNoiseSpec,
-    EncoderRippleSpec,
     NoiseSpec,
     TorqueRippleSpec,
     WarmingSpec,
@@ -31,9 +30,8 @@ from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linear_model import DifferenceElement, elements
+from elastid.linear.linear_model import elements
 from elastid.linear.linearise import linearise
-from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.linear.statespace import state_space
 from elastid.model.formulation import serial
@@ -225,17 +223,6 @@ def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_
 # --- encoders and drives --------------------------------------------------------------------------------------------
 
 
-def test_encoders_ripple_with_the_motors_turns() -> None:
-    """The reading's error is a sin(N n q + phi), with a on the motor side, for a motor that turns the other way too."""
-    for ratio in (80.0, -80.0):
-        simulated = rig(arm(ratio=ratio), SimulatedSpec(encoder_ripple=(EncoderRippleSpec(1e-3, 2, 0.4),)), rms=600.0)
-        run, design = simulated.experiments[0], simulated.plan
-        angle = simulated.rehearse(run).position[design.run_samples - design.first_sample - 4000 :][:4000, 0]
-        ripple = 1e-3 / 80 * np.sin(2 * ratio * angle + 0.4)
-        assert np.ptp(ripple) > 1e-5
-        np.testing.assert_allclose(simulated.measure(run).y[:, 0] - angle, ripple, atol=1e-12)
-
-
 def test_torque_ripple_is_found_at_standstill() -> None:
     """With integral action the motor stands on its angle, and its torque is the holding torque less the ripple."""
     spec = SimulatedSpec(
@@ -291,18 +278,6 @@ def test_colored_noise_has_its_standard_deviation_and_its_slope() -> None:
     np.testing.assert_allclose([at[1] - at[0], at[1] - at[2]], [20, 20], atol=2.0)
 
 
-def test_colored_noise_has_the_power_that_the_forecast_counts_with() -> None:
-    """Per line, as if it were white: within the scatter of the estimate at 3, 30 and 300 Hz."""
-    size = (60_000, 1000.0, 1)
-    spec = NoiseSpec(torque_std=0.5, colored=(ColoredNoiseSpec("torque", 2.0, corner_hz=20.0),))
-    f, power = welch(draw_noise(spec, *size, ("motor 1",), (1,)).torque[:, 0], 1000.0, nperseg=4096)
-    for line in (3.0, 30.0, 300.0):
-        around = (f > line / 1.25) & (f < line * 1.25)
-        white = power[around].mean() * 500.0  # a one-sided density over half the rate
-        counted = spec.variances("torque", f[around], 1000.0).mean()
-        np.testing.assert_allclose(white, counted, rtol=0.25)
-
-
 def test_friction_drifts_from_run_to_run_and_within_them() -> None:
     """Level 1 + a exp(-t / T) over all runs and pauses; temperature on the same clock; load from the holding torque."""
     warm = TemperatureDependence(20.0, stiction=-0.002, stribeck_velocity=0.0, viscous=0.01, decay=20.0)
@@ -333,31 +308,6 @@ def test_the_sensor_filter_is_butterworths(order: int) -> None:
     (element,) = elements(Chain(sensor_lag=T, sensor_order=order))  # type: ignore[arg-type]
     b, a = butter(order, 2 * np.pi * 20.0, analog=True)
     np.testing.assert_allclose(element.response(2j * np.pi * f, T), freqs(b, a, 2 * np.pi * f)[1], rtol=1e-10)
-
-
-def test_a_difference_is_a_derivative_averaged() -> None:
-    """(1 - e^-x) / x, to rounding from small x to large, and its slope."""
-    element, T = DifferenceElement("differentiator"), 1e-3
-    s = 2j * np.pi * np.array([1e-6, 1e-2, 0.16, 1.0, 100.0, 490.0])
-    np.testing.assert_allclose(element.response(s, T), -np.expm1(-s * T) / (s * T), rtol=1e-8)
-    numeric = np.log(element.response(s, T * 1.0001) / element.response(s, T / 1.0001)) / (T * (1.0001 - 1 / 1.0001))
-    np.testing.assert_allclose(element.log_slope(s, T), numeric, rtol=2e-5, atol=1e-8)
-
-
-def test_the_kernel_differentiates_the_chain_exactly() -> None:
-    """dG / dT of every element equals central differences."""
-    robot = arm(chain=Chain(2e-3, 2, 0.6, 1.5e-3, 3, 1e-3))
-    model = serial(robot)
-    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "velocity")
-    names = ("torque_lag", "sensor_lag", "differentiator", "k_1")
-    kernel = Kernel(point, np.array([2.0, 9.0, 40.0]), names)
-    G, dG = kernel.evaluate(point.theta_ref)
-    np.testing.assert_allclose(G, frequency_response(point, point.theta_ref, kernel.freq_hz), rtol=1e-12)
-    for name, slope in zip(names, dG, strict=True):
-        step = np.zeros(len(point.theta_ref))
-        step[point.parameters.index(name)] = 1e-5 * point.theta_ref[point.parameters.index(name)]
-        above, below = kernel.response(point.theta_ref + step), kernel.response(point.theta_ref - step)
-        np.testing.assert_allclose(slope, (above - below) / (2 * step.sum()), rtol=1e-6)
 
 
 @pytest.mark.parametrize("quantity", ["position", "acceleration"])

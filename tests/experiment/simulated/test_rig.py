@@ -13,10 +13,8 @@ from scipy.linalg import expm
 
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
@@ -274,32 +272,6 @@ def test_steps_too_long_for_the_robot_are_refused_with_the_number_needed() -> No
     simulated = three_axes(SimulatedSpec(substeps=1, truth={"k_3x": 2e8}))
     with refused("experiment/simulated", place="experiment.simulated.substeps"):
         simulated.measure(simulated.experiments[0])
-
-
-def test_a_rig_that_cannot_run_is_refused_when_it_is_made() -> None:
-    """Carrier among the lines, carrier out of limits, another robot's plan, unknown truth, place or rig."""
-    machine = robot(limits=Limits(angle=(-0.65, 2.0)))
-    design = plan(machine.motor_locations, POSTURE, 1.0)
-    with refused("experiment/simulated", place="experiment.simulated.carrier"):
-        rig(machine, SimulatedSpec(carrier=CarrierSpec(0.01, cycles=3)), design)
-    with refused("experiment/simulated", place="experiment.simulated.carrier"):
-        rig(machine, SimulatedSpec(carrier=CarrierSpec(0.1)), design)
-    with refused("experiment/simulated"):
-        rig(machine, SimulatedSpec(), plan(("motor 1", "motor 2"), (0.0, 0.0), 1.0))
-    with refused("robot/unknown-name"):
-        rig(machine, SimulatedSpec(truth={"k_9": 1.0}), design)
-    with refused("experiment/simulated", place="experiment.simulated.truth"):
-        rig(machine, SimulatedSpec(truth={"k_1": -1.0}), design)
-    with refused("experiment/simulated", place="experiment.simulated.truth"):
-        rig(machine, SimulatedSpec(truth={"k_1": "5 N"}), design)
-    with refused("robot/unknown-name"):
-        rig(machine, SimulatedSpec(outputs=("joint 9",)), design)
-    channels = tuple(
-        ChannelSpec(role, "motor 1", "x", quantity=what) for role, what in (("u", "torque"), ("y", "position"))
-    )  # type: ignore[arg-type]
-    recorded = RecordedSpec("unknown", channels, (FileSpec("log.csv", "c1"),), period_samples=10)
-    with refused("study/stage", place="experiment"):
-        SimulatedRig(machine, ExperimentSpec({"c1": POSTURE}, recorded=recorded), design, 1)
 
 
 def test_the_log_of_a_whole_run_holds_the_record_in_its_measured_periods() -> None:

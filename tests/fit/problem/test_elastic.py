@@ -24,7 +24,6 @@ from plants.three_mass import (
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.line_sums import autocovariance, correlation_length
 from elastid.fit.problem.elastic import elastic_fit
-from elastid.fit.problem.least_squares import logarithmic
 from elastid.fit.problem.weights import weigh
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
@@ -79,12 +78,6 @@ def test_inputs_and_outputs_are_matched_by_name():
     assert fit_of(swapped, model).evaluate(parameters().x).cost < 1e-20
     with refused("fit/responses", place="configuration c1"):
         fit_of(swapped, plant((0, 1)))
-
-
-def test_the_phase_of_the_logarithm_is_wrapped():
-    """Phases of 179 and -179 degrees differ by 2 degrees, not by 358."""
-    e, _ = logarithmic(np.exp(1j * np.radians([179.0])), np.exp(1j * np.radians([-179.0])))
-    np.testing.assert_allclose(np.degrees(e.imag), [-2.0])
 
 
 def test_both_criteria_converge_from_far_starts():

@@ -7,7 +7,6 @@ import pytest
 from plants.notes import said
 from plants.refusals import refused
 
-from elastid.base.errors import StudyError
 from elastid.fit.problem.smoothed_noise import smooth_variance
 from elastid.fit.problem.weights import check_factors, weigh
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
@@ -146,17 +145,10 @@ def test_exact_data_without_a_floor_leave_nothing():
 
 
 @pytest.mark.parametrize(
-    ("mask", "says"),
-    [
-        (
-            FactorSpec(0.0, configurations=("c2",)),
-            r"fit.weights.factors\[0\]: no configuration 'c2' was measured; there are c1",
-        ),
-        (FactorSpec(0.0, output="motor1"), "no output 'motor1' was measured; did you mean 'motor 1'"),
-        (FactorSpec(0.0, input="joint 7"), "no input 'joint 7' was measured"),
-    ],
+    "mask",
+    [FactorSpec(0.0, configurations=("c2",)), FactorSpec(0.0, output="motor1"), FactorSpec(0.0, input="joint 7")],
 )
-def test_a_mask_of_what_was_not_measured_is_refused(mask, says):
+def test_a_mask_of_what_was_not_measured_is_refused(mask):
     """A misspelt name would mask nothing, without a word."""
-    with pytest.raises(StudyError, match=says):
+    with refused("fit/weights", place="fit.weights.factors[0]"):
         check_factors([response(1.0)], leaving_out(mask))

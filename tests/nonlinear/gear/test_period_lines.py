@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 
-from elastid.base.errors import DataError
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.gear.period_lines import ABOVE, CELLS, gather_lines
 from elastid.record import Configuration, Record
@@ -62,7 +62,7 @@ def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
 
 
 def test_an_angle_that_was_not_logged_is_named() -> None:
-    with pytest.raises(DataError, match="the angle of motor 1 is not among the outputs"):
+    with refused("gears/records", place="configuration a"):
         gather_lines([record(outputs=("joint 1",))], SPEC, np.array([5, 9]))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import io
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -11,8 +10,6 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from cycler import cycler
-from matplotlib import rc_context
 from plants.report_values import PARAMETERS, TRUTH, bars_of, fit_result, pair, report_content
 
 from elastid.base.display import number
@@ -20,14 +17,8 @@ from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.parameters import ParameterSet
 from elastid.report.content import parameter_rows
-from elastid.report.figures.responses import bode
 from elastid.report.figures.validation import fleet_parameter
 from elastid.report.page.page import (
-    DPI,
-    EmbeddedFigure,
-    html,
-    rendered,
-    within,
     write_report,
 )
 from elastid.validation.agreement import validate
@@ -128,32 +119,6 @@ def test_the_same_content_gives_the_same_bytes(report_folder, tmp_path):
     assert first == second
 
 
-# A matplotlibrc as some people have it in the folder of their work.
-OF_THE_USER = {
-    "axes.facecolor": "black",
-    "axes.prop_cycle": cycler(color=["red", "lime"]),
-    "axes.spines.left": False,
-    "figure.dpi": 40,
-    "figure.facecolor": "yellow",
-    "font.family": "serif",
-    "font.size": 22,
-    "image.cmap": "jet",
-    "lines.linewidth": 7,
-    "savefig.bbox": "tight",
-    "savefig.transparent": True,
-    "xtick.direction": "in",
-}
-
-
-@pytest.mark.slow
-def test_figures_have_one_style_whatever_the_user_has_set(report_folder, tmp_path):
-    """A matplotlibrc in the working directory changed every figure of a page."""
-    with rc_context(OF_THE_USER):
-        write_report(report_content(), tmp_path, ("png",))
-    for path in report_folder.rglob("*.*"):
-        assert path.read_bytes() == (tmp_path / path.relative_to(report_folder)).read_bytes(), path.name
-
-
 @pytest.mark.slow
 def test_figures_are_files_only_where_they_are_asked_for(tmp_path):
     """Nothing of an earlier report is left."""
@@ -176,34 +141,6 @@ def test_a_report_that_cannot_be_written_leaves_the_last_one_whole(tmp_path, mon
         write_report(small_content(title="Another"), tmp_path, ("png",))
     assert page.read_bytes() == before
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [page]
-
-
-def test_figures_without_room_on_the_page_are_linked_to():
-    """The largest of single configurations first; others stay whatever they cost."""
-    figures = [
-        EmbeddedFigure("parameters", "parameters", "all", "x" * 900, "figures/parameters.png"),
-        EmbeddedFigure("a", "configuration c1", "first", "x" * 500, "figures/a.png"),
-        EmbeddedFigure("b", "configuration c1", "second", "x" * 100, "figures/b.png"),
-    ]
-    assert [bool(figure.png) for figure in within(figures, 1500)] == [True, True, True]
-    assert [bool(figure.png) for figure in within(figures, 1499)] == [True, False, True]
-    assert [bool(figure.png) for figure in within(figures, 10)] == [True, False, False]
-    page = Page(html(report_content(), within(figures, 1000)))
-    assert "figures/a.png" in page.addresses
-    assert "report STUDY --run FOLDER --png" in html(report_content(), [replace(figures[1], png="", file="")])
-
-
-def test_fewer_colors_are_the_same_picture():
-    """No pixel of a figure is further off than the eye can see, half of the bytes are gone."""
-    image = pytest.importorskip("PIL.Image")
-    figure, png = bode(*pair(3), None), io.BytesIO()
-    figure.savefig(png, format="png", dpi=DPI)
-    small = rendered(figure)
-    assert len(small) < 0.5 * len(png.getvalue())
-    before, after = (
-        np.asarray(image.open(io.BytesIO(data)).convert("RGB"), dtype=float) for data in (png.getvalue(), small)
-    )
-    assert np.sqrt(np.mean((before - after) ** 2)) < 3
 
 
 def test_the_page_fits_a_phone_and_paper(visit, report_folder):

@@ -55,23 +55,3 @@ def test_a_way_of_poses_is_straight_between_them(tmp_path: Path) -> None:
     text = "t,x,y,z\n" + "".join(f"{t}," + ",".join(map(str, row)) + "\n" for t, row in enumerate(rows.tolist()))
     with pytest.raises(DataError, match=r"move\.csv:\d+: on the way to this pose"):
         read_move(written(tmp_path, text), robot, "tool")
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("1,2\n0,0\n", "there is one row"),
-        ("1,2\n0,0\n1,1\n", r"no column t holds times; give one in s, or --time"),
-        ("t,1,2\n0,0,0\n1,x,1\n", r"move\.csv:3: column 1 is 'x'"),
-        ("t,1,2\n# note\n0,0,0\n1,1,nan\n", r"move\.csv:4: column 2 is 'nan'"),
-        ("t,1,2\n0,0,0\n0,1,1\n", r"move\.csv:3: column t is 0 s after 0 s; times must rise"),
-        ("t,1,2\n0,0,0\n1,1\n", r"move\.csv:3: 2 cells, and 3 names in line 1"),
-        ("t,1,1\n0,0,0\n1,1,1\n", r"move\.csv:1: column 1 is there twice"),
-        ("t,1,2\n0,0,0\n1,0,3\n", r"move\.csv:3: joint 2 at 3 rad is beyond its limits .* `2 deg`"),
-        ("t,a\n0,0\n1,1\n", "give one for each driven joint"),
-    ],
-)
-def test_a_file_that_is_no_move_is_refused_with_its_place(tmp_path: Path, text: str, words: str) -> None:
-    """Rows, times, cells, limits."""
-    with pytest.raises(DataError, match=words):
-        read_move(written(tmp_path, text), arm(), "tool")
