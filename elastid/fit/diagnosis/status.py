@@ -33,9 +33,9 @@ from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.diagnosis.static_loads import contradiction
 from elastid.fit.diagnosis.tool_side import tool_contradiction
-from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
+from elastid.fit.result import DOUBTED, FitResult, ModificationIndex, Status, largest_by_chance
 from elastid.fit.solve.solvers import DAMPING_UNITS
-from elastid.response import BENT, NOT_STRAIGHT
+from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,7 @@ class MisfitLimits:
 
 
 MISFIT = MisfitLimits()
-# Verdicts on a parameter.
-GOOD, BY_FILE, DOUBTED = "good", "depends on the file", "not to be believed"
+GOOD, BY_FILE = "good", "depends on the file"  # verdicts on a parameter
 
 
 def with_status(evidence: Evidence) -> FitResult:
@@ -129,6 +128,7 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     by_blocks = _shifts(evidence) if _blocks_disagree(evidence) else np.zeros(n)
     std, file = result.std, result.std_by_file
     bent = {note.text.removeprefix(BENT).partition(" is ")[0].strip() for note in _bent_gears(evidence)}
+    is_distorted = any(note.code == UNEXPLAINED for G in evidence.assembly.responses for note in G.notes)
     verdicts = []
     for i, parameter in enumerate(result.parameters.asked):
         if result.at_bound[i]:
@@ -137,6 +137,8 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
             verdicts.append(f"{DOUBTED}: it is that of one amplitude, since the gear is not a straight spring")
         elif index is not None and by_index[i] > MISFIT.effect:
             verdicts.append(f"{DOUBTED}: {phrase(index, evidence)} would move it by {by_index[i]:.1f} std")
+        elif is_distorted and parameter.name.startswith("d_"):
+            verdicts.append(f"{DOUBTED}: distortion that no motor explains may be hysteresis of a gear")
         elif by_blocks[i] > MISFIT.shift:
             verdicts.append(f"{DOUBTED}: configurations and bands disagree about it by {by_blocks[i]:.1f} std")
         else:
