@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.elastic_arm import FREQ, arm, deviations, measure, pendulum, started_elsewhere
+from plants.elastic_arm import FREQ, arm, measure, pendulum, started_elsewhere
+from plants.measured_robots import deviations
 from plants.notes import said
 from plants.refusals import refused
 
