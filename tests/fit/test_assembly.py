@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from plants.marks import SEEDS
 from plants.measured_robots import deviations, responses_of
-from plants.notes import said
 
 from elastid.fit.assembly import Assembly, posture_notes, relinearise
 from elastid.fit.identify import identify
@@ -82,7 +81,7 @@ def test_a_fit_names_the_joint_that_rests_inside_its_gap() -> None:
     result = identify(measure(truth, POSTURES, 1), started_elsewhere(truth, 1.3, 1), wanted)
     assert result.status == "converged"
     assert deviations(result, truth).max() < 3.5
-    (word,) = (warning for warning in said(result.notes) if "backlash" in warning)
+    (word,) = (note.text for note in result.notes if note.code == "robot/operating-point")
     assert word.startswith("joint 1 rests inside its backlash of +-0.0001 rad in c4 (deflected by")
 
 
