@@ -35,9 +35,9 @@ from elastid.friction_study.least_squares import Equations, solve
 from elastid.friction_study.levels import PassLevels, levels_of_records, levels_of_run_downs
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, MotionSignals
-from elastid.friction_study.pass_checks import angle_note, check_counts
-from elastid.friction_study.pass_detection import detect_passes, lone_plateaus
-from elastid.friction_study.passes import PLATEAUS, passes_of
+from elastid.friction_study.pass_checks import check_reversal
+from elastid.friction_study.pass_detection import detect_passes
+from elastid.friction_study.passes import PLATEAUS
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
@@ -61,7 +61,9 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     records, friction = [*planned, *motion.passes], motion.friction
     own = [record for record in measured.records if record.joint == joint.name]
     notes = [note for record in own for note in record.notes]
-    notes += [note for record in own if record.purpose == "loops" for note in check_counts(record)]
+    for record in own:
+        if record.purpose == "loops":
+            check_reversal(record)
     notes += motion.notes
     run_downs = measured.of(joint.name, "run_down")
     if run_downs and not records:
@@ -79,9 +81,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
     turn = 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0  # of the joint for one of its motor
     levels = levels_of_records(records, against or motion.has_gravity, turn)
-    passes = [each for record in records if record.load == records[0].load for each in passes_of(record)]
-    by_angle = angle_note(passes, levels.shared.get("inertia", (0.0, 0.0))[0])
-    notes += [*levels.notes, *([] if by_angle is None else [by_angle])]
+    notes += levels.notes
     return JointLevels(joint.name, joint.slides, levels, friction, tuple(notes), motion.gain)
 
 
@@ -144,8 +144,7 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
     friction = None
     for record in records:
         try:
-            passes += (own := detect_passes(record, against))
-            notes += lone_plateaus(record, own)
+            passes += detect_passes(record, against)
         except DataError as error:
             problems.append(str(error))
     turn = 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)

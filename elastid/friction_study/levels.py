@@ -145,8 +145,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     g, o = values[:n_k], values[n_k : 2 * n_k]
     scale = _scatter_scale(g, np.sqrt(np.diag(covariance)[:n_k]), conditions)
     covariance = covariance * scale
-    uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
-    max_difference = _max_difference(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed, g)
+    uneven, offset, max_difference = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed, g)
     std = np.sqrt(np.diag(covariance)[:n_k] + moved**2)
     known = std < LEVELS.max_relative_std * np.abs(g)
     unit, torque_unit = motion_unit("velocity", used[0].slides), drive_unit(used[0].slides)
@@ -235,37 +234,33 @@ def _scatter_scale(g: FloatArray, std: FloatArray, conditions: FloatArray) -> fl
     return squares / dof if dof and chi_square_tail(squares, dof) < FALSE_ALARM else 1.0
 
 
-def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
-    """Excess of friction forwards (n_k,), a slope of o over speed where an F test finds it; the offset with its std."""
+def _uneven(
+    o: FloatArray, covariance: FloatArray, v: FloatArray, g: FloatArray
+) -> tuple[FloatArray, tuple[float, float], float]:
+    """Excess of friction forwards (n_k,), a slope of o (n_k,) over speed where an F test finds it; the offset and std.
+
+    Last the farthest end of the 95 % interval of 2 (o_0 + o_1 v) / g, a line through o; NaN of few pairs.
+    """
     W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
-    flat, sloped = np.ones((len(o), 1)), np.stack([np.ones_like(v), v], axis=1)
 
-    def fitted(A: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        x, *_ = np.linalg.lstsq(W @ A, W @ o, rcond=None)
-        left = W @ (o - A @ x)
-        return np.asarray(x), np.asarray(np.linalg.pinv((W @ A).T @ (W @ A))), float(left @ left)
+    def fitted(*columns: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        A = W @ np.stack(columns, axis=1)
+        x = np.linalg.lstsq(A, W @ o, rcond=None)[0]
+        left = W @ o - A @ x
+        return np.asarray(x), np.asarray(np.linalg.pinv(A.T @ A)), float(left @ left)
 
-    mean, of_mean, cost = fitted(flat)
-    scale = max(1.0, cost / max(1, len(o) - 1))
-    if len(o) > 3 and np.ptp(v) > 0:
-        line, of_line, less = fitted(sloped)
-        dof = len(o) - 2
-        if chance_of_terms(cost, less, 1, dof) < FALSE_ALARM:
-            scale = max(1.0, less / dof)
-            return line[1] * v, (float(line[0]), float(np.sqrt(scale * of_line[0, 0])))
-    return np.zeros_like(v), (float(mean[0]), float(np.sqrt(scale * of_mean[0, 0])))
-
-
-def _max_difference(o: FloatArray, covariance: FloatArray, v: FloatArray, g: FloatArray) -> float:
-    """The farthest end of the 95 % interval of 2 (o_0 + o_1 v) / g, a line through o (n_k,); NaN of few pairs."""
+    one = np.ones_like(v)
+    mean, of_mean, cost = fitted(one)
+    even = np.zeros_like(v), (float(mean[0]), float(np.sqrt(max(1.0, cost / max(1, len(o) - 1)) * of_mean[0, 0])))
     if len(o) < 4 or np.ptp(v) <= 0:
-        return float("nan")
-    A = np.stack([np.ones_like(v), v], axis=1)
-    W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
-    x, *_ = np.linalg.lstsq(W @ A, W @ o, rcond=None)
-    scale = max(1.0, float(np.sum((W @ (o - A @ x)) ** 2)) / (len(o) - 2))
-    std = np.sqrt(scale * np.sum(A @ np.linalg.pinv((W @ A).T @ (W @ A)) * A, axis=1))
-    return float(np.max(2 * (np.abs(A @ x) + QUANTILE_95 * std) / np.abs(g)))
+        return *even, float("nan")
+    (line, of_line, less), dof = fitted(one, v), len(o) - 2
+    A, scale = np.stack([one, v], axis=1), max(1.0, less / dof)
+    reach = QUANTILE_95 * np.sqrt(scale * np.sum(A @ of_line * A, axis=1))
+    farthest = float(np.max(2 * (np.abs(A @ line) + reach) / np.abs(g)))
+    if chance_of_terms(cost, less, 1, dof) < FALSE_ALARM:
+        return line[1] * v, (float(line[0]), float(np.sqrt(scale * of_line[0, 0]))), farthest
+    return *even, farthest
 
 
 def _levels(

@@ -18,8 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.base.note import Note
-from elastid.friction_study.passes import PLATEAUS, Plateau, distinct_speeds, find_plateaus, one_way
+from elastid.friction_study.passes import PLATEAUS, Plateau, find_plateaus, one_way
 from elastid.record import FrictionRecord
 
 
@@ -34,24 +33,6 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
     if record.speed is not None and not pairs:
         raise DataError("friction/passes", _refusal(record, plateaus))
     return tuple(_cut(record, *pair, number) for number, pair in enumerate(pairs, start=1))
-
-
-def lone_plateaus(record: FrictionRecord, passes: Sequence[FrictionRecord]) -> tuple[Note, ...]:
-    """A note on the speeds at which a motion slides without a way back."""
-    known = [each.speed for each in passes if each.speed is not None]
-    alone = [
-        speed
-        for speed in distinct_speeds(_plateaus(record))
-        if not any(abs(speed - other) <= PLATEAUS.same_speed * speed for other in known)
-    ]
-    if not alone:
-        return ()
-    listed = ", ".join(f"{speed:.3g}" for speed in alone)
-    text = (
-        f"it slides steadily at {listed} {record.unit}/s without the way back through the same positions: no level of "
-        "friction at these speeds, since both directions distinguish it from gravity and offset; record both directions"
-    )
-    return (Note("friction/passes", text, f"motion {record.name} of joint {record.joint}", "information"),)
 
 
 def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:

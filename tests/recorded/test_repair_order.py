@@ -182,15 +182,6 @@ def test_lost_samples_are_refused_with_their_place(lost: list[int], place: int, 
         _of(tmp_path, _all(lambda x: np.insert(x, 1700, x[1700:1703])))
 
 
-def test_a_drive_that_acts_late_is_told(tmp_path: Path) -> None:
-    """u and y three samples behind r: said, and the response is the same."""
-    late = log(np.arange(P * N) - 3, noise=1e-4)
-    record = _of(tmp_path, {"r": CLEAN["r"], "u": late["u"], "y": late["y"]})
-    (note,) = said(record.notes)
-    assert re.search(r"u at motor 1 lags r by (2\.\d|3\.\d) samples", note)
-    assert _error(record) < 1.5 * _error(_of(tmp_path, CLEAN))
-
-
 def test_records_of_unequal_numbers_of_periods_go_together(tmp_path: Path) -> None:
     """Realisations of 4 and 7 periods: the response is exact, its noise variance that of the mean of both."""
     estimated, errors = [], []
