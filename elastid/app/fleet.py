@@ -21,7 +21,9 @@ from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.execution import surviving
 from elastid.base.files import own_path, replacing
 from elastid.base.statistics import ONE_SIDED_95
-from elastid.report.page.page import FleetContent, Outcome, write_page_of_fleet
+from elastid.report.fleet import Outcome, answer_of_fleet, drawings_of_fleet
+from elastid.report.page.page import write_page
+from elastid.report.page.page_of_use import html_of_answer
 from elastid.store.files import changed_texts, keep_checksums, write_rows
 from elastid.study import load
 from elastid.study.fleet import Fleet, Member
@@ -62,12 +64,11 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         table, values = _write_table(folder, rows), _values(rows)
         findings = find_changes(values, fleet.false_discovery_rate)
         units = {row["parameter"]: row["unit"] for row in rows}
-        rate = fleet.false_discovery_rate
-        spreads = find_spreads(values)
-        content = FleetContent(fleet.name, values, units, spreads, findings, outcomes, rate, software())
-        page = write_page_of_fleet(content, folder)
+        answer = answer_of_fleet(fleet.name, find_spreads(values), findings, outcomes, fleet.false_discovery_rate)
+        html = partial(html_of_answer, answer, software())
+        page = write_page(html, drawings_of_fleet(values, units, findings), folder, ("png",), name="fleet.html")
         keep_checksums(folder, WRITTEN)
-        for words in (f"fleet: {content.verdict}", str(table), str(page)):
+        for words in (*(f"fleet: {each}" for each in answer.sentences), str(table), str(page)):
             console.say(words)
         _raise_for(fleet.name, outcomes)
         return page

@@ -117,7 +117,6 @@ CODES: Final[Mapping[str, str]] = {
     "records/disagree": "Logs of one experiment disagree.",
     "records/missing-samples": "Too many samples are missing to be filled from the other periods.",
     "records/not-excited": "An input has no excitation of its own.",
-    "records/other-posture": "A record stands at the posture of another configuration.",
     "records/period-mismatch": "A log does not repeat with the stated period.",
     "records/quantised": "A channel has coarse steps.",
     "records/repaired": "Samples, periods or times of a log were mended from the other periods, and counted.",

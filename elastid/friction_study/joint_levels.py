@@ -35,9 +35,9 @@ from elastid.friction_study.least_squares import Equations, solve
 from elastid.friction_study.levels import PassLevels, levels_of_records, levels_of_run_downs
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, MotionSignals
-from elastid.friction_study.pass_checks import angle_note, check_reversal
+from elastid.friction_study.pass_checks import check_reversal
 from elastid.friction_study.pass_detection import detect_passes
-from elastid.friction_study.passes import PLATEAUS, passes_of
+from elastid.friction_study.passes import PLATEAUS
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
@@ -81,9 +81,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
     turn = 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0  # of the joint for one of its motor
     levels = levels_of_records(records, against or motion.has_gravity, turn)
-    passes = [each for record in records if record.load == records[0].load for each in passes_of(record)]
-    by_angle = angle_note(passes, levels.shared.get("inertia", (0.0, 0.0))[0])
-    notes += [*levels.notes, *([] if by_angle is None else [by_angle])]
+    notes += levels.notes
     return JointLevels(joint.name, joint.slides, levels, friction, tuple(notes), motion.gain)
 
 

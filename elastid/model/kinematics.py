@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.closed_posture import followed, mechanism, rates
+from elastid.model.closed_posture import followed, rates
 from elastid.model.frame_tree import ON_BASE, Attachment, Tree, carriers, tree
 from elastid.robot import BASE, TOOL, Robot
 
@@ -211,30 +211,6 @@ def placed(R: list[FloatArray], p: list[FloatArray], frame: int, local: FloatArr
     if frame < 0:
         return np.tile(local, (count, 1))
     return np.asarray(p[frame] + R[frame] @ local)
-
-
-def joint_without_inertia(robot: Robot, q: FloatArray) -> int | None:
-    """The joint with most of a motion from q (n_l,) that moves no inertia; None where M is positive definite.
-
-    Loops are kept closed, rods that stretch included.
-    """
-    layout = tree(robot)
-    R, p = frames(layout, q[None])
-    # A rotor behind a spring moves by itself.
-    motors = [None if joint in robot.flexible else joint.motor for joint in robot.joints]
-    M = np.diag([0.0 if motor is None else motor.inertia * motor.ratio**2 for motor in motors])
-    for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
-        if seat.frame >= 0:
-            center = placed(R, p, seat.frame, seat.p + seat.R @ np.array(body.center_of_mass), 1)
-            J = point_jacobians(layout, R, p, seat.frame, center)[0]
-            axes = R[seat.frame][0] @ seat.R
-            M += body.mass * J[:3].T @ J[:3] + J[3:].T @ axes @ body.inertia_matrix @ axes.T @ J[3:]
-    if robot.loops:
-        _, Phi = mechanism(robot).rows(q[None])
-        M = M + Phi[0].T @ Phi[0]
-    scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
-    eigenvalues, motions = np.linalg.eigh(M / np.outer(scale, scale))
-    return int(np.argmax(np.abs(motions[:, 0]))) if eigenvalues[0] <= 1e-12 else None
 
 
 StickKind: TypeAlias = Literal["arm", "mass", "strut"]

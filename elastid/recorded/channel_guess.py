@@ -111,14 +111,11 @@ def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
     return result
 
 
-def rate_by_motions(signals: Sequence[tuple[ChannelGuess, FloatArray]], least: int = 1) -> float | None:
-    """The rate in Hz at which velocities are the derivatives of positions, None where none of signals (n,) are.
-
-    least: so many of them must agree; one alone may be another signal of a resonance.
-    """
+def rate_by_motions(signals: Sequence[tuple[ChannelGuess, FloatArray]]) -> float | None:
+    """The rate in Hz at which velocities are the derivatives of positions, None where none of signals (n,) are."""
     si = [x[: 2 * _MAX_SAMPLES] * TABLE[guess.unit][1] if guess.unit in TABLE else x for guess, x in signals]
     rates = [rate for _, rate in velocities(si).values()]
-    return float(np.median(rates)) if len(rates) >= least and max(rates) < _MAX_RATE_SPREAD * min(rates) else None
+    return float(np.median(rates)) if rates and max(rates) < _MAX_RATE_SPREAD * min(rates) else None
 
 
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:

@@ -1,7 +1,4 @@
-"""Torques of a log that contradict the study: measured twice, mirrored, or one channel under two names.
-
-And the posture of another configuration.
-"""
+"""Torques of a log that contradict the study: measured twice, mirrored, or one channel under two names."""
 
 from __future__ import annotations
 
@@ -14,7 +11,6 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.record import Configuration, Record
 from elastid.recorded.repair import blocks
 from elastid.recorded.repair.clock import CLOCK
 
@@ -25,13 +21,7 @@ class DriveLimits:
 
     # Sine of the angle between two signals without their means, up to which they are one but for rounding.
     max_difference: float = 1e-9
-    # Of the way between two configurations: the distance of the mean angles from the other one, at most, and the motion
-    # (RMS) about it.
-    from_other: float = 0.05
-    motion: float = 0.2
 
-
-MAX_SAMPLES = 1 << 18  # that show where the motors stand; a log may be larger than the memory
 
 LIMITS = DriveLimits()
 
@@ -41,34 +31,6 @@ def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | N
     u = {c.at: i for i, c in enumerate(channels) if c.role == "u"}
     drivers = [(c.at, signals[:, i], signals[:, u[c.at]]) for i, c in enumerate(channels) if c.role == "r"]
     return [Note(*code_and_text, where) for each in drivers if (code_and_text := _compared(*each, N))]
-
-
-def posture_notes(
-    record: Record, motors: Sequence[str], configurations: Sequence[Configuration], where: str
-) -> list[Note]:
-    """A note on a record that stands where another configuration of the study is, and not where its own is.
-
-    motors: of the driven joints, in the order of the angles.  Angles that are all 0 are those of encoders that count
-    from where they were switched on.
-    """
-    places = [i for i, _ in enumerate(record.configuration.angles) if motors[i] in record.outputs]
-    columns = [record.outputs.index(motors[i]) for i in places]
-    if not columns or any(record.quantities[column] != "position" for column in columns):
-        return []
-    y, own = record.y[:MAX_SAMPLES][:, columns], record.configuration
-    mean, rms = y.mean(axis=0), float(y.std(axis=0).max())
-    for other in configurations:
-        there, here = other.angles[places], own.angles[places]
-        way = float(np.abs(there - here).max())
-        is_there = float(np.abs(mean - there).max()) < LIMITS.from_other * way
-        if is_there and rms < LIMITS.motion * way and there.any():
-            angles = ["(" + ", ".join(f"{angle:.3g}" for angle in of) + ")" for of in (mean, there, here)]
-            text = (
-                f"its motors stand at {angles[0]}, where configuration {other.name} is {angles[1]}, and not "
-                f"{own.name}, {angles[2]}: the log may be one of {other.name}"
-            )
-            return [Note("records/other-posture", text, where)]
-    return []
 
 
 def _compared(place: str, r: FloatArray, u: FloatArray, N: int | None) -> tuple[str, str] | None:

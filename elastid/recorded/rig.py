@@ -17,7 +17,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
-from elastid.recorded.drive_notes import drive_notes, posture_notes, same_signal_notes
+from elastid.recorded.drive_notes import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, is_single, naming, rows_of
 from elastid.recorded.link_side import (
     channel_refusals,
@@ -80,10 +80,7 @@ class RecordedRig:
             with naming(path, f"its values cannot be used as a log; look at them with `elastid inspect {path}`"):
                 record = self._in_pieces(experiment, file) if len(files) == 1 else None
                 records.append(record or self._as_a_whole(experiment, file, len(files) > 1))
-        record = records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
-        others = [each for each in self._configurations if each.name != record.configuration.name]
-        notes = posture_notes(record, self.robot.motor_locations, others, f"record {record.name}")
-        return replace(record, notes=(*record.notes, *notes))
+        return records[0] if len(records) == 1 else joined_periods(records, [file.path for file in files])
 
     def is_large(self, experiment: Experiment) -> bool:
         """True if the log of an experiment is measured in pieces, with what its record is made of left in it."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 from plants.refusals import refused
@@ -151,32 +150,6 @@ def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None
         with pytest.raises(StudyError) as refusal:
             load(written(tmp_path, rough=True, **changes))
         assert says in str(refusal.value)
-
-
-@pytest.mark.slow
-def test_energy_of_everything_undamped_is_conserved(tmp_path: Path) -> None:
-    """Kinetic (rotors that ride, coupled gears) and potential (gravity, cubic spring, gas) energy, 1e-8 over 1 s."""
-    from scipy.integrate import solve_ivp
-
-    robot = load(written(tmp_path, rough=False)).study.robot
-    model = serial(robot)
-    theta = model.theta.copy()
-    theta[[name[0] in "df" for name in model.parameters]] = 0.0
-    q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
-    M = model.mass(q, theta)
-    slope = model.potential_gradient(q, theta)
-    motion = ca.Function("a", [q, v], [ca.solve(M, -model.force(q, v, theta)), slope])
-    kinetic = ca.Function("T", [q, v], [v.T @ M @ v / 2])
-    rng, n = np.random.default_rng(3), model.n_q
-    start = np.concatenate([2e-4 * rng.standard_normal(n), rng.uniform(-1, 1, n), [0.0]])
-
-    def rates(_: float, x: np.ndarray) -> np.ndarray:
-        acceleration, gradient = (part.full()[:, 0] for part in motion(x[:n], x[n:-1]))
-        return np.concatenate([x[n:-1], acceleration, [gradient @ x[n:-1]]])
-
-    path = solve_ivp(rates, (0, 1), start, "DOP853", rtol=1e-12, atol=1e-13, t_eval=np.linspace(0, 1, 21))
-    total = np.array([float(kinetic(x[:n], x[n:-1])) + x[-1] for x in path.y.T])
-    assert np.abs(total - total[0]).max() < 1e-8 * float(kinetic(start[:n], start[n:-1]))
 
 
 @pytest.mark.slow

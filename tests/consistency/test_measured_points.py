@@ -15,7 +15,6 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import linearise
-from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
@@ -95,25 +94,6 @@ def test_tilt_is_the_derivative_of_gravity_in_the_axes_of_the_frame():
     slopes = [(seen(q + h * e) - seen(q - h * e)) / (2 * h) for e in np.eye(5)]
     np.testing.assert_allclose(model.readout(q, model.theta, places)[1].full(), -np.array(slopes).T, atol=1e-8)
     assert not model.readout(q, model.theta, ["motor 1", "frame tool x", "body fore z"])[1].nnz()
-
-
-@pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration"])
-def test_derivatives_of_responses_with_accelerometers_are_exact(quantity):
-    """dG/dtheta against differences, and the kernel's G against the formula."""
-    model = serial(two_axes())
-    outputs = ("accelerometer tool z", "motor 1", "frame tool x", "accelerometer tool y")
-    linear = linearise(model, Configuration("c", [0.2, -0.5]), model.theta, outputs, quantity)
-    wanted = ("k_1", "d_2", "k_1x", "m_fore", "delay")
-    G, dG = Kernel(linear, FREQ, wanted).evaluate(linear.theta_ref)
-    np.testing.assert_allclose(G, frequency_response(linear, linear.theta_ref, FREQ), rtol=1e-10)
-    for name, slope in zip(wanted, dG, strict=True):
-        step = 1e-4 * max(abs(linear.theta_ref[linear.parameters.index(name)]), 1e-3)
-        moved = [linear.theta_ref.copy(), linear.theta_ref.copy()]
-        for sign, theta in zip((1, -1), moved, strict=True):
-            theta[linear.parameters.index(name)] += sign * step
-        ahead, behind = (frequency_response(linear, theta, FREQ) for theta in moved)
-        differences = (ahead - behind) / (2 * step)
-        np.testing.assert_allclose(slope, differences, rtol=0, atol=1e-5 * np.abs(differences).max())
 
 
 ROBOT = """

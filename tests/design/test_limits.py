@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 from plants.limited_arm import CARRIERS, EXCITATION, LIMITS, arm, experiment
-from plants.notes import said
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
@@ -73,7 +72,7 @@ def test_torques_that_are_too_large_are_lowered_with_a_word_and_small_ones_kept(
     _, limit_use, rig = within(torque_rms=900.0)
     assert np.all(limit_use.factor < 1)
     assert limit_use.factor[0, 0] == limit_use.factor[0, 1]
-    assert "configuration a: excitation.torque_rms was lowered to" in said(limit_use.notes)[0]
+    assert (limit_use.notes[0].code, limit_use.notes[0].place) == ("design/limits", "configuration a")
     assert (largest(rig) / limit_use.limit[0]).max() < 1
     plan, limit_use, _ = within(torque_rms=20.0)
     assert np.all(limit_use.factor == 1)

@@ -38,6 +38,39 @@ def _quadratic() -> tuple[FloatArray, FloatArray]:
     return x, (f[:, :, None] * f[:, None, :])[None]
 
 
+@settings(max_examples=40, deadline=None)
+@given(
+    letter=st.sampled_from(LETTERS),
+    over=st.sampled_from(["mean", "worst"]),
+    softness=st.sampled_from([2.0, 8.0, 40.0, np.inf]),
+    s=st.integers(1, 3),
+    seed=st.integers(0, 1000),
+)
+def test_criteria_are_those_of_the_covariance_and_have_their_gradients(
+    letter: Letter, over: Over, softness: float, s: int, seed: int
+) -> None:
+    """ln det, trace, largest eigenvalue or a mean of their powers of K^T M^-1 K; slopes by differences."""
+    rng = np.random.default_rng(seed)
+    M, K = random_information(seed, S=2, Q=8).sum(axis=1), np.eye(4)[:, :s]
+    criterion = DesignCriterion(letter, K, over, softness)
+    eigenvalues = np.linalg.eigvalsh(K.T @ np.linalg.inv(M) @ K)
+    power = {"D": 0.0, "A": 1.0, "E": softness}[letter]
+    if power == 0:
+        phi = -np.mean(np.log(eigenvalues), axis=1)
+    else:
+        phi = -np.log(np.linalg.norm(eigenvalues, power, axis=1) / (s ** (1 / power) if power < np.inf else 1))
+    expected = phi.mean() if over == "mean" else phi.min()
+    found = criterion.slope(M)
+    assert float(criterion.value(M)) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert found.value == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    if letter == "E" and softness > 30:
+        return
+    step = rng.standard_normal(M.shape)
+    step = 1e-6 * (step + np.swapaxes(step, 1, 2))
+    change = criterion.slope(M + step).searched - criterion.slope(M - step).searched
+    assert np.sum(found.gradient * step) == pytest.approx(change / 2, rel=1e-3, abs=1e-9)
+
+
 @pytest.mark.parametrize(("letter", "ends"), [("D", 1 / 3), ("A", 1 / 4), ("E", 1 / 5)])
 @pytest.mark.slow
 def test_quadratic_regression_puts_its_textbook_weights_at_the_ends_and_the_middle(letter: Letter, ends: float) -> None:

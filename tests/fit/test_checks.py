@@ -1,20 +1,17 @@
 """Responses of other postures than the study declares are distinguished from measurements that were repeated at one."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.measured_robots import responses_of
 from plants.notes import said
 
 from elastid.fit.checks import find_contradictions, find_dependence_on_amplitude
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec
-from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ_HZ = np.linspace(2, 50, 40)
@@ -32,13 +29,8 @@ def arm(k_1: float = 3e4, friction: float = 1e-2) -> Robot:
 
 def measured(robot: Robot, angles: tuple[float, float], name: str) -> FrequencyResponse:
     """The response in a posture with 2 % noise of known variance, declared to be in the first one."""
-    model, rng = serial(robot), np.random.default_rng(len(name))
-    linear = Linearisation.of(model).at(Configuration(name, angles), model.theta, model.inputs, "acceleration")
-    exact = to_response(linear, linear.theta_ref, FREQ_HZ)
-    std = 0.02 * np.abs(exact.G) + 2e-4 * np.abs(exact.G).max(axis=0)
-    noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / math.sqrt(2)
-    declared = Configuration(name, POSTURES[0])
-    return replace(exact, configuration=declared, G=exact.G + noise, noise=Covariance(std**2, np.inf))
+    (response,) = responses_of(robot, {name: angles}, np.random.default_rng(len(name)), FREQ_HZ)
+    return replace(response, configuration=Configuration(name, POSTURES[0]))
 
 
 def test_three_postures_declared_as_one_are_reported() -> None:

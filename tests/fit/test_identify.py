@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.elastic_arm import FREQ, arm, deviations, measure, pendulum, started_elsewhere
+from plants.elastic_arm import FREQ, arm, measure, pendulum, started_elsewhere
+from plants.measured_robots import deviations
 from plants.notes import said
 from plants.refusals import refused
 
@@ -188,7 +189,7 @@ def test_what_was_left_out_is_said():
         G[:, i, j], variance[:, i, j] = noise[:, i, j], 1e-12
     result = identify([replace(responses[0], G=G, total=Covariance(variance, 6.0))], robot, FitSpec(starts=2))
     assert result.dof == 2 * 2 * len(FREQ) - 6
-    assert "motor 1 from motor 2, motor 2 from motor 1" in said(result.notes)[0]
+    assert (result.notes[0].code, result.notes[0].place) == ("fit/weights", "configuration c1")
     assert deviations(result, robot).max() < 3.5
 
 
@@ -204,7 +205,7 @@ def test_without_a_measured_variance_the_residuals_set_the_intervals():
     reference = identify([known], pendulum(), replace(spec, weights=WeightSpec(floor=0.0)))
     assert 0.8 < result.std["k_1"] / reference.std["k_1"] < 3
     assert deviations(result, pendulum()).max() < 3
-    assert "no variance is known" in said(result.notes)[0]
+    assert (result.notes[0].code, result.notes[0].place) == ("fit/weights", "configuration c1")
 
 
 OUTPUTS = ("motor 1", "motor 2", "joint 2")
@@ -263,7 +264,8 @@ def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor
     response = replace(response, freq_hz=factor * response.freq_hz)
     result = identify([response], started_elsewhere(pendulum(), 1.5), FitSpec(starts=10, start_factor=60.0, seed=1))
     assert result.model_error < 2
-    assert f"are the frequencies of the responses in {unit}" in said(result.notes)[0]
+    assert (result.notes[0].code, result.notes[0].place) == ("fit/frequency-unit", "k_1")
+    assert f"in {unit}" in result.notes[0].text
 
 
 @pytest.mark.slow
@@ -288,7 +290,7 @@ def test_small_residuals_far_beyond_a_smaller_noise_are_no_failure() -> None:
     result = identify([replace(response, G=off * response.G, noise=quiet)], pendulum(), spec)
     assert result.model_error > 100
     assert result.status == "converged"
-    assert any("the model lacks something" in warning for warning in said(result.notes))
+    assert "fit/model-error" in [note.code for note in result.notes]
 
 
 def test_a_noisy_response_is_no_model_error() -> None:

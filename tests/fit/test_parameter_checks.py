@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.marks import SEEDS, slow
+from plants.measured_robots import deviations, responses_of
 
 from elastid.app import cli
 from elastid.base.errors import FitError, StudyError
@@ -18,14 +18,9 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
-from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
-from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import FrequencyResponse
 from elastid.robot import (
     Anchor,
     Body,
@@ -92,22 +87,7 @@ def measure(
     spec: ModelSpec = ModelSpec(),  # noqa: B008
 ) -> list[FrequencyResponse]:
     """Exact responses in each posture with 2 % noise of known variance."""
-    rng, model, responses = np.random.default_rng(seed), formulate(robot, spec), []
-    linearisation, outputs = Linearisation.of(model), (*model.inputs, *further)
-    for i, angles in enumerate(postures):
-        linear = linearisation.at(Configuration(f"c{i + 1}", angles), model.theta, outputs, "acceleration")
-        exact = to_response(linear, linear.theta_ref, FREQ)
-        std = 0.02 * np.abs(exact.G) + 2e-4 * np.abs(exact.G).max(axis=0)
-        noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / math.sqrt(2)
-        responses.append(replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf)))
-    return responses
-
-
-def deviations(result: FitResult, robot: Robot) -> np.ndarray:
-    """Distances of the free parameters from those of a robot, in claimed standard deviations."""
-    table = robot.parameters(robot.geometry)
-    truth = np.array([p.to_x(table[p.name][0]) for p in result.parameters.free])
-    return np.asarray(np.abs(result.x - truth) / np.sqrt(np.diag(result.covariance)))
+    return responses_of(robot, postures, np.random.default_rng(seed), FREQ, further=further, spec=spec)
 
 
 OF_ARM = {

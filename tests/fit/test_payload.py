@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from plants.elastic_arm import CONFIGURATIONS, arm, deviations, measure, pendulum
+from plants.elastic_arm import CONFIGURATIONS, arm, measure, pendulum
+from plants.measured_robots import deviations
 from plants.refusals import refused
 
 from elastid.fit.identify import fit_parameters

@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.artefacts import STAMP
-from plants.random_plants import ALL_PERIODS, ODD, N, record_of
+from plants.random_plants import ALL_PERIODS, N, record_of
 
 from elastid.app.stages.estimate import estimate_configuration
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.quality import coherences, local_modes, wide_windows
 from elastid.record import Configuration, Record
-from elastid.report.figures.responses import quality_figure
 from elastid.store.measured import read_configurations, write_records
 
 
@@ -51,28 +50,6 @@ def test_singular_values_and_condition_are_those_of_the_matrices() -> None:
     assert quality is not None
     np.testing.assert_allclose(quality.condition, 1, rtol=1e-9)
     np.testing.assert_allclose(quality.singular_values[7], np.linalg.svd(G, compute_uv=False), rtol=1e-9)
-
-
-@pytest.mark.parametrize("n", [1, 4])
-def test_the_figures_show_every_level_and_every_output(n: int) -> None:
-    """Levels in dB: excited, noise, stochastic and even; what no input explains of each output."""
-    rng = np.random.default_rng(0)
-    records = []
-    for m in range(2):
-        for e, U in enumerate(orthogonal_set(np.full((len(ODD), n), 0.1), rng)):
-            u = np.tile(synthesise(ODD, U, N), (2, 1))
-            records.append(record_of(u, u + u**2 + 1e-3 * rng.normal(size=u.shape), m, e))
-    response = estimate(records, ALL_PERIODS, ODD)
-    quality = response.quality
-    assert quality is not None
-    assert quality.even is not None
-    axes = quality_figure(response, quality, "title").axes
-    lines = {line.get_label(): line for line in axes[n - 1].get_lines()}
-    assert set(lines) == {"excited lines", "noise", "stochastic nonlinear", "nonlinear, even"}
-    even = quality.even.amplitude[:, n - 1] ** 2 - quality.even.noise[:, n - 1] ** 2
-    np.testing.assert_allclose(lines["nonlinear, even"].get_ydata(), 10 * np.log10(np.where(even > 0, even, np.nan)))
-    lost, gains, inputs = axes[n : n + 3]
-    assert (len(lost.get_lines()), len(gains.get_lines()), len(inputs.get_lines())) == (n, n, n)
 
 
 def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) -> None:

@@ -78,14 +78,6 @@ def test_the_largest_entry_of_each_shape_is_one() -> None:
     np.testing.assert_allclose(shapes[np.abs(shapes).argmax(axis=0), [0, 1]], 1.0, rtol=1e-12)
 
 
-def test_two_masses_have_all_energy_in_their_spring() -> None:
-    """One mode, one spring, no weight."""
-    _, energy = found(chain(5e3), [0.3])
-    assert energy.springs == ("k_0",)
-    np.testing.assert_allclose(energy.share, 1.0, rtol=1e-12)
-    np.testing.assert_allclose(energy.load, 0.0, atol=1e-12)
-
-
 def test_three_masses_share_the_energy_as_the_textbook_s_shapes_say() -> None:
     """k (x_i - x_j)^2 of the eigenvectors in absolute angles, from NumPy."""
     k0, k1 = 5e3, 2e3

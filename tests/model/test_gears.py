@@ -47,20 +47,6 @@ def test_gear_matrix_and_its_sides():
     assert (eta @ rate) @ torque == pytest.approx(rate @ (eta.T @ torque))
 
 
-def test_frequencies_on_motor_and_link_side_are_the_same():
-    """Springs before the gears, formulated with motor angles: equal modes. A dropped coupling makes other ones."""
-    robot = wrist()
-    model, eta = linear(robot), robot.eta
-    M = scipy.linalg.block_diag(links_inertia(robot), np.diag(J))
-    Z = np.hstack([-eta, np.eye(3)])  # deflection of the shafts from [q_a; q_m^m]
-    hz = np.sqrt(np.abs(scipy.linalg.eigh(Z.T @ np.diag(K_SHAFT) @ Z, M, eigvals_only=True)[3:])) / (2 * np.pi)
-    undamped = replace(model, D=0 * model.D)
-    np.testing.assert_allclose(modes(undamped, model.theta_ref).freq_hz, hz, rtol=1e-9)
-    plain = linear(wrist(couplings=()))
-    alone = modes(replace(plain, D=0 * plain.D), plain.theta_ref).freq_hz
-    assert np.abs(alone / hz - 1).max() > 0.02
-
-
 def test_springs_after_the_gears_leave_the_stiffness_diagonal():
     """Motor-side formulation with springs at the links: equal modes, K_a diagonal."""
     robot = wrist(shafts=False, links=True)

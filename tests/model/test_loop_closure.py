@@ -12,7 +12,6 @@ from plants.refusals import refused
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
-from elastid.linear.modes import modes, shapes_of_all
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
@@ -251,27 +250,3 @@ def test_what_no_loop_can_be_is_refused():
             make()
     with refused("model/variant", place="model.formulation"):
         formulate(PLANTS["parallelogram, rigid"], ModelSpec("serial"))
-
-
-POSTURE = Configuration("c", np.radians([10.0, -5.0]))
-
-
-def mode_shapes(robot, formulation):
-    """A formulation, the frequencies of its modes and their shapes in all of its coordinates."""
-    model = formulate(robot, formulation)
-    linear = linearise(model, POSTURE, model.theta, robot.motor_locations, "acceleration")
-    found = modes(linear, np.append(model.theta, 0.0))
-    return model, found.freq_hz, shapes_of_all(linear, found.shapes)
-
-
-@pytest.mark.parametrize("bends", [False, True])
-def test_both_formulations_have_the_same_mode_shapes_in_all_coordinates(bends):
-    """Eliminated coordinates move as the loop makes them; the largest entry is 1."""
-    constrained, freq_hz, shapes = mode_shapes(linkage(RIGID_ROD, bends=bends), CONSTRAINED)
-    minimal, same_freq_hz, same_shapes = mode_shapes(linkage(RIGID_ROD, bends=bends), MINIMAL)
-    np.testing.assert_allclose(freq_hz, same_freq_hz, rtol=1e-8)
-    assert shapes.shape == (constrained.n_q, len(freq_hz))
-    for name in constrained.coordinates:
-        one, other = constrained.coordinates.index(name), minimal.coordinates.index(name)
-        np.testing.assert_allclose(np.abs(shapes[one]), np.abs(same_shapes[other]), atol=1e-7)
-    np.testing.assert_allclose(np.abs(shapes).max(axis=0), 1)

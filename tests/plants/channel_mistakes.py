@@ -1,12 +1,5 @@
 """Rigs with logs, and mistakes about their channels that `check` reports."""
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -204,25 +197,13 @@ def motion_log(rng: np.random.Generator, rate_hz: float) -> tuple[Mapping[str, F
 
 
 def motion(rng: np.random.Generator, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position, velocity and acceleration (n,) of passes there and back, or of a sum of sines."""
-    if rng.random() < 0.5:
-        omega, phase = 2 * np.pi * rng.uniform(0.1, 1.2, 4), rng.uniform(0, 2 * np.pi, 4)
-        size = rng.uniform(0.1, 0.3, 4) / np.maximum(omega / 3, 1)
-        return tuple(  # type: ignore[return-value]
-            sum(s * w**k * np.sin(w * t + p + k * np.pi / 2) for s, w, p in zip(size, omega, phase, strict=True))
-            for k in range(3)
-        )
-    h = t[1]
-    a, start, sign = np.zeros(len(t)), rng.uniform(0.1, 0.5), 1.0
-    while start < t[-1] - 4:
-        speed, ramp, flat = rng.uniform(0.1, 0.8), rng.uniform(0.1, 0.3), rng.uniform(0.5, 1.5)
-        for _ in range(2):
-            for first, side in ((start, sign), (start + ramp + flat, -sign)):
-                x = (t - first) / ramp
-                a += np.where((x > 0) & (x < 1), side * speed / ramp * 2 * np.sin(np.pi * x) ** 2, 0.0)
-            start, sign = start + 2 * ramp + flat + 0.2, -sign
-    v = np.cumsum(a) * h
-    return np.cumsum(v) * h, v, a
+    """Position, velocity and acceleration (n,) of a sum of sines."""
+    omega, phase = 2 * np.pi * rng.uniform(0.1, 1.2, 4), rng.uniform(0, 2 * np.pi, 4)
+    size = rng.uniform(0.1, 0.3, 4) / np.maximum(omega / 3, 1)
+    return tuple(  # type: ignore[return-value]
+        sum(s * w**k * np.sin(w * t + p + k * np.pi / 2) for s, w, p in zip(size, omega, phase, strict=True))
+        for k in range(3)
+    )
 
 
 def arm_torque(q: FloatArray, v: FloatArray, a: FloatArray, mass: FloatArray) -> FloatArray:

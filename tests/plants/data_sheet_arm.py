@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import serial
-from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring, Tolerances
+from plants.measured_robots import responses_of
 
 FREQ = np.linspace(2, 50, 40)
 POSTURES = ((0.3, 0.2), (0.9, -0.6), (-0.5, 1.0))
@@ -45,12 +41,5 @@ def off(robot: Robot, rng: np.random.Generator) -> Robot:
 
 def measure(robot: Robot, rng: np.random.Generator, noise: float = 0.01) -> list[FrequencyResponse]:
     """Responses in each posture with noise of known variance."""
-    model, responses = serial(robot), []
-    linearisation = Linearisation.of(model)
-    for i, angles in enumerate(POSTURES):
-        linear = linearisation.at(Configuration(f"c{i}", angles), model.theta, model.inputs, "acceleration")
-        exact = to_response(linear, linear.theta_ref, FREQ)
-        std = noise * np.abs(exact.G)
-        error = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / math.sqrt(2)
-        responses.append(replace(exact, G=exact.G + error, noise=Covariance(std**2, np.inf)))
-    return responses
+    named = {f"c{i}": angles for i, angles in enumerate(POSTURES)}
+    return responses_of(robot, named, rng, FREQ, noise, 0.0)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.fit.result import FitResult
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
@@ -73,9 +72,3 @@ def started_elsewhere(robot: Robot, by: float, seed: int = 0) -> Robot:
     rng = np.random.default_rng(seed)
     numbers = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_", "fm")}
     return robot.with_parameters({n: v * float(by ** rng.uniform(-1, 1)) for n, v in numbers.items()})
-
-
-def deviations(result: FitResult, robot: Robot) -> np.ndarray:
-    """Distances of the free parameters from those of a robot, in claimed standard deviations."""
-    truth = np.array([p.to_x(robot.parameters()[p.name][0]) for p in result.parameters.free])
-    return np.abs(result.x - truth) / np.sqrt(np.diag(result.covariance))

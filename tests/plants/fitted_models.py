@@ -75,21 +75,12 @@ def _looped(name: str, formulation: str) -> FittedRobot:
     return _fitted(robot, spec, {"k_*": ParameterSpec()}, configurations, np.geomspace(0.5, 120, 40))
 
 
-def fitted_of(robot: Robot, names: tuple[str, str], study: str) -> FittedRobot:
-    """Of a serial robot in two configurations of these names."""
-    n_u, lines = len(robot.driven), np.geomspace(0.5, 100, 10)
-    angles = (np.linspace(0.3, -0.4, n_u), np.linspace(-0.5, 0.6, n_u))
-    return _fitted(robot, ModelSpec(), {"k_*": ParameterSpec()}, angles, lines, names, study)
-
-
 def _fitted(
     robot: Robot,
     spec: ModelSpec,
     parameters: dict[str, ParameterSpec],
     configurations: tuple[FloatArray, ...],
     freq_hz: FloatArray,
-    names: tuple[str, str] = ("one", "two"),
-    study: str = "study",
 ) -> FittedRobot:
     chosen = choose(FitSpec(parameters=parameters), robot)
     x = np.array([p.to_x(DELAY if p.name == "delay" else 1.1 * p.value) for p in chosen.free])
@@ -99,7 +90,7 @@ def _fitted(
         robot=robot, equations=spec,
     )  # fmt: skip
     model, responses = formulate(robot, spec), []
-    for name, angles in zip(names, configurations, strict=True):
+    for name, angles in zip(("one", "two"), configurations, strict=True):
         linear = linearise(model, Configuration(name, angles), model.theta, model.inputs, "acceleration")
         responses.append(to_response(linear, linear.theta_ref, freq_hz))
-    return models_by_group(result, robot, responses, spec, study)[""]
+    return models_by_group(result, robot, responses, spec, "study")[""]

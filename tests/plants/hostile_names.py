@@ -1,8 +1,6 @@
 """Names that are code, markup or a value somewhere else, and a study all of whose names are such."""
 
-from elastid.fit.fitted_robot import FittedRobot
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
-from plants.fitted_models import fitted_of
 
 # Admitted: of each program that reads what a study writes, what its own language is made of.
 HOSTILE = (
@@ -43,9 +41,3 @@ def hostile_robot(start: int) -> Robot:
         Body(fore, upper, Placement((0, 0, 0.5)), (joints[1],), 5, (0.2, 0, 0), 0.1),
     )
     return Robot(robot, bodies, frames=(Frame(frame, fore, Placement((0.4, 0, 0))),), source="a\n# free\x1b[31m text")
-
-
-def hostile_model(start: int) -> FittedRobot:
-    """Its fitted model in two configurations, which have such names, too."""
-    one, two, study = picked(FILES, start, 3)
-    return fitted_of(hostile_robot(start), (one, two), study)

@@ -1,13 +1,5 @@
 """A rigid axis with Coulomb friction, simulated by a leapfrog."""
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-
 import numpy as np
 
 from elastid.base.arrays import FloatArray

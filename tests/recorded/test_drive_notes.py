@@ -11,8 +11,7 @@ from plants.notes import said
 
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.record import Configuration, Record
-from elastid.recorded.drive_notes import drive_notes, posture_notes
+from elastid.recorded.drive_notes import drive_notes
 
 R, U = ChannelSpec("r", "motor 1", "r"), ChannelSpec("u", "motor 1", "u")
 
@@ -62,19 +61,3 @@ def test_a_signal_that_was_logged_twice_is_named(tmp_path: Path, log: dict[str, 
 def test_signals_that_do_not_move_are_left_to_other_checks(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """Two dead currents are equal, and no copy of each other."""
     assert _same_signal_notes(tmp_path, log | {"i2": np.full_like(log["i1"], 3.0)}, "i2") == []
-
-
-STANDS = {"a": (0.3, 0.9), "b": (-0.5, -1.2), "home": (0.0, 0.0)}
-
-
-@pytest.mark.parametrize(
-    ("stands_at", "named"), [((0.3, 0.9), ""), ((-0.49, -1.22), "b"), ((0.0, 0.0), ""), ((0.3, -1.2), "")]
-)
-def test_a_log_that_stands_where_another_configuration_is_is_named(stands_at: tuple[float, float], named: str) -> None:
-    """Logs of configuration a: as it says, of b, of encoders that count from 0, and of no configuration at all."""
-    configurations = [Configuration(name, np.array(angles)) for name, angles in STANDS.items()]
-    motors, rng = ("motor 1", "motor 2"), np.random.default_rng(0)
-    y = np.array(stands_at) + 0.02 * rng.normal(size=(500, 2))
-    record = Record("a-r0-e0", configurations[0], 0, 0, 500.0, 500, motors, motors, ("position", "position"), 0 * y, y)
-    notes = posture_notes(record, motors, configurations[1:], "record a-r0-e0")
-    assert [note.text.rpartition(" ")[2] for note in notes] == [named] * bool(named)

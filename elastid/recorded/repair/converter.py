@@ -47,7 +47,11 @@ LIMITS = ConverterLimits()
 
 def step(x: FloatArray) -> float:
     """The step q of a signal (n,), 0 where it has none: all finite values are whole steps apart, many of them equal."""
-    values = np.unique(x[np.isfinite(x)])
+    finite = x[np.isfinite(x)]
+    # Half of the samples may already have more values than all may.
+    if len(x) < LIMITS.min_repeats * len(np.unique(finite[: len(finite) // 2])):
+        return 0.0
+    values = np.unique(finite)
     if len(values) < 2 or len(x) < LIMITS.min_repeats * len(values):
         return 0.0
     gaps = np.diff(values)
@@ -86,6 +90,8 @@ def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
     for c, name in enumerate(log.names):
         x = signals[:, c]
         at_limit = _at_limit(x)
+        if not at_limit.any():
+            continue
         clipped = in_runs(at_limit, LIMITS.min_run) & ~_dwells(x, at_limit)
         share, n_clipped = float(clipped.mean()), int(clipped.sum())
         if share < LIMITS.min_clipped_share or _visits(x, clipped) < LIMITS.min_places * max(1, len(x) // L):
@@ -101,11 +107,13 @@ def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
 
 
 def _at_limit(x: FloatArray) -> BoolArray:
-    span = np.max(x) - np.min(x)
-    near = LIMITS.equal_tolerance * span
-    has_fine_steps = step(x) <= LIMITS.max_step_share * span
+    """Flags (n,) of the samples at a limit, none set where they are too few to be reported or the steps too coarse."""
+    low, high = np.min(x), np.max(x)
+    near = LIMITS.equal_tolerance * (high - low)
     # Exactly 0 is rest, not a limit: of the force of a hammer under a force window.
-    return np.asarray(has_fine_steps & (x != 0) & ((np.max(x) - x <= near) | (x - np.min(x) <= near)))
+    at_limit = (x != 0) & ((high - x <= near) | (x - low <= near))
+    is_limit = at_limit.mean() >= LIMITS.min_clipped_share and step(x) <= LIMITS.max_step_share * (high - low)
+    return np.asarray(at_limit & is_limit)
 
 
 def _dwells(x: FloatArray, at_limit: BoolArray) -> BoolArray:

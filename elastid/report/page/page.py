@@ -1,15 +1,15 @@
-"""One self-contained HTML page of a study, of responses or of a fleet, for mail, phone or paper, without a network."""
+"""One self-contained HTML page of a study or of responses, for mail, phone or paper, without a network."""
 
 from __future__ import annotations
 
 import base64
 import io
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -28,14 +28,9 @@ from elastid.report.content import ReportContent, ResponsesContent, gear_line, g
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing, drawings, drawings_of_responses
 from elastid.report.figures.style import own_style
-from elastid.report.figures.validation import fleet_parameter
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
 from elastid.response import FrequencyResponse
-
-if TYPE_CHECKING:
-    from elastid.validation.fleet import Finding, FleetValue, Spread  # brings SciPy's statistics
-
 
 DPI = 110
 
@@ -181,116 +176,3 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
     names: dict[str, Any] = {"frequency_unit": style.frequency_unit(content.rate_is_known), "mode_viewer": viewer}
     names["questions"] = overview.questions_of_responses(content)
     return render("responses.html.j2", content, figures, responses, scripts, **names)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How the study of a robot on a date ended."""
-
-    robot: str
-    date: str
-    status: str
-    message: str
-
-    @property
-    def failed(self) -> bool:
-        """True where it has no numbers."""
-        return self.status in ("failed", "died")
-
-    @property
-    def words(self) -> str:
-        """As messages name it."""
-        return f"{self.robot} on {self.date}"
-
-
-@dataclass(frozen=True)
-class FleetContent:
-    """Parameters of the robots of a fleet over dates, their spreads, and their findings.
-
-    units: of the parameters.  rate: false discovery rate of the findings.  made_by: versions and platform, in words.
-    """
-
-    title: str
-    values: tuple[FleetValue, ...]
-    units: Mapping[str, str]
-    spreads: tuple[Spread, ...]
-    findings: tuple[Finding, ...]
-    outcomes: tuple[Outcome, ...]
-    rate: float
-    made_by: str
-
-    @property
-    def verdict(self) -> str:
-        """The findings in a sentence."""
-        done = len(self.outcomes) - self.n_failed
-        return f"{self._robots}, {done} of {len(self.outcomes)} measurements identified: {self._found}"
-
-    @property
-    def n_failed(self) -> int:
-        """Measurements that were not identified."""
-        return sum(outcome.failed for outcome in self.outcomes)
-
-    @property
-    def headline(self) -> tuple[str, str]:
-        """The verdict in a word, and what it counts."""
-        found = {finding.robot for finding in self.findings}
-        if found:
-            count = f"{len(self.findings)} finding{'s' if len(self.findings) > 1 else ''}"
-            return "CHANGED", f"{count} in {len(found)} of {self._robots}"
-        if self.n_failed:
-            others = "the others are alike" if self._is_compared else "the others are too few to compare"
-            return "FAILED", f"{self.n_failed} of {len(self.outcomes)} measurements; {others}"
-        if not self._is_compared:
-            return "TOO FEW", f"{self._robots}: nothing to compare with"
-        return "ALIKE", f"no parameter of {self._robots} differs or drifts beyond what is natural"
-
-    @property
-    def _robots(self) -> str:
-        count = len({outcome.robot for outcome in self.outcomes})
-        return f"{count} robot{'s' if count > 1 else ''}"
-
-    @property
-    def _is_compared(self) -> bool:
-        return any(each.between_robots is not None or each.between_dates is not None for each in self.spreads)
-
-    @property
-    def _found(self) -> str:
-        if not self.findings and not self._is_compared:
-            return "3 robots, or 3 dates of one, would show which differences are natural; add members to the fleet."
-        if not self.findings:
-            return "no parameter differs or drifts beyond what is natural."
-        first = "; ".join(finding.words for finding in self.findings[:3])
-        return first + (f"; and {len(self.findings) - 3} more." if len(self.findings) > 3 else ".")
-
-    @property
-    def questions(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Three questions as on every page, each with its sentences."""
-        failed = dict.fromkeys(outcome.robot for outcome in self.outcomes if outcome.failed)
-        lost = f", not those of {', '.join(failed)}" if failed else ""
-        good = f"{self.verdict.partition(':')[0]}{lost}."
-        advice = "Measure again at the next service."
-        if self.findings:
-            advice = f"Look at {self.findings[0].parameter} of {self.findings[0].robot} first, and measure it again."
-        none = self._is_compared and not self.findings
-        found = "None beyond what is natural." if none else self._found
-        return (
-            ("Are the numbers good?", (good,)),
-            ("Which robots differ or drift?", (found,)),
-            ("What next?", (advice,)),
-        )
-
-
-def write_page_of_fleet(content: FleetContent, folder: Path) -> Path:
-    """folder/fleet.html and folder/figures/*.png; the path of the page."""
-    page = partial(render, "fleet.html.j2", content)
-    return write_page(page, _fleet_drawings(content), folder, ("png",), name="fleet.html")
-
-
-def _fleet_drawings(content: FleetContent) -> Iterator[Drawing]:
-    names = list(dict.fromkeys(value.parameter for value in content.values))
-    for count, name in enumerate(names, start=1):
-        marked = {finding.robot for finding in content.findings if finding.parameter == name}
-        own = [value for value in content.values if value.parameter == name]
-        caption = f"{name} of every robot and date with its 95 % interval."
-        draw = partial(fleet_parameter, name, content.units[name], own, marked)
-        yield Drawing(f"fleet-{count:03d}", "parameters", caption, draw)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from elastid.report.answer import Answer
 from elastid.report.figures.style import own_style
 from elastid.report.figures.use import SHOWN, workspace_figure
 from elastid.report.page.explorer import asset
-from elastid.report.page.page import render, rendered
+from elastid.report.page.page import EmbeddedFigure, render, rendered
 from elastid.use.map import WorkspaceMap
 
 LISTED = 10
@@ -139,8 +139,13 @@ def write_page_of_answer(
 ) -> Path:
     """The page of an answer with its figure, which is written beside it as PNG; its path."""
     picture = rendered(figure())
-    values = {"figure": base64.b64encode(picture).decode("ascii"), "made_by": provenance["made by"]}
-    page = render("answer.html.j2", answer, (), **values)
+    png = base64.b64encode(picture).decode("ascii")
+    page = html_of_answer(answer, provenance["made by"], [EmbeddedFigure("", "", f"The figure of {answer.title}", png)])
     write_whole(path.with_suffix(".png"), picture)
     write_whole(path, page.encode("utf-8"))
     return path
+
+
+def html_of_answer(answer: Answer, made_by: str, figures: Collection[EmbeddedFigure]) -> str:
+    """The page of an answer; several figures stand below its tables."""
+    return render("answer.html.j2", answer, figures, made_by=made_by)

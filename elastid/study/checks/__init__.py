@@ -21,7 +21,7 @@ from elastid.study.checks.experiment import (
     check_simulated,
     check_structure,
 )
-from elastid.study.checks.fit import check_fit, check_loads, check_moved_inertias
+from elastid.study.checks.fit import check_fit, check_loads
 from elastid.study.checks.friction import check_friction
 from elastid.study.checks.names import check_names
 from elastid.study.checks.recorded import check_recorded, check_responses, check_tool
@@ -54,7 +54,6 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_design(study, base)
     if experiment.simulated is not None:
         yield from check_simulated(study, experiment.simulated)
-    yield from check_moved_inertias(study)
     yield from check_fit(study)
     yield from check_loads(study)
     yield from check_tool(study, base)

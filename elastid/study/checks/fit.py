@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.names import SEPARATOR, is_match, matching
 from elastid.fit.load_tests import LoadTest
-from elastid.fit.parameter_choice import choose, named_geometry
+from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
 from elastid.fit.spec import FitSpec, misnamed
 from elastid.parameters import ParameterSet
-from elastid.robot import TOOL, Body, Robot, unit_axis
+from elastid.robot import TOOL
 from elastid.study.checks.names import check_names, check_units, list_configurations, list_inputs, list_outputs, unknown
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
@@ -35,7 +33,6 @@ def check_fit(study: Study) -> Iterator[Problem]:
         return  # reported where the parameters are checked
     yield from _check_profile(study, parameters)
     yield from _check_wanted(study, parameters)
-    yield from _check_geometry(study, parameters)
     # The start of a body's inertias is one that a body can have.
     for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
         entries = {parameters.names[place] for place in body.places}
@@ -80,79 +77,6 @@ def _check_wanted(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
     for i, key in enumerate(study.fit.wanted):
         if key not in FitSpec().wanted and not matching(key, names):
             yield Problem(("fit", "wanted", i), f"no identified parameter is called {key}; {did_you_mean(key, names)}")
-
-
-def _check_geometry(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
-    """Coordinates to be identified start where the robot can be assembled, and keep the ends of springs apart."""
-    if not named_geometry(study.fit.parameters, study.as_robot()):
-        return
-    from elastid.fit.checks import geometry_problems  # brings CasADi, which few checks need
-
-    configurations = study.experiment.configurations
-    if any(study.as_robot().count_refusal(len(angles)) for angles in configurations.values()):
-        return  # reported where the configurations are checked
-    for name, message in geometry_problems(parameters, study.as_robot(), configurations):
-        keys = [key for key in study.fit.parameters if is_match(name.partition("@")[0], key)]
-        yield Problem((*_PARAMETERS, *keys[-1:]), message)
-        return
-
-
-def check_moved_inertias(study: Study) -> Iterator[Problem]:
-    """The mass matrix is positive definite, also with the starts of the fit; else the body and the axis of a joint."""
-    robot = study.as_robot()
-    if all(_resists(body) for body in robot.bodies if body.joints):
-        return  # M is positive definite where every motion of a body by its own joints moves inertia
-    # Brings the equations' library, which other studies do without here.
-    from elastid.model.closed_posture import assembled
-    from elastid.model.kinematics import joint_without_inertia
-
-    # A simulated robot moves with the numbers of its file, one that was recorded with those of the fit.
-    starting = robot if study.experiment.simulated is not None else _at_start(study)
-    for name, angles in study.experiment.configurations.items():
-        try:
-            q = assembled(robot, np.array(angles, dtype=float))
-        except (StudyError, ValueError):
-            return  # reported where configurations are checked, or by the stage that closes the loops
-        still = joint_without_inertia(robot, q)
-        if still is not None and joint_without_inertia(starting, q) is not None:
-            yield _problem(robot, still, name)
-            return
-
-
-def _resists(body: Body) -> bool:
-    """True if a body at rest but for its own joints has kinetic energy, whatever the others do."""
-    moments = np.linalg.eigvalsh(body.inertia_matrix)
-    least = 1e-9 * moments[2]
-    if len(body.joints) > 1:
-        return bool(body.mass > 0 and moments[0] > least)
-    joint = body.joints[0]
-    e = unit_axis(joint.axis)
-    return bool(body.mass > 0 if joint.slides else e @ body.inertia_matrix @ e > least)
-
-
-def _at_start(study: Study) -> Robot:
-    robot = study.as_robot()
-    try:
-        parameters = choose(study.fit, robot, tuple(study.experiment.configurations))
-        theta = parameters.expand(parameters.x)
-        known = {name: value for name, value in zip(parameters.names, theta.tolist(), strict=True)
-                 if name.startswith(("m_", "c_", "I_")) and name in robot.numbers}  # fmt: skip
-        return robot.with_parameters(known)
-    except (StudyError, ValueError):
-        return robot  # reported where the parameters are checked
-
-
-def _problem(robot: Robot, still: int, configuration: str) -> Problem:
-    joint = robot.joints[still]
-    place, body = next((i, each) for i, each in enumerate(robot.bodies) if joint in each.joints)
-    lacks = "no mass" if joint.slides else "neither an inertia about that axis nor a mass off it"
-    gives = "mass" if joint.slides else "inertia"
-    axis = joint.axis if isinstance(joint.axis, str) else f"[{', '.join(f'{part:g}' for part in joint.axis)}]"
-    message = (
-        f"body {body.name} and the bodies behind it have {lacks} where joint {joint.name} (axis {axis}) moves them, in "
-        f"configuration {configuration}: the mass matrix is singular; give the {gives} of body {body.name}"
-    )
-    return Problem(("robot", "bodies", place, gives), message)
 
 
 def check_loads(study: Study) -> Iterator[Problem]:

@@ -10,11 +10,9 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError, did_you_mean
-from elastid.base.units import TABLE, units_of
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.channel_doubts import channel_doubts
-from elastid.recorded.channel_guess import rate_by_motions, signals_of
 from elastid.recorded.channel_names import Doubt
 from elastid.recorded.files.formats import is_log, opened_log, values_of
 from elastid.recorded.files.log import ArrayLog
@@ -158,27 +156,12 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
             yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")
         return
-    if rate := _rate_of_motions(log, rate_hz):
-        yield Problem(where, f"the velocities in the log are the derivatives of its positions at {rate:.4g} Hz")
     arrays: Mapping[str, object] = log.arrays if isinstance(log, ArrayLog) else {}
     stated = [getattr(arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
     if other := [
         hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _is_other(hz, c.rate_hz or rate_hz)
     ]:
         yield Problem(where, f"the log states a rate of {other[0]:.6g} Hz for its channels")
-
-
-def _rate_of_motions(log: OpenLog, rate_hz: float) -> float:
-    """The rate that velocities next to positions show, where no unit explains that it differs; else 0."""
-    names = [name for name, shape in log.shapes().items() if len(shape) == 1]
-    if len(names) > 100:  # then no velocities are looked for next to positions
-        return 0.0
-    found = rate_by_motions(signals_of(log, 1 << 14), least=2)
-    sizes = [TABLE[unit][1] for dimension in ("rad/s", "m/s") for unit in units_of(dimension)]
-    sizes += [TABLE[unit][1] for dimension in ("rad", "m") for unit in units_of(dimension)]
-    factors = {a / b for a in (1.0, *sizes) for b in (1.0, *sizes)}
-    is_explained = found is None or any(not _is_other(found * factor, rate_hz) for factor in factors)
-    return 0.0 if is_explained or found is None else found
 
 
 def _is_other(hz: float, rate_hz: float) -> bool:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 from plants.elastic_arm import measure, pendulum
-from plants.notes import said
 
 from elastid.fit.diagnosis.bounds import bound_notes
 from elastid.fit.identify import identify
@@ -19,7 +18,7 @@ def test_an_estimate_at_its_bound_says_so():
     assert result.status == "misfit"
     assert result.message.startswith("with k_1 at a bound the model is wrong")
     np.testing.assert_array_equal(result.at_bound, [True, False])
-    assert any("k_1 ended at its upper bound of 95 N*m/rad: widen" in warning for warning in said(result.notes))
+    assert any(note.code == "fit/at-bound" and "k_1 " in note.text and " 95 " in note.text for note in result.notes)
     assert result.model_error > 1.5
     of_file = ParameterSet(tuple(replace(parameter, tolerated=True) for parameter in result.parameters))
     (note,) = bound_notes(replace(result, parameters=of_file), None)

@@ -10,15 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.faults import SPEC, drawn, exact, true_case
+from plants.measured_robots import responses_of
 
 from elastid.fit.identify import identify
 from elastid.fit.result import ModificationIndex
 from elastid.fit.spec import WeightSpec
-from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import formulate
-from elastid.record import Configuration
-from elastid.response import Covariance
 from elastid.robot import Payload, Robot, Tolerances
 from elastid.study import load
 
@@ -74,14 +70,8 @@ def first_of_demo(change: Callable[[Robot], Robot], seed: int) -> tuple[Modifica
     """The first cause where the demo's arm was measured as changed, and its file with the common tolerances."""
     study = load(Path(str(files("elastid"))) / "app" / "templates" / "serial" / "study.yml").study
     assert study.robot is not None
-    model, rng, responses = formulate(change(study.robot), study.model), np.random.default_rng(seed), []
-    linearisation = Linearisation.of(model)
-    for name, angles in study.experiment.configurations.items():
-        linear = linearisation.at(Configuration(name, np.array(angles)), model.theta, model.inputs, "acceleration")
-        G = to_response(linear, linear.theta_ref, np.linspace(2, 60, 40))
-        std = 0.005 * np.abs(G.G)
-        error = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
-        responses.append(replace(G, G=G.G + error, noise=Covariance(std**2, np.inf)))
+    postures, rng, lines = study.experiment.configurations, np.random.default_rng(seed), np.linspace(2, 60, 40)
+    responses = responses_of(change(study.robot), postures, rng, lines, 0.005, 0.0, spec=study.model)
     spec = replace(study.fit, weights=WeightSpec(floor=0.0), criterion="complex", seed=1, starts=2)
     robot = replace(study.robot, tolerances=Tolerances())
     return identify(responses, robot, spec, model=study.model).indices[0], robot

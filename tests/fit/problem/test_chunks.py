@@ -9,7 +9,6 @@ from plants.refusals import refused
 from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 
 import elastid.base.arrays as base_arrays
-import elastid.base.placed as placed
 import elastid.fit.problem.elastic as elastic
 import elastid.fit.problem.weights as weights
 from elastid.base.execution import Execution
@@ -68,30 +67,6 @@ def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses
     assert same(here, there, x)
     fewer = replace(followed, parts=followed.parts[:3])
     assert same(replace(moved, parts=moved.parts[:3]), fewer, x)
-
-
-def test_bytes_to_workers_do_not_grow_with_their_number_nor_with_covariances(responses, monkeypatch):
-    """Each configuration goes to one worker, once, and its covariances stay in their file; a question is an x."""
-    sent, passed_on = [], placed.answers
-
-    def weighed(given):
-        sent.extend(len(message) for _, message in given.values())
-        return passed_on(given)
-
-    monkeypatch.setattr(placed, "answers", weighed)
-    fit, placements = fit_at(responses), []
-    for jobs in (1, 2):
-        there = elastic.PlacedChunks(fit.parameters, fit.parts, Execution(jobs))
-        placements.append(sum(sent))
-        sent.clear()
-    assert placements[1] < placements[0] + 1000
-    alone = replace(fit, placed=there)
-    alone.evaluate(fit.parameters.x)
-    assert sum(sent) < 2 * 1000
-    sent.clear()
-    fit_at(responses, 1.1).with_residuals_of(alone)
-    G = responses[0].G
-    assert sum(sent) < placements[0] - Q * G.nbytes // 2
 
 
 def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(responses, monkeypatch):

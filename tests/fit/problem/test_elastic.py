@@ -26,10 +26,10 @@ from elastid.fit.line_sums import autocovariance, correlation_length
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import weigh
 from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
+from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.transfer import frequency_response
-from elastid.parameters import Parameter, Prior, Tie
+from elastid.parameters import Parameter, Prior
 from elastid.response import Covariance
 
 DIAGONAL = FitSpec(weights=WeightSpec(floor=0.0, covariance="diagonal"))
@@ -40,35 +40,6 @@ def test_the_cramer_rao_bound_is_the_published_one():
     np.testing.assert_allclose(
         cramer_rao(plant(), noise_of("relative", plant())), [0.0015, 0.0100, 0.0011, 0.0347], rtol=0.05
     )
-
-
-@pytest.mark.parametrize("criterion", ["complex", "log"])
-@pytest.mark.parametrize("floor", [0.0, 0.1])
-def test_gradient_and_hessian_follow_from_the_residuals(criterion, floor):
-    """Gradient = 2 J^T r and Hessian = 2 J^T J of the stacked residuals, and J equals central differences.
-
-    With a tie, a prior, a linear delay, a mask, two inputs and two outputs that are only in part collocated.
-    """
-    model = plant((0, 1), (0, 2))
-    free = parameters(
-        1.1,
-        k_a=Parameter("k_a", 1.0, tie=Tie("k_g", 0.9)),
-        d_g=Parameter("d_g", 0.05, lower=1e-4, upper=1.0, log=True, prior=Prior(0.06, 0.3)),
-        delay=Parameter("delay", 1e-3, lower=0, upper=1e-2),
-    )
-    spec = FitSpec(weights=WeightSpec(floor=floor, factors=(FactorSpec(0.0, output="joint 1", band_hz=(4.9, 20.1)),)))
-    std = noise_of("relative", model)
-    fit = fit_of(measured(model, std, np.random.default_rng(0)), model, spec, free, criterion)
-    x = free.x + 0.01
-    here, (r, J) = fit.evaluate(x), fit.residual(x)
-    assert len(r) == fit.n_residuals + 1 == 2 * (4 * len(FREQ) - 2 * 76) + 1
-    np.testing.assert_allclose(here.cost, r @ r, rtol=1e-12)
-    np.testing.assert_allclose(here.gradient, 2 * J.T @ r, rtol=1e-9)
-    np.testing.assert_allclose(here.hessian, 2 * J.T @ J, rtol=1e-9)
-    step = 1e-6
-    for i, e in enumerate(step * np.eye(len(x))):
-        difference = (fit.residual(x + e)[0] - fit.residual(x - e)[0]) / (2 * step)
-        np.testing.assert_allclose(J[:, i], difference, rtol=1e-5, atol=1e-5 * np.abs(J[:, i]).max())
 
 
 def test_inputs_and_outputs_are_matched_by_name():

@@ -1,0 +1,102 @@
+"""The answer of a fleet: which robots differ or drift, how every study ended, and a figure of each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from elastid.base.display import Display, number, percent
+from elastid.report.answer import Answer
+from elastid.report.figures.drawings import Drawing
+from elastid.report.figures.validation import fleet_parameter
+
+if TYPE_CHECKING:
+    from elastid.validation.fleet import Finding, FleetValue, Spread  # brings SciPy's statistics
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the study of a robot on a date ended."""
+
+    robot: str
+    date: str
+    status: str
+    message: str
+
+    @property
+    def failed(self) -> bool:
+        """True where it has no numbers."""
+        return self.status in ("failed", "died")
+
+    @property
+    def words(self) -> str:
+        """As messages name it."""
+        return f"{self.robot} on {self.date}"
+
+
+def answer_of_fleet(
+    title: str, spreads: Sequence[Spread], findings: Sequence[Finding], outcomes: Sequence[Outcome], rate: float
+) -> Answer:
+    """Three questions as on every page, findings, spreads, and every study; rate: false discovery rate."""
+    n_robots, failed = len({each.robot for each in outcomes}), [each for each in outcomes if each.failed]
+    robots = f"{n_robots} robot{'s' if n_robots > 1 else ''}"
+    lost = f", not those of {', '.join(dict.fromkeys(each.robot for each in failed))}" if failed else ""
+    good = f"{robots}, {len(outcomes) - len(failed)} of {len(outcomes)} measurements identified{lost}."
+    found, advice = "None beyond what is natural.", "Measure again at the next service."
+    if findings:
+        found = "; ".join(each.words for each in findings[:3])
+        found += f"; and {len(findings) - 3} more." if len(findings) > 3 else "."
+        advice = f"Look at {findings[0].parameter} of {findings[0].robot} first, and measure it again."
+    elif all(each.between_robots is None and each.between_dates is None for each in spreads):
+        found = "3 robots, or 3 dates of one, would show which differences are natural; add members to the fleet."
+    questions = (
+        ("Are the numbers good?", (good,)),
+        ("Which robots differ or drift?", (found,)),
+        ("What next?", (advice,)),
+    )
+    changes = [
+        (
+            f"{each.parameter} of {each.robot}",
+            f"{each.kind}{f': {each.meaning}' if each.meaning else ''}",
+            f"{number(100 * each.change, 3)} %" if each.is_relative else number(each.change, 3),
+            number(each.z, 3),
+            number(each.p, 2),
+        )
+        for each in findings
+    ]
+    stds = [
+        (each.parameter, *(_std(std, each.is_relative) for std in (each.between_robots, each.between_dates)))
+        for each in spreads
+    ]
+    tables = (
+        Display("Findings", ("of", "finding", "change", "change / std", "chance"), changes),
+        Display("Spread beyond that of the fits (std)", ("parameter", "between robots", "between dates"), stds),
+        Display(
+            "Robots and dates",
+            ("robot", "date", "status", "message"),
+            [(each.robot, each.date, each.status, each.message) for each in outcomes],
+        ),
+    )
+    note = (
+        "Findings are differences from the other robots and trends over dates, beyond the intervals and the spread of "
+        f"robots and dates; at most {percent(rate)} of them are chance (false discovery rate)."
+    )
+    return Answer(title, questions, tables if findings else tables[1:], (note,))
+
+
+def _std(std: float | None, is_relative: bool) -> str:
+    return "unknown" if std is None else percent(std) if is_relative else number(std, 2)
+
+
+def drawings_of_fleet(
+    values: Sequence[FleetValue], units: Mapping[str, str], findings: Sequence[Finding]
+) -> Iterator[Drawing]:
+    """A figure of each parameter over robots and dates."""
+    for count, name in enumerate(dict.fromkeys(value.parameter for value in values), start=1):
+        marked = {finding.robot for finding in findings if finding.parameter == name}
+        own = [value for value in values if value.parameter == name]
+        caption = f"{name} of every robot and date with its 95 % interval."
+        draw = partial(fleet_parameter, name, units[name], own, marked)
+        yield Drawing(f"fleet-{count:03d}", "parameters", caption, draw)

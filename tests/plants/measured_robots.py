@@ -1,0 +1,49 @@
+"""Responses of a robot with noise of known variance, and how far a fit ends from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.fit.result import FitResult
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Robot
+from plants.two_mass import circular
+
+
+def responses_of(
+    robot: Robot,
+    postures: Mapping[str, Sequence[float]] | Sequence[Sequence[float]],
+    rng: np.random.Generator,
+    freq_hz: FloatArray,
+    relative: float = 0.02,
+    added: float = 2e-4,
+    further: tuple[str, ...] = (),
+    spec: ModelSpec = ModelSpec(),  # noqa: B008
+) -> list[FrequencyResponse]:
+    """Of the motors, and of further places, with noise relative to each element and to the largest one of all lines."""
+    named = postures if isinstance(postures, Mapping) else {f"c{i + 1}": q for i, q in enumerate(postures)}
+    model, responses = formulate(robot, spec), []
+    linearisation, outputs = Linearisation.of(model), (*model.inputs, *further)
+    for name, angles in named.items():
+        linear = linearisation.at(Configuration(name, tuple(angles)), model.theta, outputs, "acceleration")
+        exact = to_response(linear, linear.theta_ref, freq_hz)
+        std = relative * np.abs(exact.G) + added * np.abs(exact.G).max(axis=0)
+        noisy = exact.G + std * circular(rng, std.shape)
+        responses.append(replace(exact, G=noisy, noise=Covariance(std**2, np.inf)))
+    return responses
+
+
+def deviations(result: FitResult, robot: Robot) -> FloatArray:
+    """Distances of the free parameters from those of a robot, in claimed standard deviations."""
+    table = robot.parameters(robot.geometry)
+    truth = np.array([p.to_x(table[p.name][0]) for p in result.parameters.free])
+    return np.asarray(np.abs(result.x - truth) / np.sqrt(np.diag(result.covariance)))
