@@ -19,11 +19,11 @@ import numpy as np
 from elastid.base.display import number, percent
 from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.plan.plan import Plan
-from elastid.fit.result import DOUBTED, HELD_AS_EXACT, FitResult
+from elastid.fit.result import DISTORTED, DOUBTED, HELD_AS_EXACT, FitResult
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
-from elastid.response import BENT, UNEXPLAINED
+from elastid.response import BENT
 from elastid.validation.residual_tests import FALSE_ALARM
 from elastid.validation.results import Agreement, noise_p
 
@@ -139,7 +139,7 @@ def residual_sentence(result: FitResult, agreements: Sequence[Agreement]) -> str
         return f"The residuals are {number(result.model_error, 3)} times the noise. {cause}"
     if needs_floor(agreements):
         return "Nowhere beyond the floor of the fit; the noise alone does not explain the residuals."
-    if any(note.code == UNEXPLAINED for note in result.notes):
+    if DISTORTED in result.verdicts:
         return "In no residual, but distortion is left that no friction of the motors explains (see the warning)."
     return "Nowhere: no residual beyond what the noise explains."
 
@@ -290,6 +290,8 @@ def _action_of_status(result: FitResult) -> Action | None:
     if result.status == "misfit" and BENT in result.message:
         is_tried = any(words in result.message for words in (NOT_EXPLAINED, NOT_OPENED))
         return None if is_tried else OPEN_GEARS
+    if DISTORTED in result.verdicts:
+        return OPEN_GEARS
     if result.status in ("converged", "misfit"):
         return None
     meaning, _, advice = result.meaning.partition(": ")

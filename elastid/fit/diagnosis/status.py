@@ -33,7 +33,7 @@ from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.diagnosis.static_loads import contradiction
 from elastid.fit.diagnosis.tool_side import tool_contradiction
-from elastid.fit.result import DOUBTED, FitResult, ModificationIndex, Status, largest_by_chance
+from elastid.fit.result import DISTORTED, DOUBTED, FitResult, ModificationIndex, Status, largest_by_chance
 from elastid.fit.solve.solvers import DAMPING_UNITS
 from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED
 
@@ -138,7 +138,7 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
         elif index is not None and by_index[i] > MISFIT.effect:
             verdicts.append(f"{DOUBTED}: {phrase(index, evidence)} would move it by {by_index[i]:.1f} std")
         elif is_distorted and parameter.name.startswith("d_"):
-            verdicts.append(f"{DOUBTED}: distortion that no motor explains may be hysteresis of a gear")
+            verdicts.append(DISTORTED)
         elif by_blocks[i] > MISFIT.shift:
             verdicts.append(f"{DOUBTED}: configurations and bands disagree about it by {by_blocks[i]:.1f} std")
         else:
