@@ -45,6 +45,7 @@ class Limits:
     std: float = 3.0  # of a level, below which it is left out at the end
     trifle: float = 0.02  # of the largest torque of the joint's effects: shapes are not known better
     rounds: int = 8
+    period: float = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
 
 
 LIMITS = Limits()
@@ -91,10 +92,20 @@ def candidate_groups(
         groups += [
             (GearEffect(kind, joint, part * deflection),) for kind in ("stop", "bristle") for part in (0.1, 0.3, 1.0)
         ]
-        for order in orders:
+        turns = travelled_turns(data, linearisation, found, j)
+        for order in (order for order in orders if order * turns > LIMITS.period):
             groups.append((GearEffect("error sine", joint, order), GearEffect("error cosine", joint, order)))
             groups.append((GearEffect("ripple sine", joint, order), GearEffect("ripple cosine", joint, order)))
     return groups
+
+
+def travelled_turns(data: Sequence[PeriodLines], linearisation: Linearisation, found: Levels, j: int) -> float:
+    """Turns of a motor that its records cover: from its least angle to its largest, of all configurations the most."""
+    ratio, travel = joints_of(linearisation)[1][j], []
+    for lines, drive in zip(data, found.drives, strict=True):
+        row = drive.directions("motor", j) @ np.linalg.pinv(drive.C)
+        travel.append(np.ptp(lines.fine(np.tensordot(row, lines.Y, axes=(0, 1)).T), axis=1).max())
+    return float(abs(ratio) * max(travel) / (2 * np.pi))
 
 
 def _sizes(data: Sequence[PeriodLines], found: Levels, linearisation: Linearisation, j: int) -> tuple[float, float]:
