@@ -177,7 +177,10 @@ def estimate_uncertainty(
     power = [part.power for part in parts]
     known_dof = noise_dof(power, [part.noise_dof for part in parts], by_loads)
     widened = small_sample_factors(known_dof / np.maximum(repeated, 1e-6) ** 2)
-    covariance = _larger(noise * np.outer(widened, widened), residuals, half) + floor
+    of_ratios = _by_ratios(parts, half)
+    total = np.maximum(variance + np.diag(of_ratios), 1e-300)
+    repeated, lasting = repeated * variance / total, (lasting * variance + np.diag(of_ratios)) / total
+    covariance = _larger(noise * np.outer(widened, widened), residuals, half) + floor + of_ratios
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
     known = variance + np.diag(floor)
@@ -246,6 +249,16 @@ def _noise(
             meat, power = meat + noise, power + part.noise_power
             spread += part.noise_spread
     return meat, power - float(np.trace(meat)), 2 * power**2 / max(spread, 1e-300) if known else math.nan
+
+
+def _by_ratios(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
+    """Covariance (n_x, n_x) of x by the ratios of the gears, each off alike in all configurations."""
+    pulls: dict[str, FloatArray] = {}
+    for part in parts:
+        for name, pull in part.ratio_pull.items():
+            pulls[name] = pulls.get(name, 0.0) + pull
+    shifts = half.T @ np.stack(list(pulls.values()), axis=1) if pulls else np.zeros((half.shape[1], 0))
+    return np.asarray(shifts @ shifts.T)
 
 
 def _correlation_length(parts: Sequence[LineSums]) -> float:

@@ -52,7 +52,7 @@ from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
 from elastid.fit.static_agreement import StaticAgreement, ToolAgreement
-from elastid.fit.tolerances import has_tolerances
+from elastid.fit.tolerances import has_tolerances, ratio_within
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
@@ -151,6 +151,7 @@ def _search(
     """
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     checks.check_responses(responses, robot)
+    responses = [ratio_within(response, robot) for response in responses]
     parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])
     check_factors(responses, spec)
     checks.check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})

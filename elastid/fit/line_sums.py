@@ -34,7 +34,7 @@ from elastid.base.statistics import small_sample_factor
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.problem.part import Part
-from elastid.fit.problem.shared_bias import Factor, bias_slopes
+from elastid.fit.problem.shared_bias import Factor, bias_slopes, ratio_errors
 from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Weights, vec
 from elastid.response import FrequencyResponse
@@ -53,7 +53,7 @@ class LineSums:
     no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
     exactly or not at all.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
     (output, input, octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex
-    factor.
+    factor.  ratio_pull: the same by the ratio of each motor's gear.
     """
 
     freq_hz: FloatArray
@@ -69,6 +69,7 @@ class LineSums:
     noise_dof: float
     floor_power: float
     floor_pull: dict[tuple[str, str, int], ComplexArray]
+    ratio_pull: dict[str, FloatArray]
 
     @property
     def cost(self) -> float:
@@ -125,9 +126,13 @@ def sum_lines(
     blocks = sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([lags], n_residuals))
     floor_power = float(np.sum(np.abs(T * floor[:, None, :]) ** 2))
     floor_pull = _coherent(response, pulls.transpose(1, 0, 2))
+    ratios = ratio_errors(part, response, mixing)
+    ratio_pull = {name: np.einsum("pfab,fab->p", J.conj(), error).real for name, error in ratios.items()}
     noise_sums, floor_sums = (power, spread, dof), (floor_power, floor_pull)
     own = response.freq_hz, _triangle(rows), power_of_lines
-    return LineSums(*own, lags, n_residuals, pull, blocks, block_disagreement(blocks), *noise_sums, *floor_sums)
+    return LineSums(
+        *own, lags, n_residuals, pull, blocks, block_disagreement(blocks), *noise_sums, *floor_sums, ratio_pull
+    )
 
 
 def _block(

@@ -9,10 +9,12 @@ import numpy as np
 
 from elastid.base.names import matching
 from elastid.fit.spec import FitSpec
+from elastid.frf.distortion import OF_RATIO
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
+from elastid.response import FrequencyResponse
 from elastid.robot import BASE, Robot, Tolerances, unit_axis
 from elastid.robot.placement import Path
-from elastid.robot.tolerances import kind_of
+from elastid.robot.tolerances import RATIO, kind_of
 
 MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
 
@@ -85,6 +87,15 @@ def _turns_all(robot: Robot, path: Path) -> bool:
     body, joint = robot.bodies[int(path[1])], robot.bodies[int(path[1])].joints[int(path[3])]
     axis = body.placement.rotation @ unit_axis(joint.axis)
     return body.parent == BASE and path[3] == 0 and float(np.linalg.norm(np.cross(axis, robot.gravity))) < 1e-9
+
+
+def ratio_within(response: FrequencyResponse, robot: Robot) -> FrequencyResponse:
+    """The same with its errors by the gears' ratios as large as robot.tolerances has them, without any if exact."""
+    if response.bias is None or not np.any(response.bias[OF_RATIO]):
+        return response
+    bias = response.bias.copy()
+    bias[OF_RATIO] *= robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
+    return replace(response, bias=bias if np.any(bias) else None)
 
 
 def has_tolerances(robot: Robot) -> bool:

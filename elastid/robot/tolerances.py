@@ -12,11 +12,12 @@ from elastid.robot.placement import Path
 
 Exact: TypeAlias = Literal["exact"]
 EXACT: Exact = "exact"
+RATIO = 0.003  # of gears over less than a turn of the motor, relative
 OF_CURRENT = 0.05  # of torque constants, relative, as motors of one type scatter and warm
 
 
 def _check(owner: object, where: str) -> None:
-    for key in ("mass", "inertia", "motor_inertia", "center_of_mass", "length", "angle", "torque_constant"):
+    for key in ("mass", "inertia", "motor_inertia", "center_of_mass", "length", "angle", "ratio", "torque_constant"):
         value = getattr(owner, key, None)
         if isinstance(value, float | int) and not 0 < value < float("inf"):
             raise ValueError(f"{where}{key} is {value:g}; it must be positive, or exact")
@@ -68,6 +69,9 @@ class Tolerances:
     angle: Annotated[Angle | Exact, Key("Standard deviation of the zeros of driven joints that turn: the angles of all "
         "postures are off by them.", "0.02 deg after a calibration, 1 deg where marks were brought into line by "
         "eye.")] = math.radians(0.2)
+    ratio: Annotated[Ratio | Exact, Key("Standard deviation of each gear's ratio over less than a turn of its motor, "
+        "relative; over n turns an n-th of it. An error of transmission makes it.", "1 % for ordinary gears, 0.05 % "
+        "for strain wave gears of precision; a carrier over whole turns makes it small.")] = RATIO
     torque_constant: Annotated[Ratio | Exact | None, Key("Standard deviation of the torque constant of each motor, "
         "relative (default: 5 % where the logs hold current, exact where they hold torque).", "1 % for a motor that "
         "was calibrated; 5 % for a torque that a drive computes from its data sheet. No response tells a torque "
@@ -78,6 +82,11 @@ class Tolerances:
 
     def __post_init__(self) -> None:
         _check(self, "")
+
+    @property
+    def ratio_std(self) -> float:
+        """Of the ratios of the gears, relative; 0 where they are exact."""
+        return 0.0 if self.ratio == EXACT else float(self.ratio)
 
     @property
     def torque_constant_std(self) -> float:
