@@ -220,7 +220,7 @@ def _deviation(std: float, value: float) -> str:
 
 def forecast_table(forecast: Forecast) -> list[list[str]]:
     """Headings, then a line for each parameter: predicted std, the configuration that informs it most, correlation."""
-    parts = ["by noise", "by file"] if len(forecast.noise) else []
+    parts = ["by noise", "by file"] if len(forecast.parts) else []
     rows = [["parameter", "unit", "nominal", *parts, "expected std", "most of it from", "most correlated with"]]
     by_configuration = forecast.share.sum(axis=1)
     for i, name in enumerate(forecast.parameters):

@@ -166,8 +166,9 @@ SEARCH = (
 
 
 def plan_values(study: Study) -> tuple[Value, ...] | None:
-    """Values on which the plan depends without its forecast; all where configurations were chosen."""
-    return None if study.design is not None else PLAN
+    """Values on which the plan depends without its forecast; all where configurations or spectra were chosen."""
+    chosen = study.design is not None or (study.excitation is not None and study.excitation.flat == "information")
+    return None if chosen else PLAN
 
 
 DESIGN_PART = Source("design", part=True)

@@ -320,7 +320,7 @@ def _motion(motion: MotionFriction) -> dict[str, Any]:
 
 
 def _parameters(result: FitResult, rows: Sequence[ParameterRow]) -> dict[str, dict[str, Any]]:
-    repeated = result.std_repeated
+    repeated = result.std_by_noise
     return {
         row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
         | {

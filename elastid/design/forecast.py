@@ -63,9 +63,10 @@ class Forecast:
     blind: FloatArray = labelled("relative changes that the plan does not inform", "", "direction parameters")
     notes: tuple[Note, ...]
     choice: str = ""
-    noise: FloatArray = labelled(
-        "expected covariance of x by noise alone", "", "parameters parameters", default_factory=lambda: np.zeros((0, 0))
-    )
+    parts: FloatArray = labelled(
+        "share of the variance by noise, and by the file without end", "", "part parameters",
+        default_factory=lambda: np.zeros((0, 0)),
+    )  # fmt: skip
 
     @property
     def std(self) -> FloatArray:
@@ -74,14 +75,15 @@ class Forecast:
 
     @property
     def std_by_noise(self) -> FloatArray:
-        """The part of `std` (n,) that stays where the robot's file is exact."""
-        return self._in_si(np.diag(self.noise)) if len(self.noise) else self.std
+        """The part of `std` (n,) by noise: the scatter of a measurement that is repeated with the same file."""
+        return self.std * np.sqrt(self.parts[0]) if len(self.parts) else self.std
 
     @property
     def std_by_file(self) -> FloatArray:
-        """The part of `std` (n,) by the tolerances of the robot's file: std^2 = noise^2 + file^2."""
-        file = np.diag(self.covariance - self.noise) if len(self.noise) else np.zeros(len(self.nominal))
-        return self._in_si(np.nan_to_num(np.maximum(file, 0.0)))  # inf - inf of what is undetermined
+        """The part of `std` (n,) by the tolerances of the robot's file, which measurements without end would leave."""
+        if not len(self.parts):
+            return np.zeros(len(self.nominal))
+        return np.asarray(np.where(np.isfinite(self.std), self.std, 0.0) * np.sqrt(self.parts[1]))
 
     def _in_si(self, variance: FloatArray) -> FloatArray:
         return np.asarray(np.sqrt(variance) * np.where(self.log, np.abs(self.nominal), 1.0))
@@ -119,7 +121,8 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     check_line_count(freq_hz, parameters)
     fit = expected_fit(expected)
     responses, weights = [e.response for e in expected], [e.weights for e in expected]
-    covariance = estimate_uncertainty(fit, responses, weights, x, is_forecast=True).covariance
+    uncertainty = estimate_uncertainty(fit, responses, weights, x, is_forecast=True)
+    covariance = uncertainty.covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
     blind, share = _blind(np.asarray(R), parameters, x), _share(fit, x, np.asarray(R))[..., :n]
@@ -128,9 +131,9 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     configurations = tuple(e.response.configuration.name for e in expected)
     notes = tuple(_undetermined(blind, names, len(expected), len(freq_hz)))
     by_noise = covariance_by_noise(covariance, n)
-    noise = by_noise if n < len(x) else np.zeros((0, 0))
+    parts = np.stack([uncertainty.repeated[:n], uncertainty.lasting[:n]]) if n < len(x) else np.zeros((0, 0))
     known = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share, blind
-    return Forecast(*known, (*notes, *_correlated(names, by_noise)), noise=noise)
+    return Forecast(*known, (*notes, *_correlated(names, by_noise)), parts=parts)
 
 
 def check_line_count(freq_hz: FloatArray, parameters: ParameterSet) -> None:

@@ -11,12 +11,13 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
-from elastid.design.choice import Candidates, draw_candidates
-from elastid.design.limits import within_limits
+from elastid.design.choice import Candidates, draw_candidates, visible
+from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion
+from elastid.design.optimal_powers import best_powers, even_powers
 from elastid.design.prospect import ExpectedResponse, Prospect, variance_like
 from elastid.design.spec import DesignSpec, LevelSpec, interest
-from elastid.excitation.spec import MultisineSpec
+from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
 from elastid.experiment.simulated.plant import closed_loop_of
@@ -47,8 +48,9 @@ class DesignProblem:
     """The sections of a study that a plan depends on, and earlier measurements.
 
     left_out: configurations that the fit does not use.  measured: responses that the choice adds to.  fitted_values:
-    of parameters, from a fit of these.  like: responses whose variance is expected again.  model: of the fit.
-    friction: `none` if the estimator leaves that of the motors in the responses.  loads: load tests of the study.
+    of parameters, from a fit of these.  like: responses whose variance is expected again.  model: of the fit.  typical
+    (F, n_u): spectrum for all configurations until each has its own.  friction: `none` if the estimator leaves that of
+    the motors in the responses.  loads: load tests of the study.
     """
 
     robot: Robot
@@ -63,6 +65,7 @@ class DesignProblem:
     fitted_values: tuple[tuple[str, float], ...] = ()
     like: tuple[FrequencyResponse, ...] = ()
     model: ModelSpec = EXACT
+    typical: FloatArray | None = None
     friction: Friction = "none"
     loads: tuple[PlacedTest, ...] = ()
 
@@ -115,10 +118,19 @@ class DesignProblem:
             swing = reach(carrier, len(swing), excitation.period, run_s) / (1 - excitation.margin)
         return draw_candidates(design.candidates, self.robot, self.seed, swing)
 
-    def plan(self, experiment: ExperimentSpec, chosen: Sequence[ChosenConfiguration] = ()) -> Plan:
-        """The plan of an experiment, with chosen configurations besides its own."""
+    def plan(
+        self,
+        experiment: ExperimentSpec,
+        chosen: Sequence[ChosenConfiguration] = (),
+        spectra: dict[str, FloatArray] | None = None,
+    ) -> Plan:
+        """A plan in which all configurations without a spectrum of their own have the typical one, if there is one."""
+        own = dict(spectra or {})
+        if self.typical is not None:
+            for name in (*experiment.configurations, *(choice.configuration.name for choice in chosen)):
+                own.setdefault(name, self.typical)
         loop = closed_loop_of(self.robot, self.simulated.controller, self.excitation.rate_hz)
-        return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, loop)
+        return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, own, loop)
 
     def rig(self, plan: Plan) -> SimulatedRig:
         """The rig that rehearses a plan: the simulated one without its truth."""
@@ -216,3 +228,69 @@ def with_torques(problem: DesignProblem) -> DesignProblem:
     probe, _ = within_limits(problem.rig(probe), replace(excitation, flat="torque"))
     rms = np.sqrt(np.mean(np.sum(np.abs(probe.R) ** 2, axis=3) / 2, axis=(0, 1, 2)))
     return replace(problem, excitation=replace(excitation, torque_rms=tuple(rms.tolist())))
+
+
+def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> DesignProblem:
+    """The problem with the spectrum of the most information about a few configurations, for `flat: information`.
+
+    torque_rms: as the study has it, `limits` included.
+    """
+    if problem.excitation.flat != "information":
+        return problem
+    probe, excitation = problem.probe(problem.experiment), replace(problem.excitation, torque_rms=torque_rms)
+
+    def measurement(q: int, configuration: Configuration) -> tuple[_Measurement, FloatArray]:
+        prospect = problem.prospect(probe, q)
+        for x in problem.guesses:
+            prospect.expected(configuration, x)
+        single = replace(probe, configurations=probe.configurations[q : q + 1], R=probe.R[q : q + 1])
+        return (prospect, configuration, probe.realisations[q]), power_costs(problem.rig(single), excitation)
+
+    measurements, costs = zip(*problem.at_equilibria(probe, measurement), strict=True)
+    return replace(problem, typical=_best(problem, measurements, np.concatenate(costs), together=True)[0])
+
+
+def best_spectra_of(
+    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[ChosenConfiguration], torque_rms: AskedTorque
+) -> dict[str, FloatArray]:
+    """The best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
+
+    Empty without `flat: information`.
+    """
+    if problem.typical is None:
+        return {}
+    plan = problem.plan(experiment, chosen)
+    fitted = problem.fitted(plan)
+    names = [configuration.name for _, configuration, _ in fitted]
+    rows = [q for q, c in enumerate(plan.configurations) if c.name in names]
+    costs = power_costs(problem.rig(plan), replace(problem.excitation, torque_rms=torque_rms))
+    best = _best(problem, fitted, costs[rows])
+    return {c.name: problem.typical for c in plan.configurations} | dict(zip(names, best, strict=True))
+
+
+def _best(
+    problem: DesignProblem, measurements: Sequence[_Measurement], cost: FloatArray, together: bool = False
+) -> FloatArray:
+    """Amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
+
+    cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError where fewer experiments than inputs are run.
+    """
+    x, first = problem.guesses, measurements[0][0]
+    E, n_u = first.R.shape[1], first.R.shape[3]
+    if n_u > E:
+        raise StudyError(
+            "excitation/power",
+            f"information needs as many experiments as motors, and there are {E} for {n_u}: with fewer the inputs are "
+            "separated by neighbouring lines, which must all be strong; take another flat, or leave "
+            "experiment.experiments out",
+            "excitation.flat",
+        )
+    sources = [[prospect.source(c, guess, M) for guess in x] for prospect, c, M in measurements]
+    even = even_powers(cost)
+    H = [[source.information(P) for source in guesses] for guesses, P in zip(sources, even, strict=True)]
+    known = problem.prior_information(x)
+    criterion, ground = visible(problem.criterion, np.swapaxes(np.array(H), 0, 1), known, first.parameters)
+    groups = [sources] if together else [[guesses] for guesses in sources]
+    cost = cost.mean(axis=0, keepdims=True) if together else cost
+    best = best_powers(groups, cost, criterion, known + ground, problem.excitation.least)
+    return np.asarray(np.sqrt(best.P / E))

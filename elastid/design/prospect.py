@@ -22,13 +22,14 @@ from scipy.special import digamma
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
+from elastid.design.optimal_powers import PowerSource
 from elastid.design.spec import LevelSpec
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.hardware import logged_quantity, output_stds
 from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
-from elastid.fit.problem.weights import Weights, weigh
+from elastid.fit.problem.weights import Weights, weigh, with_diagonal_weights
 from elastid.fit.spec import FitSpec
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
@@ -165,6 +166,35 @@ class Prospect:
     def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
         """H (S, n_x, n_x) for guesses x (S, n_x)."""
         return np.stack([self.expected(configuration, guess).information(guess) for guess in x])
+
+    def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
+        """The same, elements weighed one by one, as a function of the powers of R; friction scatters as under R.
+
+        StudyError where the level of the noise does not depend on the powers.
+        """
+        if self.level.absolute is not None or self.variance is not None:
+            raise StudyError(
+                "excitation/power",
+                "information needs the noise of the simulated rig: with design.noise.absolute or frf the variance is "
+                "the same whatever is injected; drop it, or take another flat",
+                "excitation.flat",
+            )
+        M = realisations or self.realisations
+        _, G, motion = self._local(configuration, x)
+        expected = self.expected(configuration, x, M, with_diagonal_weights(self.fit))
+        sensitivity, U = self._torques(configuration, motion)
+        error = _diagonal(self._error(U, G, motion)) / M
+        ((_, J),) = expected_fit([expected]).blocks(x)
+        used = expected.weights.used
+        if not np.all(error > 0):
+            raise StudyError(
+                "excitation/power",
+                "information needs the expected noise; set experiment.simulated.noise, or take another flat",
+                "excitation.flat",
+            )
+        spread = np.abs(np.linalg.inv(sensitivity)) ** 2
+        fixed = (expected.weights.floor**2 + self.level.distortion**2 / M) * np.abs(G) ** 2
+        return PowerSource(J * np.where(used, expected.weights.sigma, 0.0), error, spread, fixed, used)
 
     def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
         """The model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""

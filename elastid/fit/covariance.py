@@ -101,8 +101,8 @@ class Uncertainty:
     weakest (n_x,): the least determined direction, of length one, in x scaled by the length of the columns of J.
     disagreement: T of the blocks, 1 for a true
     model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise and declared floor alone.
-    repeated (n_x,): share of the variance that a repeated measurement has, the robot's file erring as before; 1 where
-    it is exact.
+    repeated, lasting (n_x,): shares of the variance that a repeated measurement has, the robot's file erring as before,
+    and that is left of the file by measurements without end; 1 and 0 where it is exact.
     """
 
     covariance: FloatArray
@@ -116,6 +116,11 @@ class Uncertainty:
     disagreement: float
     shift: FloatArray
     repeated: FloatArray
+    lasting: FloatArray
+
+
+# Times the data of a measurement that counts as one without end: noise a hundredth.
+ENDLESS = 1e4
 
 
 def estimate_uncertainty(
@@ -163,9 +168,11 @@ def estimate_uncertainty(
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, A, half)])
     # Tolerances scatter from file to file, not from measurement to measurement.
     of_file = [i for i, p in enumerate(fit.parameters.free) if p.tolerated]
-    by_file = np.sum((own_J[of_file] @ half) ** 2, axis=0)
-    variance = np.diag(noise)
+    variance, of_file_J = np.diag(noise), own_J[of_file]
+    by_file = np.sum((of_file_J @ half) ** 2, axis=0)
     repeated = 1 - np.divide(by_file, variance, out=np.zeros(len(prior)), where=variance > 0)
+    left = variance_left(of_file_J, half) if of_file else np.zeros(len(prior))
+    lasting = np.minimum(np.divide(left, variance, out=np.zeros(len(prior)), where=variance > 0), 1 - repeated)
     by_loads = np.sum((static_J @ half) ** 2, axis=0)
     power = [part.power for part in parts]
     known_dof = noise_dof(power, [part.noise_dof for part in parts], by_loads)
@@ -180,7 +187,18 @@ def estimate_uncertainty(
     by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
     parted = disagreement([part.disagreement for part in parts], len(half))
     estimate = covariance[kept, kept], singular_values, unreached[kept]
-    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept])
+    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept], lasting[kept])
+
+
+def variance_left(of_file_J: FloatArray, half: FloatArray) -> FloatArray:
+    r"""Variance (n_x,) that the file leaves where its numbers alone do not get better: the data s = ENDLESS times.
+
+    .. math:: C_\infty = (s A_{data} + P)^{-1} = H^T (s (I - Q) + Q)^{-1} H, \qquad Q = H P H^T, \quad A^{-1} = H^T H
+
+    of_file_J: rows of the file's priors, P = J^T J, in the variables of H, so that Q = of_file_J^T of_file_J.
+    """
+    q, V = np.linalg.eigh(of_file_J.T @ of_file_J)
+    return np.asarray(np.sum((V.T @ half) ** 2 / (ENDLESS * np.maximum(1 - q, 0.0) + q)[:, None], axis=0))
 
 
 def _static(fit: ElasticFit, x: FloatArray, n_factors: int) -> tuple[FloatArray, FloatArray]:

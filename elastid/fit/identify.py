@@ -310,6 +310,7 @@ def _estimate(
         weakest=uncertainty.weakest,
         linear=tuple(part.kernel.model for part in fit.parts if part.kernel.model.is_delayed),
         repeated=uncertainty.repeated,
+        lasting=uncertainty.lasting,
         robot=assembly.linearisation.model.robot,
         equations=assembly.model,
         floor=max(weights.floor for weights in assembly.weights),

@@ -104,6 +104,8 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     return np.asarray(C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T))
 
 
+DOUBTED = "not to be believed"  # the beginning of a verdict on a number
+DISTORTED = f"{DOUBTED}: distortion that no motor explains may be hysteresis of a gear"
 # Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
 # it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
 DOUBT, LONE_CAUSE = 0.6, 0.95
@@ -146,7 +148,7 @@ class FitResult:
     rigid_parts: what is taken as rigid and shows in no response; empty where that was not judged.
     verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
     floor: the model error relative to |G| in weights and covariance, the largest of the responses.
-    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest, repeated (n_x,): as `Uncertainty`.
+    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest, repeated, lasting (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     robot, equations: those that were fitted, for postures that were not measured.
     static, tool: static load tests, and responses at the tool, next to the responses of the motors; None without any.
@@ -184,6 +186,9 @@ class FitResult:
     linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
     repeated: FloatArray = labelled(
         "share of the variance that a repeated measurement has", "", "free_names", default_factory=_NO_NUMBERS
+    )
+    lasting: FloatArray = labelled(
+        "share of the variance that the file leaves without end", "", "free_names", default_factory=_NO_NUMBERS
     )
     robot: Robot | None = None
     equations: ModelSpec | None = None
@@ -265,15 +270,20 @@ class FitResult:
 
     @property
     def std_by_noise(self) -> dict[str, float]:
-        """The part of `std` with the robot's file as exact as it is estimated, of each parameter that was asked for."""
-        return self._part(np.diag(self.covariance_by_noise))
+        """The part of `std` by noise: the scatter of a measurement that is repeated with the same file.
+
+        An error of the file moves each result alike: it is no part of differences between dates, and between robots of
+        one type.
+        """
+        return self._part(self._shared(self.repeated, 1.0))
 
     @property
     def std_by_file(self) -> dict[str, float]:
-        """The part of `std` by the tolerances of the robot's file: std^2 = noise^2 + file^2."""
-        noise = np.diag(self.covariance_by_noise)
-        with np.errstate(invalid="ignore"):  # inf - inf of what the data do not reach
-            return self._part(np.nan_to_num(np.diag(self.covariance)[: len(noise)] - noise))
+        """The part of `std` by the tolerances of the robot's file, which measurements without end would leave.
+
+        std^2 - noise^2 - file^2 is what the file errs by now and longer measurements take off.
+        """
+        return self._part(self._shared(self.lasting, 0.0))
 
     @property
     def std_with_base(self) -> dict[str, float]:
@@ -287,15 +297,12 @@ class FitResult:
         """The part of `covariance` with the robot's file as exact as it is estimated (n_wanted, n_wanted)."""
         return covariance_by_noise(self.covariance, len(self.parameters.asked))
 
-    @property
-    def std_repeated(self) -> dict[str, float]:
-        """Standard deviations of a measurement that is repeated, of each parameter that was asked for.
-
-        An error of the file moves each result alike: it is no part of differences between dates, and between robots of
-        one type.
-        """
-        n = len(self.parameters.asked)
-        return self._part(np.diag(self.covariance)[:n] * (self.repeated[:n] if len(self.repeated) else 1.0))
+    def _shared(self, share: FloatArray, without: float) -> FloatArray:
+        """Variance (n_asked,) by a share of it, infinite where the data do not reach; without: share where none is."""
+        variance = np.diag(self.covariance)[: len(self.parameters.asked)]
+        part = share[: len(variance)] if len(share) else np.full(len(variance), without)
+        is_reached = np.isfinite(variance)
+        return np.where(is_reached, np.where(is_reached, variance, 0.0) * part, np.inf if without else 0.0)
 
     def _part(self, variance: FloatArray) -> dict[str, float]:
         wanted, std = self.parameters.asked, np.sqrt(np.maximum(variance, 0.0))

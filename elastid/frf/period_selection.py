@@ -221,7 +221,7 @@ def settled(record: Record) -> Record:
     Of two periods none is far from the others, but their difference decays.
     """
     L = record.period_samples
-    if record.n_repeats != 2 or record.half_wave or record.starts or 32 * LIMITS.order > L:
+    if record.n_repeats != 2 or record.half_wave or record.starts:
         return record
     signals = np.concatenate([record.u, record.y], axis=1)
     if not any(map(_decays, (signals[:L] - signals[L : 2 * L]).T, signals.std(axis=0))):
@@ -233,9 +233,10 @@ def settled(record: Record) -> Record:
 def _decays(difference: FloatArray, size: float) -> bool:
     """True for a signal (n,) whose beginning no linear prediction explains that explains its second half.
 
+    False of signals that are too short for a prediction.
     size: of the signal whose difference between two periods it is.
     """
-    if difference[: len(difference) // 8].std() <= LIMITS.unsettled * size:
+    if len(difference) < 32 * LIMITS.order or difference[: len(difference) // 8].std() <= LIMITS.unsettled * size:
         return False
     rows = np.lib.stride_tricks.sliding_window_view(difference, LIMITS.order + 1)
     X, half = np.column_stack([rows[:, :-1], np.ones(len(rows))]), len(rows) // 2
@@ -332,10 +333,20 @@ def _leading(
     leading = _flags(P, [half[:n] for half, n in zip(halves, lengths, strict=True)])
     if not leading.any():
         return leading, ()
-    note = replace(_note(spectra, np.flatnonzero(leading), measured, "a transient"), code=TRANSIENT_LEFT_OUT)
-    if any(0 < n == len(half) for n, half in zip(lengths, halves, strict=True)):
+    note = _note(spectra, np.flatnonzero(leading), measured, "a transient")
+    note = replace(note, code=TRANSIENT_LEFT_OUT, severity="information")
+    ends = [log[n:] for n, half, log in zip(lengths, halves, logs, strict=True) if 0 < n == len(half)]
+    if any(_still_decays(spectra, end[0], end[-1]) for end in ends if len(end) > 1):
         note = replace(note, text=f"{note.text}; it may last longer than half of the record: measure more periods")
     return leading, (note,)
+
+
+def _still_decays(spectra: PeriodSpectra, first: int, last: int) -> bool:
+    """True if two periods that are left differ as the end of a transient does."""
+    record, L = spectra.record, spectra.record.repeat_samples
+    signals = np.concatenate([record.u, record.y], axis=1)
+    one, other = (signals[p * L : (p + 1) * L] for p in (spectra.periods[first], spectra.periods[last]))
+    return any(map(_decays, (one - other).T, signals.std(axis=0)))
 
 
 def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reason: str) -> Note:

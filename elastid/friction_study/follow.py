@@ -156,7 +156,11 @@ class FollowedFriction:
     @property
     def verdict(self) -> str:
         """If the bands are to be believed."""
-        return "no test doubts the bands" if self.is_honest else "the bands are too narrow, as the warnings say"
+        if not self.is_honest:
+            return "the bands are too narrow, as the warnings say"
+        if self.consistency.nis < FILTER.nis_band[0]:
+            return f"the bands are too wide: of what they allow, innovations have {self.consistency.nis:.2g}"
+        return "no test doubts the bands"
 
 
 def follow(

@@ -74,7 +74,7 @@ def _joint(
     warm_up, thermal, notes = _heat(name, measured, static)
     friction, viscous, refused = _law(levels, static, before, spec)
     true = {} if truth is None else true_numbers(truth, name, static)
-    numbers = {each.name: each for each in _numbers(levels, static, before, true)}
+    numbers = {each.name: each for each in _numbers(levels, None if refused else static, before, true)}
     if warm_up is not None and thermal is not None:
         numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()

@@ -33,8 +33,7 @@ class StaticLaw:
     @classmethod
     def of(cls, levels: Levels, spec: LawSpec) -> StaticLaw:
         """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
-        names = ("coulomb", "viscous") if np.ptp(levels.speed) > 0 else ("coulomb",)
-        fit = fit_curve(levels, Terms(names, (), {}))
+        fit = _first_curve(levels)
         parts, held, extrapolated = _parts(levels), dict[str, str](), dict[str, str]()
         waiting = list(parts)
         # A part may show only after a later one: what was refused by its numbers is tried once more.
@@ -141,6 +140,16 @@ class StaticLaw:
         if name.startswith("load"):
             return f"{speeds}, loads of {levels.load.min():.3g} to {levels.load.max():.3g} {drive_unit(levels.slides)}"
         return f"{speeds}, both directions" if name.startswith("directions") else speeds
+
+
+def _first_curve(levels: Levels) -> CurveFit:
+    """Coulomb and viscous friction; Coulomb's alone where the speeds are too few or too near to tell them apart."""
+    alone = Terms(("coulomb",), (), {})
+    if np.ptp(levels.speed) == 0:
+        return fit_curve(levels, alone)
+    both = fit_curve(levels, Terms(("coulomb", "viscous"), (), {}))
+    is_apart = both.values["coulomb"] > np.sqrt(both.covariance[0, 0])
+    return both if is_apart or both.values["viscous"] < 0 else fit_curve(levels, alone)
 
 
 def _range(values: FloatArray) -> tuple[float, float]:

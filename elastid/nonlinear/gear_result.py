@@ -160,7 +160,10 @@ def with_gears(result: FitResult, gears: GearResult | None) -> FitResult:
     final = replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
     is_contradicted = result.static is not None and result.static.disagrees
     if result.status != "misfit":
-        return final
+        # What the linear fit doubts, distortion that no motor explains, is what was looked for.
+        seen = any(each.is_seen and not math.isfinite(each.linear) for each in gears.numbers)
+        told = f"{result.message.partition(', though ')[0]} beside the effects of the gears"
+        return replace(final, verdicts=(), message=told) if seen else final
     if is_contradicted or not gears.explains_misfit:
         return replace(final, message=f"{result.message}; {NOT_EXPLAINED}")
     message = (

@@ -30,7 +30,7 @@ from elastid.nonlinear.reconstruct import motion_under, net_samples, over_whole_
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import MOTION_ORDER, Record
-from elastid.response import FrequencyResponse
+from elastid.response import UNEXPLAINED, FrequencyResponse
 from elastid.robot import Robot
 
 # Of a sample, by which reversals are found late, that a test of the motion between samples leaves.
@@ -76,8 +76,7 @@ def _unexplained(
     response: FrequencyResponse, friction: FrictionTakenOut, arm: Callable[[], FloatArray | float]
 ) -> tuple[Note, ...]:
     """A note where distortion far above the noise, and above that of the arm, was not found to be motors' friction."""
-    motors_left = [place for place in friction.places if place not in friction.taken_places()]
-    if not motors_left or not friction.configurations or response.noise is None or response.total is None:
+    if not friction.configurations or response.noise is None or response.total is None:
         return ()
     known = response.noise.variance > 0
     if not known.any():
@@ -86,13 +85,13 @@ def _unexplained(
     ratio = float(np.median(total[known] / noise[known]))
     if ratio < LIMITS.unexplained or np.median((total / (noise + arm()))[known]) < LIMITS.unexplained:
         return ()
-    motors = ", ".join(motors_left)
     text = (
-        f"distortion leaves {np.sqrt(ratio):.2g} times the scatter of the noise, and no friction of {motors} "
-        "explains it: dry friction behind a gear, which the motor's angle does not show, would put stiffness and "
-        "damping off by several of their standard deviations; compare with a run of twice the torque"
+        f"distortion leaves {np.sqrt(ratio):.2g} times the scatter of the noise, and no friction of "
+        f"{', '.join(friction.places)} explains it: hysteresis of a gear, or dry friction behind it, takes energy as "
+        "damping does and would put damping off by far more than its interval, stiffness by several standard "
+        "deviations; `gears: {}` in the study finds which it is"
     )
-    return (Note("nonlinear/unexplained", text, f"configuration {response.configuration.name}"),)
+    return (Note(UNEXPLAINED, text, f"configuration {response.configuration.name}"),)
 
 
 def _arm_variance(

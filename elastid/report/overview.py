@@ -19,8 +19,8 @@ import numpy as np
 from elastid.base.display import number, percent
 from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.plan.plan import Plan
-from elastid.fit.result import HELD_AS_EXACT, FitResult
-from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED
+from elastid.fit.result import DISTORTED, DOUBTED, HELD_AS_EXACT, FitResult
+from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
 from elastid.response import BENT
@@ -98,8 +98,14 @@ def is_wrong(result: FitResult) -> bool:
     return result.status in ("misfit", "model_error")
 
 
-def numbers_answer(result: FitResult, rows: Sequence[ParameterRow]) -> str:
-    """A sentence on the quality of the numbers that agrees with the status and the intervals."""
+# Of the motion, which effects of the gears may leave unexplained beside numbers that are good.
+MOTION_LEFT = 0.01
+# Of a stiffness, by which a usual base moves it where the answer says so.
+BASE_SIZE = 0.005
+
+
+def numbers_answer(result: FitResult, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
+    """A sentence on the quality of the numbers that agrees with the status, the verdicts and the intervals."""
     most = widest(rows)
     if result.status != "converged":
         return f"Not yet: {result.meaning}."
@@ -107,12 +113,31 @@ def numbers_answer(result: FitResult, rows: Sequence[ParameterRow]) -> str:
         return "No number was identified."
     if result.exceeds_noise:
         return "With reserve: residuals beyond the noise widen the intervals."
+    if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
+        return f"With reserve: {percent(gears.after)} of the motion is explained by nothing that the gears show."
+    verdicts = {row.verdict for row in rows if row.verdict.startswith(DOUBTED)}
+    if verdicts:
+        doubted = ", ".join(row.name for row in rows if row.verdict in verdicts)
+        return f"Not all of them: {doubted}, {'; '.join(sorted(verdicts))}."
     if half_width(most) > WIDTH_CLASSES[-1]:
         return "Not all of them."
     held = next((note.text for note in result.notes if note.code == HELD_AS_EXACT), "")
-    if not held or any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
+    if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
+        return "Yes."
+    if based := _with_its_base(result, rows):
+        return f"Yes, of each gear in series with its base, of which a usual one would move {based}."
+    if not held:
         return "Yes."
     return f"Yes, if what the fit held is exact: {held.partition('; ')[2].partition(':')[0]}."
+
+
+def _with_its_base(result: FitResult, rows: Sequence[ParameterRow]) -> str:
+    """The stiffness that a base as elastic as is usual would move most, by more than users ask for; empty for none."""
+    with_base = result.std_with_base
+    moved = {row.name: with_base[row.name] / row.estimate for row in rows if row.name.startswith("k")}
+    moved = {name: size for name, size in moved.items() if size > BASE_SIZE and with_base[name] > 2 * result.std[name]}
+    worst = max(moved, key=moved.__getitem__, default="")
+    return worst and f"{worst} by {percent(moved[worst])}"
 
 
 def needs_floor(agreements: Sequence[Agreement]) -> bool:
@@ -129,6 +154,8 @@ def residual_sentence(result: FitResult, agreements: Sequence[Agreement]) -> str
         return f"The residuals are {number(result.model_error, 3)} times the noise. {cause}"
     if needs_floor(agreements):
         return "Nowhere beyond the floor of the fit; the noise alone does not explain the residuals."
+    if DISTORTED in result.verdicts:
+        return "In no residual, but distortion is left that no friction of the motors explains (see the warning)."
     return "Nowhere: no residual beyond what the noise explains."
 
 
@@ -278,6 +305,8 @@ def _action_of_status(result: FitResult) -> Action | None:
     if result.status == "misfit" and BENT in result.message:
         is_tried = any(words in result.message for words in (NOT_EXPLAINED, NOT_OPENED))
         return None if is_tried else OPEN_GEARS
+    if DISTORTED in result.verdicts:
+        return OPEN_GEARS
     if result.status in ("converged", "misfit"):
         return None
     meaning, _, advice = result.meaning.partition(": ")

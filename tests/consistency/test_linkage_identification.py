@@ -14,16 +14,6 @@ from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
 from elastid.app import cli
-from elastid.app.compare import compare
-from elastid.app.console import Console
-from elastid.app.run import Run
-from elastid.design.design import design
-from elastid.design.problem import DesignProblem
-from elastid.design.spec import CandidateSpec, DesignSpec
-from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.specs.disturbances import NoiseSpec
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
@@ -34,8 +24,6 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Robot
-from elastid.store.measured import write_responses
-from elastid.study import load
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SPREAD = ((0.0, 0.0), (0.5, -0.1), (-0.4, 0.4), (0.2, 0.9), (0.6, -0.2), (-0.3, -0.8))
@@ -116,96 +104,6 @@ def test_an_approximate_model_is_told_from_the_exact_one():
     assert exact.model_error < 1.3
     constant = fitted(SPREAD, 0, ModelSpec("minimal", "constant_stiffness"), 60.0, ("k_2", "k_3", "d_3"))
     assert constant.model_error > 3 * exact.model_error
-
-
-def forecast(**changes: object) -> tuple[list[float], float]:
-    """Of the planar arm's springs: sines of the angle between lever and rod, and how k_3 and k_rod will correlate."""
-    noise = NoiseSpec(torque_std=10, angle_std=1e-5)
-    problem = DesignProblem(
-        robot=planar(),
-        excitation=MultisineSpec(500.0, 2.0, (2.0, 40.0), (300.0, 300.0), grid="odd-quasi-log"),
-        experiment=ExperimentSpec(realisations=1, simulated=SimulatedSpec(noise=noise, substeps=6)),
-        fit=FitSpec(parameters={name: ParameterSpec() for name in FREE}, starts=1),
-        quantity="acceleration",
-        seed=1,
-    )
-    found = design(replace(problem, **changes))  # type: ignore[arg-type]
-    names, C = found.forecast.parameters, found.forecast.covariance
-    i, j = names.index("k_3"), names.index("k_rod")
-    sines = [abs(float(np.cos(at.angles[1] - at.angles[0]))) for at in found.plan.configurations]
-    return sines, float(C[i, j] / np.sqrt(C[i, i] * C[j, j]))
-
-
-@pytest.mark.slow
-def test_designed_postures_spread_the_angle_between_lever_and_rod():
-    """Among random candidates: nearly aligned and nearly square, and gear and rod come apart, as in no one posture."""
-    sines, correlation = forecast(design=DesignSpec(count=6, candidates=CandidateSpec(random=60)))
-    assert max(sines) - min(sines) > 0.4
-    assert abs(correlation) < 0.75
-    one = ExperimentSpec(
-        configurations={"one": (0.0, 0.0)},
-        realisations=6,
-        simulated=SimulatedSpec(noise=NoiseSpec(torque_std=10, angle_std=1e-5), substeps=6),
-    )
-    assert forecast(experiment=one)[1] < -0.97
-
-
-STUDY = """\
-name: linkage
-robot: {robot}
-excitation: {{rate_hz: 1000, period: 2, band_hz: [2, 70], torque_rms: 300}}
-experiment:
-  configurations: {{a: [0, 0], b: [0.5, -0.1], c: [-0.4, 0.4], d: [0.2, 0.9], e: [-0.3, -0.8]}}
-  simulated: {{}}
-model: {{formulation: {formulation}}}
-fit: {{starts: 1, parameters: {{"k_*": {{}}, "d_*": {{}}}}}}
-compare: {{folds: 5}}
-"""
-
-
-def compared(folder: Path, formulation: str) -> dict[str, Any]:
-    """compare.json of the variants that a linkage has by default, on responses of the exact model with 1 % noise."""
-    (folder / "study.yml").write_text(
-        STUDY.format(robot=CONFIGS / "robots" / "linkage_arm.yml", formulation=formulation)
-    )
-    going = Run(load(folder / "study.yml"), folder / "run", 1, Console(-1))
-    robot, random, responses = going.study.robot, np.random.default_rng(3), []
-    model = formulate(robot)
-    linearisation, lines = Linearisation.of(model), np.linspace(3, 70, 40)
-    for name, angles in going.study.experiment.configurations.items():
-        at = Configuration(name, np.array(angles))
-        linear = linearisation.at(at, model.theta, model.inputs, "acceleration")
-        exact = to_response(linear, linear.theta_ref, lines)
-        level = 0.01 * np.abs(exact.G)
-        noise = random.standard_normal((2, *level.shape)) / np.sqrt(2)
-        total = Covariance(level**2, np.inf)
-        responses.append(replace(exact, G=exact.G + level * (noise[0] + 1j * noise[1]), total=total))
-    write_responses(going.path("estimate"), responses, going.stamps["estimate"])
-    compare(going)
-    content: dict[str, Any] = json.loads((going.folder / "compare.json").read_text())
-    return content
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(300)
-def test_comparing_a_linkage_ranks_the_approximations_behind_the_exact_model(tmp_path: Path):
-    """Both exact forms predict alike and best, then what lets the loop bend or the rod keep its mass, then the rest."""
-    found = compared(tmp_path, "constrained")
-    models = {row["name"]: row for row in found["models"]}
-    error = {name: float(np.sqrt(np.mean(row["misfit"]))) for name, row in models.items()}
-    stiff = ("rigid loop", "constant stiffness", "series stiffness", "b2 rigid")
-    assert set(models) == {"linkage", "exact, minimal", "bending outside", "lumped rod", *stiff}
-    assert error["exact, minimal"] == pytest.approx(error["linkage"], rel=1e-3)
-    assert error["linkage"] < 1.0
-    assert error["bending outside"] > 1.1 * error["linkage"]
-    assert all(error[name] > 1.5 * error["linkage"] for name in ("lumped rod", *stiff))
-    # A constant spring of the third axis is right in one posture only; with the rod in series it follows the posture.
-    assert error["constant stiffness"] > 1.2 * error["series stiffness"] > 5 * error["bending outside"]
-    assert error["rigid loop"] == pytest.approx(error["constant stiffness"], rel=0.02)
-    assert models["rigid loop"]["n_free"] == models["constant stiffness"]["n_free"] == 4
-    assert models["series stiffness"]["n_free"] == 6
-    assert models["exact, minimal"]["n_free"] == 8
-    assert "cannot be distinguished from it with these data; the others are worse" in found["verdict"]
 
 
 UP_TO_FIT = ("design", "measure", "estimate", "fit")

@@ -127,7 +127,7 @@ def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() 
 def test_an_exact_file_has_no_part_in_the_forecast() -> None:
     """The table then has no columns for it."""
     forecast = design(GIVEN).forecast
-    assert not len(forecast.noise)
+    assert not len(forecast.parts)
     np.testing.assert_array_equal(forecast.std_by_noise, forecast.std)
     assert not forecast.std_by_file.any()
     assert "by file" not in forecast_table(forecast)[0]

@@ -43,11 +43,6 @@ def test_the_model_of_an_export_has_the_fitted_numbers_in_its_robot(measured, re
         np.testing.assert_allclose(frequency_response(linear, exported.theta, G.freq_hz), G.G, rtol=1e-12)
 
 
-def test_a_seed_is_not_negative() -> None:
-    with pytest.raises(ValueError, match="seed is -1; it must not be negative"):
-        FitSpec(seed=-1)
-
-
 def test_the_result_has_the_model_of_each_configuration(measured, result) -> None:
     """Response, deviation and modes of the linearised robot, on lines of one's own; no robot is asked for."""
     fitted = FittedRobot.of(result, arm(), measured)

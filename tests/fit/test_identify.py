@@ -13,15 +13,16 @@ from plants.refusals import refused
 
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.execution import Execution
+from elastid.base.note import Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
-from elastid.fit.result import FitResult
+from elastid.fit.result import DISTORTED, FitResult
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import UNEXPLAINED, Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import load_robot
 
@@ -52,6 +53,14 @@ def test_elastic_parameters_are_recovered_from_a_factor_two_off(identified):
     assert identified.hits >= 2
     assert f"{identified.hits} of 6 starts" in identified.message
     assert identified.model_error < 1.05
+
+
+def test_damping_beside_distortion_that_no_motor_explains_is_not_believed(noisy):
+    """A gear's hysteresis takes energy as damping does: the responses say that there is distortion, the fit what of."""
+    distorted = [replace(G, notes=(*G.notes, Note(UNEXPLAINED, "distortion is left"))) for G in noisy]
+    result = identify(distorted, arm(), FitSpec(starts=1))
+    verdicts = dict(zip(result.parameters.free_names, result.verdicts, strict=True))
+    assert {name for name, verdict in verdicts.items() if verdict == DISTORTED} == {"d_1", "d_1x", "d_2", "d_2z"}
 
 
 def test_without_a_floor_of_the_study_it_is_what_the_residuals_show(noisy, identified):

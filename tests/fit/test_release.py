@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from plants.data_sheet_arm import SPEC, arm, measure, off
 
-from elastid.base.statistics import correlation_of
 from elastid.fit.assembly import Assembly
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose
@@ -38,7 +37,7 @@ def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
     for name in STIFF:
         std, noise, file = result.std[name], result.std_by_noise[name], result.std_by_file[name]
         assert abs(result.values[name] - truth[name]) < 3 * std
-        assert math.hypot(noise, file) == pytest.approx(std)
+        assert math.hypot(noise, file) <= std * (1 + 1e-9)
         assert 0 < noise < std
     assert not held.has_tolerances
     assert set(result.std_by_noise) == {"k_1", "k_2", "d_1", "d_2", "fm_1", "fm_2"}
@@ -54,23 +53,14 @@ def test_a_file_that_is_exact_gives_the_same_as_none() -> None:
     np.testing.assert_array_equal(exact.covariance, none.covariance)
 
 
-def test_the_part_of_the_noise_is_that_of_a_fit_that_knows_the_robot() -> None:
-    """Of the same robot whose file is right and held: equal to a tenth."""
-    rng = np.random.default_rng(5)
-    responses = measure(arm(), rng)
-    free, held = (identify(responses, arm(each), SPEC) for each in (Tolerances(), None))
+def test_four_times_the_data_halve_the_part_of_noise_and_leave_that_of_the_file() -> None:
+    """With a torque constant that is known to 5 %; much noise, little, and half of that."""
+    robot, spec = arm(Tolerances(torque_constant=0.05)), replace(SPEC, weights=WeightSpec(floor=0.0))
+    much, few, many = (identify(measure(arm(), np.random.default_rng(5), e), robot, spec) for e in (1e-4, 1e-6, 5e-7))
     for name in STIFF:
-        assert free.std_by_noise[name] == pytest.approx(held.std[name], rel=0.1)
-
-
-def test_the_part_of_little_noise_is_not_lost_beside_the_file() -> None:
-    """A scale unknown by 1.7 %, noise of 2e-8: to 1 % that of a fit that knows the robot, correlations below 1."""
-    responses = measure(arm(), np.random.default_rng(5), 1e-6)
-    free, held = (identify(responses, arm(each), SPEC) for each in (Tolerances(torque_constant=0.05), None))
-    assert free.std_by_file["k_1"] > 1e5 * free.std_by_noise["k_1"]
-    for name in ("k_1", "k_2"):
-        assert free.std_by_noise[name] == pytest.approx(held.std[name], rel=0.01)
-    assert np.all(np.linalg.eigvalsh(correlation_of(free.covariance_by_noise)) > 0)
+        assert many.std_by_noise[name] == pytest.approx(few.std_by_noise[name] / 2, rel=0.1)
+        assert [few.std_by_file[name], many.std_by_file[name]] == pytest.approx([much.std_by_file[name]] * 2, rel=0.1)
+        assert math.hypot(much.std_by_noise[name], much.std_by_file[name]) <= much.std[name] * (1 + 1e-9)
 
 
 def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:
@@ -107,9 +97,9 @@ def test_measurements_of_one_robot_scatter_less_than_its_file_is_off() -> None:
     results = [fit_parameters(measure(robot, np.random.default_rng(seed)), loose, spec) for seed in range(40)]
     for name in STIFF:
         scatter = np.std([result.values[name] for result in results], ddof=1)
-        stated = np.mean([result.std_repeated[name] for result in results])
+        stated = np.mean([result.std_by_noise[name] for result in results])
         assert 0.7 < scatter / stated < 1.3, name
-    assert results[0].std_repeated["k_1"] < 0.3 * results[0].std["k_1"]
+    assert results[0].std_by_noise["k_1"] < 0.3 * results[0].std["k_1"]
 
 
 @pytest.mark.slow

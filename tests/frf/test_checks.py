@@ -59,11 +59,14 @@ def test_each_input_is_held_against_its_own_noise() -> None:
 
 
 def test_a_sign_within_the_noise_is_not_reported() -> None:
-    """The same inertia turned round, with a standard deviation as large as the response."""
+    """An inertia turned round, with a standard deviation as large as the response, in any unit; and far below it."""
     place, configuration = ("motor 1",), Configuration("home", np.zeros(1))
-    noise = Covariance(np.ones((60, 1, 1)), 10.0)
-    turned = FrequencyResponse(FREQ_HZ, -np.ones((60, 1, 1)), place, place, "acceleration", configuration, noise)
-    assert channel_notes(turned) == ()
+    for size in (1e-6, 1.0, 1e6):
+        G = -size * np.ones((60, 1, 1))
+        for relative, codes in ((1.0, []), (1e-3, ["frf/wrong-sign"])):
+            noise = Covariance(np.full(G.shape, (relative * size) ** 2), 10.0)
+            turned = FrequencyResponse(FREQ_HZ, G, place, place, "acceleration", configuration, noise)
+            assert [note.code for note in channel_notes(turned)] == codes
 
 
 def test_a_response_of_zeros_is_no_exchange() -> None:

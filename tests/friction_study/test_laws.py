@@ -81,6 +81,16 @@ def plain(n: int = 12, uneven: float = 0.0) -> Levels:
 
 
 @pytest.mark.slow
+def test_of_one_speed_coulomb_friction_is_the_whole_of_its_torque() -> None:
+    """Passes at 1.2 rad/s, off by 0.3 %: a line through them would have its end anywhere."""
+    rng = np.random.default_rng(4)
+    v, none = 1.2 * (1 + 3e-3 * rng.standard_normal(40)), np.zeros(40)
+    torque = 9 + 0.5 * v + 0.05 * rng.standard_normal(40)
+    law = StaticLaw.of(Levels("joint 1", v, np.ones(40), torque, 0.05 + none, none, none + np.nan), LawSpec())
+    assert set(law.values) == {"coulomb"}
+    assert law.values["coulomb"] == pytest.approx(9.6, abs=0.05)
+
+
 def test_directions_are_one_unless_the_levels_tell_them_apart() -> None:
     """Of 100 even axes at most 5 are called uneven (1 % is stated); a slope 20 % apart is found, in N s/m."""
     uneven = sum("directions.viscous" in StaticLaw.of(drawn(plain(), seed), LawSpec()).names for seed in range(100))

@@ -1,7 +1,5 @@
 """FrictionTakenOut: the level in sliding of a motor with several shapes, and curves with their standard deviations."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -35,9 +33,3 @@ def test_a_reversal_runs_from_minus_to_plus_the_level_in_sliding() -> None:
     torque, std = FRICTION.reversal("motor 1", np.array([0.0, 0.1, 1.0]))
     np.testing.assert_allclose(torque, [-5.0, 2.0, 5.0])
     np.testing.assert_allclose(std, np.sqrt([0.15, 0.04, 0.15]))
-
-
-def test_levels_of_another_size_are_refused() -> None:
-    """By the name of the array."""
-    with pytest.raises(ValueError, match=r"levels has shape \(2,\), expected \(3,\)"):
-        replace(FRICTION, levels=np.ones(2))

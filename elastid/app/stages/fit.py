@@ -24,7 +24,7 @@ from elastid.fit.solve.solvers import Interrupted
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.gear_result import with_gears
+from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
 from elastid.report.overview import OPEN_GEARS, next_steps, numbers_answer, residual_sentence, verdict_sentence
@@ -143,7 +143,7 @@ def conclude(run: Run) -> None:
     for words in dict.fromkeys(row.contains for row in rows if estimated and row.contains):
         run.console.say(f"{', '.join(row.name for row in rows if row.contains == words)}: {words}")
     explained = linear.status == "misfit" and result.status == "converged"
-    for line in _WITH_GEARS if explained else _answers(run, result, rows):
+    for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
         run.console.say(line)
     files = (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit"))
     run.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
@@ -156,18 +156,19 @@ def conclude(run: Run) -> None:
 
 
 # The answers where the effects of gears explain the misfit of the linear fit, whose residuals say nothing of the rest.
-_WITH_GEARS = (
-    "Are the numbers good? Yes, those beside the effects of the gears; of the linear fit they are off.",
-    "Where does the model fail? Where it is linear: the line `gears` says what is left unexplained.",
-    "What next? Take identified_robot.yml, which states the effects.",
-)
+def _with_gears(result: FitResult, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
+    answer = numbers_answer(result, rows, gears)
+    beside = "Yes, those beside the effects of the gears; of the linear fit they are off."
+    yield f"Are the numbers good? {beside if answer.startswith('Yes') else answer}"
+    yield "Where does the model fail? Where it is linear: the line `gears` says what is left unexplained."
+    yield "What next? Take identified_robot.yml, which states the effects."
 
 
-def _answers(run: Run, result: FitResult, rows: Sequence[ParameterRow]) -> Iterator[str]:
+def _answers(run: Run, result: FitResult, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
     """How good the numbers are, where the model fails, what to do next; a page has the details."""
     judged = read_validation(run.path("validate")).configurations if run.is_current("validate") else ()
     sentence = verdict_sentence(result, rows, judged)
-    yield f"Are the numbers good? {numbers_answer(result, rows)} {sentence[:1].upper()}{sentence[1:]}."
+    yield f"Are the numbers good? {numbers_answer(result, rows, gears)} {sentence[:1].upper()}{sentence[1:]}."
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
     if step is OPEN_GEARS and "gears" in run.stages:

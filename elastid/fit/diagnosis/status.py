@@ -33,8 +33,9 @@ from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.diagnosis.static_loads import contradiction
 from elastid.fit.diagnosis.tool_side import tool_contradiction
-from elastid.fit.result import FitResult, ModificationIndex, Status, largest_by_chance
-from elastid.response import BENT, NOT_STRAIGHT
+from elastid.fit.result import DISTORTED, DOUBTED, FitResult, ModificationIndex, Status, largest_by_chance
+from elastid.fit.solve.solvers import DAMPING_UNITS
+from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED
 
 
 @dataclass(frozen=True)
@@ -50,15 +51,17 @@ class MisfitLimits:
     excess: float = 1.2
     disagreement: float = 1.5
     structure: float = 1.3
-    shift: float = 1.5
+    shift: float = 2.0
     drop: float = 30.0
-    effect: float = 3.0
+    effect: float = 2.0
+    # Of a parameter, and of a damping or friction, below which no user asks for it: then a note says it.
+    size: float = 0.005
+    size_of_damping: float = 0.05
     explained_ratio: float = 0.9  # of the drop of a number, that a likelier cause reaches for the number to say nothing
 
 
 MISFIT = MisfitLimits()
-# Verdicts on a parameter.
-GOOD, BY_FILE, DOUBTED = "good", "depends on the file", "not to be believed"
+GOOD, BY_FILE = "good", "depends on the file"  # verdicts on a parameter
 
 
 def with_status(evidence: Evidence) -> FitResult:
@@ -122,9 +125,10 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     result, n = evidence.result, len(evidence.result.parameters.asked)
     index = decisive_index(result, evidence.uncertainty, result.indices)
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
-    by_blocks = evidence.uncertainty.shift[:n] if _blocks_disagree(evidence) else np.zeros(n)
-    noise, file = result.std_by_noise, result.std_by_file
+    by_blocks = _shifts(evidence) if _blocks_disagree(evidence) else np.zeros(n)
+    std, file = result.std, result.std_by_file
     bent = {note.text.removeprefix(BENT).partition(" is ")[0].strip() for note in _bent_gears(evidence)}
+    is_distorted = any(note.code == UNEXPLAINED for G in evidence.assembly.responses for note in G.notes)
     verdicts = []
     for i, parameter in enumerate(result.parameters.asked):
         if result.at_bound[i]:
@@ -133,18 +137,35 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
             verdicts.append(f"{DOUBTED}: it is that of one amplitude, since the gear is not a straight spring")
         elif index is not None and by_index[i] > MISFIT.effect:
             verdicts.append(f"{DOUBTED}: {phrase(index, evidence)} would move it by {by_index[i]:.1f} std")
+        elif is_distorted and parameter.name.startswith("d_"):
+            verdicts.append(DISTORTED)
         elif by_blocks[i] > MISFIT.shift:
             verdicts.append(f"{DOUBTED}: configurations and bands disagree about it by {by_blocks[i]:.1f} std")
         else:
-            verdicts.append(BY_FILE if file[parameter.name] > noise[parameter.name] else GOOD)
+            verdicts.append(BY_FILE if 2 * file[parameter.name] ** 2 > std[parameter.name] ** 2 else GOOD)
     return tuple(verdicts)
 
 
 def _in_deviations(effects: FloatArray, result: FitResult) -> FloatArray:
-    """Changes of the parameters that were asked for (n,), in their standard deviations."""
+    """Changes of the parameters that were asked for (n,), in standard deviations; 0 of those that are too small."""
     n = len(result.parameters.asked)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.nan_to_num(np.abs(effects[:n]) / np.sqrt(np.diag(result.covariance)[:n]))
+        deviations = np.nan_to_num(np.abs(effects[:n]) / np.sqrt(np.diag(result.covariance)[:n]))
+    return np.where(_matters(np.abs(effects[:n]), result), deviations, 0.0)
+
+
+def _matters(change: FloatArray, result: FitResult) -> BoolArray:
+    """True for each parameter asked for (n,) that a change of x by so much moves by what a user asks for."""
+    asked = result.parameters.asked
+    size = [MISFIT.size_of_damping if p.unit in DAMPING_UNITS else MISFIT.size for p in asked]
+    return np.asarray(change > size * np.where([p.log for p in asked], 1.0, np.abs(result.x[: len(asked)])))
+
+
+def _shifts(evidence: Evidence) -> FloatArray:
+    """Deviations by blocks (n,) over those by noise and floor; 0 of parameters whose interval by blocks is narrow."""
+    result = evidence.result
+    std = np.sqrt(np.diag(result.covariance)[: len(result.parameters.asked)])
+    return np.where(_matters(std, result), evidence.uncertainty.shift[: len(std)], 0.0)
 
 
 def _decides(evidence: Evidence) -> BoolArray:
@@ -173,16 +194,18 @@ def decisive_index(
     """
     if np.isnan(uncertainty.disagreement):  # no noise is known
         return None
+
+    def moves(index: ModificationIndex) -> bool:
+        return bool(np.any(_in_deviations(index.effects, result) > MISFIT.effect))
+
     # Of one direction: where several numbers are free at once, noise alone moves parameters far.
-    n = len(result.parameters.asked)
-    reach = MISFIT.effect * np.sqrt(np.diag(result.covariance)[:n])
     alone = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
-    decisive = [i for i in alone if i.drop > MISFIT.drop and np.any(np.abs(i.effects[:n]) > reach)]
+    decisive = [i for i in alone if i.drop > MISFIT.drop and moves(i)]
     largest = max(decisive, key=lambda index: index.drop, default=None)
     likeliest = next((index for index in indices if index.place == 1), largest)
     if largest is None or likeliest is None or largest.name == likeliest.name:
         return largest
-    if np.any(np.abs(likeliest.effects[:n]) > reach):
+    if moves(likeliest):
         return likeliest
     equal = [index for index in decisive if index.name in likeliest.alike]
     explains_all = likeliest.drop > MISFIT.explained_ratio * largest.drop
@@ -205,7 +228,8 @@ def _blocks_disagree(evidence: Evidence) -> bool:
 
 def _by_blocks(evidence: Evidence) -> str:
     result, uncertainty = evidence.result, evidence.uncertainty
-    moved = np.flatnonzero((uncertainty.shift[: len(result.parameters.asked)] > MISFIT.shift) & _decides(evidence))
+    shift = _shifts(evidence)
+    moved = np.flatnonzero((shift > MISFIT.shift) & _decides(evidence))
     if not (_blocks_disagree(evidence) and moved.size):
         return ""
     worst = moved[np.argsort(-uncertainty.shift[moved])]

@@ -14,6 +14,8 @@ from elastid.fit.diagnosis.sensitivities import RATE
 from elastid.fit.diagnosis.status import MISFIT
 from elastid.fit.result import HELD_AS_EXACT, FitResult
 
+SAID = 3.0  # standard deviations, by which a number that is held moves one of the fit, and is named
+
 
 @dataclass(frozen=True)
 class UndetectableError:
@@ -79,7 +81,7 @@ def find_undetectable_errors(result: FitResult, scores: Scores | None) -> tuple[
         return ()
     # Of two that do exactly the same, rounding does not choose.
     errors = sorted(undetectable_errors(result, scores), key=lambda error: -float(f"{error.moved:.6g}"))
-    errors = [error for error in errors if error.moved > MISFIT.effect]
+    errors = [error for error in errors if error.moved > SAID]
     if not errors:
         return ()
     worst = {error.family: error for error in reversed(errors)}

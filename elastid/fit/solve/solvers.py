@@ -69,7 +69,7 @@ def solve(
     ended = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
     message = f"{ended}, {off:.1e} standard deviations from the stationary point"
     # One that creeps far from any noise has converged, too: the model is wrong, and not the search.
-    converged = off < 1e-2 or end.status == CREEPING
+    converged = off < ROUGH or end.status == CREEPING
     return LocalOptimum(x0, end.x, end.evaluation.cost, end.iterations, converged, message)
 
 

@@ -89,7 +89,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
     classes = [overview.width_class(row) for row in rows]
     return {
         "sentence": overview.verdict_sentence(content.result, rows, content.validation.configurations),
-        "numbers_answer": overview.numbers_answer(content.result, rows),
+        "numbers_answer": overview.numbers_answer(content.result, rows, content.gears),
         "summary": overview.summary_line(content),
         "sketch": robot_sketch(content.robot, drawing, rows) if content.robot is not None and drawing else "",
         "widest": None if overview.is_wrong(content.result) else overview.widest(rows),

@@ -1,5 +1,7 @@
 """Which effects the records of another simulator show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -110,6 +112,11 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
     groups = candidate_groups([lines], known, linearisation, bent=("1", "2"))
     assert {effect.kind for group in groups for effect in group if effect.joint == "2"} == {"friction"}
     assert {"behind", "gap", "stop"} < {effect.kind for group in groups for effect in group if effect.joint == "1"}
+    assert not any(effect.kind.startswith(("error", "ripple")) for group in groups for effect in group)
+    turning = replace(lines, Y=1e5 * lines.Y)  # several turns of the motors
+    assert any(
+        effect.kind == "error sine" for g in candidate_groups([turning], known, linearisation, ()) for effect in g
+    )
     (drive,) = known.drives
     assert not drive.directions("gear", 1).any()
     assert drive.directions("motor", 1) @ drive.B == pytest.approx([0.0, 1.0])
