@@ -15,7 +15,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
 from elastid.nonlinear.gear.drive_lines import DriveLines, drive_lines, elastic_joints
 from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.response import FrequencyResponse
+from elastid.response import UNEXPLAINED, FrequencyResponse
 
 _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
 # Of the rms deflection of a gear at the excited lines, above which noise of its motor's angle hides the effects, or a
@@ -66,7 +66,9 @@ def refusal(
             f"to; measure two or more realisations; {LOST}"
         )
     late = next((index for index in result.indices if index.name.startswith(_LATE) and index.share > 0.5), None)
-    if late is not None and result.status == "misfit":
+    # A late torque distorts nothing.
+    is_distorted = any(note.code == UNEXPLAINED for G in responses for note in G.notes)
+    if late is not None and result.status == "misfit" and not is_distorted:
         return (
             f"the fit finds {late.name} ({100 * late.share:.0f} % of the excess of V): the logged torque is not the "
             "one that acts, and effects of gears would follow the difference; give the robot's chain its torque_lag, "

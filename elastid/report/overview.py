@@ -100,6 +100,8 @@ def is_wrong(result: FitResult) -> bool:
 
 # Of the motion, which effects of the gears may leave unexplained beside numbers that are good.
 MOTION_LEFT = 0.01
+# Of a stiffness, by which a usual base moves it where the answer says so.
+BASE_SIZE = 0.005
 
 
 def numbers_answer(result: FitResult, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
@@ -120,9 +122,22 @@ def numbers_answer(result: FitResult, rows: Sequence[ParameterRow], gears: GearR
     if half_width(most) > WIDTH_CLASSES[-1]:
         return "Not all of them."
     held = next((note.text for note in result.notes if note.code == HELD_AS_EXACT), "")
-    if not held or any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
+    if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
+        return "Yes."
+    if based := _with_its_base(result, rows):
+        return f"Yes, of each gear in series with its base, of which a usual one would move {based}."
+    if not held:
         return "Yes."
     return f"Yes, if what the fit held is exact: {held.partition('; ')[2].partition(':')[0]}."
+
+
+def _with_its_base(result: FitResult, rows: Sequence[ParameterRow]) -> str:
+    """The stiffness that a base as elastic as is usual would move most, by more than users ask for; empty for none."""
+    with_base = result.std_with_base
+    moved = {row.name: with_base[row.name] / row.estimate for row in rows if row.name.startswith("k")}
+    moved = {name: size for name, size in moved.items() if size > BASE_SIZE and with_base[name] > 2 * result.std[name]}
+    worst = max(moved, key=moved.__getitem__, default="")
+    return worst and f"{worst} by {percent(moved[worst])}"
 
 
 def needs_floor(agreements: Sequence[Agreement]) -> bool:
