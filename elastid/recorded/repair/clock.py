@@ -154,9 +154,9 @@ def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     far = max(1, len(Z) // 2)
     C, power = _cross(Z, 1)
     C_far, power_far = _cross(Z, far)
-    limit = CLOCK.max_error * N + 1
-    grid = np.arange(-limit, limit + 0.05, 0.05)
-    excess = refined_shift(C, N, float(grid[np.argmax([correlation(C, N, e) for e in grid])]))
+    # In eighths of a sample, from which the maximum is found.
+    shifts = np.arange(-(limit := 8 * int(CLOCK.max_error * N + 2)), limit + 1)
+    excess = refined_shift(C, N, float(shifts[np.argmax(np.fft.irfft(C, 8 * N)[shifts % (8 * N)])]) / 8)
     excess = refined_shift(C_far, N, far * excess) / far
     unshifted = correlation(C, N, 0.0)
     if correlation(C, N, excess) < unshifted:
