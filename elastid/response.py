@@ -136,6 +136,8 @@ class FrequencyResponse:
     motion: of the motors while it was measured, or None.  window, segment_s: of the segments that have smoothed G along
     frequency, or "" and 0.  motors: while it was measured, which a force at the tool finds held by brakes, free or
     controlled by `loop`; torques of motors act on free ones.
+    ratio_std (n_u,): relative std of the ratio of each input's gear over the motion, without a tolerance of the robot's
+    file; empty where the motion is not known.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -168,6 +170,9 @@ class FrequencyResponse:
     segment_s: float = 0.0
     motors: Motors = "free"
     loop: JointLoop | None = None
+    ratio_std: FloatArray = labelled(
+        "usual std of each gear's ratio over the motion", "", "inputs", default_factory=lambda: np.zeros(0)
+    )
 
     def __post_init__(self) -> None:
         """Check names and arrays."""
@@ -286,6 +291,7 @@ class FrequencyResponse:
             leakage=None if self.leakage is None else self.leakage[:, rows][:, :, columns],
             quality=None,
             bias=None,
+            ratio_std=self.ratio_std[columns] if len(self.ratio_std) else self.ratio_std,
         )
 
     @property

@@ -128,11 +128,9 @@ def sum_lines(
     floor_pull = _coherent(response, pulls.transpose(1, 0, 2))
     ratios = ratio_errors(part, response, mixing)
     ratio_pull = {name: np.einsum("pfab,fab->p", J.conj(), error).real for name, error in ratios.items()}
-    noise_sums, floor_sums = (power, spread, dof), (floor_power, floor_pull)
+    noise_sums, error_sums = (power, spread, dof), (floor_power, floor_pull, ratio_pull)
     own = response.freq_hz, _triangle(rows), power_of_lines
-    return LineSums(
-        *own, lags, n_residuals, pull, blocks, block_disagreement(blocks), *noise_sums, *floor_sums, ratio_pull
-    )
+    return LineSums(*own, lags, n_residuals, pull, blocks, block_disagreement(blocks), *noise_sums, *error_sums)
 
 
 def _block(

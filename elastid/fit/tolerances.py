@@ -9,7 +9,6 @@ import numpy as np
 
 from elastid.base.names import matching
 from elastid.fit.spec import FitSpec
-from elastid.frf.distortion import OF_RATIO
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.response import FrequencyResponse
 from elastid.robot import BASE, Robot, Tolerances, unit_axis
@@ -90,12 +89,9 @@ def _turns_all(robot: Robot, path: Path) -> bool:
 
 
 def ratio_within(response: FrequencyResponse, robot: Robot) -> FrequencyResponse:
-    """The same with its errors by the gears' ratios as large as robot.tolerances has them, without any if exact."""
-    if response.bias is None or not np.any(response.bias[OF_RATIO]):
-        return response
-    bias = response.bias.copy()
-    bias[OF_RATIO] *= robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
-    return replace(response, bias=bias if np.any(bias) else None)
+    """The same with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
+    within = robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
+    return replace(response, ratio_std=within * response.ratio_std)
 
 
 def has_tolerances(robot: Robot) -> bool:

@@ -113,8 +113,8 @@ def fast_total_error(
     return of_noise + of_distortion, sum(parts) ** 2 / spread if spread > 0 else float(dof)
 
 
-# The second order, the turned part of it, the ratio of the gear, and the own part of the first.
-SYSTEMATIC_ERRORS, OF_RATIO = 4, 2
+# The second order, the turned part of it, and the own part of the first.
+SYSTEMATIC_ERRORS = 3
 # Share of the second order that is turned by a quarter of a circle: its phase differs from the prediction by 0.3 to 0.4
 # rad in many realisations, in one direction.
 TURNED_SHARE = 0.35
@@ -131,7 +131,7 @@ def friction_bias(
     noise: ComplexArray,
     dof: float,
 ) -> ComplexArray | None:
-    """delta G (4, n_u, F, n_y, n_u) by the friction of each input's motor, zero where there is none.
+    """delta G (3, n_u, F, n_y, n_u) by the friction of each input's motor, zero where there is none.
 
     First the second order and what it may be turned by, which configurations share, then the part of the first order
     that each has by itself.
@@ -167,7 +167,7 @@ def friction_bias(
         twice = -G[:, :, j, None] * G[:, rows[j], None, :] * omega[:, None, None] ** (1 - MOTION_ORDER[quantity])
         bias[0, j] = F_squared * second[:, None, None] * twice
         bias[1, j] = TURNED_SHARE * 1j * bias[0, j]
-        bias[-1, j] = OWN_SHARE * 2 * np.sqrt(F_squared) * density * twice
+        bias[2, j] = OWN_SHARE * 2 * np.sqrt(F_squared) * density * twice
     return bias
 
 

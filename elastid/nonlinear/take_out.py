@@ -20,7 +20,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.frf.distortion import OF_RATIO, SYSTEMATIC_ERRORS, interpolated
+from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
 from elastid.frf.period_selection import settled
 from elastid.frf.spec import EstimatorSpec
@@ -61,49 +61,35 @@ def estimate_without_friction(
         from elastid.nonlinear.gear.straightness import straightness_notes
 
         response = replace(response, notes=(*response.notes, *straightness_notes(net, robot, spec, planned_lines)))
-    ratio = _ratio_errors(records, response, robot)
-    if np.any(ratio):
-        bias = _errors_of(response)
-        bias[OF_RATIO] = ratio
-        response = replace(response, bias=bias)
+    response = replace(response, ratio_std=ratio_std(records, robot))
     if friction is None:
         return response
     arm = partial(_arm_variance, net, response, spec, planned_lines, robot)
     response = replace(response, notes=(*response.notes, *_unexplained(response, friction, arm)))
     if not friction.shapes:
         return response
-    before, errors = _errors_of(response), _level_errors(records, friction, response, spec, planned_lines, E)
+    errors = _level_errors(records, friction, response, spec, planned_lines, E)
+    none = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex)
+    before = none if response.bias is None else response.bias
     return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
 
 
-def _errors_of(response: FrequencyResponse) -> ComplexArray:
-    """Systematic errors (n_b, n_u, F, n_y, n_u) of a response, a copy; zeros where it has none."""
-    none = np.zeros((SYSTEMATIC_ERRORS, len(response.inputs), *response.G.shape), complex)
-    return none if response.bias is None else response.bias.copy()
+def ratio_std(records: Sequence[Record], robot: Robot | None) -> FloatArray:
+    """Relative std (n_u,) of the ratio of each motor's gear, which over a part of a turn is not that of the whole.
 
-
-def _ratio_errors(records: Sequence[Record], response: FrequencyResponse, robot: Robot | None) -> ComplexArray:
-    r"""delta G (n_u, F, n_y, n_u) by the ratio of each gear, which over a part of a turn is not that of the whole.
-
-    .. math:: \delta G = \epsilon_j (e_j e_j^T G + G\, e_j e_j^T)
-
-    An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100.
-    0 of motors whose numbers are given at the link; a fit scales it to the tolerance of the file (`ratio_within`).
+    An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100; over n turns
+    an n-th is left. 0 of motors whose numbers are given at the link; a fit scales it to the tolerance of the file.
     """
-    errors = np.zeros((len(response.inputs), *response.G.shape), complex)
-    if robot is None:
-        return errors
-    ratios = {f"motor {joint.name}": abs(joint.motor.ratio) for joint in robot.driven if joint.motor is not None}
-    for j, place in enumerate(response.inputs):
-        if place not in response.outputs or ratios.get(place, 1.0) == 1:
-            continue
-        i, channel = response.outputs.index(place), records[0].outputs.index(place)
-        is_angle = records[0].quantities[channel] == "position"
-        travel = max(float(np.ptp(record.y[:, channel])) for record in records) if is_angle else 0.0
-        std = RATIO / max(1.0, ratios[place] * travel / (2 * np.pi))
-        errors[j, :, i] += std * response.G[:, i]
-        errors[j, :, :, j] += std * response.G[:, :, j]
-    return errors
+    first, std = records[0], np.zeros(len(records[0].inputs))
+    joints = () if robot is None else robot.driven
+    ratios = {f"motor {joint.name}": abs(joint.motor.ratio) for joint in joints if joint.motor is not None}
+    for j, place in enumerate(first.inputs):
+        if place in first.outputs and ratios.get(place, 1.0) != 1:
+            channel = first.outputs.index(place)
+            is_angle = first.quantities[channel] == "position"
+            travel = max(float(np.ptp(record.y[:, channel])) for record in records) if is_angle else 0.0
+            std[j] = RATIO / max(1.0, ratios[place] * travel / (2 * np.pi))
+    return std
 
 
 def _unexplained(

@@ -65,7 +65,7 @@ def test_few_blocks_and_unknown_noise_say_nothing() -> None:
 def evidence_of(J, r) -> LineSums:
     """A configuration of real residuals r (N,) with slopes J (N, n_x)."""
     pull = (J * r[:, None]).T
-    lags, unknown = autocovariance(r[:, None] + 0j), (np.nan, np.nan, np.inf, 0.0, {})
+    lags, unknown = autocovariance(r[:, None] + 0j), (np.nan, np.nan, np.inf, 0.0, {}, {})
     return LineSums(np.ones(len(r)), J, J**2, lags, len(r), pull, Blocks(pull.T, None), (0.0, 0), *unknown)
 
 

@@ -63,6 +63,20 @@ def test_four_times_the_data_halve_the_part_of_noise_and_leave_that_of_the_file(
         assert math.hypot(much.std_by_noise[name], much.std_by_file[name]) <= much.std[name] * (1 + 1e-9)
 
 
+def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None:
+    """Two motors' gears by 0.3 % and half of that: k is uncertain by twice as much, and the file has the part."""
+    wide, half, exact = (Tolerances(ratio=std) for std in (0.003, 0.0015, "exact"))
+    responses = [replace(G, ratio_std=np.full(2, 0.003)) for G in measure(arm(), np.random.default_rng(5))]
+    results = [identify(responses, arm(each), SPEC) for each in (wide, half, exact)]
+    for name in ("k_1", "k_2"):
+        values, stds = ([getattr(r, kind)[name] for r in results] for kind in ("values", "std"))
+        assert values == pytest.approx([values[2]] * 3, rel=1e-6)
+        by_ratio = np.sqrt(np.square(stds) - stds[2] ** 2) / values[2]
+        assert by_ratio == pytest.approx([0.006, 0.003, 0.0], rel=0.15, abs=1e-6)
+        assert results[0].std_by_noise[name] == pytest.approx(results[2].std_by_noise[name], rel=0.05)
+        assert results[0].std_by_file[name] > 0.9 * 0.006 * values[2]
+
+
 def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:
     """From the study's own start, where V stays high at the end of the best start."""
     rng = np.random.default_rng(3)

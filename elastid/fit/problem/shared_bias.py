@@ -23,7 +23,6 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.problem.part import Part, mixed
-from elastid.frf.distortion import OF_RATIO
 from elastid.response import FrequencyResponse
 
 Factor: TypeAlias = tuple[str, int, str]  # input, index and configuration, "" for all configurations
@@ -34,8 +33,6 @@ def find_factors(responses: Sequence[FrequencyResponse]) -> tuple[Factor, ...]:
     factors: dict[Factor, None] = {}
     for response in responses:
         for i, errors in enumerate(() if response.bias is None else response.bias):
-            if i == OF_RATIO:
-                continue
             of_all = response.bias is not None and i < len(response.bias) - 1
             key = (i, "") if of_all else (-1, response.configuration.name)
             names = (name for name, error in zip(response.inputs, errors, strict=True) if np.any(error))
@@ -44,16 +41,22 @@ def find_factors(responses: Sequence[FrequencyResponse]) -> tuple[Factor, ...]:
 
 
 def ratio_errors(part: Part, response: FrequencyResponse, mixing: ComplexArray | None) -> dict[str, ComplexArray]:
-    """Whitened errors (F, n_y, n_u) of a response by the ratio of each gear, by its input, of one standard deviation.
+    r"""Whitened errors (F, n_y, n_u) of a response by the ratio of each gear, by its input, of one standard deviation.
+
+    .. math:: \delta G = \epsilon_j (e_j e_j^T G + G\, e_j e_j^T)
 
     They widen intervals and are not estimated: a factor of a whole row and column, which the model hardly tells from
     its numbers, would follow what noise and weights share.
     """
-    if response.bias is None:
-        return {}
-    errors = zip(response.inputs, response.bias[OF_RATIO] * part.error_gain, strict=True)
-    known = {name: error for name, error in errors if np.any(error)}
-    return known if mixing is None else {name: mixed(mixing, error) for name, error in known.items()}
+    errors = dict[str, ComplexArray]()
+    for j, std in enumerate(response.ratio_std.tolist()):
+        if std > 0 and response.inputs[j] in response.outputs:
+            i, error = response.outputs.index(response.inputs[j]), np.zeros_like(response.G)
+            error[:, i] += std * response.G[:, i]
+            error[:, :, j] += std * response.G[:, :, j]
+            whitened = (error * part.error_gain)[None]
+            errors[response.inputs[j]] = (whitened if mixing is None else mixed(mixing, whitened))[0]
+    return errors
 
 
 def bias_of(response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexArray:
