@@ -1,8 +1,8 @@
 """A record of several parts: of a log that is too large for memory, or of several logs of one experiment.
 
-A large log is measured in pieces of whole periods (without one, of any length), kept in files.  The first, and each
-that differs from it by more than the noise of the first, is repaired and checked as a log of its own.  Where the pieces
-are not in step (a clock that differs, a piece that is refused) the log must be measured as a whole.
+A large log is measured in pieces of whole periods (without one, of any length), kept in files.  The first is repaired
+and checked as a log of its own, and so is each that differs from the last such one by more than noise.  Where they are
+not in step (a clock that differs, a piece that is refused) the log must be measured as a whole.
 
 Logs of one experiment may hold further periods, or repeats, of one excitation, which brings each into step with the
 first; the record keeps where a log starts, since each has a transient and a drift of its own.
@@ -55,15 +55,15 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
 
 @dataclass(frozen=True)
 class ScreenLimits:
-    """Limits within which a piece is as the first one; one beyond is repaired, which costs time alone."""
+    """Limits within which a piece is as one that was repaired; one beyond is repaired, too, which costs time alone."""
 
     sigmas: float = 6.0  # of a sample, less those two before and after it; and of a lag
-    max_lag: float = 0.05  # of an excitation behind that of the first piece, in samples
+    max_lag: float = 0.05  # in samples, of a piece behind the other one
     windows: int = 20  # of a period, of so many samples at least, whose power is compared
     min_window: int = 256
     held: int = 20  # equal samples that a channel repeats where it hangs
-    max_power_ratio: float = 1.5
-    min_power_ratio: float = 0.5
+    min_ratio: float = 0.5  # of power in a window, over those of the other piece
+    max_ratio: float = 1.5  # likewise, and of the largest lone sample
     max_mean_ratio: float = 4.0  # power of the difference of the mean periods, over that of their noise
     resolution: float = 1e-6  # of the largest value: differences below are rounding
 
@@ -100,15 +100,18 @@ def _figures(x: FloatArray, mean: FloatArray) -> _Figures:
 
 
 class _Screen:
-    """Test that a signal (n,) of another piece is as that of the first one, from its periods of N samples."""
+    """Test that a signal (n,) of a piece is as that of one that was repaired, from its periods of N samples."""
 
     def __init__(self, x: FloatArray, N: int) -> None:
         self.mean, self.periods = x.reshape(-1, N).mean(axis=0), len(x) // N
         first, least = _figures(x, self.mean), SCREEN.resolution * float(np.abs(x).max())
+        # Its own noise is part of the mean that it is compared with, that of other pieces is not.
         self.noise = float(first.power.mean()) * self.periods / (self.periods - 1) + least**2
-        self.low = SCREEN.min_power_ratio * float(first.power.min()) - least**2
-        self.high = SCREEN.max_power_ratio * float(first.power.max()) + least**2
-        self.far = max(SCREEN.sigmas * float(np.sqrt(np.mean(first.lone**2))), float(first.lone.max())) + least
+        more = (self.periods + 1) / (self.periods - 1)
+        self.low = SCREEN.min_ratio * more * float(first.power.min()) - least**2
+        self.high = SCREEN.max_ratio * more * float(first.power.max()) + least**2
+        usual = SCREEN.sigmas * float(np.sqrt(more * np.mean(first.lone**2)))
+        self.far = max(usual, SCREEN.max_ratio * float(first.lone.max())) + least
         self.is_held = first.is_held
 
     def passes(self, x: FloatArray) -> bool:
@@ -164,8 +167,9 @@ def joined(
         part = measure(start, end) if start else first
         if part.n_samples != end - start or not _is_in_step(part, period):
             return None
-        if part is first and period is not None and CLIPPED not in part.repairs:
-            # The first period may hold the start from rest.
+        is_usual = CLIPPED not in part.repairs and part.repairs.keys() <= first.repairs.keys()
+        if period is not None and is_usual:
+            # The first period may hold the start from rest.  Torques change slowly, as joints warm up.
             N = len(period)
             screens = {role: [_Screen(c, N) for c in np.array(getattr(part, role)[N:].T)] for role in signals}
         for role, signal in signals.items():
