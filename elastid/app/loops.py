@@ -23,9 +23,8 @@ from elastid.store.results import write_loops
 from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
 from elastid.use.loops.assess import LoopState
-from elastid.use.loops.measured import MeasuredLoops, measured_loops, refusal
 from elastid.use.loops.result import Asked, Loops, Today, design_loops, inertias
-from elastid.use.loops.sensitivity import LIMIT_DB, Margins
+from elastid.use.loops.sensitivity import LIMIT_DB, Margins, MeasuredLoops, measured_loops, refusal
 
 NAME = "loops"
 _GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")

@@ -19,8 +19,8 @@ from elastid.simulation.controller import Gains, filters_of, gains_of
 from elastid.use.loops.assess import LoopState, assess
 from elastid.use.loops.cascade import Cascade
 from elastid.use.loops.design import robust
-from elastid.use.loops.measured import MeasuredLoops
 from elastid.use.loops.plants import PlantMode, Plants, PostureFamily
+from elastid.use.loops.sensitivity import MeasuredLoops
 
 TODAY, DESIGNED = "today's controller", "designed controller"
 

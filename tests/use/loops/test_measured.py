@@ -19,8 +19,8 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration
 from elastid.simulation.controller import filters_of
 from elastid.use.loops.assess import assess
-from elastid.use.loops.measured import measured_loops, refusal
 from elastid.use.loops.plants import PostureFamily
+from elastid.use.loops.sensitivity import measured_loops, refusal
 
 RATE_HZ = 250.0
 
