@@ -17,6 +17,9 @@ from elastid.friction_study.stribeck import START_DECAY_K, CurveFit, Terms, fit_
 from elastid.record import drive_unit, motion_unit
 from elastid.robot.friction import Directions, Friction, LoadDependence, MeasuredRange, TemperatureDependence
 
+# Of the largest speed, within which speeds are one: a line through them has its end anywhere.
+ONE_SPEED = 0.1
+
 
 @dataclass(frozen=True)
 class StaticLaw:
@@ -143,13 +146,9 @@ class StaticLaw:
 
 
 def _first_curve(levels: Levels) -> CurveFit:
-    """Coulomb and viscous friction; Coulomb's alone where the speeds are too few or too near to tell them apart."""
-    alone = Terms(("coulomb",), (), {})
-    if np.ptp(levels.speed) == 0:
-        return fit_curve(levels, alone)
-    both = fit_curve(levels, Terms(("coulomb", "viscous"), (), {}))
-    is_apart = both.values["coulomb"] > np.sqrt(both.covariance[0, 0])
-    return both if is_apart or both.values["viscous"] < 0 else fit_curve(levels, alone)
+    """Coulomb and viscous friction; of speeds that are nearly one Coulomb friction alone, the whole of their torque."""
+    names = ("coulomb", "viscous") if np.ptp(levels.speed) > ONE_SPEED * levels.speed.max() else ("coulomb",)
+    return fit_curve(levels, Terms(names, (), {}))
 
 
 def _range(values: FloatArray) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from elastid.robot import Frame
 
 
 def forecasts(seed: int, tests: tuple[PlacedTest, ...]) -> tuple[dict[str, str], list]:
-    """Text of each note by its code, for responses as the study measures them, and the fits that it makes of them."""
+    """Text of each note by what it offers, taps or loads, and the fits that the study makes of its responses."""
     study = weighed_arm if tests else tapped_arm
     with_both, alone, _ = study.one_fit(seed) if tests else study.one_fit(seed, also_alone=True)
     robot = weighed_arm.nominal()
@@ -36,7 +36,8 @@ def forecasts(seed: int, tests: tuple[PlacedTest, ...]) -> tuple[dict[str, str],
     A = expected_fit(expected).evaluate(alone.x).hessian / 2
     std = np.array([alone.std[name] / alone.values[name] for name in alone.parameters.free_names])
     notes = tool_notes(expected, A, std, alone.robot, EXACT, study_tests(tests))
-    return {note.code: note.text for note in notes}, [with_both, alone]
+    assert {note.code for note in notes} <= {"design/forecast"}
+    return {"taps" if "taps" in note.text else "loads": note.text for note in notes}, [with_both, alone]
 
 
 def percent(text: str, name: str) -> tuple[float, float]:
@@ -57,7 +58,7 @@ def test_the_load_tests_of_a_study_bring_what_is_forecast() -> None:
     tests = placed_tests(weighed_arm.load_tests(true, rng), where)
     notes, (both, alone) = forecasts(0, tests)
     for name in ("k_4", "k_5", "k_6"):
-        before, after = percent(notes["forecast-loads"], name)
+        before, after = percent(notes["loads"], name)
         assert before == pytest.approx(100 * alone.std[name] / alone.values[name], rel=0.1)
         assert after == pytest.approx(100 * both.std[name] / both.values[name], rel=0.3), name
 
@@ -66,9 +67,9 @@ def test_the_load_tests_of_a_study_bring_what_is_forecast() -> None:
 def test_typical_taps_and_load_tests_are_offered_for_a_wrist() -> None:
     """Both are, with the frame and the postures; taps at the error of the study bring what its fit has, within 2."""
     notes, (both, alone) = forecasts(0, ())
-    assert "taps with a hammer on hook in p0, p1, p2" in notes["forecast-tool"]
-    assert "section `loads`" in notes["forecast-loads"]
-    before, after = percent(notes["forecast-tool"], "k_6")
+    assert "taps with a hammer on hook in p0, p1, p2" in notes["taps"]
+    assert "section `loads`" in notes["loads"]
+    before, after = percent(notes["taps"], "k_6")
     assert before == pytest.approx(100 * alone.std["k_6"] / alone.values["k_6"], rel=0.1)
     # 2 % in three postures on other lines, where the study has 1 % in two.
     assert 0.5 < after / (100 * both.std["k_6"] / both.values["k_6"]) < 5

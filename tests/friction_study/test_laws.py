@@ -61,6 +61,16 @@ def test_what_the_conditions_cannot_tell_is_named_and_has_no_number(
     assert word in reasons(law)[part]
 
 
+def test_of_one_speed_coulomb_friction_is_the_whole_of_its_torque() -> None:
+    """Passes at 1.2 rad/s, off by 0.3 %: a line through them would have its end anywhere."""
+    rng = np.random.default_rng(4)
+    v, none = 1.2 * (1 + 3e-3 * rng.standard_normal(40)), np.zeros(40)
+    torque = 9 + 0.5 * v + 0.05 * rng.standard_normal(40)
+    law = StaticLaw.of(Levels("joint 1", v, np.ones(40), torque, 0.05 + none, none, none + np.nan), LawSpec())
+    assert set(law.values) == {"coulomb"}
+    assert law.values["coulomb"] == pytest.approx(9.6, abs=0.05)
+
+
 def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribeck_velocity() -> None:
     """nu_s is 34 rad/s at 60 degC."""
     law = StaticLaw.of(drawn(published_levels(tuple(np.geomspace(25, 280, 12)), (0.0,), (60.0,), 0.002), 1), LawSpec())
@@ -81,16 +91,6 @@ def plain(n: int = 12, uneven: float = 0.0) -> Levels:
 
 
 @pytest.mark.slow
-def test_of_one_speed_coulomb_friction_is_the_whole_of_its_torque() -> None:
-    """Passes at 1.2 rad/s, off by 0.3 %: a line through them would have its end anywhere."""
-    rng = np.random.default_rng(4)
-    v, none = 1.2 * (1 + 3e-3 * rng.standard_normal(40)), np.zeros(40)
-    torque = 9 + 0.5 * v + 0.05 * rng.standard_normal(40)
-    law = StaticLaw.of(Levels("joint 1", v, np.ones(40), torque, 0.05 + none, none, none + np.nan), LawSpec())
-    assert set(law.values) == {"coulomb"}
-    assert law.values["coulomb"] == pytest.approx(9.6, abs=0.05)
-
-
 def test_directions_are_one_unless_the_levels_tell_them_apart() -> None:
     """Of 100 even axes at most 5 are called uneven (1 % is stated); a slope 20 % apart is found, in N s/m."""
     uneven = sum("directions.viscous" in StaticLaw.of(drawn(plain(), seed), LawSpec()).names for seed in range(100))
