@@ -45,7 +45,6 @@ class Limits:
     std: float = 3.0  # of a level, below which it is left out at the end
     trifle: float = 0.02  # of the largest torque of the joint's effects: shapes are not known better
     rounds: int = 8
-    knee: float = 0.1  # of a gear's rms deflection, below which records do not tell how a loop bends
     period: float = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
 
 
@@ -156,7 +155,7 @@ def choose_effects(
             break
     estimates = tuple(estimate.on(lines) for estimate, lines in zip(found.estimates, fine, strict=True))
     settled = _settled((fine, responses, linearisation), replace(found, estimates=estimates))
-    return _with_both_edges((fine, responses, linearisation), settled)
+    return _with_better_edges((fine, responses, linearisation), settled)
 
 
 def _settled(arguments: _Arguments, found: Levels) -> Levels:
@@ -166,20 +165,16 @@ def _settled(arguments: _Arguments, found: Levels) -> Levels:
     return found if pruned is found else _settled(arguments, pruned)
 
 
-def _with_both_edges(arguments: _Arguments, found: Levels) -> Levels:
-    """With intervals that hold a loop's other edge, sharp or smooth, where its knee is too short to tell them apart."""
-    joints = joints_of(arguments[2])[0]
-    bent = {joint: _sizes(arguments[0], found, arguments[2], j)[1] for j, joint in enumerate(joints)}
-    other: dict[Kind, Kind] = {"stop": "bristle", "bristle": "stop"}
-    effects = tuple(
-        replace(e, kind=other[e.kind]) if e.kind in other and e.scale < LIMITS.knee * bent[e.joint] else e
-        for e in found.effects
-    )
-    if effects == found.effects:
-        return found
-    trial = find_levels(*arguments, found, effects, _TRIAL, settled=_ROUGH)
-    change = np.concatenate([trial.x - found.x, trial.levels - found.levels])
-    return replace(found, covariance=found.covariance + np.outer(change, change))
+def _with_better_edges(arguments: _Arguments, found: Levels) -> Levels:
+    """With the other edge of a gear's loops, sharp or smooth, where it explains more: a coarse search takes either."""
+    other = dict(zip(_LOOPS, reversed(_LOOPS), strict=True))
+    for joint in dict.fromkeys(effect.joint for effect in found.effects if effect.kind in other):
+        pairs = ((e, other.get(e.kind) if e.joint == joint else None) for e in found.effects)
+        effects = tuple(replace(e, kind=kind) if kind else e for e, kind in pairs)
+        trial = find_levels(*arguments, found, effects, _TRIAL, settled=_ROUGH)
+        if trial.lack < found.lack:
+            found = find_levels(*arguments, trial, trial.effects)
+    return found
 
 
 def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
