@@ -166,7 +166,7 @@ def rows_of(folder: Path, member: Member) -> Iterator[Row]:
 
 
 def _at_gear(number: Mapping[str, Any]) -> Row:
-    """Of what was not seen 0, with the std of which its bound is the one-sided 95 %: it may grow until it is."""
+    """Row of a number of a gear: 0 where none was seen, with the std of which its bound is the one-sided 95 %."""
     if number["value"] is None:
         bound = number["bound95"]
         std = bound / ONE_SIDED_95

@@ -55,7 +55,7 @@ def _signal_row(
 
 
 def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
-    """Of every column of a text log, those with words among them as well."""
+    """Rows of all columns of a text log, those with words among them as well."""
     named = log.named_columns()
     try:
         signals: list[Iterator[FloatArray]] = [iter([column]) for column in log.columns(range(len(named))).T]

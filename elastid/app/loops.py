@@ -45,6 +45,7 @@ def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws
         raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
 
     def work(result: FitResult) -> Used:
+        """Loops of the fitted robot, with what is written of them."""
         measured, simulated = _measured(run, result, rate_hz), run.study.experiment.simulated
         own_delay = 0 if simulated is None else simulated.controller.delay_samples
         asked = Asked(rate_hz, own_delay if asked_delay is None else asked_delay, draws, run.study.seed or 0)
@@ -70,7 +71,7 @@ def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws
 
 
 def _own_rate(run: Run) -> float | None:
-    """Of today's controller; None where the study does not state it."""
+    """Rate of today's controller in Hz; None where the study does not state it."""
     study = run.study
     if study.experiment.simulated is not None and study.excitation is not None:
         return study.excitation.rate_hz
@@ -86,7 +87,7 @@ def _place(run: Run, *keys: str) -> str:
 
 
 def _measured(run: Run, result: FitResult, rate_hz: float) -> list[MeasuredLoops]:
-    """Of each configuration whose records hold an injected torque; a warning where they do not."""
+    """Loops of each configuration whose records hold an injected torque; a warning where they do not."""
     if "measure" not in run.stages or not run.path("measure").exists():
         return []
     measured = []
@@ -104,7 +105,7 @@ def _measured(run: Run, result: FitResult, rate_hz: float) -> list[MeasuredLoops
 
 
 def _today(run: Run, rate_hz: float) -> Today | None:
-    """As the study states it; a warning where it does not."""
+    """Controller that the study states; a warning where it states none."""
     experiment = run.study.experiment
     if experiment.simulated is not None:
         return Today(rate_hz, spec=experiment.simulated.controller)

@@ -29,7 +29,7 @@ from elastid.use.postures import grid_postures, random_postures, read_path
 
 @dataclass(frozen=True)
 class Postures:
-    """Where to map: a path, a grid of so many points along the longest side, or so many random postures."""
+    """Postures of a map: a path, a grid of so many points along the longest side, or so many random postures."""
 
     path: Path | None = None
     grid: int | None = None
@@ -74,7 +74,7 @@ def map_study(
 
 
 def sentences(workspace: WorkspaceMap) -> tuple[str, ...]:
-    """Where it is soft, what limits it, how sure that is."""
+    """Sentences on where the robot is soft, what limits it, and how sure that is."""
     compliance = workspace["softest_compliance"]
     order = workspace.softest
     soft, stiff = int(order[0]), int(order[-1])

@@ -172,13 +172,6 @@ class Prospect:
 
         StudyError where the level of the noise does not depend on the powers.
         """
-        if self.level.absolute is not None or self.variance is not None:
-            raise StudyError(
-                "excitation/power",
-                "information needs the noise of the simulated rig: with design.noise.absolute or frf the variance is "
-                "the same whatever is injected; drop it, or take another flat",
-                "excitation.flat",
-            )
         M = realisations or self.realisations
         _, G, motion = self._local(configuration, x)
         expected = self.expected(configuration, x, M, with_diagonal_weights(self.fit))
@@ -186,10 +179,11 @@ class Prospect:
         error = _diagonal(self._error(U, G, motion)) / M
         ((_, J),) = expected_fit([expected]).blocks(x)
         used = expected.weights.used
-        if not np.all(error > 0):
+        if self.level.absolute is not None or self.variance is not None or not np.all(error > 0):
             raise StudyError(
                 "excitation/power",
-                "information needs the expected noise; set experiment.simulated.noise, or take another flat",
+                "information needs noise whose part in a response falls with the injected power: set "
+                "experiment.simulated.noise and neither design.noise.absolute nor frf, or take another flat",
                 "excitation.flat",
             )
         spread = np.abs(np.linalg.inv(sensitivity)) ** 2

@@ -100,7 +100,8 @@ class Uncertainty:
     share (Q, n_x): of each configuration in the information; informing_hz (n_x, 2): the middle half of it.
     weakest (n_x,): the least determined direction, of length one, in x scaled by the length of the columns of J.
     disagreement: T of the blocks, 1 for a true
-    model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise and declared floor alone.
+    model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise, ratios of gears and
+    declared floor alone.
     repeated, lasting (n_x,): shares of the variance that a repeated measurement has, the robot's file erring as before,
     and that is left of the file by measurements without end; 1 and 0 where it is exact.
     """
@@ -171,8 +172,7 @@ def estimate_uncertainty(
     variance, of_file_J = np.diag(noise), own_J[of_file]
     by_file = np.sum((of_file_J @ half) ** 2, axis=0)
     repeated = 1 - np.divide(by_file, variance, out=np.zeros(len(prior)), where=variance > 0)
-    left = variance_left(of_file_J, half) if of_file else np.zeros(len(prior))
-    lasting = np.minimum(np.divide(left, variance, out=np.zeros(len(prior)), where=variance > 0), 1 - repeated)
+    lasting = np.minimum(variance_left(of_file_J, half) / np.maximum(variance, 1e-300), 1 - repeated)
     by_loads = np.sum((static_J @ half) ** 2, axis=0)
     power = [part.power for part in parts]
     known_dof = noise_dof(power, [part.noise_dof for part in parts], by_loads)
@@ -183,7 +183,7 @@ def estimate_uncertainty(
     covariance = _larger(noise * np.outer(widened, widened), residuals, half) + floor + of_ratios
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
-    known = variance + np.diag(floor)
+    known = total + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
     share, band_hz = information_shares(power, [part.freq_hz for part in parts], by_loads)
     kept = slice(n_x)  # the factors are no part of the result

@@ -76,6 +76,7 @@ MEANING: dict[Status, str] = {
 # Code of the note on errors of held numbers that no residual shows.
 HELD_AS_EXACT = "fit/held-as-exact"
 # Of a fit that converged, with residuals beyond the noise.
+DOUBTFUL = "every parameter is determined, and some are not to be believed, as the warnings and their verdicts say"
 EXCEEDING = (
     "every parameter is determined, but the residuals exceed the noise, by which the intervals are widened; they do "
     "not hold an error that all responses share: the warnings name what the model may lack"
@@ -220,6 +221,8 @@ class FitResult:
     @property
     def meaning(self) -> str:
         """The meaning of the status for the parameters, and the next action."""
+        if self.status == "converged" and any(verdict.startswith(DOUBTED) for verdict in self.verdicts):
+            return DOUBTFUL
         return EXCEEDING if self.status == "converged" and self.exceeds_noise else MEANING[self.status]
 
     @property
@@ -301,8 +304,7 @@ class FitResult:
         """Variance (n_asked,) by a share of it, infinite where the data do not reach; without: share where none is."""
         variance = np.diag(self.covariance)[: len(self.parameters.asked)]
         part = share[: len(variance)] if len(share) else np.full(len(variance), without)
-        is_reached = np.isfinite(variance)
-        return np.where(is_reached, np.where(is_reached, variance, 0.0) * part, np.inf if without else 0.0)
+        return np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
 
     def _part(self, variance: FloatArray) -> dict[str, float]:
         wanted, std = self.parameters.asked, np.sqrt(np.maximum(variance, 0.0))

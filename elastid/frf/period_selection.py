@@ -336,7 +336,7 @@ def _leading(
     note = _note(spectra, np.flatnonzero(leading), measured, "a transient")
     note = replace(note, code=TRANSIENT_LEFT_OUT, severity="information")
     ends = [log[n:] for n, half, log in zip(lengths, halves, logs, strict=True) if 0 < n == len(half)]
-    if any(_still_decays(spectra, end[0], end[-1]) for end in ends if len(end) > 1):
+    if any(_still_decays(spectra, end[0], end[-1]) for end in ends):
         note = replace(note, text=f"{note.text}; it may last longer than half of the record: measure more periods")
     return leading, (note,)
 

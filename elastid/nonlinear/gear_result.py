@@ -10,7 +10,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import FitResult, Status
+from elastid.fit.result import DISTORTED, FitResult, Status
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.robot import Robot
 
@@ -160,10 +160,10 @@ def with_gears(result: FitResult, gears: GearResult | None) -> FitResult:
     final = replace(result, x=gears.x, covariance=gears.covariance[:n, :n], profile95=none, bootstrap95=none)
     is_contradicted = result.static is not None and result.static.disagrees
     if result.status != "misfit":
-        # What the linear fit doubts, distortion that no motor explains, is what was looked for.
-        seen = any(each.is_seen and not math.isfinite(each.linear) for each in gears.numbers)
-        told = f"{result.message.partition(', though ')[0]} beside the effects of the gears"
-        return replace(final, verdicts=(), message=told) if seen else final
+        if DISTORTED in result.verdicts and gears.explains_misfit:  # what the linear fit doubts has been found
+            told = result.message.partition(";")[0].partition(", though ")[0]
+            return replace(final, verdicts=(), message=f"{told} beside the effects of the gears")
+        return final
     if is_contradicted or not gears.explains_misfit:
         return replace(final, message=f"{result.message}; {NOT_EXPLAINED}")
     message = (

@@ -4,9 +4,9 @@ Levels that are off by df leave their torque in U, the same in all configuration
 
 .. math:: \delta G = G\, e_j\, (\Phi\, df)\, U_{net}^+, \qquad U_{net} = U - \Phi f
 
-for shapes Phi at motor j. df has the covariance of the levels L L^T: a systematic error for each column of L, each of a
-size that is known. No scatter between realisations shows them. One more is that of reversals, which are found within a
-part of a sample: j omega dt Phi f in the place of Phi df.
+for shapes Phi at motor j. The levels have the covariance L L^T, so that each column of L is a systematic error of known
+size, which no scatter between realisations shows. A further error is that of reversals, which are found to a part of a
+sample: j omega dt Phi f takes the place of Phi df.
 """
 
 from __future__ import annotations

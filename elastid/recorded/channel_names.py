@@ -1,4 +1,4 @@
-"""What the name of a channel says: its quantity, its unit and its joint; and channels that a study states otherwise."""
+"""Names of channels: the quantity, unit and joint that they say, and channels that a study states otherwise."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ChannelGuess:
 
     @property
     def key(self) -> tuple[str, int | None]:
-        """What no two signals of a log share."""
+        """Name and column, which no two signals of a log share."""
         return self.name, self.column
 
     @property

@@ -73,7 +73,7 @@ SCREEN = ScreenLimits()
 
 @dataclass(frozen=True)
 class _Figures:
-    """What differs from a mean period: its own mean (N,), its power (w,) in windows, and how far lone samples are off.
+    """Difference from a mean period: its own mean (N,), its power (w,) in windows, and how far lone samples are off.
 
     is_held: so many equal samples in a row that the channel may hang.
     """

@@ -98,10 +98,8 @@ def is_wrong(result: FitResult) -> bool:
     return result.status in ("misfit", "model_error")
 
 
-# Of the motion, which effects of the gears may leave unexplained beside numbers that are good.
-MOTION_LEFT = 0.01
-# Of a stiffness, by which a usual base moves it where the answer says so.
-BASE_SIZE = 0.005
+MOTION_LEFT = 0.01  # of the motion, which effects of the gears may leave unexplained beside numbers that are good
+BASE_SIZE = 0.005  # of a stiffness, by which a usual base moves it where the answer says so
 
 
 def numbers_answer(result: FitResult, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
@@ -115,27 +113,25 @@ def numbers_answer(result: FitResult, rows: Sequence[ParameterRow], gears: GearR
         return "With reserve: residuals beyond the noise widen the intervals."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
         return f"With reserve: {percent(gears.after)} of the motion is explained by nothing that the gears show."
-    verdicts = {row.verdict for row in rows if row.verdict.startswith(DOUBTED)}
-    if verdicts:
-        doubted = ", ".join(row.name for row in rows if row.verdict in verdicts)
-        return f"Not all of them: {doubted}, {'; '.join(sorted(verdicts))}."
+    doubted = {row.name: row.verdict for row in rows if row.verdict.startswith(DOUBTED)}
+    if doubted:
+        return f"Not all of them: {', '.join(doubted)}, {'; '.join(sorted({*doubted.values()}))}."
     if half_width(most) > WIDTH_CLASSES[-1]:
         return "Not all of them."
     held = next((note.text for note in result.notes if note.code == HELD_AS_EXACT), "")
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
         return "Yes."
-    if based := _with_its_base(result, rows):
-        return f"Yes, of each gear in series with its base, of which a usual one would move {based}."
-    if not held:
-        return "Yes."
-    return f"Yes, if what the fit held is exact: {held.partition('; ')[2].partition(':')[0]}."
+    based = _with_its_base(result, rows)
+    series = f", of each gear in series with its base (a usual one would move {based})" if based else ""
+    return f"Yes{series}{held and ', if what the fit held is exact: '}{held.partition('; ')[2].partition(':')[0]}."
 
 
 def _with_its_base(result: FitResult, rows: Sequence[ParameterRow]) -> str:
     """The stiffness that a base as elastic as is usual would move most, by more than users ask for; empty for none."""
-    with_base = result.std_with_base
-    moved = {row.name: with_base[row.name] / row.estimate for row in rows if row.name.startswith("k")}
-    moved = {name: size for name, size in moved.items() if size > BASE_SIZE and with_base[name] > 2 * result.std[name]}
+    std, stiffness = result.std_with_base, {row.name: row.estimate for row in rows if row.name.startswith("k")}
+    moved = {
+        name: std[name] / k for name, k in stiffness.items() if std[name] > max(2 * result.std[name], BASE_SIZE * k)
+    }
     worst = max(moved, key=moved.__getitem__, default="")
     return worst and f"{worst} by {percent(moved[worst])}"
 

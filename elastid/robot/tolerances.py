@@ -70,8 +70,8 @@ class Tolerances:
         "postures are off by them.", "0.02 deg after a calibration, 1 deg where marks were brought into line by "
         "eye.")] = math.radians(0.2)
     ratio: Annotated[Ratio | Exact, Key("Standard deviation of each gear's ratio over less than a turn of its motor, "
-        "relative; over n turns an n-th of it. An error of transmission makes it.", "1 % for ordinary gears, 0.05 % "
-        "for strain wave gears of precision; a carrier over whole turns makes it small.")] = RATIO
+        "relative; over n turns an n-th of it. An error of transmission makes it.", "its amplitude in rad times the "
+        "ratio: 20 arcsec at a ratio of 100 are 1 %; a carrier over whole turns makes it small.")] = RATIO
     torque_constant: Annotated[Ratio | Exact | None, Key("Standard deviation of the torque constant of each motor, "
         "relative (default: 5 % where the logs hold current, exact where they hold torque).", "1 % for a motor that "
         "was calibrated; 5 % for a torque that a drive computes from its data sheet. No response tells a torque "

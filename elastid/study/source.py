@@ -156,6 +156,7 @@ class _Reader:
         self.problems.append(f"{self.place(node)}: {one_line(message)}")
 
     def value(self, node: Node, path: KeyPath, key_place: Place) -> Any:
+        """Value of a YAML node, the places of its keys noted; StudyError where aliases repeat without end."""
         self.places[path] = (key_place, self.place(node))
         if id(node) in self._open or len(self.places) > 200_000:  # aliases may repeat nodes without end
             raise StudyError(

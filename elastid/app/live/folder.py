@@ -67,7 +67,7 @@ class LiveFolder:
 
     @property
     def channels(self) -> tuple[ChannelSpec, ...]:
-        """Of every log: injected torque (r), acting torque (u) and motion (y), link side, SI."""
+        """Channels of all logs: injected torque (r), acting torque (u) and motion (y), link side, SI."""
         inputs = self.robot.motor_locations
         torques = [ChannelSpec(role, at, channel=f"{role} {at}") for role in ("r", "u") for at in inputs]
         motions = [ChannelSpec("y", at, channel=f"y {at}", quantity=logged_quantity(at)) for at in self.outputs]

@@ -6,11 +6,11 @@ By blocks of a configuration and a band, where three things hold at once: residu
 its expectation by `excess` and beyond what chance explains; they are structured, so that blocks disagree about the
 parameters `disagreement` times as much as noise lets them, and `structure` times as much as white residuals of their
 size would; and they matter, since the interval of a parameter by the scatter over blocks is `shift` times the one by
-measured noise and declared floor.
+measured noise, ratios of gears and declared floor, and more than `size` of it.
 
 By a number that the fit held, or a spring that the robot's file lacks, where all blocks may err equally or V is that of
 the noise: a single number, or a common factor of several, whose freeing lowers V, in which the declared floor counts as
-noise, by `drop`, and moves a parameter by `effect` of its standard deviations.
+noise, by `drop`, and moves a parameter by `effect` of its standard deviations and by `size` of itself.
 
 By static load tests, or responses at the tool, that contradict those of the motors (`static_loads`, `tool_side`).
 """
@@ -54,9 +54,8 @@ class MisfitLimits:
     shift: float = 2.0
     drop: float = 30.0
     effect: float = 2.0
-    # Of a parameter, and of a damping or friction, below which no user asks for it: then a note says it.
-    size: float = 0.005
-    size_of_damping: float = 0.05
+    size: float = 0.005  # of a parameter, below which a change is a note and no misfit
+    size_of_damping: float = 0.05  # likewise of a damping or a friction
     explained_ratio: float = 0.9  # of the drop of a number, that a likelier cause reaches for the number to say nothing
 
 

@@ -68,7 +68,8 @@ def solve(
     off = distance_to_optimum(end.evaluation, problem.dof, held_by_bounds(problem, end.x, end.evaluation))
     ended = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
     message = f"{ended}, {off:.1e} standard deviations from the stationary point"
-    # One that creeps far from any noise has converged, too: the model is wrong, and not the search.
+    # A tenth of a deviation moves no interval. One that creeps far from any noise has converged, too: the model is
+    # wrong, and not the search.
     converged = off < ROUGH or end.status == CREEPING
     return LocalOptimum(x0, end.x, end.evaluation.cost, end.iterations, converged, message)
 
