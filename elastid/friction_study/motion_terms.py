@@ -14,7 +14,7 @@ from elastid.friction_study.laws import EXPONENTS, MAX_COST, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.pass_checks import PASSES
-from elastid.friction_study.passes import MAX_HARMONIC, harmonic_peaks, ripple_names
+from elastid.friction_study.passes import N_WAVES, harmonic_peaks, turn_waves, wave_names
 from elastid.friction_study.stribeck import DECAY_RANGE_K, START_DECAY_K
 
 # Numbers by which friction changes with temperature.
@@ -29,7 +29,7 @@ _VELOCITIES = np.geomspace(0.01, 0.4, 12)
 class MotionTerms:
     """Parts of a regression besides rigid body, Coulomb and viscous friction: those that data show.
 
-    stribeck_velocity: 0 without a Stribeck effect, of an exponent.  harmonics: of the motor's turns.  heat: of HEAT,
+    stribeck_velocity: 0 without a Stribeck effect, of an exponent.  waves: of `turn_waves`.  heat: of HEAT,
     about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  power: of the
     speed in quadratic friction, 2 but for a test.  angles: ends of those over which dry friction changes, empty where
     it does not.
@@ -38,7 +38,7 @@ class MotionTerms:
     apart: bool = True
     delay: bool = False
     stribeck_velocity: float = 0.0
-    harmonics: tuple[int, ...] = ()
+    waves: tuple[int, ...] = ()
     load: bool = False
     heat: tuple[str, ...] = ()
     reference: float = 0.0
@@ -73,9 +73,11 @@ def shown_terms(motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> 
     if terms.load:
         terms = replace(terms, load=regressed(motions, signals, terms).chance("load.coulomb", 1) < FALSE_ALARM)
     if motions[0].turn > 0:
-        terms = replace(terms, harmonics=_ripple(motions, signals, terms))
+        terms = replace(terms, waves=_waves(motions, signals, terms))
     delayed = replace(terms, delay=True)
-    if regressed(motions, signals, delayed).chance("delay", 0) < FALSE_ALARM:
+    fit = regressed(motions, signals, delayed)
+    # Of more than a sample it is an error of the model, to which the motion has reacted in closed loop.
+    if fit.chance("delay", 0) < FALSE_ALARM and abs(fit["delay"]) * motions[0].rate_hz < 1:
         terms = delayed
     return _curve(motions, signals, _by_angle(motions, signals, _heat(motions, signals, terms)))
 
@@ -207,20 +209,19 @@ def _best_velocity(
     return float(velocities[np.argmax((left @ new) ** 2 / np.maximum(np.sum(new**2, axis=0), 1e-300))])
 
 
-def _ripple(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, ...]:
-    """Harmonics of the motor's turns that stand out of the residuals, and beyond chance of their neighbours in time."""
+def _waves(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, ...]:
+    """Waves of the motor's turns that stand out of the residuals, and beyond chance of their neighbours in time."""
     fit, left, waves = regressed(motions, signals, terms), [], []
     for motion, each in zip(motions, signals, strict=True):
         columns = columns_of(motion, each, terms)
         left.append((each.filtered(each.torque) - sum(fit[name] * columns[name] for name in columns))[each.used])
-        wave = np.exp(2j * np.pi / motion.turn * each.position)
-        waves.append(each.filtered(np.cumprod(np.tile(wave[:, None], MAX_HARMONIC), axis=1))[each.used])
-    peaks = 1 + np.flatnonzero(harmonic_peaks(np.concatenate(left), np.concatenate(waves)))
-    if not len(peaks):
+        waves.append(each.filtered(turn_waves(each.position, each.direction, motion.turn))[each.used])
+    peaks = tuple(np.flatnonzero(harmonic_peaks(np.concatenate(left), np.concatenate(waves))).tolist())
+    if not peaks:
         return ()
-    fit = regressed(motions, signals, replace(terms, harmonics=tuple(peaks.tolist())))
-    chances = {h: min(fit.chance(name, 0) for name in ripple_names(h)) for h in peaks.tolist()}
-    return tuple(h for h, chance in chances.items() if chance * 2 * MAX_HARMONIC < FALSE_ALARM)
+    fit = regressed(motions, signals, replace(terms, waves=peaks))
+    chances = {wave: min(fit.chance(name, 0) for name in wave_names(wave)) for wave in peaks}
+    return tuple(wave for wave, chance in chances.items() if chance * 2 * N_WAVES < FALSE_ALARM)
 
 
 def regressed(
@@ -266,12 +267,22 @@ def equations_of(
 def columns_of(
     motion: Motion, signals: MotionSignals, terms: MotionTerms, about: Regression | None = None
 ) -> dict[str, FloatArray]:
-    """Behind the filter; derivatives of the position as it was logged, whose filter reaches no further."""
+    """Behind the filter; derivatives of the position as it was logged, whose filter reaches no further.
+
+    The column of a delay is the rate of the torque as the other columns have it: that of the torque itself has the
+    errors of the model in it, and makes all numbers wrong.
+    """
     velocity, acceleration = signals.derivatives
     raw = full_rate_columns(motion, signals, terms, about) | {"inertia": acceleration, "viscous": velocity}
     if terms.apart:
         raw["directions.viscous"] = np.sign(signals.velocity) * velocity
-    return {name: signals.filtered(column) for name, column in raw.items()}
+    columns = {name: signals.filtered(column) for name, column in raw.items()}
+    if terms.delay:
+        X, y = np.stack(list(columns.values()), axis=1)[signals.used], signals.filtered(signals.torque)[signals.used]
+        size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+        torque = np.stack(list(raw.values()), axis=1) @ (np.linalg.lstsq(X / size, y, rcond=None)[0] / size)
+        columns["delay"] = signals.filtered(np.gradient(torque) * signals.rate_hz)
+    return columns
 
 
 def full_rate_columns(
@@ -299,11 +310,8 @@ def full_rate_columns(
     columns |= {"directions.viscous": np.abs(v), "directions.coulomb": ones} if terms.apart else {"offset": ones}
     if motion.turns_against_gravity:
         columns |= {"gravity.cos": np.cos(q), "gravity.sin": np.sin(q)}
-    for h in terms.harmonics:
-        angle = 2 * np.pi * h / motion.turn * q
-        columns |= dict(zip(ripple_names(h), (np.cos(angle), np.sin(angle)), strict=True))
-    if terms.delay:
-        columns["delay"] = np.gradient(motion.torque) * signals.rate_hz
+    for wave, column in zip(terms.waves, turn_waves(q, s, motion.turn, terms.waves).T, strict=True):
+        columns |= dict(zip(wave_names(wave), (column.real, column.imag), strict=True))
     return columns
 
 

@@ -16,7 +16,7 @@ of the residuals are added to it. Rows are means of a few samples, which loses n
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,9 +26,10 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, f
 from elastid.friction_study.least_squares import with_lags
 from elastid.record import FrictionRecord
 
-# Harmonics of a motor turn up to the second are always in the regression where passes cover a turn; further ones up to
-# this are searched for in its residuals.
+# Ripple of a motor turn and of its half are always in the regression where passes cover a turn; further harmonics up to
+# this, and those of dry friction, are searched for in its residuals.
 MAX_HARMONIC = 24
+N_WAVES = 2 * MAX_HARMONIC
 
 
 @frozen_value
@@ -67,7 +68,7 @@ class Pass:
 class PassRegression:
     """Columns A (n, n_x) and torque y (n,), rows of the passes of_pass (n,); shared: names of the columns behind g, o.
 
-    waves (n, MAX_HARMONIC): exp(j h N q) of all harmonics that ripple may have; (n, 0) where no pass covers a turn.
+    waves (n, N_WAVES): of `turn_waves`; (n, 0) where no pass covers a turn.
     step: samples of a row.
     """
 
@@ -86,7 +87,7 @@ class PassRegression:
         has_ripple = turn > 0 and any(np.ptp(each.position) > turn for each in passes)
         order = list(pairs)
         loads = list(dict.fromkeys(each.load_name for each in passes)) if has_gravity else []
-        harmonics = MAX_HARMONIC if has_ripple else 0
+        searched = range(N_WAVES if has_ripple else 0)
         rows, torques, waves, numbers = [], [], [], []
         for number, each in enumerate(passes):
             own = np.zeros((len(each.position), 2 * len(order)))
@@ -101,8 +102,7 @@ class PassRegression:
                 columns += [carried * np.cos(each.position), carried * np.sin(each.position)]
             rows.append(_means(np.hstack([own, np.stack(columns, axis=1)]), step))
             torques.append(_means(each.torque, step))
-            wave = np.exp(2j * np.pi / turn * each.position) if has_ripple else each.position
-            waves.append(_means(np.cumprod(np.tile(wave[:, None], harmonics), axis=1), step))
+            waves.append(_means(turn_waves(each.position, each.direction, turn, searched), step))
             numbers.append(np.full(len(torques[-1]), number))
         names = ["inertia", "slope", *(name for load in loads for name in gravity_names(load))]
         y, of_pass = np.concatenate(torques), np.concatenate(numbers)
@@ -144,15 +144,14 @@ class PassRegression:
         return meat
 
     def _with_ripple(self) -> PassRegression:
-        first = self._with_harmonics(np.arange(1, 3))
-        harmonics = np.arange(3, MAX_HARMONIC + 1)
+        first, others = self._with_waves(np.arange(2)), np.arange(2, N_WAVES)
         Q = np.linalg.qr(first.A / np.maximum(np.linalg.norm(first.A, axis=0), 1e-300))[0]
         left = first.y - Q @ (Q.T @ first.y)
-        return first._with_harmonics(harmonics[harmonic_peaks(left, self.waves[:, harmonics - 1])])
+        return first._with_waves(others[harmonic_peaks(left, self.waves[:, others])])
 
-    def _with_harmonics(self, harmonics: IntArray) -> PassRegression:
-        columns = [column for h in harmonics for column in (self.waves[:, h - 1].real, self.waves[:, h - 1].imag)]
-        names = [name for h in harmonics.tolist() for name in ripple_names(h)]
+    def _with_waves(self, waves: IntArray) -> PassRegression:
+        columns = [column for i in waves for column in (self.waves[:, i].real, self.waves[:, i].imag)]
+        names = [name for i in waves.tolist() for name in wave_names(i)]
         return replace(self, A=np.column_stack([self.A, *columns]), shared=(*self.shared, *names))
 
     @property
@@ -186,9 +185,20 @@ def gravity_names(load: str) -> tuple[str, str]:
     return (f"gravity.cos.{load}", f"gravity.sin.{load}") if load else ("gravity.cos", "gravity.sin")
 
 
-def ripple_names(harmonic: int) -> tuple[str, str]:
-    """Names of the cosine and sine of a harmonic of the motor's turns."""
-    return f"ripple.{harmonic}c", f"ripple.{harmonic}s"
+def turn_waves(
+    position: FloatArray, direction: FloatArray | float, turn: float, chosen: Iterable[int] = range(N_WAVES)
+) -> ComplexArray:
+    """exp(j h N q) (n, n_h) of the chosen waves of the motor's turns: of ripple, then s times these, of dry friction."""
+    waves = [np.exp(2j * np.pi / turn * (i % MAX_HARMONIC + 1) * position) for i in chosen]
+    signs = [1.0 if i < MAX_HARMONIC else direction for i in chosen]
+    own = [sign * wave for sign, wave in zip(signs, waves, strict=True)]
+    return np.stack(own, axis=1) if own else np.zeros((len(position), 0), complex)
+
+
+def wave_names(wave: int) -> tuple[str, str]:
+    """Names of the cosine and sine of a wave of the motor's turns."""
+    name = f"{'ripple' if wave < MAX_HARMONIC else 'angle.turn'}.{wave % MAX_HARMONIC + 1}"
+    return f"{name}c", f"{name}s"
 
 
 def _means(x: FloatArray, step: int) -> FloatArray:
