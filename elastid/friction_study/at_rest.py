@@ -22,7 +22,7 @@ than a single bristle explains, which a fit with a stiffness of each amplitude's
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from scipy.signal import welch
@@ -67,6 +67,8 @@ class RestPoint:
     damping_std: float
 
 
+# Std of the logarithms of stiffness and damping of the joint's spring in a robot's file, whatever they are.
+SPRING = (1.0, 1.0)
 # Relative, of the inertia, by slip in the response of a spring and a damper: 0.2 to 1.4 % were seen in four joints.
 INERTIA_ERROR = 1e-2
 
@@ -95,13 +97,15 @@ def fit_at_rest(
     responses: Sequence[RestResponse],
     joint: ElasticJoint | None = None,
     viscous: tuple[float, float] = (0.0, 0.0),
+    tolerances: tuple[float, float] = (0.0, 0.0),
 ) -> AtRest:
     """Bristles from responses of one amplitude or more; joint: None for a rigid one, whose inertia is found.
 
-    viscous: alpha_2 of sliding with its std, Nms/rad.  A single amplitude does not show Maxwell slip.
+    viscous: alpha_2 of sliding with its std, Nms/rad.  tolerances: relative, of the inertias of motor and link; its
+    spring and damper are unknown.  A single amplitude does not show Maxwell slip.
     Raises FitError where the responses do not identify all unknowns.
     """
-    model = _Model(tuple(responses), joint, viscous[0])
+    model = _Model(tuple(responses), joint, viscous[0], () if joint is None else (*tolerances, *SPRING))
     shared = model.fit(model.start(), place)
     n = model.n_common
     own = model.fit(np.concatenate([shared.x[:n], np.tile(shared.x[n:], len(responses))]), place)
@@ -121,16 +125,29 @@ def fit_at_rest(
 
 @dataclass(frozen=True)
 class _Model:
-    """Unknowns x: ln J of a rigid joint, then (ln sigma_0, s_q / z_s, sigma_1 / unit), once or at each amplitude."""
+    """Unknowns x: ln J of a rigid joint, or ln of inertias, stiffness, damping of an elastic one over those of its file.
+
+    Then (ln sigma_0, s_q / z_s, sigma_1 / unit), once or at each amplitude.  tolerances (4,): std of these logarithms,
+    none of a rigid joint.
+    """
 
     responses: tuple[RestResponse, ...]
     joint: ElasticJoint | None
     viscous: float
+    tolerances: tuple[float, ...]
 
     @property
     def n_common(self) -> int:
         """Unknowns that amplitudes share in any case."""
-        return 1 if self.joint is None else 0
+        return 1 if self.joint is None else int(np.count_nonzero(self.tolerances))
+
+    def reaction(self, x: FloatArray, omega: FloatArray) -> ComplexArray:
+        """Torque per angle (F,) of the inertias."""
+        if self.joint is None:
+            return np.asarray(-(omega**2) * np.exp(x[0]) + 0j)
+        factors = np.ones(len(self.tolerances))
+        factors[np.array(self.tolerances) > 0] = np.exp(x[: self.n_common])
+        return reaction(omega, ElasticJoint(*(factors * astuple(self.joint)).tolist()))
 
     @property
     def damping_unit(self) -> float:
@@ -151,21 +168,21 @@ class _Model:
         sigma_0, per_bend, sigma_1 = values[min(index, len(values) - 1)]
         omega = 2 * np.pi * response.freq_hz
         impedance = (sigma_0 + 1j * omega * sigma_1) * slipped(omega, response, per_bend) + 1j * omega * self.viscous
-        inertia = -(omega**2) * np.exp(x[0]) if self.joint is None else reaction(omega, self.joint)
-        return np.asarray(1 / (impedance + inertia))
+        return np.asarray(1 / (impedance + self.reaction(x, omega)))
 
     def start(self) -> FloatArray:
         """From the smallest amplitude by linear regression of 1 / G."""
         first = self.responses[0]
         omega = 2 * np.pi * first.freq_hz
-        Z = 1 / first.G - (0 if self.joint is None else reaction(omega, self.joint))
+        is_rigid, of_file = self.joint is None, np.zeros(self.n_common)
+        Z = 1 / first.G - (0 if is_rigid else self.reaction(of_file, omega))
         weight = np.abs(first.G) ** 2 / np.sqrt(total_variance(first))
-        A = np.stack([np.ones_like(omega), -(omega**2)], axis=1)[:, : 1 + self.n_common]
+        A = np.stack([np.ones_like(omega), -(omega**2)], axis=1)[:, : 1 + is_rigid]
         (sigma_0, *inertia), *_ = np.linalg.lstsq(weight[:, None] * A, weight * Z.real, rcond=None)
         sigma_1 = float((weight * omega) @ (weight * Z.imag) / np.sum((weight * omega) ** 2))
         sigma_0 = max(float(sigma_0), 1e-3 * float(np.median(np.abs(1 / first.G))))
         smallest = 1e-3 * sigma_0 / float(omega[0]) ** 2
-        common = [np.log(max(float(J), smallest)) for J in inertia]
+        common = [np.log(max(float(J), smallest)) for J in inertia] if is_rigid else of_file
         return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
 
     def fit(self, start: FloatArray, place: str) -> Optimum:
@@ -190,7 +207,9 @@ class _Model:
         """Of x, as the residuals scatter: variances from a few periods make good weights, and poor intervals."""
         expansion = [np.tile(expansion_variance(response) / total_variance(response), 2) for response in self.responses]
         correlated = [np.full(2 * len(response.G), response.correlated_lines) for response in self.responses]
-        return fit.scattered_covariance(np.concatenate(correlated), np.concatenate(expansion))
+        n_file = len(self._of_file(fit.x))
+        least = np.concatenate([*expansion, np.ones(n_file)])
+        return fit.scattered_covariance(np.concatenate([*correlated, np.zeros(n_file)]), least)
 
     def points(self, fit: Optimum) -> tuple[RestPoint, ...]:
         """Spring and damper at each amplitude, from a fit with bristles of its own."""
@@ -207,7 +226,11 @@ class _Model:
             std = np.sqrt(total_variance(response) / 2)
             error = (response.G - self.receptance(x, i)) / std
             left += [error.real, error.imag]
-        return np.concatenate(left)
+        return np.concatenate([*left, self._of_file(x)])
+
+    def _of_file(self, x: FloatArray) -> FloatArray:
+        """What is known of the joint's numbers beforehand (n_common,), over its std; empty of a rigid one."""
+        return x[: self.n_common] / [std for std in self.tolerances if std > 0] if self.tolerances else x[:0]
 
 
 def expansion_variance(response: RestResponse) -> FloatArray:

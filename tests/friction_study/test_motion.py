@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.cogged_joint import RATIO, CoggedJoint, logged, simulated
 from plants.measured import EMPS, measured
 from scipy.io import loadmat
 
@@ -48,6 +49,28 @@ def test_inertia_friction_and_gravity_are_found_and_covered() -> None:
     assert np.mean(held) >= 0.9
     white = [fit.std("viscous") for fit in (regress_motion(swing(0, noise=0.0)).alike, found[0])]
     assert white[0] < white[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turn", [0.0, 2 * np.pi / RATIO])
+def test_errors_that_repeat_with_the_motors_angle_are_in_the_intervals(turn: float) -> None:
+    """6 logs over half a radian under cogging and Coulomb friction by the motor's turn, whose ratio is known or not."""
+    step_s, t = 5e-4, np.arange(60_000) * 5e-4
+    joints, references = [], []
+    for seed in range(6):
+        f, p = np.random.default_rng(seed).uniform([[0.2], [0.0]], [[1.0], [6.28]], (2, 5))
+        wave = np.sum(np.sin(2 * np.pi * np.outer(t, f) + p) / f, axis=1)
+        references.append(0.5 * wave / np.abs(wave).max())
+        joints.append(CoggedJoint(stiction=114.6, cogging=8.0, dry=10.0, phase=seed))
+    held, errors = [], []
+    truth = {"inertia": 20.0, "coulomb": 114.6, "viscous": 60.0, "gravity.cos": 80.0, "gravity.sin": 0.0, "offset": 0.0}
+    for seed, (q, u) in enumerate(simulated(joints, references, step_s)):
+        log = logged(q, u, step_s, seed)
+        fit = regress_motion(Motion("joint 1", log.rate_hz, log.position, log.torque, False, True, turn)).chosen
+        held += [abs(fit[name] - value) < 1.96 * fit.std(name) for name, value in truth.items()]
+        errors.append([fit[name] / truth[name] - 1 for name in ("inertia", "coulomb", "viscous")])
+    assert np.mean(held) > 0.9
+    assert np.all(np.abs(np.mean(errors, axis=0)) < (1e-3 if turn else 0.02))
 
 
 def test_directions_are_told_apart_only_where_they_are() -> None:

@@ -1,6 +1,7 @@
 """A joint whose cogging makes the speed of its passes wander, with equations and an integrator of its own.
 
-J q'' = u - c cos(h N q + phi) - G cos q - (F_c + (F_s - F_c) e^(-(q'/nu)^2)) sgn q' - (f + d sgn q') q' by a leapfrog,
+J q'' = u - c cos(h N q + phi) - G cos q
+        - (F_c + a cos(N q - phi) + (F_s - F_c) e^(-(q'/nu)^2)) sgn q' - (f + d sgn q') q' by a leapfrog,
 Coulomb friction taking momentum until there is none, under a PD controller with a filtered reference of trapezoids.
 """
 
@@ -20,7 +21,7 @@ SPEEDS = tuple(np.geomspace(0.024, 1.2, 12).tolist())
 
 @dataclass(frozen=True)
 class CoggedJoint:
-    """SI, link side; harmonic: of the motor's turns.  bandwidth_hz: of the loop."""
+    """SI, link side; harmonic: of the motor's turns.  dry: Coulomb friction by its turn.  bandwidth_hz: of the loop."""
 
     inertia: float = 20.0
     coulomb: float = 114.6
@@ -32,6 +33,7 @@ class CoggedJoint:
     cogging: float = 15.0
     harmonic: int = 6
     phase: float = 0.0
+    dry: float = 0.0
     bandwidth_hz: float = 8.0
 
     def level(self, speed: FloatArray, direction: float = 0.0) -> FloatArray:
@@ -71,7 +73,8 @@ def simulated(
         driven = u - value["cogging"] * np.cos(turns * q + value["phase"]) - value["gravity"] * np.cos(q)
         viscous = (value["viscous"] + np.sign(v) * value["uneven"]) * step_s / (2 * J)
         free = (1 - viscous) * v + driven * step_s / J
-        dry = (value["coulomb"] + excess * np.exp(-((v / value["stribeck_velocity"]) ** 2))) * step_s / J
+        of_turn = value["dry"] * np.cos(RATIO * q - value["phase"])
+        dry = (value["coulomb"] + of_turn + excess * np.exp(-((v / value["stribeck_velocity"]) ** 2))) * step_s / J
         v = np.sign(free) * np.maximum(np.abs(free) - dry, 0) / (1 + viscous)
         q = q + step_s * v
     return [(angle[: len(own), i], torque[: len(own), i]) for i, own in enumerate(references)]
