@@ -24,7 +24,7 @@ from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import covariance_by_noise
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     return Forecast(*known, (*notes, *_correlated(names, by_noise)), parts=parts)
 
 
-def check_line_count(freq_hz: FloatArray, parameters: ParameterSet) -> None:
+def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
     """Refuse a grid with fewer lines than unknowns; StudyError says which period would do."""
     if refused := line_count_refusal(len(freq_hz), len(parameters.asked), "unknowns"):
         raise StudyError("excitation/power", f"{refused}, or fix some of fit.parameters", "excitation")
@@ -156,7 +156,7 @@ def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
     return np.asarray(np.divide(share, total, out=np.zeros_like(share), where=total > 0))
 
 
-def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray:
+def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
     """Directions (n_b, n) of relative changes that move the expected responses by less than their noise.
 
     They are of the n parameters that were asked for: those within tolerances have priors, and move with each direction.

@@ -336,13 +336,13 @@ def explain_word(word: str) -> str:
 
 def _results() -> Iterator[tuple[str, str]]:
     """The place and text of each labelled field of the files of a run; its classes take long to load."""
-    from elastid.fit.result import FitResult
+    from elastid.fit.result import Result
     from elastid.friction_study.result import FrictionResult
     from elastid.record import Record
-    from elastid.response import FrequencyResponse
+    from elastid.response import Response
     from elastid.validation.results import Validation
 
-    files = {"records": Record, "frf": FrequencyResponse, "fit": FitResult, "validation": Validation}
+    files = {"records": Record, "frf": Response, "fit": Result, "validation": Validation}
     for name, kind in {**files, "friction": FrictionResult}.items():
         yield from _fields(f"{name}.h5", kind)
 

@@ -61,7 +61,7 @@ from elastid.linear.response.ldl import Leaves
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 NOISE = 0.02
@@ -108,7 +108,7 @@ def build_robot() -> Robot:
     return Robot("18 coordinates", tuple(bodies))
 
 
-def measured(robot: Robot, n_configurations: int, freq_hz: FloatArray, full: bool = True) -> list[FrequencyResponse]:
+def measured(robot: Robot, n_configurations: int, freq_hz: FloatArray, full: bool = True) -> list[Response]:
     """Responses of the robot with relative noise, configurations drawn at random."""
     rng = np.random.default_rng(0)
     model = serial(robot)
@@ -136,7 +136,7 @@ def assemble(n_configurations: int, n_lines: int, full: bool = True) -> tuple[El
     return assembled(robot, measured(robot, n_configurations, np.linspace(2.0, 100.0, n_lines), full))
 
 
-def assembled(robot: Robot, responses: Sequence[FrequencyResponse]) -> tuple[ElasticFit, FloatArray]:
+def assembled(robot: Robot, responses: Sequence[Response]) -> tuple[ElasticFit, FloatArray]:
     """The fit of responses, and a start some 20 % off in every parameter."""
     spec = FitSpec(parameters={name: ParameterSpec() for name in IDENTIFIED}, weights=WeightSpec(floor=0.0))
     parameters = choose(spec, robot)

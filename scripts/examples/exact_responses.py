@@ -28,5 +28,5 @@ def measured(
         std = noise * (np.broadcast_to(size.max(axis=(1, 2), keepdims=True), G.shape) if of_largest else size)
         G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
         names, known = robot.motor_locations, ei.Covariance(std**2, np.inf)
-        responses.append(ei.FrequencyResponse(freq_hz, G, names, names, "acceleration", posture, total=known))
+        responses.append(ei.Response(freq_hz, G, names, names, "acceleration", posture, total=known))
     return responses

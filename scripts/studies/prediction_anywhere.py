@@ -61,7 +61,7 @@ CASES = ("right", "file", *MISFITS)
 POSTURES = np.radians([[0, 40, -10], [0, -20, 50], [60, -10, -70], [20, 60, -50], [-45, 75, 20]])
 
 
-def measured(robot: Outside, rng: np.random.Generator) -> list[ei.FrequencyResponse]:
+def measured(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
     """Responses of five postures with circular noise of known variance."""
     responses = []
     for i, angles in enumerate(POSTURES):
@@ -71,7 +71,7 @@ def measured(robot: Outside, rng: np.random.Generator) -> list[ei.FrequencyRespo
         places = tuple(f"motor {i + 1}" for i in range(3))
         where = ei.Configuration(f"p{i}", angles)
         noise = ei.Covariance(std**2, 1e4)
-        responses.append(ei.FrequencyResponse(LINES, G, places, places, "acceleration", where, noise=noise))
+        responses.append(ei.Response(LINES, G, places, places, "acceleration", where, noise=noise))
     return responses
 
 

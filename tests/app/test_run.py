@@ -26,9 +26,9 @@ from elastid.app.work import Artefacts
 from elastid.base.errors import FitError
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.record import Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.store.artefacts import read_stamp
 from elastid.store.results import read_fit
 from elastid.study import load, load_robot
@@ -276,7 +276,7 @@ def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monke
     seen: list[str] = []
     inner = fitting.identify
 
-    def spy(responses: list[FrequencyResponse], *arguments: Any, **options: Any) -> FitResult:
+    def spy(responses: list[Response], *arguments: Any, **options: Any) -> Result:
         seen.extend(response.configuration.name for response in responses)
         return inner(responses, *arguments, **options)
 
@@ -305,7 +305,7 @@ def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
     """A solver that gives up."""
     inner = fitting.identify
 
-    def give_up(*arguments: Any, **options: Any) -> FitResult:
+    def give_up(*arguments: Any, **options: Any) -> Result:
         return replace(inner(*arguments, **options), status="not_converged")
 
     monkeypatch.setattr(fitting, "identify", give_up)

@@ -10,7 +10,7 @@ from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.base.errors import MisfitError
 from elastid.report.figures.responses import quality_figure
-from elastid.response import FrequencyResponse, Levels
+from elastid.response import Levels, Response
 from elastid.store.measured import read_plan, read_responses
 from elastid.study import load
 
@@ -49,7 +49,7 @@ def above_noise(found: Levels | None) -> float:
     return float(np.sqrt(np.mean(found.amplitude**2) / np.mean(found.noise**2)))
 
 
-def response_of(run: Run) -> FrequencyResponse:
+def response_of(run: Run) -> Response:
     """The one response in frf.h5."""
     (response,) = read_responses(run.path("estimate"))
     return response

@@ -20,7 +20,7 @@ from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration, Record
 from elastid.recorded.rig import RecordedRig
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
 from elastid.store.measured import read_records, read_responses, write_records, write_responses
 from elastid.study import load
@@ -238,7 +238,7 @@ def test_records_and_responses_say_which_places_slide(tmp_path: Path):
         ("position", "acceleration"), np.ones((4, 1)), np.ones((4, 2)), sliding=("frame tool z",),
     )  # fmt: skip
     G = np.ones((1, 2, 1), complex)
-    response = FrequencyResponse(np.array([1.0]), G, record.inputs, record.outputs, "acceleration",
+    response = Response(np.array([1.0]), G, record.inputs, record.outputs, "acceleration",
                                  record.configuration, sliding=record.sliding)  # fmt: skip
     assert response.unit == "(rad/s^2 or m/s^2)/(N*m)"
     write_responses(tmp_path / "frf.h5", [response])

@@ -30,7 +30,7 @@ from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring, Tolerances
 from elastid.store.measured import read_forecast, read_plan, write_plan
 from elastid.study import load
@@ -70,7 +70,7 @@ PROBLEM = DesignProblem(
 )
 
 
-def _measured(problem: DesignProblem, plan: Plan, seed: int) -> list[FrequencyResponse]:
+def _measured(problem: DesignProblem, plan: Plan, seed: int) -> list[Response]:
     rig = SimulatedRig(problem.robot, problem.experiment, plan, seed)
     runs = {c.name: [e for e in plan.experiments if e.configuration.name == c.name] for c in plan.configurations}
     return [estimate([rig.measure(run) for run in each], EstimatorSpec(), plan.lines) for each in runs.values()]

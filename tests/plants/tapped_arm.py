@@ -37,7 +37,7 @@ def taps(robot: Outside, rng: np.random.Generator, motors: str = "held", fault: 
         G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
         forces, motions = (tuple(f"{kind} hook {axis}" for axis in "xyz") for kind in ("force", "frame"))
         where, noise = ei.Configuration(f"p{i} at the tool", ANGLES[i]), ei.Covariance(std**2, 1e4)
-        every.append(ei.FrequencyResponse(LINES, G, forces, motions, "acceleration", where, noise=noise, motors="held"))
+        every.append(ei.Response(LINES, G, forces, motions, "acceleration", where, noise=noise, motors="held"))
     return every
 
 
@@ -52,7 +52,7 @@ FAULTS: dict[str, tuple[Fault | None, str]] = {
 }
 
 
-def one_fit(seed: int, fault: str = "", also_alone: bool = False) -> tuple[ei.FitResult, ei.FitResult | None, dict]:
+def one_fit(seed: int, fault: str = "", also_alone: bool = False) -> tuple[ei.Result, ei.Result | None, dict]:
     """With taps; without them, too, where that is asked for; the true springs."""
     rng = np.random.default_rng([seed, len(fault), 7])
     robot = nominal()

@@ -59,7 +59,7 @@ def outside(robot: ei.Robot) -> Outside:
     )
 
 
-def responses(robot: Outside, rng: np.random.Generator) -> list[ei.FrequencyResponse]:
+def responses(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
     """Of all postures, with noise of known covariance."""
     every = []
     places = tuple(f"motor {i}" for i in range(1, 7))
@@ -70,9 +70,7 @@ def responses(robot: Outside, rng: np.random.Generator) -> list[ei.FrequencyResp
         std = NOISE * np.broadcast_to(np.abs(G).max(axis=2, keepdims=True), G.shape)
         G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
         noise = ei.Covariance(std**2, 1e4)
-        every.append(
-            ei.FrequencyResponse(LINES, G, places, places, "acceleration", ei.Configuration(name, angles), noise=noise)
-        )
+        every.append(ei.Response(LINES, G, places, places, "acceleration", ei.Configuration(name, angles), noise=noise))
     return every
 
 
@@ -113,7 +111,7 @@ def load_tests(robot: Outside, rng: np.random.Generator, changed=lambda y, force
     return tests
 
 
-def one_fit(seed: int, fault: str = "") -> tuple[ei.FitResult, ei.FitResult | None, dict[str, float]]:
+def one_fit(seed: int, fault: str = "") -> tuple[ei.Result, ei.Result | None, dict[str, float]]:
     """With load tests; without them, too, where these are clean; the true springs."""
     rng = np.random.default_rng([seed, len(fault)])
     robot = nominal()

@@ -15,7 +15,7 @@ from elastid.base.escape import file_names
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import fit, friction, responses, validation
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
 
@@ -94,7 +94,7 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
 
 
 def response_drawing(
-    file: str, measured: FrequencyResponse, modelled: FrequencyResponse | None, std: FloatArray | None = None
+    file: str, measured: Response, modelled: Response | None, std: FloatArray | None = None
 ) -> Drawing:
     """Magnitude and phase of a response and of a model, on its lines."""
     compared = "" if modelled is None else ", measured and modelled"

@@ -54,11 +54,11 @@ def test_a_sensor_that_was_not_plugged_in_says_nothing(tiny: Path) -> None:
     s = (2j * np.pi * f)[:, None, None]
     inertia, spring = 1e-3 * s**2, 0.01 * s + 60
     G = s**2 * (inertia + spring) / ((inertia + 1e-3 * s + spring) * (inertia + spring) - spring**2)
-    of_motor = ei.FrequencyResponse(
+    of_motor = ei.Response(
         f, G, ("motor 1",), ("motor 1",), "acceleration", where, noise=ei.Covariance(1e-4 * np.abs(G) ** 2, 1e4)
     )
     tool = ("force tool y",), ("frame tool y",)
-    silent = ei.FrequencyResponse(
+    silent = ei.Response(
         f, 0 * G, *tool, "acceleration", ei.Configuration("a at the tool", np.zeros(1)),
         noise=ei.Covariance(0 * np.abs(G), 1e4), motors="held",
     )  # fmt: skip

@@ -25,7 +25,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.record import Configuration, Motion
 from elastid.recorded.responses.reading import link_side_response, read_table
-from elastid.response import Covariance, FrequencyResponse, in_quantity
+from elastid.response import Covariance, Response, in_quantity
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.store.measured import read_responses
 from elastid.study import load
@@ -69,7 +69,7 @@ def _spec(path: str, **changes: Any) -> ResponsesSpec:
     return ResponsesSpec(**({"files": (ResponseFileSpec(path, "home"),), "channels": CHANNELS} | changes))
 
 
-def _read(base: Path, spec: ResponsesSpec, quantity: Motion = "acceleration") -> FrequencyResponse:
+def _read(base: Path, spec: ResponsesSpec, quantity: Motion = "acceleration") -> Response:
     file = spec.files[0]
     return link_side_response(read_table(base / file.path, spec, file.response), spec, HOME, ROBOT, quantity)
 
@@ -211,9 +211,7 @@ def test_conversion_of_the_quantity_and_back_is_the_identity_with_its_covariance
     )
     variance = np.einsum("fyy,fuu->fyu", right, left).real
     places = ("motor 1", "motor 2")
-    a = FrequencyResponse(
-        FREQ_HZ, plant(FREQ_HZ), places, places, "position", HOME, total=Covariance(variance, 3, left, right)
-    )
+    a = Response(FREQ_HZ, plant(FREQ_HZ), places, places, "position", HOME, total=Covariance(variance, 3, left, right))
     b = in_quantity(a, "acceleration")
     assert a.total is not None
     assert b.total is not None

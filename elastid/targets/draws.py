@@ -8,10 +8,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from elastid.base.errors import StudyError
-from elastid.export.mujoco import NO_RODS, mjcf, rod_poses
 from elastid.model.closed_posture import assembled
 from elastid.store.files import write_rows
 from elastid.store.kinds import text_of
+from elastid.targets.mujoco import NO_RODS, mjcf, rod_poses
 from elastid.use.draws import DrawnRobots
 
 

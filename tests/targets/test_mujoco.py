@@ -12,10 +12,10 @@ from plants.refusals import refused
 from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray
-from elastid.export.mujoco import write_mujoco
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.robot import Anchor, CoilSpring, Compensator, Friction, Joint
 from elastid.robot.simplified import with_joints
+from elastid.targets.mujoco import write_mujoco
 
 
 def slopes(f: Callable[[FloatArray], FloatArray], n: int, step: float = 1e-3) -> FloatArray:

@@ -10,8 +10,8 @@ import pytest
 from plants.fitted_models import fitted_model
 from plants.predicted_arm import result
 
-from elastid.export.draws import write_draws
 from elastid.study import load_robot
+from elastid.targets.draws import write_draws
 from elastid.use.draws import draw_robots
 
 

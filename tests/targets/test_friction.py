@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from plants.hostile_names import HOSTILE
 
-from elastid.export.friction import Observer, write_observers
 from elastid.friction_study.extended_kalman_filter import FilterNoise, KalmanFilter, first_estimate
+from elastid.targets.friction import Observer, write_observers
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
 
 NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift={"Fc": 6e-3, "f": 25e-3, "offset": 1e-3})

@@ -17,10 +17,10 @@ import numpy as np
 
 from elastid.base.escape import c_comment, one_line
 from elastid.base.files import replacing
-from elastid.export.numbers import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import equilibrium
 from elastid.store.files import write_text
+from elastid.targets.numbers import interval_lines
 
 
 def functions(model: FittedRobot) -> tuple[ca.Function, ...]:

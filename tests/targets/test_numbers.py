@@ -10,13 +10,13 @@ import pytest
 from plants.fitted_models import fitted_model
 from scipy.io import loadmat
 
-from elastid.export.control import write_control
-from elastid.export.csv import write_csv
-from elastid.export.matlab import write_matlab
-from elastid.export.mujoco import write_mujoco
-from elastid.export.numbers import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
+from elastid.targets.control import write_control
+from elastid.targets.csv import write_csv
+from elastid.targets.matlab import write_matlab
+from elastid.targets.mujoco import write_mujoco
+from elastid.targets.numbers import interval_lines
 
 SPRING = "k_1"
 
@@ -66,7 +66,7 @@ def test_every_export_parts_the_deviation_by_noise_and_by_file(fitted: FittedRob
     C, one = 1e-4 * np.eye(len(free)), np.ones(len(free))
     named = {p.name: p for p in parameters}
     moved = (*(p for p in parameters if p.name != doubted), named[doubted])
-    result = replace(fitted.result, parameters=ParameterSet(moved), x=fitted.result.x[order], covariance=C)
+    result = replace(fitted.result, parameters=Parameters(moved), x=fitted.result.x[order], covariance=C)
     result = replace(result, repeated=0.64 * one, lasting=0.36 * one)
     model = replace(fitted, result=result)
     std = 0.01 * result.values[SPRING]

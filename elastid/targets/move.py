@@ -14,9 +14,9 @@ from scipy.io import savemat
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import c_comment, one_line
 from elastid.base.files import from_template, write_whole
-from elastid.export.matlab import HEADING
-from elastid.export.numbers import c_row
 from elastid.store.files import write_text
+from elastid.targets.matlab import HEADING
+from elastid.targets.numbers import c_row
 from elastid.use.command.tune import TunedMove
 
 
@@ -60,11 +60,11 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
         for name in ("position", "velocity", "torque")
     }
     source = from_template(
-        "export/templates/move.c", comment=comment, n=n, m=m, step=repr(step), last=float(n - 1), cells=n - 1, **rows
+        "targets/templates/move.c", comment=comment, n=n, m=m, step=repr(step), last=float(n - 1), cells=n - 1, **rows
     )
     return {
         "move.c": source,
-        "move.h": from_template("export/templates/move.h", comment=comment, m=m, duration=float(step * (n - 1))),
+        "move.h": from_template("targets/templates/move.h", comment=comment, m=m, duration=float(step * (n - 1))),
     }
 
 
@@ -102,7 +102,7 @@ def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
     savemat(written, {**content, "joints": np.array(tuned.joints, dtype=object)}, do_compression=True)
     data, script = folder / "move.mat", folder / "load_move.m"
     write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
-    write_text(script, from_template("export/templates/load_move.m", name=one_line(tuned.name)))
+    write_text(script, from_template("targets/templates/load_move.m", name=one_line(tuned.name)))
     return data, script
 
 

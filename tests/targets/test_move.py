@@ -13,9 +13,9 @@ from plants.commanded_arm import arm
 from ruamel.yaml import YAML
 from scipy.io import loadmat
 
-from elastid.export.friction import write_compensation
-from elastid.export.move import interpolated, write_move, write_move_c
 from elastid.friction.robot_friction import frictions
+from elastid.targets.friction import write_compensation
+from elastid.targets.move import interpolated, write_move, write_move_c
 from elastid.use.command.replay import Outcome
 from elastid.use.command.tune import TunedMove
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from elastid.fit.fitted_robot import FittedRobot, parameters_of
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.parameters import Parameter
 
 HELD = "held, not identified"
@@ -52,7 +52,7 @@ def interval_lines(model: FittedRobot) -> tuple[str, ...]:
     return lines_of(model.result, model.measured[0].configuration.name)
 
 
-def lines_of(result: FitResult, configuration: str) -> tuple[str, ...]:
+def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     """A line for each parameter that was not held, under one that says how the fit ended; for the head of a file."""
     every = [_known(result, parameter) for parameter in parameters_of(result, configuration)]
     numbers = [number for number in every if number.words != HELD]
@@ -61,7 +61,7 @@ def lines_of(result: FitResult, configuration: str) -> tuple[str, ...]:
     return head, *(f"  {number.name} = {number.value:.9g} {number.unit}, {number.words}" for number in numbers)
 
 
-def _known(result: FitResult, parameter: Parameter) -> KnownNumber:
+def _known(result: Result, parameter: Parameter) -> KnownNumber:
     name, unit, value = parameter.stands_for, parameter.unit, result.values[parameter.name]
     if not parameter.is_free:
         tie = parameter.tie

@@ -23,12 +23,12 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
-from elastid.export.code import c_sources, dense
-from elastid.export.numbers import c_row
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
 from elastid.robot import Robot
 from elastid.store.files import write_rows, write_text
+from elastid.targets.code import c_sources, dense
+from elastid.targets.numbers import c_row
 from elastid.use.command.equations import SLIDING
 
 

@@ -7,8 +7,8 @@ import pytest
 from plants.fitted_models import fitted_model
 from plants.refusals import refused
 
-from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.targets.urdf import write_urdf
 
 pinocchio = pytest.importorskip("pinocchio", reason="pinocchio is not installed (group oracles)")
 

@@ -9,7 +9,6 @@ from plants.fitted_models import fitted_model
 from scipy.linalg import expm
 
 from elastid.base.arrays import FloatArray
-from elastid.export.fmu import write_fmu
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
@@ -17,6 +16,7 @@ from elastid.simulation.closed_loop import Commands, Trajectory, closed_loop, si
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import contacts
+from elastid.targets.fmu import write_fmu
 
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed (group oracles)")
 

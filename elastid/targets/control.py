@@ -9,13 +9,13 @@ import numpy as np
 
 from elastid.base.escape import docstring
 from elastid.base.files import from_template, replacing
-from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.store.files import write_text
+from elastid.targets.numbers import known_numbers
 
 
-def write_responses_control(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
+def write_responses_control(folder: Path, name: str, responses: Sequence[Response]) -> tuple[Path, ...]:
     """responses.npz and load_responses.py; arrays <configuration>/freq_hz, G (F, n_y, n_u), std, inputs, outputs."""
     arrays: dict[str, np.ndarray] = {"configurations": np.array([G.configuration.name for G in responses])}
     for G in responses:
@@ -24,21 +24,19 @@ def write_responses_control(folder: Path, name: str, responses: Sequence[Frequen
     return _written(folder / "responses.npz", arrays, folder / "load_responses.py", name, responses[0])
 
 
-def _measured(G: FrequencyResponse) -> dict[str, np.ndarray]:
+def _measured(G: Response) -> dict[str, np.ndarray]:
     place = G.configuration.name
     std = {} if G.uncertainty is None else {f"{place}/std": np.sqrt(G.uncertainty.variance)}
     return {f"{place}/freq_hz": G.freq_hz, f"{place}/G": G.G} | std
 
 
-def _written(
-    data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str, first: FrequencyResponse
-) -> tuple[Path, Path]:
+def _written(data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str, first: Response) -> tuple[Path, Path]:
     with replacing(data) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
     example = docstring(repr(first.configuration.name))
     known = {"npz": data.name, "name": docstring(name), "first": example}
     write_text(
-        loader, from_template(f"export/templates/{loader.name}.txt", **known, quantity=first.quantity, unit=first.unit)
+        loader, from_template(f"targets/templates/{loader.name}.txt", **known, quantity=first.quantity, unit=first.unit)
     )
     return data, loader
 

@@ -23,7 +23,7 @@ from elastid.base.files import replacing
 from elastid.modal.modes import Modes
 from elastid.modal.spec import GeometrySpec
 from elastid.record import Motion
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.store.files import write_rows
 
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
@@ -38,7 +38,7 @@ _FREQUENCY, _FREQUENCY_RESPONSE, _COMPLEX_DOUBLE = 18, 4, 6
 def write_uff(
     folder: Path,
     name: str,
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     modes: Sequence[Modes] = (),
     geometry: GeometrySpec | None = None,
 ) -> tuple[Path, ...]:
@@ -120,7 +120,7 @@ def _geometry_sets(geometry: GeometrySpec | None, points: dict[str, int]) -> Ite
         yield {"type": 82, "trace_num": i, "n_nodes": 2, "id": f"line {i}", "nodes": nodes}
 
 
-def _sets(name: str, response: FrequencyResponse, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
+def _sets(name: str, response: Response, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
     for i, output in enumerate(response.outputs):
         for j, input_ in enumerate(response.inputs):
             unit = response.units_of_inputs[j]

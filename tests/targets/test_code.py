@@ -11,9 +11,9 @@ import pytest
 from plants.fitted_models import close, fitted_model, responses_of
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.export.code import write_c, write_casadi
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import equilibrium
+from elastid.targets.code import write_c, write_casadi
 
 
 def read_back(model: FittedRobot, function: Any, B: FloatArray) -> ComplexArray:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.export.uff import write_uff
 from elastid.modal.estimate import estimate_modes
 from elastid.modal.spec import GeometrySpec
 from elastid.record import Configuration
 from elastid.recorded.responses.universal import uff_geometry, uff_table
-from elastid.response import FrequencyResponse
+from elastid.response import Response
+from elastid.targets.uff import write_uff
 
 
 @pytest.mark.parametrize("outputs", [("1x", "1z", "2x"), ("tip x", "tip z", "foot x")], ids=("numbers", "names"))
@@ -24,7 +24,7 @@ def test_modes_are_read_back(tmp_path: Path, outputs: tuple[str, ...]) -> None:
     modal = 1 / (natural**2 - omega**2 + 2j * zeta * natural * omega)
     G = np.einsum("ir,fr,r->fi", shapes, modal, shapes[0])[:, :, None]
     bench = Configuration("bench", np.zeros(0))
-    response = FrequencyResponse(freq_hz, G, ("shaker",), outputs, "position", bench)
+    response = Response(freq_hz, G, ("shaker",), outputs, "position", bench)
     path = write_uff(tmp_path, "study", [response], [estimate_modes(response)])[0]
     sets = [each for each in pyuff.UFF(str(path)).read_sets() if each["type"] == 55]
     poles = natural * (1j * np.sqrt(1 - zeta**2) - zeta)
@@ -45,7 +45,7 @@ def test_geometry_and_roving_hammer_are_read_back(tmp_path: Path) -> None:
     shape = np.array([1.0, -0.5])
     G = (1 / (natural**2 - omega**2 + 0.02j * natural * omega))[:, None, None] * shape
     bench = Configuration("bench", np.zeros(0))
-    response = FrequencyResponse(freq_hz, G, ("1 z", "hit 2"), ("1 z",), "position", bench)
+    response = Response(freq_hz, G, ("1 z", "hit 2"), ("1 z",), "position", bench)
     path = write_uff(tmp_path, "study", [response], [estimate_modes(response)], geometry)[0]
     hammer = ChannelSpec("u", "hit 2", channel="2z", quantity="force", sign=-1)
     places = (hammer, ChannelSpec("y", "1 z", channel="1z", quantity="position"))

@@ -32,12 +32,12 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.export.numbers import in_full, known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.kinematics import frame_poses
 from elastid.robot import BASE, Body, Joint, Loop, Placement, Robot, Rod, unit_axis
 from elastid.store.files import write_text
+from elastid.targets.numbers import in_full, known_numbers
 
 # MuJoCo refuses a moving body without mass or without inertia: negligible kg and kg m^2 of any robot.
 MIN_INERTIA = 1e-12

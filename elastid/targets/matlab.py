@@ -14,13 +14,13 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import one_line
 from elastid.base.files import from_template, write_whole
-from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.posture import Asked, default_frame
 from elastid.linear.response.transfer import frequency_response
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import FRAME_AXES
 from elastid.store.files import write_text
+from elastid.targets.numbers import known_numbers
 
 # A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
 HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
@@ -51,24 +51,24 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     return _written(data, content, script, model.name, model.measured[0])
 
 
-def write_responses_matlab(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
+def write_responses_matlab(folder: Path, name: str, responses: Sequence[Response]) -> tuple[Path, ...]:
     """responses.mat (version 5) with the struct array `measured`, as in model.mat, and load_responses.m."""
     data, script = folder / "responses.mat", folder / "load_responses.m"
     return _written(data, {"measured": list(map(_measured, responses))}, script, name, responses[0])
 
 
 def _written(
-    data: Path, content: dict[str, list[dict[str, Any]]], script: Path, name: str, first: FrequencyResponse
+    data: Path, content: dict[str, list[dict[str, Any]]], script: Path, name: str, first: Response
 ) -> tuple[Path, Path]:
     written = io.BytesIO()
     savemat(written, {key: _structs(rows) for key, rows in content.items()}, do_compression=True)
     write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
     known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
-    write_text(script, from_template(f"export/templates/{script.name}", **known))
+    write_text(script, from_template(f"targets/templates/{script.name}", **known))
     return data, script
 
 
-def _measured(G: FrequencyResponse) -> dict[str, Any]:
+def _measured(G: Response) -> dict[str, Any]:
     return _response(G.G, G, None if G.uncertainty is None else G.uncertainty.variance)
 
 
@@ -104,7 +104,7 @@ def _tool(model: FittedRobot) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _response(G: Any, measured: FrequencyResponse, variance: FloatArray | None) -> dict[str, Any]:
+def _response(G: Any, measured: Response, variance: FloatArray | None) -> dict[str, Any]:
     """The fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
     half = None if variance is None else np.moveaxis(variance, 0, 2) / 2
     return {

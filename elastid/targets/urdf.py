@@ -16,11 +16,11 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import unused, xml_comment
-from elastid.export.numbers import in_full, interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store.files import write_text
+from elastid.targets.numbers import in_full, interval_lines
 
 
 def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:

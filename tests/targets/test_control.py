@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from plants.fitted_models import DELAY, close, responses_of
 
-from elastid.export.control import write_control
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.targets.control import write_control
 
 
 def test_python_control_reads_the_response_back(model: FittedRobot, tmp_path: Path) -> None:

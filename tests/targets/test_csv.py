@@ -10,11 +10,11 @@ from plants.fitted_models import close, fitted_model, responses_of
 
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
-from elastid.export.csv import write_csv
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.modes import modes
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Covariance
+from elastid.targets.csv import write_csv
 
 
 def rows(path: Path) -> list[dict[str, str]]:

@@ -32,9 +32,6 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.files import replacing
-from elastid.export.code import c_sources, dense
-from elastid.export.move import move_sources
-from elastid.export.numbers import HELD, c_row, known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.friction.static import CURVE
@@ -48,6 +45,9 @@ from elastid.robot.robot import with_frames
 from elastid.simulation.controller import tune
 from elastid.simulation.drives import gear_forces
 from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration, projection
+from elastid.targets.code import c_sources, dense
+from elastid.targets.move import move_sources
+from elastid.targets.numbers import HELD, c_row, known_numbers
 from elastid.use.command.replay import DAMPING_RATIO
 from elastid.use.command.tune import TunedMove
 

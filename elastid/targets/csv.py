@@ -14,14 +14,14 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.escape import file_name
-from elastid.export.numbers import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction_study.result import FrictionResult
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.modal.modes import Modes
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.store.files import write_rows
+from elastid.targets.numbers import known_numbers
 
 
 def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
@@ -62,7 +62,7 @@ def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 
 
 def write_responses_csv(
-    folder: Path, name: str, responses: Sequence[FrequencyResponse], modes: Sequence[Modes] = ()
+    folder: Path, name: str, responses: Sequence[Response], modes: Sequence[Modes] = ()
 ) -> tuple[Path, ...]:
     """<configuration>-measured.csv for each response, and modes.csv."""
     return (*(_measured(folder, G) for G in responses), write_modes_csv(folder / "modes.csv", modes))
@@ -84,7 +84,7 @@ def write_friction_csv(folder: Path, result: FrictionResult) -> tuple[Path, ...]
     return tuple(paths)
 
 
-def _measured(folder: Path, G: FrequencyResponse) -> Path:
+def _measured(folder: Path, G: Response) -> Path:
     variance = None if G.uncertainty is None else G.uncertainty.variance
     return _table(folder / f"{file_name(G.configuration.name)}-measured.csv", _response(G, G.G, variance))
 
@@ -106,7 +106,7 @@ def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
             yield linear.configuration.name, i, *values, freq_std or "", zeta_std or ""
 
 
-def _response(measured: FrequencyResponse, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:
+def _response(measured: Response, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:
     elements = [(a, b, f"{y}_{u}") for a, y in enumerate(measured.outputs) for b, u in enumerate(measured.inputs)]
     names = [f"{part}_{name}" for part in ("re", "im") for _, _, name in elements]
     names += [f"std_{name}" for _, _, name in elements] if variance is not None else []

@@ -9,8 +9,8 @@ import pytest
 from plants.fitted_models import close, responses_of
 from scipy.io import loadmat
 
-from elastid.export.matlab import write_matlab
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.targets.matlab import write_matlab
 
 
 def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedRobot, tmp_path: Path) -> None:
