@@ -52,6 +52,7 @@ _HOMES = {
     "Result": "elastid.fit.result",
     "read_robot": "elastid.verbs",
     "read_records": "elastid.verbs",
+    "simulate": "elastid.verbs",
     "choose": "elastid.verbs",
     "estimate": "elastid.verbs",
     "identify": "elastid.verbs",
@@ -66,7 +67,6 @@ _HOMES = {
     "Joint": "elastid.robot",
     "Spring": "elastid.robot",
     "Motor": "elastid.robot",
-    "Loop": "elastid.robot",
 }
 
 

@@ -16,6 +16,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from elastid.base.errors import StudyError
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.plan.plan import make_plan
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit import identify as fitting
@@ -61,11 +64,20 @@ def read_records(
     Raises StudyError for arguments that contradict each other, DataError for a log that cannot be used.
     """
     data = {"configurations": dict(configurations), "recorded": recorded}
-    study = Study("records", robot=robot, experiment=_section(data, ExperimentSpec))
-    study, problems = convert_to_si(study)
-    _refuse([*check_study(study, Path(folder)), *problems])
+    study = _consistent(Study("records", robot=robot, experiment=_section(data, ExperimentSpec)), Path(folder))
     rig = RecordedRig(study.places, study.experiment, Path(folder))
     return tuple(rig.measure(experiment) for experiment in rig.experiments)
+
+
+def simulate(
+    robot: Robot, *, excitation: Mapping[str, Any], experiment: Mapping[str, Any], seed: int = 0
+) -> tuple[Record, ...]:
+    """The records of a simulated robot under a multisine; excitation, experiment: keys of these sections of a study."""
+    spec, repeated = _section(excitation, MultisineSpec), _section(experiment, ExperimentSpec)
+    study = _consistent(Study("records", seed, robot, excitation=spec, experiment=repeated))
+    plan = make_plan(study.excitation or spec, study.experiment, robot, seed=seed)
+    rig = SimulatedRig(robot, study.experiment, plan, seed=seed)
+    return tuple(rig.measure(each) for each in rig.experiments)
 
 
 def choose(robot: Robot, *names: str, **settings: Mapping[str, Any]) -> Parameters:
@@ -154,6 +166,13 @@ def _section(data: Mapping[str, Any], kind: type[Section]) -> Section:
     _refuse(problems)
     section: Section = value
     return section
+
+
+def _consistent(study: Study, folder: Path = Path()) -> Study:
+    """A study in SI whose sections fit together; StudyError else."""
+    study, problems = convert_to_si(study)
+    _refuse([*check_study(study, folder), *problems])
+    return study
 
 
 def _refuse(problems: Sequence[Problem]) -> None:

@@ -238,7 +238,7 @@ def test_an_argument_of_another_type_is_refused_with_what_gives_the_right_one(me
         (lambda: elastid.plot.friction_curve(result, "1"), "not FrictionResult; identify_friction and read_friction"),
         (lambda: elastid.Response.from_control(system, measured[0].configuration), "control.frd(system"),
         (lambda: replace(measured[0], configuration="c1"), "configuration is of type str, not Configuration"),
-        (lambda: write_fit(tmp_path / "no.h5", measured[0]), "not Result; identify and read_fit make one"),
+        (lambda: write_fit(tmp_path / "no.h5", measured[0]), "not Result; elastid.identify"),
         (lambda: write_responses(tmp_path / "no.h5", measured[0]), "responses is of type Response"),
     ):
         with pytest.raises(TypeError) as refused:
@@ -306,9 +306,7 @@ def test_records_of_two_configurations_make_no_response(tmp_path) -> None:
     """They would be averaged into one of neither; records are read by their configuration."""
     one = steady_record()
     other = replace(one, name="other", configuration=elastid.Configuration("other", one.configuration.angles + 0.5))
-    with pytest.raises(
-        DataError, match=r"the records are of configurations .* and other, at different angles"
-    ):
+    with pytest.raises(DataError, match=r"the records are of configurations .* and other, at different angles"):
         estimate([one, other], EstimatorSpec())
     write_records(tmp_path / "records.h5", [one, other])
     assert [record.name for record in read_records(tmp_path / "records.h5", "other")] == ["other"]

@@ -40,9 +40,9 @@ def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder: Path) 
     exec(SCRIPT, names)
     result = names["result"]
     assert isinstance(result, elastid.Result)
-    assert run_command(["fit", str(folder / "study.yml"), "--run", str(folder / "run")]) == 2  # no records yet
-    for stage in ("measure", "estimate", "fit"):
-        assert run_command([stage, str(folder / "study.yml"), "--run", str(folder / "run"), "--jobs", "1"]) == 0
+    command = ["run", str(folder / "study.yml"), "--run", str(folder / "run"), "--jobs", "1", "fit"]
+    assert run_command(command) == 2  # no records yet
+    assert run_command([*command, "measure", "estimate"]) == 0
     of_command = elastid.load(folder / "run" / "fit.h5")
     std = np.sqrt(np.diag(result.covariance))
     assert np.all(np.abs(result.x - of_command.x) < 1e-6 * std)

@@ -1,4 +1,4 @@
-"""The command line: a word for each stage, each calling one function. Heavy imports stay inside the bodies.
+"""The command line: each word calls one function. Heavy imports stay inside the bodies.
 
 Exit codes: 0 done; 1 the data or the fit are at fault; 2 usage or study; 3 done and written, but a misfit, not to be
 believed as it stands; 130 interrupted.
@@ -27,7 +27,7 @@ from elastid.app.options import (
     stage_options,
     study_argument,
 )
-from elastid.app.stage_table import helps
+from elastid.app.stage_table import NAMES
 from elastid.app.use_commands import loops, map_command, tune
 from elastid.base.errors import ElastidError, StudyError
 from elastid.base.escape import printable
@@ -71,7 +71,7 @@ _TARGETS = [
 ]
 
 
-# Groups of commands, in the order of the help; all others are single stages.
+# Groups of commands, in the order of the help.
 _GROUPS = {
     "Start": ("demo", "new", "check", "run"),
     "Look": ("inspect", "explain", "compare", "predict"),
@@ -85,21 +85,20 @@ class InGroups(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of the help."""
-        return [name for names in self._grouped.values() for name in names]
+        return [name for names in _GROUPS.values() for name in names]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Names and first sentences, wrapped and not cut."""
-        for group, names in self._grouped.items():
+        for group, names in _GROUPS.items():
             helps = [(name, (self.commands[name].help or "").split("\n\n")[0]) for name in names]
             with formatter.section(group):
                 formatter.write_dl([(name, " ".join(text.split())) for name, text in helps])
 
-    @property
-    def _grouped(self) -> dict[str, list[str]]:
-        shown = [name for name, command in self.commands.items() if not command.hidden]
-        groups = {group: [name for name in names if name in shown] for group, names in _GROUPS.items()}
-        rest = [name for name in shown if not any(name in names for names in groups.values())]
-        return groups | {"Single stages of `run`": rest}
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """The command; a stage that is taken for one is named as an argument of `run`."""
+        if name in NAMES:
+            ctx.fail(f"{name} is a stage: elastid run STUDY {name}")
+        return super().get_command(ctx, name)
 
 
 @click.group(cls=InGroups, context_settings={"help_option_names": ["-h", "--help"]})
@@ -155,37 +154,30 @@ def check(study: Path, overrides: tuple[str, ...]) -> None:
     click.echo(printable(overview(load_with_logs(study, overrides).study)))
 
 
-def add_stage_commands(group: click.Group) -> None:
-    """A command for each name in the table of stages."""
-    for name, text in helps().items():
-        group.add_command(_stage_command(name, text))
-
-
-def _stage_command(name: str, text: str) -> click.Command:
-    @study_argument
-    @stage_options
-    def work(study: Path, png: bool = False, **options: Any) -> None:
-        overrides = (*options["overrides"], *["report.formats=[png]"] * png)
-        asked = run_of(study, options | {"overrides": overrides})
-        from elastid.app.run import run_stage
-
-        run_stage(asked, name)
-
-    return click.command(name, help=text)(options_of(*["png"] * (name == "report"))(work))
-
-
-add_stage_commands(cli)
-
-
 @cli.command()
 @study_argument
+@click.argument("stages", nargs=-1, type=click.Choice(NAMES), metavar="[STAGE]...")
+@options_of("png")
 @stage_options
-def run(study: Path, **options: Any) -> None:
-    """Run all stages in order, except those whose inputs have not changed."""
-    asked = run_of(study, options)
+def run(study: Path, stages: tuple[str, ...], png: bool = False, **options: Any) -> None:
+    """Run all stages in order, except those whose inputs have not changed; or the stages that are named, in any case.
+
+    \b
+    design    configurations, excitation, predicted intervals: plan.h5, references/*.csv
+    measure   the simulated experiments, or the recorded logs: records.h5
+    estimate  the frequency responses with their covariance: frf.h5
+    fit       the elastic parameters: fit.h5, summary.json
+    gears     (gears: {}) friction, stiffening, hysteresis and errors of the gears: gears.h5
+    validate  the fit on left-out configurations, and its residuals: validation.h5
+    levels    (friction) the friction at each speed, load and temperature: levels.h5
+    friction  (friction) its law: friction.h5, summary.json
+    follow    (filter: {}) the friction over the motions, by a Kalman filter: filter.h5
+    report    the page and, where asked for, figures: report.html, figures/
+    """
+    asked = run_of(study, options | {"overrides": (*options["overrides"], *["report.formats=[png]"] * png)})
     from elastid.app.run import run_all
 
-    run_all(asked)
+    run_all(asked, stages)
 
 
 @cli.command()

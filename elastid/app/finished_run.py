@@ -9,7 +9,7 @@ from pathlib import Path
 from elastid.app import compare as comparing
 from elastid.app import export as exporting
 from elastid.app.console import Console
-from elastid.app.run import Run, run_all, run_stage
+from elastid.app.run import Run, run_all
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import FitError
 from elastid.fit.result import Result
@@ -25,20 +25,26 @@ from elastid.validation.results import Validation
 
 
 def run(
-    study: Path | str, folder: Path | str = "", *, set: Sequence[str] = (), jobs: int = 1, verbosity: int = -1
+    study: Path | str,
+    folder: Path | str = "",
+    *stages: str,
+    set: Sequence[str] = (),
+    jobs: int = 1,
+    verbosity: int = -1,
 ) -> FinishedRun:
     """All stages of a study, as `elastid run` does it: those whose inputs have not changed keep their results.
 
-    folder: of the run, default runs/<name>.  set: keys that take the place of the study's, such as "fit.starts=4".
-    jobs: processes; more than one in a script need its `if __name__ == "__main__":`.  verbosity: -2 nothing, -1
-    warnings, 0 a line a stage, 1 every detail.  A misfit is no error here: `result.status` says it.
+    folder: of the run, default runs/<name>.  stages: done in place of all, current or not.  set: keys that take the
+    place of the study's, such as "fit.starts=4".  jobs: processes; more than one in a script need its
+    `if __name__ == "__main__":`.  verbosity: -2 nothing, -1 warnings, 0 a line a stage, 1 every detail.  A misfit is no
+    error here: `result.status` says it.
     Raises StudyError with the place of every error in the study, DataError for logs, FitError where nothing was found.
     """
     run = _run_of(study, folder, set, jobs, verbosity)
     try:
-        run_all(run)
+        run_all(run, stages)
     except FitError:
-        if not all(run.is_current(stage) for stage in run.stages):
+        if not all(run.is_current(stage) for stage in stages or run.stages):
             raise
     return FinishedRun(run)
 
@@ -110,11 +116,6 @@ class FinishedRun:
     def report(self) -> Path:
         """The page of the run."""
         return self._path("report")
-
-    def again(self, stage: str) -> FinishedRun:
-        """One stage once more, current or not, as `elastid <stage>` does it: `again("report")`."""
-        run_stage(self.run, stage)
-        return self
 
     def _path(self, stage: str) -> Path:
         self.run.require_stage(stage)

@@ -344,7 +344,7 @@ class Result:
         return name in self.parameters.free_names
 
     def __getitem__(self, name: str) -> Any:
-        """The estimate of a parameter, of a pattern (`k_*`) those by name; UnknownNameError for none that was identified."""
+        """The estimate of a parameter, or those of a pattern (`k_*`) by name; UnknownNameError for what is no such."""
         if name not in self and (found := matching(name, self.keys())):
             return {each: self[each] for each in found}
         low, high = self.interval(name)
@@ -415,8 +415,8 @@ class Result:
         if self.robot is None:
             raise StudyError(
                 "fit/no-robot",
-                "this result holds no robot, as one that was written by an older elastid does; fit again (`elastid fit "
-                "STUDY`), or `elastid.identify(...)`",
+                "this result holds no robot, as one that was written by an older elastid does; fit again (`elastid run "
+                "STUDY fit`), or `elastid.identify(...)`",
             )
         spec = self.equations or ModelSpec()
         known = self.parameters, self.x, self.covariance_of_prediction

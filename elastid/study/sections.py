@@ -34,7 +34,7 @@ class ReportSpec:
     # fmt: off
     formats: Annotated[tuple[Literal["png"], ...], Key("Formats of the figures' files, in addition to the page, "
         "which draws its own.", "where every run is to "
-        "leave figures for documents, which takes longer; `elastid report --png` draws them for once.")] = ()
+        "leave figures for documents, which takes longer; `elastid run STUDY report --png` draws them for once.")] = ()
     # fmt: on
 
 

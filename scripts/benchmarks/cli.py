@@ -92,7 +92,7 @@ def working(python: str, folder: Path) -> dict[str, list[str]]:
 def importing(python: str, folder: Path) -> dict[str, list[str]]:
     """Estimation of the demo's responses, import by import."""
     run = folder / "jobs-1"
-    asked = ["estimate", str(run / "study.yml"), "--run", str(run), "--jobs", "1", "-q"]
+    asked = ["run", str(run / "study.yml"), "estimate", "--run", str(run), "--jobs", "1", "-q"]
     return {"imports of estimate": [python, "-X", "importtime", "-m", "elastid", *asked]}
 
 

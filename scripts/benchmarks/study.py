@@ -27,7 +27,7 @@ from pathlib import Path
 from timing import bare_work_s, machine
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.study import load
 
 ROBOT = Path(__file__).parents[2] / "configs" / "robots" / "kr300_twelve_springs.yml"
@@ -83,7 +83,7 @@ def main() -> None:
         run = Run(load(folder / "study.yml"), folder / "run", 1, Console(-2))
         for stage in run.stages:
             begun = cpu_s()
-            run_stage(run, stage)
+            run_all(run, [stage])
             found[f"{stage}_s"] = cpu_s() - begun
             print(f"{stage:10s} {found[f'{stage}_s']:6.1f}", flush=True)
     found["all_s"] = sum(found.values())

@@ -19,8 +19,7 @@ response = ei.Response.from_control(data, ei.Configuration("home", np.zeros(1)))
 
 joint = ei.Joint("1", "z", ei.Spring(stiffness=2e3, damping=1.0), ei.Motor(inertia=Jm, viscous=0.0))
 robot = ei.Robot("two masses", (ei.Body("load", joints=(joint,), inertia=J),), gravity=(0.0, 0.0, 0.0))
-free = {"k_1": ei.ParameterSpec(), "d_1": ei.ParameterSpec()}
-result = ei.identify([response], robot, ei.FitSpec(parameters=free, starts=3))
+result = ei.identify([response], robot, ei.choose(robot, "k_1", "d_1"), starts=3)
 
 if __name__ == "__main__":
     print(result, result.model("home"), sep="\n\n")

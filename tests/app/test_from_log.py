@@ -160,7 +160,7 @@ def test_torques_and_angles_in_files_of_their_own_are_one_measurement(unit: str,
     if not unit:
         study.write_text(study.read_text().replace("rate_hz: unknown", "rate_hz: 200"))
     assert cli.run_command(["check", str(study)]) == 0
-    assert cli.run_command(["measure", str(study), "--run", str(tmp_path / "run"), "-q"]) == 0
+    assert cli.run_command(["run", str(study), "measure", "--run", str(tmp_path / "run"), "-q"]) == 0
     recorded = read_friction_records(tmp_path / "run" / "records.h5").records
     assert [record.joint for record in recorded] == ["1", "2"]
     for record, torque, angle in zip(recorded, (1, 3), (2, 4), strict=True):

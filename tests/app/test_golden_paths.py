@@ -129,11 +129,11 @@ def test_another_delimiter_is_named(tmp_path: Path) -> None:
 
 def test_a_stage_before_its_time_names_the_one_before(tiny: Path, capsys: Capture) -> None:
     for stage in ("fit", "estimate", "measure"):
-        code, text = said(capsys, stage, str(tiny), "--run", str(tiny.parent / "run"))
+        code, text = said(capsys, "run", str(tiny), stage, "--run", str(tiny.parent / "run"))
         assert code == 2
-        (before,) = pasted(r"run `elastid (\w+) ", text)
+        (before,) = pasted(r"run `elastid run \S+ (\w+)`", text)
     assert before == "design"
-    assert said(capsys, before, str(tiny), "--run", str(tiny.parent / "run"))[0] == 0
+    assert said(capsys, "run", str(tiny), before, "--run", str(tiny.parent / "run"))[0] == 0
 
 
 @pytest.mark.slow

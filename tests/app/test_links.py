@@ -20,8 +20,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The template frf with its responses."""
     folder = tmp_path_factory.mktemp("links") / "bench"
     assert run_command(["new", str(folder), "--template", "frf"]) == 0
-    for stage in ("measure", "estimate"):
-        assert run_command(on(folder, stage)) == 0
+    assert run_command(on(folder, "run", "measure", "estimate")) == 0
     return folder
 
 
@@ -35,10 +34,10 @@ def on(folder: Path, *command: str) -> list[str]:
 @pytest.mark.parametrize(
     ("name", "command"),
     [
-        (".lock", ["measure"]),
-        ("run.log", ["measure"]),
-        ("records.partial", ["measure"]),
-        ("figures", ["report"]),
+        (".lock", ["run", "measure"]),
+        ("run.log", ["run", "measure"]),
+        ("records.partial", ["run", "measure"]),
+        ("figures", ["run", "report"]),
         ("export", ["export", "--to", "csv"]),
         ("export/uff", ["export", "--to", "uff"]),
     ],

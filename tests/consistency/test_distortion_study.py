@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.base.errors import MisfitError
 from elastid.report.figures.responses import quality_figure
 from elastid.response import Levels, Response
@@ -39,7 +39,7 @@ def finished(
     run = Run(load(study, overrides), folder, 1, Console(-1))
     for stage in STAGES[: STAGES.index(last) + 1]:
         with suppress(MisfitError):  # friction that is left in the responses moves the parameters; all is written
-            run_stage(run, stage)
+            run_all(run, [stage])
     return run
 
 

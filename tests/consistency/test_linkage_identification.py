@@ -109,8 +109,7 @@ UP_TO_FIT = ("design", "measure", "estimate", "fit")
 
 def run(study: str, folder: Path, commands: Sequence[str], *options: str) -> tuple[int, dict[str, Any]]:
     """Commands of `elastid`, the last exit code and the summary."""
-    for stage in commands:
-        code = cli.run_command([stage, str(CONFIGS / study), "--run", str(folder), "-q", *options])
+    code = cli.run_command(["run", str(CONFIGS / study), *commands, "--run", str(folder), "-q", *options])
     summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return code, summary
 

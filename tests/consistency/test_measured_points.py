@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
@@ -169,8 +169,7 @@ def test_a_study_with_motors_and_points_finds_the_springs(tmp_path: Path):
     path = tmp_path / "study.yml"
     path.write_text(STUDY)
     run = Run(load(path), tmp_path / "run", 1, Console(-1))
-    for stage in ("design", "measure", "estimate", "fit"):
-        run_stage(run, stage)
+    run_all(run, ("design", "measure", "estimate", "fit"))
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["status"] == "converged"
     for name in ("k_1", "k_1x", "k_2"):

@@ -73,7 +73,6 @@ def test_bias_of_one_input_is_the_closed_form(snr_y_db: float, snr_u_db: float) 
     """Arithmetic, harmonic, logarithmic, H1 and H2 of 4e5 noisy pairs: within four of their standard errors.
 
     ARI 1 - exp(-s_u); HAR 1 / (1 - exp(-s_y)); LOG (E1(s_y) - E1(s_u)) / 2 in log; H1 s_u / (1 + s_u); H2 1 + 1 / s_y.
-    The full Monte Carlo is in scripts/studies/estimator_errors.py.
     """
     rng, M, F = np.random.default_rng(5), 800, 500
     s_y, s_u = 10 ** (snr_y_db / 10), 10 ** (snr_u_db / 10)

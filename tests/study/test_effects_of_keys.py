@@ -98,7 +98,7 @@ def fitted(tiny: Path):
 
     def fit(*overrides: str) -> Result:
         options = [word for override in overrides for word in ("--set", f"fit.{override}")]
-        assert cli.run_command(["fit", str(tiny), "--run", str(run.folder), "-q", "--jobs", "1", *options]) == 0
+        assert cli.run_command(["run", str(tiny), "fit", "--run", str(run.folder), "-q", "--jobs", "1", *options]) == 0
         return read_fit(run.folder / "fit.h5")
 
     return fit

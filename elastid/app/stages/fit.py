@@ -172,5 +172,5 @@ def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: Gear
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
     if step is OPEN_GEARS and "gears" in run.stages:
-        step = replace(step, what="Lay the gears open.", text=f"elastid gears {run.loaded.path}")
+        step = replace(step, what="Lay the gears open.", text=f"elastid run {run.loaded.path} gears")
     yield " ".join(filter(None, ("What next?", step.what, step.gain, step.text and f"`{step.text}`")))

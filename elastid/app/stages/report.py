@@ -50,7 +50,6 @@ def report(
     work: Work,
     design_file: Path | None = None,
     gears_file: Path | None = None,
-    compare: Path | None = None,
 ) -> Artefacts:
     """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
     from elastid.validation.measured_modes import measured_modes  # SciPy's linear algebra
@@ -67,7 +66,7 @@ def report(
         forecast=read_forecast(design_file) if design_file is not None else None,
         limit_use=read_peaks(design_file) if design_file is not None else None,
         robot=robot,
-        comparison=None if compare is None else read_comparison(compare, read_stamp(estimate_file) or Stamp()),
+        comparison=read_comparison(work.parts.with_name("compare.json"), read_stamp(estimate_file) or Stamp()),
         model_std=fitted.response_std,
         dense=dense_models(fitted),
         friction=friction,

@@ -148,12 +148,12 @@ def test_exports_say_what_they_leave_out(folder: Path, capfd: pytest.CaptureFixt
 def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """summary.json is the linear fit's until the gears are laid open again; without the section it stays so."""
     arguments = [str(STUDY), "--run", str(folder), "-q"]
-    cli.run_command(["fit", *arguments])
+    cli.run_command(["run", *arguments, "fit"])
     assert "gears" not in summary(folder)
     assert not (folder / "gears.h5").exists()
-    assert cli.run_command(["validate", *arguments]) == 2
-    assert "elastid gears" in capfd.readouterr().err
-    assert cli.run_command(["gears", *arguments]) == 0
+    assert cli.run_command(["run", *arguments, "validate"]) == 2
+    assert "gears` first" in capfd.readouterr().err
+    assert cli.run_command(["run", *arguments, "gears"]) == 0
     assert "gears" in summary(folder)
     assert cli.run_command(["inspect", str(folder / "gears.h5")]) == 0
     assert "N*m/arcmin" in capfd.readouterr().out

@@ -18,7 +18,7 @@ from scipy.io import loadmat, savemat
 
 from elastid.app.console import Console
 from elastid.app.inspection import described
-from elastid.app.run import Run, run_all, run_stage
+from elastid.app.run import Run, run_all
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
@@ -360,11 +360,11 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
     assert not (folder / "records.h5").exists()
     assert Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
     with pytest.raises(StudyError, match="there is nothing to measure; the first stage is `estimate`"):
-        run_stage(run, "measure")
+        run_all(run, ["measure"])
     again = elsewhere.with_name("again.yml")
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b.mat", "run/frf.h5")
     again.write_text(text[: text.index("    relative")] + text[text.index("    files") :])
-    run_stage(Run(load(again), folder / "again", 1, Console(-1)), "estimate")
+    run_all(Run(load(again), folder / "again", 1, Console(-1)), ["estimate"])
     for old, same in zip(read_responses(folder / "frf.h5"), read_responses(folder / "again/frf.h5"), strict=True):
         np.testing.assert_array_equal(old.G, same.G)
         assert old.noise is not None
@@ -419,11 +419,11 @@ def test_a_study_that_contradicts_its_files_is_refused_by_check(
 def test_a_response_measured_at_other_angles_is_refused(elsewhere: Path) -> None:
     """frf.h5 of elastid knows its configuration."""
     folder = elsewhere.parent / "run"
-    run_stage(Run(load(elsewhere), folder, 1, Console(-1)), "estimate")
+    run_all(Run(load(elsewhere), folder, 1, Console(-1)), ["estimate"])
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b: [30 deg]", "b: [40 deg]").replace("b.mat", "run/frf.h5")
     elsewhere.write_text(text)
     with pytest.raises(StudyError, match=r"b was measured at .* the study's b is at"):
-        run_stage(Run(load(elsewhere), folder / "again", 1, Console(-1)), "estimate")
+        run_all(Run(load(elsewhere), folder / "again", 1, Console(-1)), ["estimate"])
 
 
 @pytest.mark.parametrize(
