@@ -220,8 +220,8 @@ class LimitUse:
 
     peak: as rehearsed, of runs far from all limits as expected by the linear response.
     position: about the configuration, to either side, its limit the room to the nearer end.  factor (Q, n_u): by which
-    the amplitudes of the study were multiplied.  notes: one for every configuration that was scaled down.  nearest:
-    the run that came closest to a limit.  sliding: inputs that translate, in N and m.
+    the amplitudes of the study were multiplied.  notes: one for every configuration that was scaled down.  sliding:
+    inputs that translate, in N and m.
     """
 
     configurations: tuple[str, ...]
@@ -231,7 +231,6 @@ class LimitUse:
     factor: FloatArray = labelled("factor on the amplitudes that the study gives", "", "configurations inputs")
     margin: float
     notes: tuple[Note, ...] = ()
-    nearest: str = ""
     sliding: tuple[str, ...] = ()
 
     @property

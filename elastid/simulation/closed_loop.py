@@ -48,8 +48,6 @@ if platform.machine() in ("x86_64", "AMD64"):
 MAX_COMPILE_S = 60.0
 # Calls that save as much time as compiling takes.
 MIN_CALLS = 20_000
-# The same for the loop around them, which takes a tenth longer between machine code and CasADi.
-MIN_LOOP_CALLS = 100_000
 
 _log = logging.getLogger(__name__)
 
@@ -268,9 +266,7 @@ def closed_loop(
     sample = sampled_step(model, contacts, rate_hz, substeps, drives, of_numbers, filters)
     # Seven results of a sample start the next: q, v, states of friction, drives and filters, integral, last reading. A
     # chunk is four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
-    is_long = samples >= MIN_LOOP_CALLS
-    chunk = (sample if is_long else compiled(sample, samples)).mapaccum("closed_loop", CHUNK_SAMPLES, 7, {"base": 4})
-    function = compiled(chunk, samples) if is_long else chunk
+    function = compiled(sample.mapaccum("closed_loop", CHUNK_SAMPLES, 7, {"base": 4}), samples)
     units = tuple(joint.unit for joint in model.robot.driven)
     return ClosedLoop(model.inputs, units, limits, model.B, rate_hz, contacts, drives, function)
 
