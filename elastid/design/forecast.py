@@ -216,21 +216,21 @@ UNITS = ("N*m", "rad", "rad/s", "rad/s^2", "rad/s")
 
 @frozen_value
 class LimitUse:
-    """Largest values in the rehearsal, and the limits: peak, limit (Q, 5, n_u) for QUANTITIES, infinite where none.
+    """Largest values, and the limits: peak, limit (Q, 5, n_u) for QUANTITIES, infinite where none.
 
+    peak: as rehearsed, of runs far from all limits as expected by the linear response.
     position: about the configuration, to either side, its limit the room to the nearer end.  factor (Q, n_u): by which
-    the amplitudes of the study were multiplied.  notes: one for every configuration that was scaled down.  nearest:
-    the run that came closest to a limit.  sliding: inputs that translate, in N and m.
+    the amplitudes of the study were multiplied.  notes: one for every configuration that was scaled down.  sliding:
+    inputs that translate, in N and m.
     """
 
     configurations: tuple[str, ...]
     inputs: tuple[str, ...]
-    peak: FloatArray = labelled("largest value in the rehearsal, link side", "", "configurations quantity inputs")
+    peak: FloatArray = labelled("largest value, link side", "", "configurations quantity inputs")
     limit: FloatArray = labelled("limit, infinite where there is none", "", "configurations quantity inputs")
     factor: FloatArray = labelled("factor on the amplitudes that the study gives", "", "configurations inputs")
     margin: float
     notes: tuple[Note, ...] = ()
-    nearest: str = ""
     sliding: tuple[str, ...] = ()
 
     @property

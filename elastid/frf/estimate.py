@@ -180,7 +180,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
         unexcited = everything.on(~excited).on(inside)
         levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, unexcited)
     response = _with_covariances(response, data, fitted, error, levels, lines, spectra)
-    notes += [*fitted.notes, *form_notes(response.noise, response.total)]
+    notes += form_notes(response.noise, response.total)
     notes += [*input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
     return replace(response, notes=(*notes, *channel_notes(response)))
 
@@ -233,7 +233,7 @@ def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Me
             "to be averaged, and h1 is biased by the noise and friction that feedback brings into u",
         )
     # It pairs torque and motion of each realisation, while noise and friction in the loop bias h1; the harmonic mean
-    # fails where friction sticks, and the logarithmic one agrees with it.
+    # fails where friction sticks.
     return "arithmetic", ()
 
 

@@ -85,7 +85,7 @@ def working(python: str, folder: Path) -> dict[str, list[str]]:
         # A folder of its own each time: what is finished is kept.
         fresh = f"import shutil, sys; shutil.rmtree({str(run)!r}, True); from elastid.app.cli import main; main()"
         commands[f"demo --jobs {jobs}"] = [python, "-c", fresh, "demo", *common]
-        commands[f"report --jobs {jobs}"] = [python, "-m", "elastid", "report", str(run / "study.yml"), *common]
+        commands[f"report --jobs {jobs}"] = [python, "-m", "elastid", "run", str(run / "study.yml"), "report", *common]
     return commands
 
 

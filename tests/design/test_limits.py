@@ -150,7 +150,6 @@ def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
     for name in ("peak", "limit", "factor"):
         np.testing.assert_array_equal(getattr(found, name), getattr(limit_use, name))
     assert found.closest == limit_use.closest
-    assert found.nearest == limit_use.nearest
     assert len(QUANTITIES) == found.peak.shape[1]
 
 

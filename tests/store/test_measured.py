@@ -82,7 +82,6 @@ def test_limits_and_forecast_come_back_to_the_last_bit(tmp_path):
         np.array([[1.0, 0.5], [0.25, 1.0]]),
         0.9,
         NOTES,
-        "a/way-r0-e1",
         ("motor 2",),
     )
     forecast = Forecast(

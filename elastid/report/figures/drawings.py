@@ -67,7 +67,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         caption = "Expected information: by configuration and frequency, and by configuration and parameter."
         yield Drawing("information", "plan", caption, partial(fit.information, content.forecast))
     if content.limit_use is not None and np.isfinite(content.limit_use.limit).any():
-        caption = "Largest value of any run in the rehearsal, in % of the motor's limit."
+        caption = "Largest value of any run, rehearsed or far from the limit expected, in % of that of the motor."
         yield Drawing("peaks", "plan", caption, partial(fit.limit_use, content.limit_use))
 
 
