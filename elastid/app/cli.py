@@ -9,9 +9,10 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+from codecs import register_error
 from collections.abc import Sequence
 from errno import EACCES, EDQUOT, EFBIG, ENOENT, ENOSPC, EPERM, EROFS
-from io import StringIO
+from io import StringIO, TextIOWrapper
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,20 @@ def main() -> None:
     # A program that was started without them (`>&-`) has None here, which nothing below expects.
     sys.stdout = sys.stdout or StringIO()
     sys.stderr = sys.stderr or StringIO()
+    register_error("elastid", _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="elastid")
+    os.environ["MPLBACKEND"] = "agg"  # that of a notebook, in whose cells the program runs, may not be there
     sys.exit(run_command(sys.argv[1:]))
+
+
+def _in_ascii(error: Any) -> tuple[str, int]:
+    """The nearest letters of a terminal that has no others, for the first that it lacks (a handler of codecs)."""
+    return _ASCII.get(error.object[error.start], "?"), error.start + 1
+
+
+_ASCII = {"±": "+-", "–": "-", "─": "-", "°": "deg", "µ": "u", "²": "^2", "·": "*", "…": "...", "Δ": "D"}
 
 
 def run_command(arguments: Sequence[str]) -> int:
@@ -252,7 +266,7 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
 @cli.command()
 @study_argument
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
-@click.option("--count", type=click.IntRange(min=1), default=1000, show_default=True, help="Of --to draws.")
+@click.option("--count", type=click.IntRange(1, 100_000), default=1000, show_default=True, help="Of --to draws.")
 @stage_options
 def export(study: Path, target: str, count: int, **options: Any) -> None:
     """Write the identified model for another tool into export/<target>/ of the run folder, with its intervals.
@@ -350,7 +364,7 @@ def explained(error: Exception) -> int:
             error.show(file=(text := StringIO()))
             click.echo(printable(text.getvalue()), err=True, nl=False)
             return error.exit_code
-        case MemoryError():
+        case MemoryError() | ImportError():
             return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
         case OSError():
             where = f"{error.filename}: " if error.filename else ""

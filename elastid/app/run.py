@@ -198,6 +198,7 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
     if run.jobs > 1 and modules:
         load_for_workers(modules)
     with logged_in(run.folder, run.jobs, run.console), lasting_workers():
+        run.console.shows_tables = bool(names) or run.console.verbosity > 0
         for name, stage in stages.items():
             if names:
                 run.require(name)
@@ -210,6 +211,7 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
             else:
                 _report_damage(run, run.path(name), stage)
                 carry_out(run, name)
+        run.console.shows_tables = True
         for conclude in dict.fromkeys(stage.conclude for stage in stages.values() if stage.conclude):
             resolve_name(conclude)(run)
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
+from textwrap import indent
 
 import numpy as np
 
@@ -26,7 +27,7 @@ def new(folder: Path, template: str) -> Path:
     Raises StudyError where the folder holds anything already.
     """
     _check_new(folder)
-    study = _write_template(folder, template)
+    study = _write(folder, _template(template))
     if template in EXAMPLE_LOGS:
         EXAMPLE_LOGS[template](folder)
     return study
@@ -65,13 +66,16 @@ def _check_new(folder: Path) -> None:
 
 
 def demo(folder: Path) -> Path:
-    """The demo's study in its run folder, to copy and edit; existing files are kept."""
-    return _write_template(folder, "serial")
+    """The demo's study in its run folder, its robot in it, to copy and edit; existing files are kept."""
+    texts = _template("serial")
+    robot = indent(texts.pop("robot.yml"), "  ")
+    return _write(folder, {"study.yml": texts["study.yml"].replace("robot: robot.yml\n", f"robot:\n{robot}")})
 
 
-def _write_template(folder: Path, template: str) -> Path:
-    sources = (files("elastid.app") / "templates" / template).iterdir()
-    return _write(folder, {source.name: source.read_text(encoding="utf-8") for source in sources})
+def _template(name: str) -> dict[str, str]:
+    """The texts of a template by file."""
+    sources = (files("elastid.app") / "templates" / name).iterdir()
+    return {source.name: source.read_text(encoding="utf-8") for source in sources}
 
 
 def _write(folder: Path, texts: Mapping[str, str]) -> Path:

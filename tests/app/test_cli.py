@@ -3,6 +3,7 @@
 import contextlib
 import json
 import logging
+import os
 import signal
 import subprocess
 import sys
@@ -194,6 +195,7 @@ def refused(study: Path, code: int, capsys: pytest.CaptureFixture[str], *options
     ("override", "part"),
     [
         ("fit.strats=1", "did you mean 'starts'?"),
+        (f"fit{'.a' * 2000}=1", "nested too deeply"),
         ("excitation.torque_rms=1 kg", "measures kg, not N*m"),
         ("robot=nope.yml", "no such file"),
         ("robot.bodies.0.inertia=[1,1,9]", "no body has the principal inertias"),
@@ -213,7 +215,11 @@ def test_a_wrong_study_ends_before_anything_is_written(
 
 @pytest.mark.parametrize(
     "arguments",
-    [["fly"], ["run"], ["run", "x.yml", "--jobs", "0"], ["check", "nope.yml"], ["new", "d", "--template", "x"]],
+    [
+        *(["fly"], ["run"], ["run", "x.yml", "--jobs", "0"], ["check", "nope.yml"], ["new", "d", "--template", "x"]),
+        *(["run", "x.yml", "--run", ""], ["fit", "x.yml"], ["tune", "x.yml", "--path", "x", "--rate", "1e9"]),
+        ["loops", "x.yml", "--draws", "1000000"],
+    ],
 )
 def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """And a word on stderr."""
@@ -222,6 +228,16 @@ def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: 
     assert out == ""
     assert err
     assert "Traceback" not in err
+
+
+def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(tiny: Path, here: Path) -> None:
+    """Signs are written in letters, and the figures are drawn."""
+    strange = {"PYTHONIOENCODING": "ascii", "MPLBACKEND": "module://nowhere.inline"}
+    command = [sys.executable, "-m", "elastid", "run", str(tiny), "--png", "--jobs", "1", "--run", "2±1"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | strange)
+    assert ended.returncode == 0, ended.stderr
+    assert "2+-1/report.html" in ended.stdout
+    assert list(here.glob("*/figures/*.png"))
 
 
 def test_a_full_disk_is_one_sentence(
