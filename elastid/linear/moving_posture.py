@@ -321,7 +321,7 @@ class Jacobian:
     """J (n + n_y, n_z) about the operating point, at a distance (n_z,) from it; independent constraints only."""
 
     def __init__(self, function: ca.Function, z: FloatArray, theta: FloatArray, rows: FloatArray, kept: FloatArray):
-        self.point, self.rows, self.kept, self.is_whole = z, rows, kept, len(kept) == len(kept.T)
+        self.point, self.rows, self.kept = z, rows, kept
         # Matrices of CasADi would take a third of the time.  Its columns are rows here.
         self._z, self._theta = np.array(z, np.float64), np.array(theta, np.float64)
         J = np.empty(function.size_out(0)[::-1])
@@ -334,9 +334,9 @@ class Jacobian:
 
     def __call__(self, distance: FloatArray) -> FloatArray:
         """J of the independent constraints there."""
-        np.add(self.point, distance if self.is_whole else self.kept @ distance, out=self._z)
+        np.add(self.point, self.kept @ distance, out=self._z)
         self._evaluate()
-        return np.array(self._J) if self.is_whole else np.asarray(self.rows @ self._J @ self.kept)
+        return np.asarray(self.rows @ self._J @ self.kept)
 
 
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
@@ -355,26 +355,19 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     rows = np.zeros((n + n_y, n_q + n_c + n_y))
     rows[:n_q, :n_q], rows[n_q:n, n_q : n_q + n_c], rows[n:, n_q + n_c :] = np.eye(n_q), U.T, np.eye(n_y)
     z = np.concatenate([point.q, point.lambda_, np.zeros(2 * n_q)])
-    slope, is_curved = _jacobian_of(model, linear.outputs)
-    jacobian = Jacobian(slope, z, numbers, rows, kept)
+    jacobian = Jacobian(_jacobian_of(model, linear.outputs), z, numbers, rows, kept)
     # Central differences in rad or m; equations are quadratic in the rates and linear in the others.
     steps = np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0)
-    curvature = np.zeros((len(steps), *jacobian(0 * steps).shape))
-    for i in np.flatnonzero(kept[is_curved].any(axis=0)).tolist():
-        step = np.eye(len(steps))[i] * steps[i]
-        curvature[i] = (jacobian(step) - jacobian(-step)) / (2 * steps[i])
+    curvature = [(jacobian(step) - jacobian(-step)) / (2 * h) for h, step in zip(steps, np.diag(steps), strict=True)]
     B = np.vstack([model.B, np.zeros((r, model.n_u))])
     free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
     orders = np.array([2 if is_point(place) else 1 for place in linear.outputs])
-    return _Expansion(n_q, n, jacobian(np.zeros(2 * n_q + n)), curvature, jacobian, B, free, orders)
+    return _Expansion(n_q, n, jacobian(np.zeros(2 * n_q + n)), np.array(curvature), jacobian, B, free, orders)
 
 
 @lru_cache(maxsize=8)
-def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> tuple[ca.Function, list[bool]]:
-    """(z, theta) -> slope (n_q + n_c + n_y, 3 n_q + n_c) of M q'' + f + Phi^T lambda, phi and the outputs.
-
-    And the places in z in which these are not linear.
-    """
+def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
+    """(z, theta) -> slope (n_q + n_c + n_y, 3 n_q + n_c) of M q'' + f + Phi^T lambda, phi and the outputs."""
     q, v, a = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "a"))
     lambda_, theta = ca.SX.sym("lambda", model.n_c), ca.SX.sym("theta", len(model.parameters))
     forces = model.mass(q, theta) @ a + model.force(q, v, theta)
@@ -386,8 +379,7 @@ def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> tuple[ca.Func
     ]
     z = ca.vertcat(q, lambda_, v, a)
     R = ca.vertcat(forces, *([model.constraint(q, theta)] if model.n_c else []), *read)
-    slope = ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
-    return slope, ca.which_depends(R, z, 2)
+    return ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
 
 
 def is_point(place: str) -> bool:
