@@ -50,7 +50,7 @@ from elastid.response import Response
 
 WELCH = ("h1", "h2", "hv")
 LOCAL = ("local_polynomial", "local_rational")
-LEVEL_LINES = 2048  # of which `level_lines` are found
+LEVEL_LINES = 1024  # of which `level_lines` are found
 
 
 def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None) -> Response:
