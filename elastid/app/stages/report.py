@@ -130,7 +130,6 @@ def report_responses(
     if friction is not None and estimator.friction == "auto" and not friction.shapes:
         friction = None
     geometry = modal.geometry or geometry_of_files(experiment.responses, files)
-    # Those in the band of the modes, where there is one.
     of_band = [np.isin(G.freq_hz, own.at_hz) for G, own in zip(responses, modes, strict=True)]
     shown = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
     content = ResponsesContent(name, shown, modes, text, work.stamp.shown, friction, geometry)
