@@ -93,14 +93,12 @@ def velocities(signals: Sequence[FloatArray]) -> dict[int, tuple[int, float]]:
     return {i: (j, float(of_b[j] / of_a[i])) for i, j in best.items() if i not in best.values()}
 
 
-def torque_relation(
-    u: FloatArray, y: FloatArray, order: int, rate_hz: float, turns: bool = True, behind: tuple[float, ...] = WIDTHS
-) -> TorqueRelation:
+def torque_relation(u: FloatArray, y: FloatArray, order: int, rate_hz: float, turns: bool = True) -> TorqueRelation:
     """How the motion y (n,), a derivative of the position of the given order, explains the torque u (n,).
 
-    turns: the joint turns, so that gravity may change with its angle.  behind: widths, the best of which counts.
+    turns: the joint turns, so that gravity may change with its angle.
     """
-    results = (_relation_at(u, y, order, rate_hz, width, turns) for width in behind if len(u) > 20 * width)
+    results = (_relation_at(u, y, order, rate_hz, width, turns) for width in WIDTHS if len(u) > 20 * width)
     return max(results, key=lambda result: result.explained, default=TorqueRelation())
 
 
