@@ -75,7 +75,7 @@ def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> Iterator[M
             for s in WIDTHS
             if len(a) > 20 * s
         ]
-        results = [(_correlation(x, y), float(np.std(y)) / max(float(np.std(x)), 1e-300)) for x, y in pairs]
+        results = [(correlation(x, y), float(np.std(y)) / max(float(np.std(x)), 1e-300)) for x, y in pairs]
         rho, size = max(results, key=lambda result: abs(result[0]), default=(0.0, 0.0))
         yield MotionRelation(order, float(np.sign(rho)) * size, rho)
 
@@ -143,7 +143,8 @@ def _integral(y: FloatArray, rate_hz: float) -> FloatArray:
     return np.asarray(total - np.polyval(np.polyfit(t, total, 1), t))
 
 
-def _correlation(x: FloatArray, y: FloatArray) -> float:
+def correlation(x: FloatArray, y: FloatArray) -> float:
+    """That of two signals (n,); 0 where one is still."""
     x, y = x - x.mean(), y - y.mean()
     size = float(np.linalg.norm(x) * np.linalg.norm(y))
     return float(x @ y) / size if size > 0 else 0.0
