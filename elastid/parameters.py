@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.display import Display, as_html, as_text, number
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Named, UnknownNameError, index_of
 from elastid.base.names import posture_of
 
@@ -47,6 +47,9 @@ class Prior:
         """Refuse a prior without spread: that is a fixed parameter."""
         if not self.std > 0:
             raise ValueError(f"the prior's std is {self.std:g}; it must be positive (fix the parameter instead)")
+
+    def __str__(self) -> str:
+        return f"{self.mean:g} ± {self.std:g}"
 
 
 @dataclass(frozen=True)
@@ -144,14 +147,12 @@ class Parameters:
 
     @property
     def display(self) -> Display:
-        """The free parameters with start, bounds and prior, and how many others are held."""
-        held = sum(1 for p in self.parameters if not p.is_free)
+        """The free parameters with start, bounds and prior."""
+        headings = ("name", "start", "unit", "bounds", "prior")
         rows = [
-            (p.name, number(p.value, 6), p.unit, f"{p.lower:g} to {p.upper:g}", f"{p.prior.std:g}" if p.prior else "")
-            for p in self.free
+            (p.name, f"{p.value:.6g}", p.unit, f"{p.lower:g} to {p.upper:g}", str(p.prior or "")) for p in self.free
         ]
-        title = f"Parameters: {len(rows)} free, {held} held or tied"
-        return Display(title, ("free", "start", "unit", "bounds", "std of the prior"), rows)
+        return Display(f"{len(rows)} of {len(self)} parameters free", headings, rows)
 
     def __len__(self) -> int:
         return len(self.parameters)

@@ -100,24 +100,15 @@ def write_shaken_masses(folder: Path) -> None:
 
 def write_elastic_joint(folder: Path) -> None:
     """logs/bench_1.csv and bench_2.csv of the template's robot with other numbers than its file has."""
-    from elastid.excitation.spec import MultisineSpec
-    from elastid.experiment.plan.plan import make_plan
-    from elastid.experiment.simulated.rig import SimulatedRig
-    from elastid.experiment.specs.disturbances import NoiseSpec
-    from elastid.experiment.specs.experiment import ExperimentSpec
-    from elastid.experiment.specs.simulated import SimulatedSpec
-    from elastid.study import load_robot
+    from elastid.verbs import read_robot, simulate
 
-    robot, seed = load_robot(folder / "robot.yml"), 1
-    noise = NoiseSpec(torque_std=1e-4, angle_std=2e-6)
-    rig = SimulatedSpec(truth=dict(TRUTH), outputs=("motor 1", "joint 1"), noise=noise)
-    experiment = ExperimentSpec({"bench": (0.0,)}, periods=4, simulated=rig)
-    excitation = MultisineSpec(rate_hz=1000, period=2, band_hz=(1, 150), torque_rms=0.1)
-    plan = make_plan(excitation, experiment, robot, seed)
-    simulated = SimulatedRig(robot, experiment, plan, seed)
+    noise = {"torque_std": 1e-4, "angle_std": 2e-6}
+    rig = {"truth": dict(TRUTH), "outputs": ["motor 1", "joint 1"], "noise": noise}
+    experiment = {"configurations": {"bench": [0]}, "periods": 4, "simulated": rig}
+    excitation = {"rate_hz": 1000, "period": 2, "band_hz": [1, 150], "torque_rms": 0.1}
+    records = simulate(read_robot(folder / "robot.yml"), excitation=excitation, experiment=experiment, seed=1)
     columns = ("current", "motor_angle", "load_angle")
-    for i, run in enumerate(simulated.experiments, start=1):
-        record = simulated.measure(run)
+    for i, record in enumerate(records, start=1):
         _write_log(folder / "logs" / f"bench_{i}.csv", columns, np.hstack([record.u / TORQUE_CONSTANT, record.y]))
 
 

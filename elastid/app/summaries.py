@@ -51,12 +51,14 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: Result) -> Mode
     shapes, point = shapes_of_all(model, modal.shapes), equilibrium(elastic, theta[:-1], configuration)
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
+    shares = np.vstack([energy.share, energy.load])
+    own = shares[-1] < 0.5  # a pendulum under gravity is no mode of springs
     return ModeRow(
-        *(configuration.name, modal.freq_hz, modal.zeta, deviations.freq_std, deviations.zeta_std),
-        *(elastic.coordinates, shapes),
+        *(configuration.name, modal.freq_hz[own], modal.zeta[own], deviations.freq_std[own], deviations.zeta_std[own]),
+        *(elastic.coordinates, shapes[:, own]),
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
-        energy=np.vstack([energy.share, energy.load]),
-        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l], robot.gravity),
+        energy=shares[:, own],
+        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l, own], robot.gravity),
     )
 
 

@@ -18,15 +18,8 @@ from elastid.app.options import POSITIVE, RATE, Finite, run_of, stage_options, s
     help="A grid over the workspace, N points along its longest side (12 if not given).")  # fmt: skip
 @click.option("--random", type=click.IntRange(1, 100_000), metavar="N",
     help="Random postures (1000 if nothing is given).")  # fmt: skip
-@click.option(
-    "--load",
-    type=float,
-    nargs=3,
-    default=(0.0, 0.0, -100.0),
-    show_default=True,
-    metavar="X Y Z",
-    help="Force at the frame in N, axes of the base.",
-)
+@click.option("--load", type=float, nargs=3, default=(0.0, 0.0, -100.0), show_default=True, metavar="X Y Z",
+    help="Force at the frame in N, axes of the base.")  # fmt: skip
 @click.option("--cutting", type=float, default=700e6, show_default=True, metavar="N/M^2", help="Cutting coefficient.")
 @click.option("--normal", type=float, nargs=3, metavar="X Y Z", help="Normal of the cut (default: the worst one).")
 @click.option("--cutting-force", "force", type=float, nargs=3, metavar="X Y Z", help="Its force (default: --normal).")

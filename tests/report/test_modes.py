@@ -43,7 +43,7 @@ def test_springs_are_called_what_they_are() -> None:
 
 
 def test_energies_follow_the_numbers_of_a_configuration() -> None:
-    """A gear that is softer when warm holds more of the energy there; everything else is the same."""
+    """A gear that is softer when warm holds more of the energy there; the pendulum of 0.12 Hz is no mode of springs."""
     parameters = Parameters(
         (
             *(Parameter(name, value, free=False) for name, (value, _) in ARM.parameters().items()),
@@ -66,8 +66,8 @@ def test_energies_follow_the_numbers_of_a_configuration() -> None:
     for row in (cold, warm):
         np.testing.assert_allclose(row.energy.sum(axis=0), 1.0)
         assert row.drawing is not None
-    _, all_soft, *_ = swinging(ARM.with_parameters({"k_2": 2e5}))
-    np.testing.assert_allclose(warm.frequency_hz, all_soft, rtol=1e-9)
+    soft = swinging(ARM.with_parameters({"k_2": 2e5}))[1][1:]
+    np.testing.assert_allclose(warm.frequency_hz, soft, rtol=1e-9)
     gear = cold.stores.index("gear 2")
     assert warm.energy[gear, 1] != pytest.approx(cold.energy[gear, 1], rel=0.05)
 

@@ -7,6 +7,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from elastid.app.console import Console
 from elastid.app.identified_robot import contents, truth
 from elastid.app.summaries import modes_of
@@ -128,7 +130,9 @@ def report_responses(
     if friction is not None and estimator.friction == "auto" and not friction.shapes:
         friction = None
     geometry = modal.geometry or geometry_of_files(experiment.responses, files)
-    content = ResponsesContent(name, responses, modes, text, work.stamp.shown, friction, geometry)
+    of_band = [np.isin(G.freq_hz, own.at_hz) for G, own in zip(responses, modes, strict=True)]
+    shown = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
+    content = ResponsesContent(name, shown, modes, text, work.stamp.shown, friction, geometry)
     lines = []
     for own in modes:
         frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in own.freq_hz)

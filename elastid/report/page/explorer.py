@@ -7,7 +7,7 @@ import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from elastid.report.figures.responses import configuration_title
 from elastid.report.modes import ModeDrawing, ModeRow
 from elastid.response import Response
 from elastid.validation.residual_tests import smoothed_std
-
-if TYPE_CHECKING:
-    pass  # brings SciPy's linear algebra
 
 
 def asset(*path: str) -> str:
