@@ -196,13 +196,8 @@ def least_steps(poles: ComplexArray, duration: float) -> int:
         n += 1
 
 
-def fastest_rate(model: ElasticModel, contacts: Contacts, q: FloatArray) -> float:
-    """|lambda| in 1/s of the fastest of the `poles`: the stiffest mode, or friction about zero velocity."""
-    return float(np.abs(poles(model, contacts, q)).max())
-
-
 def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> ComplexArray:
-    """lambda (2 n,) in 1/s at rest in q (n_q,), n coordinates that the loops leave.
+    """lambda (2 n,) in 1/s at rest in q (n_q,), n coordinates that the loops leave; of friction about zero velocity.
 
     Gears with backlash count with the stiffness of their flanks.
     """

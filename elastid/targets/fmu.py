@@ -44,7 +44,7 @@ from elastid.robot import TOOL, Robot
 from elastid.robot.robot import with_frames
 from elastid.simulation.controller import tune
 from elastid.simulation.drives import gear_forces
-from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, fastest_rate, free_acceleration, projection
+from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, free_acceleration, poles, projection
 from elastid.targets.code import c_sources, dense
 from elastid.targets.move import move_sources
 from elastid.targets.numbers import HELD, c_row, known_numbers
@@ -347,7 +347,7 @@ def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
     sliding = contacts(equations_of, frictions(equations_of.robot))
     points = tuple(equilibrium(equations_of, equations_of.theta, posture) for posture in subject.postures)
     rate_hz = 1000.0 if move is None else move.references.rate_hz  # of the controller, until it is set
-    fastest = max(fastest_rate(equations_of, sliding, point.q) for point in points)
+    fastest = max(np.abs(poles(equations_of, sliding, point.q)).max() for point in points)
     step_s = 1 / (rate_hz * max(2, int(np.ceil(fastest / rate_hz / MAX_STEP_RATE))))
     variables = layout(subject, sliding, points, rate_hz, step_s)
     functions = equations(equations_of, sliding)

@@ -16,7 +16,7 @@ RUNNABLE = sorted(
     path
     for folder in FOLDERS
     for path in folder.glob("*.py")
-    if path.stem not in ("study_plants", "timing", "fit_peers", "causes", "watch")
+    if path.stem not in ("study_plants", "timing", "causes", "watch")
 )
 
 
