@@ -13,9 +13,6 @@ from elastid.friction.static import Curve
 from elastid.simulation.dynamics import runge_kutta_step
 from elastid.simulation.elastic_joint import ElasticJoint
 
-# The friction's numbers, in the order of the arguments.
-FRICTION = ("sigma_0", "sigma_1", "coulomb", "stiction", "stribeck_velocity", "viscous")
-
 JOINT = ElasticJoint(0.01, 0.02, 800.0, 0.3)
 TRUTH = {
     "sigma_0": 300.0, "sigma_1": 0.5, "coulomb": 1.0, "stiction": 1.5, "stribeck_velocity": 8.0, "viscous": 5e-3,
@@ -45,5 +42,5 @@ def walk(n: int, substeps: int) -> ca.Function:
 
 def angle(torque: FloatArray, substeps: int = 8) -> FloatArray:
     """The motor's angle (n,) at the end of each sample, from rest; torque (n,) held from sample to sample."""
-    p = np.tile(np.array([TRUTH[name] for name in FRICTION])[:, None], len(torque))
+    p = np.tile(np.array([*TRUTH.values()])[:, None], len(torque))
     return np.asarray(walk(len(torque), substeps)(np.zeros(5), p, torque[None]).full()[0])
