@@ -30,7 +30,7 @@ from elastid.app.options import (
 )
 from elastid.app.stage_table import NAMES
 from elastid.app.use_commands import loops, map_command, tune
-from elastid.base.errors import ElastidError, StudyError
+from elastid.base.errors import ElastidError
 from elastid.base.escape import printable
 
 
@@ -69,18 +69,7 @@ def run_command(arguments: Sequence[str]) -> int:
 
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = [
-    "robot",
-    "control",
-    "matlab",
-    "mujoco",
-    "fmu",
-    "urdf",
-    "casadi",
-    "c",
-    "csv",
-    "uff",
-    "draws",
-    "observer",
+    *("robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "draws", "observer"),
     "compensation",
 ]
 
@@ -324,17 +313,11 @@ def explain(key: str | None) -> None:
 
     Of the code of an error or note (`elastid explain records/clock`) it says what it means.
 
-    The list has the sections of a study, in its order. Of a word that is no key (`elastid explain coherence`) it lists
-    the keys that have it in their text.
+    The list has the sections of a study, in its order.
     """
     from elastid.study import reference
 
-    try:
-        click.echo(printable(reference.overview() if key is None else reference.explain(key)))
-    except StudyError:
-        if not (key and key.isalpha() and (found := reference.explain_word(key))):
-            raise
-        click.echo(printable(found))
+    click.echo(printable(reference.overview() if key is None else reference.explain(key)))
 
 
 @cli.command(hidden=True)

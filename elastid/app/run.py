@@ -24,7 +24,7 @@ from elastid.base.files import own_path
 from elastid.base.workers import lasting_workers, load_for_workers
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import changed_texts, has_checksum, is_intact, keep_checksums, one_writer
-from elastid.study import LoadedStudy, Study
+from elastid.study import LoadedStudy, Study, load_with_logs
 
 
 @dataclass(frozen=True)
@@ -243,6 +243,11 @@ def carry_out(run: Run, name: str) -> None:
     if artefacts.error is not None:
         raise artefacts.error
     keep_checksums(run.folder, stage.texts)
+    if name == "measure" and run.study.experiment.recorded is not None:
+        try:
+            load_with_logs(run.loaded.path, run.loaded.overrides)
+        except StudyError as error:  # what `check` refuses, and the import does not
+            run.console.warn(str(error))
 
 
 def _report_damage(run: Run, path: Path, stage: Stage) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache
-from textwrap import fill, shorten
+from textwrap import fill
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -316,10 +316,3 @@ def _begins(path: list[str], steps: list[str]) -> bool:
 
 def _agree(steps: list[str], wanted: list[str]) -> bool:
     return len(steps) == len(wanted) and all(a in ("<name>", b) for a, b in zip(steps, wanted, strict=True))
-
-
-def explain_word(word: str) -> str:
-    """The keys with a word in their text, a line each; empty where none has it."""
-    has_it = re.compile(rf"\b{re.escape(word)}", re.IGNORECASE)
-    keys = {key.path: key.text for key in every_key() if has_it.search(f"{key.text} {key.advice}")}
-    return "\n".join(f"{path}: {shorten(text, max(100 - len(path), 40))}" for path, text in keys.items())
