@@ -325,7 +325,7 @@ def explain(key: str | None) -> None:
     Of the code of an error or note (`elastid explain records/clock`) it says what it means.
 
     The list has the sections of a study, in its order. Of a word that is no key (`elastid explain coherence`) it lists
-    the keys, and the arrays in results, that have it in their text.
+    the keys that have it in their text.
     """
     from elastid.study import reference
 

@@ -319,45 +319,7 @@ def _agree(steps: list[str], wanted: list[str]) -> bool:
 
 
 def explain_word(word: str) -> str:
-    """The keys with a word in their text, then the results, a line each; empty where neither has it."""
+    """The keys with a word in their text, a line each; empty where none has it."""
     has_it = re.compile(rf"\b{re.escape(word)}", re.IGNORECASE)
     keys = {key.path: key.text for key in every_key() if has_it.search(f"{key.text} {key.advice}")}
-    results = {path: text for path, text in _results() if has_it.search(text)}
-    parts = []
-    for title, found in (("Keys of a study", keys), ("In the results (`elastid inspect FILE`)", results)):
-        if found:
-            lines = [
-                f"  {path}: {shorten(text, max(100 - len(path), 40), placeholder=' ...')}"
-                for path, text in found.items()
-            ]
-            parts.append("\n".join([f"{title} with {word}:", *lines]))
-    return "\n\n".join(parts)
-
-
-def _results() -> Iterator[tuple[str, str]]:
-    """The place and text of each labelled field of the files of a run; its classes take long to load."""
-    from elastid.fit.result import Result
-    from elastid.friction_study.result import FrictionResult
-    from elastid.record import Record
-    from elastid.response import Response
-    from elastid.validation.results import Validation
-
-    files = {"records": Record, "frf": Response, "fit": Result, "validation": Validation}
-    for name, kind in {**files, "friction": FrictionResult}.items():
-        yield from _fields(f"{name}.h5", kind)
-
-
-def _fields(path: str, annotation: object) -> Iterator[tuple[str, str]]:
-    """The place and text of each labelled field of a value and of those below it."""
-    from elastid.store.kinds import fields_of, kind_of_annotation
-
-    kind = kind_of_annotation(annotation)
-    if kind.form != "fields":
-        for part in kind.parts:
-            yield from _fields(path, part)
-        return
-    for field in fields_of(kind.type):
-        name = f"{path}{'/' if ' ' in path else ' '}{field.name}"
-        if field.label.text:
-            yield name, f"{field.name.replace('_', ' ')}: {field.label.text}"
-        yield from _fields(name, field.annotation)
+    return "\n".join(f"{path}: {shorten(text, max(100 - len(path), 40))}" for path, text in keys.items())

@@ -146,8 +146,9 @@ def test_a_late_torque_is_named_and_the_fit_with_its_delay_converges(tmp_path: P
     ]
     write_responses(run.path("estimate"), late, run.stamps["estimate"])
     fit = [
-        "fit",
+        "run",
         study,
+        "fit",
         "--run",
         str(tmp_path / "run"),
         "--set",

@@ -156,11 +156,10 @@ def test_keys_that_a_template_proposes_can_be_set(template: str, tmp_path: Path)
             load(study, [prefix + override for override in line.removeprefix("#   ").split("  ")])
 
 
-def test_a_word_is_found_in_keys_and_results(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "frf.h5 quality/coherence: " in explain_word("coherence")
+def test_a_word_is_found_in_keys(capsys: pytest.CaptureFixture[str]) -> None:
     assert "experiment.realisations" in explain_word("realisations")
     assert explain_word("zebra") == ""
     assert run_command(["explain", "Coherence"]) == 0
-    assert "multiple_coherence" in capsys.readouterr().out
+    assert "modal.band_hz: " in capsys.readouterr().out
     assert run_command(["explain", "zebra"]) == 2
     assert "a study has no key zebra" in capsys.readouterr().err
