@@ -218,7 +218,6 @@ def test_a_wrong_study_ends_before_anything_is_written(
     [
         *(["fly"], ["run"], ["run", "x.yml", "--jobs", "0"], ["check", "nope.yml"], ["new", "d", "--template", "x"]),
         *(["run", "x.yml", "--run", ""], ["fit", "x.yml"], ["tune", "x.yml", "--path", "x", "--rate", "1e9"]),
-        ["loops", "x.yml", "--draws", "1000000"],
     ],
 )
 def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
