@@ -248,7 +248,7 @@ def _rehearse(
     open_ = np.ones(len(factor), dtype=np.bool_)
     for rehearsal in range(8):
         near = set[str]()
-        for q in np.flatnonzero(open_).tolist():
+        for q in np.flatnonzero(open_):
             expected = expected_peaks(rig, factor, base[q], q)
             used = {run: float((peak / allowed[q]).max()) for run, peak in expected.items()}
             least = min(NEAR_SHARE, max(used.values()))
