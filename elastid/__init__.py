@@ -41,7 +41,7 @@ The names below are loaded when they are first used; all others live in their ro
 from __future__ import annotations
 
 # Nothing is imported here: the program's first lines (`elastid.__main__`) come after this file.
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 # The module of each public name.
 _HOMES = {

@@ -60,8 +60,6 @@ def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder: Path) 
 def test_a_noun_is_the_class_of_its_values(folder: Path) -> None:
     robot = elastid.read_robot(folder / "robot.yml")
     assert type(robot) is elastid.Robot
-    assert type(elastid.choose(robot, "k_*")) is elastid.Parameters
-    assert "k_1" in repr(elastid.choose(robot, "k_*"))
     assert len(elastid.__all__) <= 30
     stub = (Path(elastid.__file__).parent / "__init__.pyi").read_text(encoding="utf-8")
     assert sorted(re.findall(r" as (\w+)[,\n]", stub)) == sorted(elastid.__all__)

@@ -25,11 +25,7 @@ def test_a_run_gives_its_values(done: FinishedRun) -> None:
     response = done.responses["bench"]
     assert response["joint 1", "motor 1"].G.shape == (response.n_lines, 1, 1)
     assert np.all(response.coherence <= 1.0)
-    assert len(done.records) == 2
-    assert done.validation.verdict
-    assert done.report.is_file()
     assert "fit.h5" in repr(done)
-    assert all(path.is_file() for path in elastid.export(done, "csv"))
     with refused("export/target"):
         elastid.export(done, "matlb")
     assert {row.name for row in elastid.compare(done).rows} == {"recorded", "undamped"}
