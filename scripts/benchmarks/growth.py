@@ -124,8 +124,7 @@ def main() -> None:
             tasks = [(name, known | {key: size}) for size in used]
             with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
                 found = np.array(pool.map(point, tasks, chunksize=1))
-            for size, (cpu_s, above_mb) in zip(used, found.tolist(), strict=True):
-                print(f"{name} of {size} {key}: {cpu_s:.2f} s, {above_mb:.0f} MB", flush=True)
+            print(f"{name} over {key} {used}: CPU s, MB\n{found.round(2)}", flush=True)
             for kind, values in zip(("cpu", "memory"), found.T, strict=True):
                 slope = np.polyfit(np.log(used), np.log(np.maximum(values, 1e-3)), 1)[0]
                 slopes[f"{name}_{key}_{kind}"] = round(float(slope), 2)
