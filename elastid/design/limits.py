@@ -250,7 +250,7 @@ def _rehearse(
         near = set[str]()
         for q in np.flatnonzero(open_).tolist():
             expected = expected_peaks(rig, factor, base[q], q)
-            used = {run: float((peak / allowed[q]).max()) for run, peak in expected.items()}
+            used = {run: (peak / allowed[q]).max() for run, peak in expected.items()}
             least = min(NEAR_SHARE, max(used.values()))
             near |= {run for run, share in used.items() if share >= least > 0}
             runs |= expected

@@ -94,7 +94,7 @@ def _deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     """Standard deviations of y (n,) with slopes dy/dx (n, n_x)."""
     unreached = np.isinf(np.diag(covariance))
     known = np.where(unreached[:, None] | unreached, 0.0, covariance)
-    variance = np.einsum("ni,ij,nj->n", slopes, known, slopes)
+    variance = np.einsum("ni,ni->n", slopes @ known, slopes)
     felt = np.any(np.abs(slopes[:, unreached]) > 1e-12 * np.abs(slopes).max(initial=1e-300), axis=1)
     return np.where(felt, np.inf, np.sqrt(np.maximum(variance, 0.0)))
 

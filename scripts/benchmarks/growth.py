@@ -113,19 +113,18 @@ def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
 def main() -> None:
     """A line for each size, then the slopes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="the two smallest sizes, to see that it runs")
+    parser.add_argument("--quick", action="store_true", help="two sizes of one thing each, to see that it runs")
     is_quick, slopes = parser.parse_args().quick, dict[str, float]()
     print(machine())
     for name, over in SIZES.items():
         known = {key: USUAL[key] for key in (*over, *(SIZES["identify"] if name == "map" else ())) if key != "lines"}
         known["lines"] = LINES[name]
-        for key, sizes in over.items():
+        for key, sizes in [*over.items()][: 1 if is_quick else None]:
             used = sizes[:2] if is_quick else sizes
             tasks = [(name, known | {key: size}) for size in used]
             with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
                 found = np.array(pool.map(point, tasks, chunksize=1))
-            for size, (cpu_s, above_mb) in zip(used, found.tolist(), strict=True):
-                print(f"{name} of {size} {key}: {cpu_s:.2f} s, {above_mb:.0f} MB", flush=True)
+            print(f"{name} over {key} {used}: CPU s, MB\n{found.round(2)}", flush=True)
             for kind, values in zip(("cpu", "memory"), found.T, strict=True):
                 slope = np.polyfit(np.log(used), np.log(np.maximum(values, 1e-3)), 1)[0]
                 slopes[f"{name}_{key}_{kind}"] = round(float(slope), 2)
