@@ -14,16 +14,16 @@ from elastid.app.use_fit import Used, use_fit
 from elastid.base.display import Display, number, percent
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
-from elastid.export.fmu import write_move_fmu
-from elastid.export.move import write_move
 from elastid.fit.posture import Asked
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.report.answer import Answer
 from elastid.report.figures.use import move_figure
 from elastid.robot import Robot
 from elastid.store.files import write_rows
 from elastid.store.measured import read_friction
 from elastid.store.results import write_tune
+from elastid.targets.fmu import write_move_fmu
+from elastid.targets.move import write_move
 from elastid.use.command.moves import KINDS, read_move
 from elastid.use.command.tune import Given, TunedMove, tune_move
 from elastid.use.draws import draw_robots, estimated_robot
@@ -46,7 +46,7 @@ class Command:
 def tune_study(run: Run, asked: Command) -> None:
     """tune.h5, tune.csv and further files of a move on the study's fit; StudyError without a current one."""
 
-    def work(result: FitResult) -> Used:
+    def work(result: Result) -> Used:
         given = _given(run, asked, result)
         move = read_move(asked.path, given.identified, given.frame, 0.0 if asked.fastest else asked.duration)
         with run.console.progress("tune") as progress:
@@ -63,7 +63,7 @@ def tune_study(run: Run, asked: Command) -> None:
     use_fit(run, "tune", work)
 
 
-def _given(run: Run, asked: Command, result: FitResult) -> Given:
+def _given(run: Run, asked: Command, result: Result) -> Given:
     """The robots of a study with the frame that is asked for."""
     study = run.study
     family = result.family(Asked(frame=asked.frame))

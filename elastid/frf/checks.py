@@ -30,7 +30,7 @@ from elastid.frf.lines import MIN_SNR, smoothed_noise
 from elastid.frf.matrices import adjoint, inverse, squared_magnitude
 from elastid.frf.methods import AVERAGED
 from elastid.record import MOTION_ORDER, Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
             raise DataError(
                 "frf/records",
                 f"the records are of configurations {first.configuration.name} and {record.configuration.name}, at "
-                f"different angles; read_records(path, '{first.configuration.name}') reads those of one",
+                f"different angles; take those of one at a time",
             )
     for record in records:
         names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "sampled"]
@@ -164,7 +164,7 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
     return notes
 
 
-def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:
+def channel_notes(response: Response) -> tuple[Note, ...]:
     """A note where outputs (or inputs) of motors look exchanged; else one on each motor whose sign looks wrong."""
     places = [name for name in response.inputs if name in response.outputs]
     exchanged = _exchanged(response, places) if len(places) > 1 else {}
@@ -178,7 +178,7 @@ def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:
     return (Note("frf/exchanged-channels", text, f"configuration {response.configuration.name}"),)
 
 
-def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]:
+def _exchanged(response: Response, places: list[str]) -> dict[str, str]:
     """Output place -> input place, for those of the places that another motor moves more than their own."""
     rows = [response.outputs.index(place) for place in places]
     columns = [response.inputs.index(place) for place in places]
@@ -206,7 +206,7 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     return {places[i]: places[j] for i, j in enumerate(best) if moved[i]}
 
 
-def _sign_notes(response: FrequencyResponse, places: list[str]) -> tuple[Note, ...]:
+def _sign_notes(response: Response, places: list[str]) -> tuple[Note, ...]:
     """A note on each motor whose own response contradicts a passive mechanism and with the other sign would not."""
     notes = []
     few = slice(None, None, -(-response.n_lines // LIMITS.lines))

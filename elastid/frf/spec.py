@@ -13,7 +13,6 @@ Method: TypeAlias = Literal[
     "auto",
     "arithmetic",
     "harmonic",
-    "logarithmic",
     "h1",
     "h2",
     "hv",
@@ -27,7 +26,7 @@ Window: TypeAlias = Literal["hann", "hamming", "blackman", "blackmanharris", "fl
 
 Friction: TypeAlias = Literal["none", "coulomb", "curve", "auto"]
 
-_MEANS = ("arithmetic", "harmonic", "logarithmic")
+_MEANS = ("arithmetic", "harmonic")
 _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 
 
@@ -40,7 +39,7 @@ class EstimatorSpec:
     """
 
     # fmt: off
-    method: Annotated[Method, Key("Method of estimation: `arithmetic`, `harmonic` or `logarithmic` mean of the "
+    method: Annotated[Method, Key("Method of estimation: `arithmetic` or `harmonic` mean of the "
         "realisations' responses, each from as many experiments as inputs; or of all experiments together `h1`, `h2`, "
         "`hv`, `joint` (input-output, by the injected torque) or `errors_in_variables`; or `local_polynomial` or "
         "`local_rational` (where windows are wider than resonances), from one experiment of all inputs or more, "
