@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
@@ -26,7 +27,7 @@ from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.pass_checks import usable_passes
-from elastid.friction_study.passes import Pass, PassRegression, one_way, passes_of, steady_velocity
+from elastid.friction_study.passes import Pass, PassRegression, about_mean, one_way, passes_of, steady_velocity
 from elastid.record import FrictionRecord, drive_unit, motion_unit
 
 COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")  # (n,) of levels
@@ -314,8 +315,6 @@ class RunDownLimits:
     min_speed: float = 0.02  # of the highest, below which the filter mixes sliding with standstill
     ranges: int = 16  # of equal ratios
     min_samples: int = 4  # behind the filter in a range, a period of its passband
-    lags: int = 16  # of the autocovariance of residuals
-    min_variance_share: float = 0.1  # of the mean of white residuals: they are blue, being differentiated twice
 
 
 LIMITS = RunDownLimits()
@@ -366,32 +365,14 @@ def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> 
     highest = float(speed.max())
     edges = np.geomspace(LIMITS.min_speed * highest, highest * (1 + 1e-9), LIMITS.ranges + 1)
     in_range = np.digitize(speed, edges) * (s * direction > 0.98)
-    rows, residuals = [], []
-    for number in range(1, LIMITS.ranges + 1):
-        own = np.flatnonzero(in_range == number)
-        if len(own) < LIMITS.min_samples:
-            continue
-        X = np.stack([np.ones(len(own)), speed[own] - speed[own].mean()], axis=1)
-        X = X if np.ptp(speed[own]) > 1e-9 * highest else X[:, :1]
-        level = np.linalg.lstsq(X, friction[own], rcond=None)[0]
-        residuals.append(friction[own] - X @ level)
-        rows.append((float(speed[own].mean()), float(level[0]), len(own)))
-    gamma = _autocovariance(residuals)
-    variance = [max(gamma[0] * LIMITS.min_variance_share, _of_mean(gamma, n)) / n for _, _, n in rows]
-    return [
-        (mean, s, level, float(np.sqrt(own)), record.load_torque, record.mean_temperature)
-        for (mean, level, _), own in zip(rows, variance, strict=True)
-    ]
-
-
-def _autocovariance(residuals: Sequence[FloatArray]) -> FloatArray:
-    """gamma (lags,) of residuals that have one in all ranges; each range took two numbers from them."""
-    lags = range(min([LIMITS.lags, *map(len, residuals)]))
-    sums = [sum(float(e[k:] @ e[: len(e) - k]) for e in residuals) for k in lags]
-    return np.array([x / max(1, sum(len(e) - 2 - k for e in residuals)) for k, x in zip(lags, sums, strict=True)])
-
-
-def _of_mean(gamma: FloatArray, n: int) -> float:
-    """n times the variance of the mean of n samples, Bartlett's weights on the lags."""
-    k = np.arange(1, min(len(gamma), n))
-    return float(gamma[0] + 2 * np.sum((1 - k / len(gamma)) * (1 - k / n) * gamma[1 : len(k) + 1]))
+    places = [np.flatnonzero(in_range == number) for number in range(1, LIMITS.ranges + 1)]
+    places = [own for own in places if len(own) >= LIMITS.min_samples]
+    if not places:
+        return []
+    every, means = np.concatenate(places), [float(speed[own].mean()) for own in places]
+    A = block_diag(*(np.stack([np.ones(len(own)), about_mean(speed[own])], axis=1) for own in places))
+    numbers = np.repeat(np.arange(len(places)), [len(own) for own in places])
+    regression = PassRegression(A, friction[every], numbers, np.zeros((len(A), 0), complex), (), 1)
+    values, covariance, _ = regression.solve()
+    found = zip(means, values[::2].tolist(), np.sqrt(np.diag(covariance)[::2]).tolist(), strict=True)
+    return [(mean, s, level, std, record.load_torque, record.mean_temperature) for mean, level, std in found]

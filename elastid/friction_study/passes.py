@@ -94,9 +94,7 @@ class PassRegression:
             own[:, order.index(each.pair)] = each.direction
             own[:, len(order) + order.index(each.pair)] = 1.0
             speed = np.abs(each.velocity)
-            about = speed - speed.mean()
-            about[np.abs(about) < 1e-9 * speed.mean()] = 0.0  # rounding, all that a constant speed leaves, is no slope
-            columns = [each.acceleration, each.direction * about]
+            columns = [each.acceleration, each.direction * about_mean(speed)]
             for load in loads:
                 carried = float(load == each.load_name)
                 columns += [carried * np.cos(each.position), carried * np.sin(each.position)]
@@ -170,6 +168,12 @@ class PassRegression:
                 break
             values.append(total / count)
         return np.array(values)
+
+
+def about_mean(speed: FloatArray) -> FloatArray:
+    """A positive speed (n,) less its mean; rounding, all that a constant one leaves, is none."""
+    about = speed - speed.mean()
+    return np.where(np.abs(about) < 1e-9 * speed.mean(), 0.0, about)
 
 
 def harmonic_peaks(left: FloatArray, waves: ComplexArray) -> BoolArray:
