@@ -107,13 +107,15 @@ def answer(tuned: TunedMove) -> Answer:
         f"{tuned.judge}, with rigid feedforward within {number(1e3 * rigid.largest, 3)} mm; its vibration after the "
         f"move is {number(rigid.residual / max(own.residual, 1e-12), 3)} times smaller."
     )
-    on_draws = (
-        f"On {tuned.draws} robots drawn from the fit the largest error is at most "
-        f"{number(1e3 * float(own.high.max()), 3)} mm (95 %), and torques take at most "
-        f"{100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
-        if own.high is not None and drawn
-        else ""
-    )
+    on_draws = ""
+    if own.high is not None and drawn:
+        high = float(own.high.max())
+        by_geometry = f", and {number(1e3 * high, 3)} mm with lengths and zeros within the tolerances of the file"
+        on_draws = (
+            f"On {tuned.draws} robots drawn from the fit the largest error is at most "
+            f"{number(1e3 * tuned.largest, 3)} mm (95 %){by_geometry if high > 1.01 * tuned.largest else ''}; torques "
+            f"take at most {100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
+        )
     advice = f"{tuned.advice}." if tuned.advice else "Give the drives tune.csv, or a file of the folder tune."
     errors = [(o.name, *(number(1e3 * v, 3) for v in (o.largest, o.rms, o.static, o.residual))) for o in tuned.outcomes]
     limits = []
