@@ -17,6 +17,7 @@ Sign: a motor of a passive mechanism takes up power, Re(velocity / torque) >= 0 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -39,6 +40,8 @@ class Limits:
 
     clock_difference: float = 1e-4  # of logs, relative, up to which their lines are the same ones
     power_ratio: float = 1e-12  # of the weakest to the strongest combination of inputs, below which rounding decides
+    # Power of a record's errors over that of the others, at the median line; 2.0 at most in 44 clean sets.
+    unlike: float = 4.0
     phase_difference: float = 0.2  # of the inputs of two realisations, relative, below which they have the same phases
     lines: int = 1000  # evenly taken, that show phases and signs as well as all
     highest_share: float = 1 / 3  # of the lines, from the highest down, that is above the resonances
@@ -162,6 +165,43 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
             )
             notes.append(Note("frf/inputs-together", text))
     return notes
+
+
+def unlike_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
+    r"""A note on a record whose realisation the others contradict, M >= 3 of them, by far more than each other.
+
+    With G_m = sum_{j != m} Y_j U_j^H (sum_{j != m} U_j U_j^H)^-1 an experiment outside has the error D = Y - G_m U, of
+    1 + n_u / K times the variance where those inside, K of them, have 1 - n_u / K; each element of D over that of
+    those inside, at the median of lines and outputs.
+    """
+    if len(blocks) < 3:
+        return []
+    ratios = [_power_unlike(blocks, m) for m in range(len(blocks))]
+    m = int(np.argmax([ratio.max(initial=0.0) for ratio in ratios]))
+    e = int(np.argmax(ratios[m])) if len(ratios[m]) else 0
+    if not len(ratios[m]) or ratios[m][e] < LIMITS.unlike:
+        return []
+    text = (
+        f"it disagrees with the {len(blocks) - 1} other realisations of its configuration by "
+        f"{math.sqrt(ratios[m][e]):.2g} times what these differ by: the same robot, load, gains of channels and angles "
+        f"in all of them? Measure realisation {groups[m][e].realisation} again, or leave it out"
+    )
+    return [Note("frf/records", text, f"record {groups[m][e].name}")]
+
+
+def _power_unlike(blocks: Sequence[Block], m: int) -> FloatArray:
+    """Of the experiments (E,) of block m, over that of the others; empty where these do not separate the inputs."""
+    step = -(-len(blocks[0].U) // LIMITS.lines)
+    others = [block for i, block in enumerate(blocks) if i != m]
+    U, Y = (np.concatenate([getattr(block, Z)[::step] for block in others], axis=2) for Z in "UY")
+    n_u, K = U.shape[1:]
+    if n_u >= K:
+        return np.zeros(0)
+    G = Y @ adjoint(U) @ inverse(U @ adjoint(U))
+    inside = np.mean(squared_magnitude(Y - G @ U), axis=2) / (1 - n_u / K)
+    outside = squared_magnitude(blocks[m].Y[::step] - G @ blocks[m].U[::step]) / (1 + n_u / K)
+    known = inside > 0
+    return np.array([np.median(power[known] / inside[known]) for power in np.moveaxis(outside, 2, 0)])
 
 
 def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:

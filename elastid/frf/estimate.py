@@ -14,7 +14,14 @@ from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
 from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation
-from elastid.frf.checks import channel_notes, refuse_few, refuse_mismatch, same_phases_notes, separated_lines
+from elastid.frf.checks import (
+    channel_notes,
+    refuse_few,
+    refuse_mismatch,
+    same_phases_notes,
+    separated_lines,
+    unlike_notes,
+)
 from elastid.frf.covariance import (
     distortion_covariance,
     equation_error,
@@ -174,7 +181,7 @@ def _by_periods(
             "to inputs"
         )
         notes.append(left_out_note(lines[~usable], first, why))
-    notes += same_phases_notes(data.blocks, groups)
+    notes += [*same_phases_notes(data.blocks, groups), *unlike_notes(data.blocks, groups)]
     lines = lines[usable]
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     quality = measured_quality(freq_hz, data, fitted.G)
