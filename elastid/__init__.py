@@ -1,14 +1,16 @@
 """elastid: the elasticity of industrial robots, identified from frequency responses with honest intervals.
 
-Five nouns carry it, and a script from logs to stiffness needs no other name (`elastid.nouns`):
+Five nouns carry it; plain functions lead from one to the next, and a script from logs to stiffness needs no other name:
 
-- Robot       bodies, joints, springs, motors, loops                     Robot.read("robot.yml")
-- Record      sampled signals of one experiment                          Record.read(robot, ...)
-- Response    G (F, n_y, n_u) of one configuration, with covariance      Response.estimate(records)
-- Parameters  numbers of a robot: units, bounds, priors, which are free  Parameters.choose(robot, "k_*")
-- Result      estimates with intervals, covariance, status               Result.fit(responses, robot, parameters)
+- Robot       bodies, joints, springs, motors, loops                     read_robot("robot.yml")
+- Record      sampled signals of one experiment                          read_records(robot, ...)
+- Response    G (F, n_y, n_u) of one configuration, with covariance      estimate(records, robot)
+- Parameters  numbers of a robot: units, bounds, priors, which are free  choose(robot, "k_*")
+- Result      estimates with intervals, covariance, status               identify(responses, robot, parameters)
 
-Two wings end in the same value, FrequencyResponse, and meet in the fit:
+`run`, `export` and `compare` do what the commands of these names do; `load` and `save` read and write a run's files.
+
+Two wings end in the same value, Response, and meet in the fit:
 
      measured wing:  excitation -> experiment -> record -> frf -----.
                                        ^                            v
@@ -20,40 +22,52 @@ Two wings end in the same value, FrequencyResponse, and meet in the fit:
 Floors, from the top; a room imports from the floors below it only:
 
 - app           command line, table of stages, runs: file -> value -> file
-- nouns         the five nouns with their constructors
-- export study  models for other tools; YAML -> values, with file, line and column of every error
+- verbs         functions from noun to noun
+- targets study models for other tools; YAML -> values, with file, line and column of every error
 - report store  page and figures; HDF5
 - design nonlinear recorded use validation  plans within limits; friction out of records; logs -> records; maps of the
   workspace and draws of robots; agreement
 - friction_study               levels, laws, presliding and warm-up of friction; an extended Kalman filter follows it
 - experiment fit modal         plan and simulated rig; weights, least squares, solvers, diagnosis; modes of a structure
 - frf linear simulation        estimators; linearised robot and its responses; closed loop in time
-- friction model response      laws; equations of motion in CasADi; FrequencyResponse
+- friction model response      laws; equations of motion in CasADi; Response
 - excitation parameters robot   multisines; names and vectors; bodies, joints, springs, motors
 - record        sampled signals
 - base          arrays, units, errors, notes, execution
 
-The names below are those that a notebook needs, in the order of the work; they are loaded when they are first used.
+The names below are loaded when they are first used; all others live in their rooms.
 """
 
 from __future__ import annotations
 
 # Nothing is imported here: the program's first lines (`elastid.__main__`) come after this file.
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
-_HOMES: dict[str, str] = {}  # the module of each public name, once one is used
-
-
-def _homes() -> dict[str, str]:
-    """The module of each public name, as `__init__.pyi` has them for editors and type checkers."""
-    if not _HOMES:
-        import ast
-        from importlib.resources import files
-
-        for node in ast.parse((files("elastid") / "__init__.pyi").read_text("utf-8")).body:
-            if isinstance(node, ast.ImportFrom):
-                _HOMES.update((alias.name, f"{node.module}") for alias in node.names)
-    return _HOMES
+# The module of each public name.
+_HOMES = {
+    "Robot": "elastid.robot",
+    "Record": "elastid.record",
+    "Response": "elastid.response",
+    "Parameters": "elastid.parameters",
+    "Result": "elastid.fit.result",
+    "read_robot": "elastid.verbs",
+    "read_records": "elastid.verbs",
+    "simulate": "elastid.verbs",
+    "choose": "elastid.verbs",
+    "estimate": "elastid.verbs",
+    "identify": "elastid.verbs",
+    "run": "elastid.app.finished_run",
+    "export": "elastid.app.finished_run",
+    "compare": "elastid.app.finished_run",
+    "plot": "elastid.plot",
+    "load": "elastid.verbs",
+    "save": "elastid.verbs",
+    "Configuration": "elastid.record",
+    "Body": "elastid.robot",
+    "Joint": "elastid.robot",
+    "Spring": "elastid.robot",
+    "Motor": "elastid.robot",
+}
 
 
 def __getattr__(name: str) -> object:
@@ -61,14 +75,13 @@ def __getattr__(name: str) -> object:
     from importlib import import_module
 
     if name == "__all__":
-        return [*_homes()]
-    if name == "plot":
-        return import_module("elastid.plot")
-    if name not in _homes():
+        return [*_HOMES]
+    if name not in _HOMES:
         raise AttributeError(f"module 'elastid' has no attribute '{name}'")
-    return getattr(import_module(_homes()[name]), name)
+    module = import_module(_HOMES[name])
+    return module if name == "plot" else getattr(module, name)
 
 
 def __dir__() -> list[str]:
     """The public names, whether they have been used or not."""
-    return sorted({*_homes(), "__all__", "__version__"})
+    return sorted({*_HOMES, "__all__", "__version__"})

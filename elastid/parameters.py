@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Named, UnknownNameError, index_of
 from elastid.base.names import posture_of
 
@@ -46,6 +47,9 @@ class Prior:
         """Refuse a prior without spread: that is a fixed parameter."""
         if not self.std > 0:
             raise ValueError(f"the prior's std is {self.std:g}; it must be positive (fix the parameter instead)")
+
+    def __str__(self) -> str:
+        return f"{self.mean:g} ± {self.std:g}"
 
 
 @dataclass(frozen=True)
@@ -107,8 +111,8 @@ class Parameter:
         return math.log(value) if value > 0 else -math.inf
 
 
-@dataclass(frozen=True)
-class ParameterSet:
+@dataclass(frozen=True, repr=False)
+class Parameters:
     """All parameters of a model in a fixed order: theta (n_theta,) in SI against x (n_x,) of the free ones.
 
     theta are the numbers of the model. Ratios and stand-ins for some configurations have a place in x, not in theta;
@@ -138,6 +142,17 @@ class ParameterSet:
                     raise ValueError(f"{parameter.name} is tied to {other}, which is not a parameter: {names}")
                 if other and self[other].tie is not None:
                     raise ValueError(f"{parameter.name} is tied to {other}, which is tied itself")
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """The free parameters with start, bounds and prior."""
+        headings = ("name", "start", "unit", "bounds", "prior")
+        rows = [
+            (p.name, f"{p.value:.6g}", p.unit, f"{p.lower:g} to {p.upper:g}", str(p.prior or "")) for p in self.free
+        ]
+        return Display(f"{len(rows)} of {len(self)} parameters free", headings, rows)
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -237,14 +252,14 @@ class ParameterSet:
     def _chains(self) -> dict[str, _Chain]:
         return {}
 
-    def with_values(self, values: Mapping[str, float]) -> ParameterSet:
+    def with_values(self, values: Mapping[str, float]) -> Parameters:
         """The same set starting from other SI values."""
         for name in values:
             self[name]
         moved = (replace(p, value=float(values[p.name])) if p.name in values else p for p in self.parameters)
-        return ParameterSet(tuple(moved))
+        return Parameters(tuple(moved))
 
-    def with_means(self, x: FloatArray) -> ParameterSet:
+    def with_means(self, x: FloatArray) -> Parameters:
         """The same for configurations that were not fitted: a parameter with stand-ins alone is their mean at x (n_x,).
 
         The mean is of the solver's variable: geometric for logarithmic parameters.
@@ -258,7 +273,7 @@ class ParameterSet:
             mean = sum(p.to_x(values[other.name]) for other in own) / len(own)
             return replace(p, value=math.exp(mean) if p.log else mean)
 
-        return ParameterSet(tuple(with_mean(p) for p in self.parameters))
+        return Parameters(tuple(with_mean(p) for p in self.parameters))
 
     def as_dict(self, x: FloatArray | None = None) -> dict[str, float]:
         """Names to SI values, at the start or at x; ratios and stand-ins at the end."""
@@ -293,7 +308,7 @@ class _Chain:
         return np.asarray(self.gain * by[:, None] + value[:, None] * self.by_gain)
 
 
-def _chain(model: list[Parameter], parameters: ParameterSet) -> _Chain:
+def _chain(model: list[Parameter], parameters: Parameters) -> _Chain:
     """The chain of these parameters, one for each of theta."""
     columns = {name: i for i, name in enumerate(parameters.free_names)}
     n, n_x = len(model), len(columns)

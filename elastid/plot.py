@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.base.errors import check_kind, index_of
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.friction_study.result import FrictionResult
 from elastid.linear.fitted_model import FittedModel
 from elastid.report.content import parameter_rows
@@ -17,27 +17,25 @@ from elastid.report.figures.fit import forest
 from elastid.report.figures.friction import friction_curve as curve_figure
 from elastid.report.figures.style import own_style
 from elastid.report.figures.use import workspace_figure
-from elastid.response import FrequencyResponse, in_quantity
+from elastid.response import Response, in_quantity
 from elastid.use.map import WorkspaceMap
 
 __all__ = ["bode", "friction_curve", "parameters", "workspace"]
 
 
 @own_style()
-def bode(
-    measured: FrequencyResponse, model: FittedModel | FrequencyResponse | None = None, *, band: bool = True
-) -> Figure:
+def bode(measured: Response, model: FittedModel | Response | None = None, *, band: bool = True) -> Figure:
     """Magnitude and phase of a measured response and a model, element by element.
 
     model: a fitted model is drawn on lines of its own, dense enough for its resonances, with a band of two standard
     deviations unless `band` is False; a response on the lines that it has.
     Raises ValueError where inputs, outputs or postures of the two differ, TypeError for other values.
     """
-    check_kind(measured, FrequencyResponse, "measured", "read_responses gives one for each configuration")
+    check_kind(measured, Response, "measured", "read_responses gives one for each configuration")
     if model is None:
         return responses.bode(measured, None, None)
-    check_kind(model, FittedModel | FrequencyResponse, "model", "result.model(configuration) makes one")
-    modelled, std = (model, None) if isinstance(model, FrequencyResponse) else _on_dense_lines(model, measured, band)
+    check_kind(model, FittedModel | Response, "model", "result.model(configuration) makes one")
+    modelled, std = (model, None) if isinstance(model, Response) else _on_dense_lines(model, measured, band)
     if (modelled.inputs, modelled.outputs) != (measured.inputs, measured.outputs):
         raise ValueError(
             f"the model has inputs {', '.join(modelled.inputs)} and outputs {', '.join(modelled.outputs)}, the "
@@ -53,12 +51,12 @@ def bode(
 
 
 @own_style()
-def parameters(result: FitResult, truth: Mapping[str, float] | None = None) -> Figure:
+def parameters(result: Result, truth: Mapping[str, float] | None = None) -> Figure:
     """Start, estimate and 95 % interval of each free parameter; truth: numbers in SI by name, where they are known.
 
     UnknownNameError for the truth of a parameter that is not there.
     """
-    check_kind(result, FitResult, "result", "identify and read_fit make one")
+    check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
     for name in truth or ():
         index_of(name, list(result.values), "parameter")
     return forest(parameter_rows(result, truth))
@@ -92,9 +90,7 @@ def __dir__() -> list[str]:
     return __all__
 
 
-def _on_dense_lines(
-    model: FittedModel, measured: FrequencyResponse, band: bool
-) -> tuple[FrequencyResponse, np.ndarray | None]:
+def _on_dense_lines(model: FittedModel, measured: Response, band: bool) -> tuple[Response, np.ndarray | None]:
     """Response of a model, and its standard deviation, on the measured lines and many between them."""
     low, high = measured.freq_hz[[0, -1]]
     lines = np.union1d(measured.freq_hz, np.geomspace(low, high, 1000))

@@ -232,7 +232,8 @@ class Record:
         and costs 1.6 % of amplitude at a tenth of the rate; a response estimated without it has a delay and a wrong
         inertia instead. An encoder, sampled without a filter, adds images of the held torque (`images`).
         """
-        return zero_order_hold(np.outer(freq_hz, self._held) / self.rate_hz)
+        H = {held: zero_order_hold(np.multiply(freq_hz, held) / self.rate_hz) for held in set(self._held)}
+        return np.stack([H[held] for held in self._held], axis=1)
 
     @property
     def images(self) -> HeldTorque | None:

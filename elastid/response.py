@@ -1,4 +1,4 @@
-"""FrequencyResponse: G (F, n_y, n_u) of one configuration, measured or modelled, with covariance and quality.
+"""Response: G (F, n_y, n_u) of one configuration, measured or modelled, with covariance and quality.
 
     Y(k) = G(k) U(k),   G (F, n_y, n_u)
 
@@ -120,7 +120,7 @@ class MotorMotion:
 
 
 @frozen_value
-class FrequencyResponse:
+class Response:
     """G (F, n_y, n_u) at freq_hz (F,), complex, in `quantity` per Nm on the link side.
 
     noise: covariance of the disturbing noise (from periods), or None.  total: noise and stochastic nonlinear
@@ -210,7 +210,7 @@ class FrequencyResponse:
         ]
         size = f"{len(self.outputs)} x {len(self.inputs)} at {self.n_lines} lines, {band}"
         known = "" if self.uncertainty is not None else "; its noise is unknown: no covariance was estimated or given"
-        title = f"FrequencyResponse of {self.configuration.name}: {self.quantity} in {self.unit}, {size}{known}"
+        title = f"Response of {self.configuration.name}: {self.quantity} in {self.unit}, {size}{known}"
         return Display(title, ("output", "input", "|G|", "relative std, median"), rows)
 
     def _relative_std(self, i: int, j: int) -> str:
@@ -245,7 +245,7 @@ class FrequencyResponse:
         """The covariance that gives the weights of a fit: total where realisations gave one, else noise."""
         return self.total if self.total is not None else self.noise
 
-    def lines(self, keep: BoolArray) -> FrequencyResponse:
+    def lines(self, keep: BoolArray) -> Response:
         """The same response on some of its lines; keep (F,) is True where a line stays, ValueError for another size."""
         if np.shape(keep) != (self.n_lines,):
             raise ValueError(f"keep has shape {np.shape(keep)}; the response has {self.n_lines} lines")
@@ -265,7 +265,7 @@ class FrequencyResponse:
             leakage=None if self.leakage is None else self.leakage[keep],
         )
 
-    def __getitem__(self, places: tuple[str | Sequence[str], str | Sequence[str]]) -> FrequencyResponse:
+    def __getitem__(self, places: tuple[str | Sequence[str], str | Sequence[str]]) -> Response:
         """The response of some outputs to some inputs: response["motor 1", "motor 2"], outputs first, with covariance.
 
         Each a place or a sequence of places.  Quality and errors by friction belong to all of them and are left out.
@@ -321,9 +321,7 @@ class FrequencyResponse:
         return control.frd(np.moveaxis(self.G, 0, 2), 2 * np.pi * self.freq_hz, **labels)
 
     @classmethod
-    def from_control(
-        cls, data: Any, configuration: Configuration, quantity: Motion = "acceleration"
-    ) -> FrequencyResponse:
+    def from_control(cls, data: Any, configuration: Configuration, quantity: Motion = "acceleration") -> Response:
         """The response of `control.FrequencyResponseData`, whose labels name the places; its noise is unknown.
 
         Link side and SI, as every response.  A system becomes such data by `control.frd(system, omega)`; TypeError
@@ -350,7 +348,7 @@ class FrequencyResponse:
         )
 
 
-class Responses(tuple[FrequencyResponse, ...]):
+class Responses(tuple[Response, ...]):
     """Responses in their order, by number or by the name of a configuration: responses[0], responses["folded"]."""
 
     __slots__ = ()
@@ -362,7 +360,7 @@ class Responses(tuple[FrequencyResponse, ...]):
         return super().__getitem__(where)
 
 
-def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyResponse:
+def in_quantity(response: Response, quantity: Motion) -> Response:
     r"""The same response in position, velocity or acceleration per torque, its covariance with it.
 
     .. math:: G' = (j\omega)^k G, \qquad cov(vec\, G') = \omega^{2k} cov(vec\, G)
@@ -389,9 +387,9 @@ __all__ = [
     "LINE_ARRAYS",
     "Covariance",
     "CovarianceForm",
-    "FrequencyResponse",
     "Levels",
     "Quality",
+    "Response",
     "Responses",
     "in_quantity",
 ]

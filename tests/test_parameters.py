@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.parameters import Parameter, ParameterSet, Prior, Tie
+from elastid.parameters import Parameter, Parameters, Prior, Tie
 
-SET = ParameterSet(
+SET = Parameters(
     (
         Parameter("k", 200.0, lower=2.0, upper=2e4, log=True),
         Parameter("k_twin", 0.0, tie=Tie("k", 1.5), log=True),
@@ -73,9 +73,9 @@ def test_a_set_pickles():
         (lambda: Parameter("k", 1.0, lower=2.0, upper=1.0), "not below"),
         (lambda: Parameter("k", math.nan), "not finite"),
         (lambda: Prior(1.0, 0.0), "fix the parameter"),
-        (lambda: ParameterSet((Parameter("k", 1.0), Parameter("k", 2.0))), "given twice"),
-        (lambda: ParameterSet((Parameter("k", 1.0, tie=Tie("q")),)), "not a parameter"),
-        (lambda: ParameterSet((Parameter("a", 1.0, tie=Tie("b")), Parameter("b", 1.0, tie=Tie("a")))), "tied itself"),
+        (lambda: Parameters((Parameter("k", 1.0), Parameter("k", 2.0))), "given twice"),
+        (lambda: Parameters((Parameter("k", 1.0, tie=Tie("q")),)), "not a parameter"),
+        (lambda: Parameters((Parameter("a", 1.0, tie=Tie("b")), Parameter("b", 1.0, tie=Tie("a")))), "tied itself"),
     ],
 )
 def test_contradictions_are_refused(build, says):
@@ -87,7 +87,7 @@ def test_contradictions_are_refused(build, says):
 def test_a_posture_has_the_same_parameters_at_every_amplitude():
     """A stand-in of the configuration bent counts in `bent level 2`, and in no other."""
     k, own = Parameter("k", 200.0, log=True), Parameter("k@bent", 300.0, log=True, only=("bent",))
-    both = ParameterSet((k, own))
+    both = Parameters((k, own))
     assert both.expand(both.x, "bent level 2") == pytest.approx(both.expand(both.x, "bent"))
     assert both.expand(both.x, "bent level 2") == pytest.approx([300.0])
     assert both.expand(both.x, "bent again") == pytest.approx([200.0])

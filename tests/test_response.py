@@ -5,7 +5,7 @@ import pytest
 
 from elastid.base.errors import UnknownNameError
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse, in_quantity
+from elastid.response import Covariance, Response, in_quantity
 
 HOME = Configuration("home", np.zeros(1))
 
@@ -36,15 +36,13 @@ def test_the_kronecker_covariance_is_that_of_the_column_stacked_response() -> No
 def test_a_response_refuses_what_is_not_one(freq_hz: np.ndarray, G: np.ndarray, says: str) -> None:
     """Frequencies that do not increase, NaN, a wrong shape."""
     with pytest.raises(ValueError, match=says):
-        FrequencyResponse(freq_hz, G, ("motor 1",), ("motor 1",), "acceleration", HOME)
+        Response(freq_hz, G, ("motor 1",), ("motor 1",), "acceleration", HOME)
 
 
 def test_another_quantity_scales_the_response_and_its_variance() -> None:
     """By (j omega)^k and omega^2k; there and back is the response itself."""
     G, places = np.array([[[2.0 + 1j]]]), ("motor 1",)
-    response = FrequencyResponse(
-        np.array([3.0]), G, places, places, "position", HOME, Covariance(np.ones((1, 1, 1)), 4.0)
-    )
+    response = Response(np.array([3.0]), G, places, places, "position", HOME, Covariance(np.ones((1, 1, 1)), 4.0))
     omega = 6 * np.pi
     acceleration = in_quantity(response, "acceleration")
     np.testing.assert_allclose(acceleration.G, -(omega**2) * G)
@@ -68,9 +66,7 @@ def test_places_choose_elements_and_their_covariance() -> None:
     full = Covariance(variance, 10.0, matrix=kronecker.full())
     G = rng.normal(size=(F, n_y, n_u)) + 0j
     outputs, inputs = ("motor 1", "motor 2", "joint 1"), ("motor 1", "motor 2")
-    response = FrequencyResponse(
-        np.arange(1.0, 5.0), G, inputs, outputs, "acceleration", HOME, noise=kronecker, total=full
-    )
+    response = Response(np.arange(1.0, 5.0), G, inputs, outputs, "acceleration", HOME, noise=kronecker, total=full)
     part = response[("joint 1", "motor 1"), "motor 2"]
     assert (part.outputs, part.inputs) == (("joint 1", "motor 1"), ("motor 2",))
     np.testing.assert_array_equal(part.G, G[:, [2, 0]][:, :, [1]])

@@ -1,4 +1,4 @@
-"""The command line: a word for each stage, each calling one function. Heavy imports stay inside the bodies.
+"""The command line: each word calls one function. Heavy imports stay inside the bodies.
 
 Exit codes: 0 done; 1 the data or the fit are at fault; 2 usage or study; 3 done and written, but a misfit, not to be
 believed as it stands; 130 interrupted.
@@ -9,9 +9,10 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+from codecs import register_error
 from collections.abc import Sequence
 from errno import EACCES, EDQUOT, EFBIG, ENOENT, ENOSPC, EPERM, EROFS
-from io import StringIO
+from io import StringIO, TextIOWrapper
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +28,9 @@ from elastid.app.options import (
     stage_options,
     study_argument,
 )
-from elastid.app.stage_table import helps
+from elastid.app.stage_table import NAMES
 from elastid.app.use_commands import loops, map_command, tune
-from elastid.base.errors import ElastidError, StudyError
+from elastid.base.errors import ElastidError
 from elastid.base.escape import printable
 
 
@@ -38,7 +39,20 @@ def main() -> None:
     # A program that was started without them (`>&-`) has None here, which nothing below expects.
     sys.stdout = sys.stdout or StringIO()
     sys.stderr = sys.stderr or StringIO()
+    register_error("elastid", _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="elastid")
+    os.environ["MPLBACKEND"] = "agg"  # that of a notebook, in whose cells the program runs, may not be there
     sys.exit(run_command(sys.argv[1:]))
+
+
+def _in_ascii(error: Any) -> tuple[str, int]:
+    """The nearest letters of a terminal that has no others, for the first that it lacks (a handler of codecs)."""
+    return _ASCII.get(error.object[error.start], "?"), error.start + 1
+
+
+_ASCII = {"±": "+-", "–": "-", "─": "-", "°": "deg", "µ": "u", "²": "^2", "·": "*", "…": "...", "Δ": "D"}
 
 
 def run_command(arguments: Sequence[str]) -> int:
@@ -55,23 +69,12 @@ def run_command(arguments: Sequence[str]) -> int:
 
 # The keys of app.export.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = [
-    "robot",
-    "control",
-    "matlab",
-    "mujoco",
-    "fmu",
-    "urdf",
-    "casadi",
-    "c",
-    "csv",
-    "uff",
-    "draws",
-    "observer",
+    *("robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "draws", "observer"),
     "compensation",
 ]
 
 
-# Groups of commands, in the order of the help; all others are single stages.
+# Groups of commands, in the order of the help.
 _GROUPS = {
     "Start": ("demo", "new", "check", "run"),
     "Look": ("inspect", "explain", "compare", "predict"),
@@ -85,21 +88,20 @@ class InGroups(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of the help."""
-        return [name for names in self._grouped.values() for name in names]
+        return [name for names in _GROUPS.values() for name in names]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Names and first sentences, wrapped and not cut."""
-        for group, names in self._grouped.items():
+        for group, names in _GROUPS.items():
             helps = [(name, (self.commands[name].help or "").split("\n\n")[0]) for name in names]
             with formatter.section(group):
                 formatter.write_dl([(name, " ".join(text.split())) for name, text in helps])
 
-    @property
-    def _grouped(self) -> dict[str, list[str]]:
-        shown = [name for name, command in self.commands.items() if not command.hidden]
-        groups = {group: [name for name in names if name in shown] for group, names in _GROUPS.items()}
-        rest = [name for name in shown if not any(name in names for names in groups.values())]
-        return groups | {"Single stages of `run`": rest}
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """The command; a stage that is taken for one is named as an argument of `run`."""
+        if name in NAMES:
+            ctx.fail(f"{name} is a stage: elastid run STUDY {name}")
+        return super().get_command(ctx, name)
 
 
 @click.group(cls=InGroups, context_settings={"help_option_names": ["-h", "--help"]})
@@ -155,37 +157,30 @@ def check(study: Path, overrides: tuple[str, ...]) -> None:
     click.echo(printable(overview(load_with_logs(study, overrides).study)))
 
 
-def add_stage_commands(group: click.Group) -> None:
-    """A command for each name in the table of stages."""
-    for name, text in helps().items():
-        group.add_command(_stage_command(name, text))
-
-
-def _stage_command(name: str, text: str) -> click.Command:
-    @study_argument
-    @stage_options
-    def work(study: Path, png: bool = False, **options: Any) -> None:
-        overrides = (*options["overrides"], *["report.formats=[png]"] * png)
-        asked = run_of(study, options | {"overrides": overrides})
-        from elastid.app.run import run_stage
-
-        run_stage(asked, name)
-
-    return click.command(name, help=text)(options_of(*["png"] * (name == "report"))(work))
-
-
-add_stage_commands(cli)
-
-
 @cli.command()
 @study_argument
+@click.argument("stages", nargs=-1, type=click.Choice(NAMES), metavar="[STAGE]...")
+@options_of("png")
 @stage_options
-def run(study: Path, **options: Any) -> None:
-    """Run all stages in order, except those whose inputs have not changed."""
-    asked = run_of(study, options)
+def run(study: Path, stages: tuple[str, ...], png: bool = False, **options: Any) -> None:
+    """Run all stages in order, except those whose inputs have not changed; or the stages that are named, in any case.
+
+    \b
+    design    configurations, excitation, predicted intervals: plan.h5, references/*.csv
+    measure   the simulated experiments, or the recorded logs: records.h5
+    estimate  the frequency responses with their covariance: frf.h5
+    fit       the elastic parameters: fit.h5, summary.json
+    gears     (gears: {}) friction, stiffening, hysteresis and errors of the gears: gears.h5
+    validate  the fit on left-out configurations, and its residuals: validation.h5
+    levels    (friction) the friction at each speed, load and temperature: levels.h5
+    friction  (friction) its law: friction.h5, summary.json
+    follow    (filter: {}) the friction over the motions, by a Kalman filter: filter.h5
+    report    the page and, where asked for, figures: report.html, figures/
+    """
+    asked = run_of(study, options | {"overrides": (*options["overrides"], *["report.formats=[png]"] * png)})
     from elastid.app.run import run_all
 
-    run_all(asked)
+    run_all(asked, stages)
 
 
 @cli.command()
@@ -260,7 +255,7 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
 @cli.command()
 @study_argument
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
-@click.option("--count", type=click.IntRange(min=1), default=1000, show_default=True, help="Of --to draws.")
+@click.option("--count", type=click.IntRange(1, 100_000), default=1000, show_default=True, help="Of --to draws.")
 @stage_options
 def export(study: Path, target: str, count: int, **options: Any) -> None:
     """Write the identified model for another tool into export/<target>/ of the run folder, with its intervals.
@@ -318,17 +313,11 @@ def explain(key: str | None) -> None:
 
     Of the code of an error or note (`elastid explain records/clock`) it says what it means.
 
-    The list has the sections of a study, in its order. Of a word that is no key (`elastid explain coherence`) it lists
-    the keys, and the arrays in results, that have it in their text.
+    The list has the sections of a study, in its order.
     """
     from elastid.study import reference
 
-    try:
-        click.echo(printable(reference.overview() if key is None else reference.explain(key)))
-    except StudyError:
-        if not (key and key.isalpha() and (found := reference.explain_word(key))):
-            raise
-        click.echo(printable(found))
+    click.echo(printable(reference.overview() if key is None else reference.explain(key)))
 
 
 @cli.command(hidden=True)
@@ -358,7 +347,7 @@ def explained(error: Exception) -> int:
             error.show(file=(text := StringIO()))
             click.echo(printable(text.getvalue()), err=True, nl=False)
             return error.exit_code
-        case MemoryError():
+        case MemoryError() | ImportError():
             return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
         case OSError():
             where = f"{error.filename}: " if error.filename else ""

@@ -23,7 +23,7 @@ from elastid.fit.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec
 from elastid.model.formulation import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened, without_motor_coupling
 from elastid.store.checkpoint import Checkpoint
 from elastid.store.files import keep_checksums
@@ -45,7 +45,7 @@ from elastid.validation.spec import VariantSpec
 
 RESULT = "compare.json"
 PARTIAL = "compare.partial"
-_Responses: TypeAlias = Sequence[FrequencyResponse]
+_Responses: TypeAlias = Sequence[Response]
 _Fits: TypeAlias = dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]]
 
 

@@ -31,6 +31,7 @@ class Console:
 
     def __init__(self, verbosity: int = 0) -> None:
         self.verbosity = verbosity
+        self.shows_tables = True
         self._log = logging.getLogger("elastid.app.run")
         self._log.propagate = False
         self._log.setLevel(logging.DEBUG)
@@ -86,12 +87,12 @@ class Console:
         self._log.error(text)
 
     def table(self, rows: Sequence[Sequence[str]]) -> None:
-        """Headings and rows in columns, numbers to the right."""
+        """Headings and rows in columns, numbers to the right; in the log alone while stages of a whole run report."""
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
             cells = [c.ljust(w) if i < 2 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))]
             self._log.info("  ".join(cells))
-        if self.verbosity >= 0:
+        if self.verbosity >= 0 and self.shows_tables:
             _print_table(rows)
 
     @contextmanager

@@ -21,17 +21,6 @@ from elastid.app.stages.fit import warn_of_distrust
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
-from elastid.export.code import write_c, write_casadi
-from elastid.export.control import write_control, write_responses_control
-from elastid.export.csv import write_csv, write_friction_csv, write_responses_csv
-from elastid.export.draws import write_draws
-from elastid.export.fmu import write_fmu
-from elastid.export.friction import Observer, write_compensation, write_observers
-from elastid.export.matlab import write_matlab, write_responses_matlab
-from elastid.export.mujoco import write_mujoco
-from elastid.export.numbers import interval_lines
-from elastid.export.uff import write_uff
-from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.recorded.responses.universal import geometry_of_files
@@ -39,6 +28,17 @@ from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears
+from elastid.targets.code import write_c, write_casadi
+from elastid.targets.control import write_control, write_responses_control
+from elastid.targets.csv import write_csv, write_friction_csv, write_responses_csv
+from elastid.targets.draws import write_draws
+from elastid.targets.fmu import write_fmu
+from elastid.targets.friction import Observer, write_compensation, write_observers
+from elastid.targets.matlab import write_matlab, write_responses_matlab
+from elastid.targets.mujoco import write_mujoco
+from elastid.targets.numbers import interval_lines
+from elastid.targets.uff import write_uff
+from elastid.targets.urdf import write_urdf
 from elastid.use.draws import draw_robots
 
 Writer = Callable[[Path, FittedRobot], tuple[Path, ...]]

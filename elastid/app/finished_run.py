@@ -1,4 +1,4 @@
-"""run: a study -> its stages carried out, and what they found as values: elastid.run("study.yml").result["k_1"]."""
+"""run, export, compare: a study -> its stages done, their results as values: elastid.run("study.yml").result["k_1"]."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from elastid.app.compare import compare
+from elastid.app import compare as comparing
+from elastid.app import export as exporting
 from elastid.app.console import Console
-from elastid.app.export import export
-from elastid.app.run import Run, run_all, run_stage
+from elastid.app.run import Run, run_all
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import FitError
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.friction_study.result import FrictionResult
 from elastid.record import Record
 from elastid.response import Responses
@@ -25,23 +25,52 @@ from elastid.validation.results import Validation
 
 
 def run(
-    study: Path | str, folder: Path | str = "", *, set: Sequence[str] = (), jobs: int = 1, verbosity: int = -1
+    study: Path | str,
+    folder: Path | str = "",
+    *stages: str,
+    set: Sequence[str] = (),
+    jobs: int = 1,
+    verbosity: int = -1,
 ) -> FinishedRun:
     """All stages of a study, as `elastid run` does it: those whose inputs have not changed keep their results.
 
-    folder: of the run, default runs/<name>.  set: keys that take the place of the study's, such as "fit.starts=4".
-    jobs: processes; more than one in a script need its `if __name__ == "__main__":`.  verbosity: -2 nothing, -1
-    warnings, 0 a line a stage, 1 every detail.  A misfit is no error here: `result.status` says it.
+    folder: of the run, default runs/<name>.  stages: done in place of all, current or not.  set: keys that take the
+    place of the study's, such as "fit.starts=4".  jobs: processes; more than one in a script need its
+    `if __name__ == "__main__":`.  verbosity: -2 nothing, -1 warnings, 0 a line a stage, 1 every detail.  A misfit is no
+    error here: `result.status` says it.
     Raises StudyError with the place of every error in the study, DataError for logs, FitError where nothing was found.
     """
-    loaded = load(study, set)
-    run = Run(loaded, Path(folder or Path("runs") / loaded.study.name), jobs, Console(verbosity))
+    run = _run_of(study, folder, set, jobs, verbosity)
     try:
-        run_all(run)
+        run_all(run, stages)
     except FitError:
-        if not all(run.is_current(stage) for stage in run.stages):
+        if not all(run.is_current(stage) for stage in stages or run.stages):
             raise
     return FinishedRun(run)
+
+
+def export(
+    study: FinishedRun | Path | str, target: str, folder: Path | str = "", *, count: int = 1000
+) -> tuple[Path, ...]:
+    """The files of `elastid export --to target` of a run, or of the study and folder of one; count: of draws.
+
+    StudyError where a stage that it reads has not run, or for no such target.
+    """
+    return exporting.export(_run_of(study, folder), target, count)
+
+
+def compare(study: FinishedRun | Path | str, *further: Path | str, folder: Path | str = "") -> Comparison:
+    """The ranking of `elastid compare` over left-out configurations; further: studies of other models."""
+    return comparing.compare(_run_of(study, folder), [load(each) for each in further])
+
+
+def _run_of(
+    study: FinishedRun | Path | str, folder: Path | str, set: Sequence[str] = (), jobs: int = 1, verbosity: int = -1
+) -> Run:
+    if isinstance(study, FinishedRun):
+        return study.run
+    loaded = load(study, set)
+    return Run(loaded, Path(folder or Path("runs") / loaded.study.name), jobs, Console(verbosity))
 
 
 @dataclass(frozen=True, repr=False)
@@ -72,7 +101,7 @@ class FinishedRun:
         return read_responses(self._path("estimate"))
 
     @property
-    def result(self) -> FitResult | FrictionResult:
+    def result(self) -> Result | FrictionResult:
         """The elastic parameters, or those of friction, with intervals and status."""
         if self.run.study.friction is not None:
             return read_friction_result(self._path("friction"))
@@ -87,19 +116,6 @@ class FinishedRun:
     def report(self) -> Path:
         """The page of the run."""
         return self._path("report")
-
-    def export(self, target: str, count: int = 1000) -> tuple[Path, ...]:
-        """The files of `elastid export --to target`; count: of draws."""
-        return export(self.run, target, count)
-
-    def compare(self, *further: Path | str) -> Comparison:
-        """The ranking of `elastid compare` over left-out configurations; further: studies of other models."""
-        return compare(self.run, [load(study) for study in further])
-
-    def again(self, stage: str) -> FinishedRun:
-        """One stage once more, current or not, as `elastid <stage>` does it: `again("report")`."""
-        run_stage(self.run, stage)
-        return self
 
     def _path(self, stage: str) -> Path:
         self.run.require_stage(stage)

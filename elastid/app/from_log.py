@@ -25,7 +25,6 @@ from elastid.recorded.channel_guess import (
     guess_log,
     is_clock,
     rate_by_motions,
-    rows_of_a_sample,
     signals_of,
 )
 from elastid.recorded.channel_names import ChannelGuess, guess_by_name
@@ -75,10 +74,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     form = TextFormatSpec() if first.is_dir() else guess_format(first)
     with opened_log(first, form) as log:
         is_text = isinstance(log, TextLog)
-        form = replace(form, interleaved=_rows_of_a_sample(log))
-    with opened_log(first, form) as log:
         clock, signals = _clock(log), signals_of(log, MAX_SAMPLES)
-    signals = [(guess, x) for guess, x in signals if not is_time(guess.name) and guess.name != clock.name]
+    signals = [(g, x) for g, x in signals if g.name != clock.name and not (is_time(g.name) and is_clock(x))]
     if clock.rate_hz is None and (rate_hz := rate_by_motions(signals)):
         clock = Clock(float(f"{rate_hz:.4g}"), "velocities are the derivatives of positions at it")
     guess, together = guess_log(signals, clock.rate_hz or 1.0), False
@@ -87,7 +84,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         guess, together = guess_log(signals, clock.rate_hz or 1.0), True
         clock = replace(clock, is_even=not (clock.name and clock.is_in_s))
     if guess is None or (together and len({joint.torque.file for joint in guess.joints}) > 1):
-        raise DataError("records/channels", _no_guess(first, form, [each for each, _ in signals]))
+        raise DataError("records/channels", _no_guess(first, [each for each, _ in signals]))
     if together:
         guess, used = _torques_first(guess, logs)
         if unused := [path for path in logs if path not in used]:
@@ -125,6 +122,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}")
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
+    unknown = [one_line(g.name) for g, _ in signals if not any(_quoted(g.name) in line for line in content)]
+    content.append(f"# Not used: {', '.join(unknown)}" * bool(unknown))
     return {"study.yml": _joined(content)}
 
 
@@ -201,17 +200,7 @@ def _clock(log: Log) -> Clock:
     return Clock(None, "no time is in the log")
 
 
-def _rows_of_a_sample(log: Log) -> int:
-    """Those of a text log without headings; 1 of any other."""
-    if not isinstance(log, TextLog) or log.headings:
-        return 1
-    try:
-        return rows_of_a_sample(log.columns(range(log.n_columns)))
-    except DataError:  # words among the numbers
-        return 1
-
-
-def _no_guess(path: Path, form: TextFormatSpec, signals: Sequence[ChannelGuess]) -> str:
+def _no_guess(path: Path, signals: Sequence[ChannelGuess]) -> str:
     count = len(signals)
     if signals and all(each.quantity in MOTIONS for each in signals):
         return (
@@ -220,11 +209,9 @@ def _no_guess(path: Path, form: TextFormatSpec, signals: Sequence[ChannelGuess])
         )
     if count < 2:
         return f"{path}: no two signals of one length change in it; `elastid inspect {path}` shows its content"
-    rows = f", {form.interleaved} rows of the file to a sample," if form.interleaved > 1 else ""
     return (
-        f"{path}: {count} signals change in it{rows} and neither their names nor kinematics say which are torques "
-        "and which motions; begin with `elastid new --template recorded` and name them, or give the log headings such "
-        "as tau_1 and q_1"
+        f"{path}: {count} signals change in it, and no names say which are torques and which motions; begin with "
+        "`elastid new --template recorded` and name them, or give the log headings such as tau_1 and q_1"
     )
 
 

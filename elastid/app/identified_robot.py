@@ -8,18 +8,18 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.export.numbers import lines_of
 from elastid.fit.fitted_robot import robots_by_group
 from elastid.fit.release import remaining_tolerances
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.gear_result import GearResult
 from elastid.nonlinear.result import FrictionTakenOut, friction_rows
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, Parameters
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import with_joints, with_straight_springs, without_dry_friction
 from elastid.study.robots import yaml_text
+from elastid.targets.numbers import lines_of
 
 if TYPE_CHECKING:
     from elastid.friction_study.result import FrictionResult
@@ -111,7 +111,7 @@ def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
 def robot_files(
     name: str,
     robot: Robot,
-    result: FitResult,
+    result: Result,
     friction: FrictionTakenOut | None,
     configurations: Sequence[str],
     gears: GearResult | None = None,
@@ -238,7 +238,7 @@ def with_linear_springs(robot: Robot) -> Robot:
     return with_joints(robot, linear)
 
 
-def with_terms_of(result: FitResult, robot: Robot) -> FitResult:
+def with_terms_of(result: Result, robot: Robot) -> Result:
     """The fit with numbers for the terms of this robot's springs, held; without those of terms it has not.
 
     A stiffness is that beyond the ends of a gap or range.
@@ -251,7 +251,7 @@ def with_terms_of(result: FitResult, robot: Robot) -> FitResult:
     kept = [p for p in result.parameters if p.name in known or not p.name.startswith(("k2_", "k2s_", "k3_"))]
     names = [p.name for p in kept]
     held = [Parameter(name, float(x), unit, free=False) for name, (x, unit) in known.items() if name not in names]
-    return replace(result, x=x, parameters=ParameterSet((*kept, *held)))
+    return replace(result, x=x, parameters=Parameters((*kept, *held)))
 
 
 def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:

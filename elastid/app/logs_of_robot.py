@@ -13,7 +13,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.units import TABLE, of_translation
-from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import JointGuess, LogGuess
 from elastid.recorded.files.formats import opened_log, values_of
@@ -71,7 +71,9 @@ def _at(joint: Joint, guess: JointGuess, why: str, values: Mapping[tuple[str, in
         torque = replace(torque, quantity="force", unit="N")
     if joint.slides and TABLE[motion.unit][0].startswith("rad"):
         motion = replace(motion, unit=of_translation(TABLE[motion.unit][0]))
-    elif motion.quantity == "position" and "assumed" in motion.why:
+    elif not joint.slides and "assumed" in motion.why:
+        motion = replace(motion, unit=QUANTITY_UNIT[motion.quantity])
+    if not joint.slides and motion.quantity == "position" and "assumed" in motion.why:
         x, (low, high) = values[motion.key], joint.limits.angle
         if np.min(x) < low - _MIN_TURN or np.max(x) > high + _MIN_TURN:
             motion = replace(motion, unit="deg", why=f"deg, since rad leave the limits of {joint.name}")

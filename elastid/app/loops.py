@@ -13,7 +13,7 @@ from elastid.base.display import Display, number
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.experiment.specs.simulated import MAX_DELAY_SAMPLES
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.report.answer import Answer
 from elastid.report.figures.use import loops_figure
 from elastid.simulation.controller import Gains
@@ -44,7 +44,7 @@ def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws
     if rate_hz is None:
         raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
 
-    def work(result: FitResult) -> Used:
+    def work(result: Result) -> Used:
         """Loops of the fitted robot, with what is written of them."""
         measured, simulated = _measured(run, result, rate_hz), run.study.experiment.simulated
         own_delay = 0 if simulated is None else simulated.controller.delay_samples
@@ -86,7 +86,7 @@ def _place(run: Run, *keys: str) -> str:
     return str(read_source(run.loaded.path, str(run.loaded.path)).place(keys))
 
 
-def _measured(run: Run, result: FitResult, rate_hz: float) -> list[MeasuredLoops]:
+def _measured(run: Run, result: Result, rate_hz: float) -> list[MeasuredLoops]:
     """Loops of each configuration whose records hold an injected torque; a warning where they do not."""
     if "measure" not in run.stages or not run.path("measure").exists():
         return []

@@ -16,7 +16,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.fit.posture import Family
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.answer import Answer
 from elastid.report.figures.use import workspace_figure
@@ -57,7 +57,7 @@ def map_study(
 ) -> None:
     """map.h5, map.csv, map.html and map.png of the study's fit; StudyError without a current one."""
 
-    def work(fit: FitResult) -> Used:
+    def work(fit: Result) -> Used:
         family = family_of_map(with_gears(fit, gears_of(run)), frame)
         angles = postures.angles(run, family)
         lines = None if not band_hz else np.geomspace(band_hz[0], band_hz[1], 300)

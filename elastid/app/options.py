@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 from _thread import interrupt_main
 from collections.abc import Callable, Iterator
@@ -15,6 +16,8 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
+
+from elastid.base.errors import ElastidError
 
 if TYPE_CHECKING:
     from elastid.app.run import Run
@@ -35,10 +38,22 @@ class Finite(click.FloatRange):
 
 
 POSITIVE = Finite(min=0, min_open=True)
+RATE = Finite(min=0, max=1e5, min_open=True)
+
+
+class Folder(click.Path):
+    """A path that is not empty, which would be the working folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path; click's error for an empty text."""
+        if not str(value).strip():
+            self.fail("an empty name", param, ctx)
+        return super().convert(value, param, ctx)
+
 
 _OPTIONS: dict[str, Decorator] = {
     "run": click.option(
-        *("--run", "folder"), type=click.Path(path_type=Path), metavar="DIR",
+        *("--run", "folder"), type=Folder(path_type=Path), metavar="DIR",
         help="Where the results go (default: runs/<name of the study>).",
     ),
     "set": click.option(
@@ -78,11 +93,25 @@ def run_of(study: Path, options: dict[str, Any]) -> Run:
     from elastid.base.execution import on_dask
     from elastid.study import load
 
+    jobs = options["jobs"] or all_cores()
+    _require_resources(jobs)
     click.get_current_context().with_resource(on_dask(options.get("dask", "")))
     loaded = load(study, options.get("overrides", ()))
     folder = options["folder"] or Path("runs") / loaded.study.name
     console = Console(options["verbose"] - options["quiet"])
-    return Run(loaded, folder, options["jobs"] or all_cores(), console)
+    return Run(loaded, folder, jobs, console)
+
+
+def _require_resources(jobs: int) -> None:
+    """ElastidError where this process may use so little that libraries hang while they are loaded."""
+    try:
+        from resource import RLIMIT_AS, RLIMIT_NOFILE, getrlimit
+    except ImportError:  # not on every system
+        return
+    needed = ((RLIMIT_AS, 500_000_000, "bytes of memory"), (RLIMIT_NOFILE, 16 + 4 * jobs, "open files"))
+    for limit, least, kind in needed:
+        if 0 <= (allowed := getrlimit(limit)[0]) < least:
+            raise ElastidError("workers/died", f"{allowed} {kind} (ulimit), {jobs} processes need {least}")
 
 
 @contextmanager
@@ -99,6 +128,8 @@ def insisting() -> Iterator[Event]:
             interrupt_main()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        if os.isatty(2):
+            os.write(2, b"\x1b[?25h")  # the cursor, which a progress bar that ends here may leave hidden
         if not pressed.is_set():
             pressed.set()
             Thread(target=insist, daemon=True).start()

@@ -9,7 +9,6 @@ from elastid.excitation.spec import MultisineSpec, planned_lines
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.parameter_choice import choose
 from elastid.fit.tolerances import with_tolerances
-from elastid.parameters import Parameter
 from elastid.study import Study
 
 
@@ -77,20 +76,12 @@ def _unknowns(study: Study) -> Iterator[str]:
     if robots := [f"{name} ({', '.join(names)})" for name, names in study.fit.robots.items()]:
         yield f"{_plural(len(robots), 'robot')} of this type: {', '.join(robots)}"
     yield _plural(len(parameters.free), "unknown")
-    rows = [("  name", "start", "lower", "upper", "unit")]
-    rows += [
-        ("  " + p.name, f"{p.value:.5g}", f"{p.lower:.5g}", f"{p.upper:.5g}", p.unit + _prior(p))
-        for p in parameters.free
-    ]
-    yield from columns(rows)
+    table = parameters.display
+    yield from (f"  {line}" for line in columns([table.headings, *table.rows]))
     if ties := [f"{p.name} = {p.tie.factor:g} {p.tie.to}" for p in parameters if p.tie is not None]:
         yield f"  tied: {', '.join(ties)}"
     if more := len(with_tolerances(parameters, study.as_robot(), study.fit).free) - len(parameters.free):
         yield f"  {_plural(more, 'number')} of the robot's file may move within tolerances (robot.tolerances)"
-
-
-def _prior(parameter: Parameter) -> str:
-    return "" if parameter.prior is None else f"  (prior {parameter.prior.mean:g}, std {parameter.prior.std:g})"
 
 
 def _experiments(study: Study) -> Iterator[str]:

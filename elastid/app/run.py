@@ -6,7 +6,7 @@ import os
 import shlex
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -16,15 +16,15 @@ from pkgutil import resolve_name
 from typing import Any
 
 from elastid.app.console import Console
-from elastid.app.stage_table import FRICTION, SIMULATED, Source, Stage, stages_of, stages_of_study
-from elastid.app.work import Work, file_hash, handed_values, hash_of, software
+from elastid.app.stage_table import FRICTION, SIMULATED, Stage, stages_of, stages_of_study
+from elastid.app.work import Work, handed_values, software
 from elastid.app.work import stamps as stamps_of
 from elastid.base.errors import StudyError
 from elastid.base.files import own_path
 from elastid.base.workers import lasting_workers, load_for_workers
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import changed_texts, has_checksum, is_intact, keep_checksums, one_writer
-from elastid.study import LoadedStudy, Study
+from elastid.study import LoadedStudy, Study, load_with_logs
 
 
 @dataclass(frozen=True)
@@ -41,24 +41,9 @@ class Run:
         """The study."""
         return self.loaded.study
 
-    @property
-    def stamps(self) -> dict[str, Stamp]:
-        """The stamp that the result of each stage must carry; files that other commands have left contribute to it."""
-        stamps = dict(self._stamps)
-        for stage, row in self.stages.items():
-            if extras := self.extras(row):
-                inputs = hash_of([stamps[stage].inputs, [[name, file_hash(path)] for name, path in extras.items()]])
-                stamps[stage] = replace(stamps[stage], inputs=inputs)
-        return stamps
-
-    def extras(self, row: Stage) -> dict[str, Path]:
-        """The files of the run folder that other commands have left for a stage, but for those changed since."""
-        changed = changed_texts(self.folder, row.extras)
-        paths = {name: self.folder / name for name in row.extras if name not in changed}
-        return {name: path for name, path in paths.items() if path.is_file()}
-
     @cached_property
-    def _stamps(self) -> dict[str, Stamp]:
+    def stamps(self) -> dict[str, Stamp]:
+        """The stamp that the result of each stage must carry."""
         return stamps_of(self.loaded)
 
     @cached_property
@@ -81,27 +66,22 @@ class Run:
     def handed(self, stage: str) -> dict[str, Any]:
         """The arguments of a stage: what its row declares, the ways of working on it, and nothing else.
 
-        Of earlier results the files; None for an optional one that is missing.  Warns of extras that are left out.
+        Of earlier results the files; None for an optional one that is missing.
         """
         row = self.stages[stage]
-        extras = self.extras(row)
-        for name in row.extras:
-            if name not in extras and (path := self.folder / name).is_file():
-                self.console.warn(f"{path} has changed since it was written and is left out; make it again")
         sources = {
-            source.argument: self.path(source.stage) if not source.optional or self.is_made(source) else None
+            source.argument: self.path(source.stage) if not source.optional or self.is_made(source.stage) else None
             for source in row.sources
             if source.stage in self.stages
         }
-        further = {name.partition(".")[0]: extras.get(name) for name in row.extras}
         stamp, read = replace(self.stamps[stage], study=""), tuple(filter(None, sources.values()))
         work = Work(stage, self.partial(stage), stamp, read, self.jobs, self.console)
-        return {**handed_values(self.loaded, row), **sources, **further, "work": work}
+        return {**handed_values(self.loaded, row), **sources, "work": work}
 
-    def is_made(self, source: Source) -> bool:
-        """True if the result of an earlier stage, or its part, is there, made from the same inputs by any version."""
-        stamp, wanted = read_stamp(self.path(source.stage)), self.stamps[source.stage]
-        return stamp is not None and (stamp.part == wanted.part if source.part else stamp.inputs == wanted.inputs)
+    def is_made(self, stage: str) -> bool:
+        """True if the result of a stage is there, made from the same inputs by any version."""
+        stamp = read_stamp(self.path(stage))
+        return stamp is not None and stamp.inputs == self.stamps[stage].inputs
 
     def is_current(self, stage: str) -> bool:
         """True if the result of a stage is there as it was written, made from the same inputs by the same code."""
@@ -159,33 +139,32 @@ class Run:
         self.require_stage(stage)
         for source in self.stages[stage].sources:
             if source.stage in self.stages and not source.optional:
-                self.require_result(source.stage, source.part)
+                self.require_result(source.stage)
 
-    def require_result(self, name: str, part: bool = False) -> None:
-        """Refuse to go on without the result of a stage, or that part of it; StudyError says which command makes it."""
+    def require_result(self, name: str) -> None:
+        """Refuse to go on without the result of a stage; StudyError says which command makes it."""
         path, wanted = self.path(name), self.stamps[name]
         stamp = read_stamp(path)
-        command = f"run `elastid {name} {self.loaded.path}` first, with the same options"
+        command = f"run `elastid run {self.loaded.path} {name}` first, with the same options"
         if not path.is_file():
             raise StudyError("run/earlier-stage", command, f"{path} is missing")
         if stamp is None:
             raise StudyError("run/earlier-stage", f"{path} cannot be read or is no result of elastid: {command}")
-        if (stamp.part != wanted.part) if part else (stamp.inputs != wanted.inputs):
+        if stamp.inputs != wanted.inputs:
             raise StudyError(
                 "run/earlier-stage", f"{path} was made from another study, other data or other options: {command}"
             )
         if not has_checksum(path):
             self.console.warn(
                 f"{path} carries no checksum, so that damage to it would go unnoticed: it was written by an older "
-                f"elastid, or its first bytes are damaged; it is used as is, and `elastid {name} "
-                f"{self.loaded.path}` makes it again"
+                f"elastid, or its first bytes are damaged; it is used as is, and `elastid run "
+                f"{self.loaded.path} {name}` makes it again"
             )
         if stamp.code != wanted.code:
             other = f"other versions ({stamp.software or f'elastid {stamp.version}'})"
             made_by = "another state of elastid's code" if stamp.software == wanted.software else other
-            self.console.warn(
-                f"{path} was made by {made_by} and is used as is; `elastid {name} {self.loaded.path}` makes it again"
-            )
+            again = f"`elastid run {self.loaded.path} {name}` makes it again"
+            self.console.warn(f"{path} was made by {made_by} and is used as is; {again}")
 
 
 @contextmanager
@@ -205,14 +184,26 @@ def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
             raise
 
 
-def run_all(run: Run) -> None:
-    """All stages in order, but for those whose result is current; FitError where the fit cannot be trusted."""
-    modules = [stage.module for name, stage in run.stages.items() if not run.is_current(name)]
+def run_all(run: Run, names: Sequence[str] = ()) -> None:
+    """All stages in order, but for those whose result is current, or those that are named, current or not.
+
+    FitError where the fit cannot be trusted; StudyError where a result that a named stage reads is missing or outdated.
+    """
+    for name in names:
+        run.require_stage(name)
+    stages = {name: stage for name, stage in run.stages.items() if name in names or not names}
+    for name in [*stages][: len(names) and 1]:
+        run.require(name)
+    modules = [stage.module for name, stage in stages.items() if names or not run.is_current(name)]
     if run.jobs > 1 and modules:
         load_for_workers(modules)
     with logged_in(run.folder, run.jobs, run.console), lasting_workers():
-        for name, stage in run.stages.items():
-            if run.is_current(name):
+        run.console.shows_tables = bool(names) or run.console.verbosity > 0
+        for name, stage in stages.items():
+            if names:
+                run.require(name)
+                carry_out(run, name)
+            elif run.is_current(name):
                 run.console.say(f"{name}: nothing has changed, {run.path(name).name} is kept")
                 # Of a stage that was killed after its result was written and before it had tidied up.
                 shutil.rmtree(run.partial(name), ignore_errors=True)
@@ -220,20 +211,9 @@ def run_all(run: Run) -> None:
             else:
                 _report_damage(run, run.path(name), stage)
                 carry_out(run, name)
-        for conclude in dict.fromkeys(stage.conclude for stage in run.stages.values() if stage.conclude):
+        run.console.shows_tables = True
+        for conclude in dict.fromkeys(stage.conclude for stage in stages.values() if stage.conclude):
             resolve_name(conclude)(run)
-
-
-def run_stage(run: Run, name: str) -> None:
-    """One stage, current or not; StudyError where a result that it reads is missing or out of date."""
-    run.require(name)
-    stage = run.stages[name]
-    if run.jobs > 1:
-        load_for_workers([stage.module])
-    with logged_in(run.folder, run.jobs, run.console), lasting_workers():
-        carry_out(run, name)
-        if stage.conclude:
-            resolve_name(stage.conclude)(run)
 
 
 def carry_out(run: Run, name: str) -> None:
@@ -263,6 +243,11 @@ def carry_out(run: Run, name: str) -> None:
     if artefacts.error is not None:
         raise artefacts.error
     keep_checksums(run.folder, stage.texts)
+    if name == "measure" and run.study.experiment.recorded is not None:
+        try:
+            load_with_logs(run.loaded.path, run.loaded.overrides)
+        except StudyError as error:  # what `check` refuses, and the import does not
+            run.console.warn(str(error))
 
 
 def _report_damage(run: Run, path: Path, stage: Stage) -> None:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
+from textwrap import indent
 
 import numpy as np
 
@@ -26,7 +27,7 @@ def new(folder: Path, template: str) -> Path:
     Raises StudyError where the folder holds anything already.
     """
     _check_new(folder)
-    study = _write_template(folder, template)
+    study = _write(folder, _template(template))
     if template in EXAMPLE_LOGS:
         EXAMPLE_LOGS[template](folder)
     return study
@@ -65,13 +66,16 @@ def _check_new(folder: Path) -> None:
 
 
 def demo(folder: Path) -> Path:
-    """The demo's study in its run folder, to copy and edit; existing files are kept."""
-    return _write_template(folder, "serial")
+    """The demo's study in its run folder, its robot in it, to copy and edit; existing files are kept."""
+    texts = _template("serial")
+    robot = indent(texts.pop("robot.yml"), "  ")
+    return _write(folder, {"study.yml": texts["study.yml"].replace("robot: robot.yml\n", f"robot:\n{robot}")})
 
 
-def _write_template(folder: Path, template: str) -> Path:
-    sources = (files("elastid.app") / "templates" / template).iterdir()
-    return _write(folder, {source.name: source.read_text(encoding="utf-8") for source in sources})
+def _template(name: str) -> dict[str, str]:
+    """The texts of a template by file."""
+    sources = (files("elastid.app") / "templates" / name).iterdir()
+    return {source.name: source.read_text(encoding="utf-8") for source in sources}
 
 
 def _write(folder: Path, texts: Mapping[str, str]) -> Path:
@@ -96,24 +100,15 @@ def write_shaken_masses(folder: Path) -> None:
 
 def write_elastic_joint(folder: Path) -> None:
     """logs/bench_1.csv and bench_2.csv of the template's robot with other numbers than its file has."""
-    from elastid.excitation.spec import MultisineSpec
-    from elastid.experiment.plan.plan import make_plan
-    from elastid.experiment.simulated.rig import SimulatedRig
-    from elastid.experiment.specs.disturbances import NoiseSpec
-    from elastid.experiment.specs.experiment import ExperimentSpec
-    from elastid.experiment.specs.simulated import SimulatedSpec
-    from elastid.study import load_robot
+    from elastid.verbs import read_robot, simulate
 
-    robot, seed = load_robot(folder / "robot.yml"), 1
-    noise = NoiseSpec(torque_std=1e-4, angle_std=2e-6)
-    rig = SimulatedSpec(truth=dict(TRUTH), outputs=("motor 1", "joint 1"), noise=noise)
-    experiment = ExperimentSpec({"bench": (0.0,)}, periods=4, simulated=rig)
-    excitation = MultisineSpec(rate_hz=1000, period=2, band_hz=(1, 150), torque_rms=0.1)
-    plan = make_plan(excitation, experiment, robot, seed)
-    simulated = SimulatedRig(robot, experiment, plan, seed)
+    noise = {"torque_std": 1e-4, "angle_std": 2e-6}
+    rig = {"truth": dict(TRUTH), "outputs": ["motor 1", "joint 1"], "noise": noise}
+    experiment = {"configurations": {"bench": [0]}, "periods": 4, "simulated": rig}
+    excitation = {"rate_hz": 1000, "period": 2, "band_hz": [1, 150], "torque_rms": 0.1}
+    records = simulate(read_robot(folder / "robot.yml"), excitation=excitation, experiment=experiment, seed=1)
     columns = ("current", "motor_angle", "load_angle")
-    for i, run in enumerate(simulated.experiments, start=1):
-        record = simulated.measure(run)
+    for i, record in enumerate(records, start=1):
         _write_log(folder / "logs" / f"bench_{i}.csv", columns, np.hstack([record.u / TORQUE_CONSTANT, record.y]))
 
 

@@ -1,7 +1,7 @@
 """The table of stages: for each kind of study the values that a stage is handed, its artefacts and its function.
 
-A further stage is a row here and a file below `stages`. Functions stand as text, so that the command line, which shows
-a command for each row, loads none of them.
+A further stage is a row here and a file below `stages`. Functions stand as text, so that the command line, which knows
+the names of all stages, loads none of them.
 """
 
 from __future__ import annotations
@@ -48,12 +48,10 @@ class Value:
 class Source:
     """The result of an earlier stage, handed over as the argument <stage>_file, where a study has that stage.
 
-    part: the stage reads only that part of it which the earlier row names, and depends on no more.  optional: None is
-    handed over where the file is missing or of another study; the result then says what it lacks.
+    optional: None is handed over where the file is missing or of another study; the result then says what it lacks.
     """
 
     stage: str
-    part: bool = False
     optional: bool = False
 
     @property
@@ -66,14 +64,11 @@ class Source:
 class Stage:
     """A stage of some kinds of study: function(*, <values>, work) -> Artefacts, see `elastid.app.work`.
 
-    values: of the study.  sources: results of earlier stages.  help: of the command of its name, in the first row of
-    that name.  files(values, folder): named by the study, handed over as `files`.  extras: files of the run folder that
-    other commands leave, handed over by their stem where they are as written, else None.  leaves: the first file
-    carries the stamp, the second is for programs.  patterns: of further files that it leaves.  outdates: stages whose
-    summary goes when the files of this one are written, unless it is current.  part(study): the values on which the
-    part of the result depends that later stages read; None for all of it.  needs: a section without which a study has
-    not this stage.  function, conclude: "module:name".  conclude(run): shows the result at the end of a run; FitError
-    where it cannot be trusted.
+    values: of the study.  sources: results of earlier stages.  files(values, folder): named by the study, handed over
+    as `files`.  leaves: the first file carries the stamp, the second is for programs.  patterns: of further
+    files that it leaves.  outdates: stages whose summary goes when the files of this one are written, unless it is
+    current.  needs: a section without which a study has not this stage.  function, conclude: "module:name".
+    conclude(run): shows the result at the end of a run; FitError where it cannot be trusted.
     """
 
     name: str
@@ -81,13 +76,10 @@ class Stage:
     leaves: tuple[str, ...]
     function: str
     values: tuple[Value, ...]
-    help: str = ""
     sources: tuple[Source, ...] = ()
     files: Callable[[Mapping[str, Any], Path], NamedFiles] | None = None
-    extras: tuple[str, ...] = ()
     patterns: tuple[str, ...] = ()
     outdates: tuple[str, ...] = ()
-    part: Callable[[Study], tuple[Value, ...] | None] | None = None
     needs: str = ""
     conclude: str = ""
 
@@ -155,23 +147,13 @@ def _plain(paths: Iterable[str], folder: Path) -> NamedFiles:
 
 # The robot and places of stages before the fit, which do not depend on tolerances.
 ROBOT, PLACES = Value("robot", without=("tolerances",)), Value("places", without=("tolerances",))
-PLAN = (*values("seed", "excitation", "experiment"), ROBOT)
-# The motions of a friction study do not depend on the law that is fitted to them; the design's advice does.
-MOTIONS = (*values("seed", "robot", "friction_joints", "experiment"), Value("friction", without=("law",)))
-# Keys of `fit` for its search and its intervals, which no plan depends on: a longer search needs no other plan.
+# Keys of `fit` for its search and its intervals, which no plan depends on.
 SEARCH = (
     "log_first", "starts", "start_factor", "continuation", "solver", "profile",
     "bootstrap", "seed",
 )  # fmt: skip
 
 
-def plan_values(study: Study) -> tuple[Value, ...] | None:
-    """Values on which the plan depends without its forecast; all where configurations or spectra were chosen."""
-    chosen = study.design is not None or (study.excitation is not None and study.excitation.flat == "information")
-    return None if chosen else PLAN
-
-
-DESIGN_PART = Source("design", part=True)
 # Values of everything that is said of a fit: the truth of a simulated rig among them.
 FITTED = values("name", "robot", "experiment", "model", "seeded_fit")
 
@@ -183,13 +165,11 @@ STAGES = (
             *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out", "loads"),
             *values("estimator.quantity", "estimator.friction", "gears"), Value("fit", without=SEARCH),
         ),
-        files=earlier_measurements, patterns=("references/*.csv",), part=plan_values,
-        help="Choose configurations, plan the excitation and predict the intervals: plan.h5 and references/*.csv.",
+        files=earlier_measurements, patterns=("references/*.csv",),
     ),
     Stage(
         "measure", (SIMULATED,), ("records.h5",), "elastid.app.stages.measure:simulate",
-        values=(*values("seed", "experiment"), ROBOT), sources=(DESIGN_PART,),
-        help="Simulate the experiments or import the recorded logs: records.h5.",
+        values=(*values("seed", "experiment"), ROBOT), sources=(Source("design"),),
     ),
     Stage(
         "measure", (RECORDED, FRF), ("records.h5",), "elastid.app.stages.measure:import_logs",
@@ -197,8 +177,7 @@ STAGES = (
     ),
     Stage(
         "estimate", (SIMULATED, RECORDED, FRF), ("frf.h5",), "elastid.app.stages.estimate:estimate",
-        values=(*values("estimator"), ROBOT), sources=(DESIGN_PART, Source("measure")),
-        help="Estimate the frequency responses with their covariance: frf.h5.",
+        values=(*values("estimator"), ROBOT), sources=(Source("design"), Source("measure")),
     ),
     Stage(
         "estimate", (RESPONSES, FRF_RESPONSES), ("frf.h5",), "elastid.app.stages.estimate:import_responses",
@@ -209,31 +188,23 @@ STAGES = (
         values=(*FITTED, *values("seed", "loads", "tool", "estimator"), Value("validation.left_out")),
         files=tool_responses, sources=(Source("estimate"),),
         patterns=("identified_robot*.yml",), outdates=("validate",), conclude="elastid.app.stages.fit:conclude",
-        help="Fit the elastic parameters: fit.h5 and summary.json.",
     ),
     Stage(
         "gears", (SIMULATED, RECORDED), ("gears.h5", "summary.json"), "elastid.app.stages.gears:gears",
         values=(*FITTED, *values("estimator", "gears", "validation.left_out")),
-        sources=(DESIGN_PART, Source("measure"), Source("estimate"), Source("fit")),
+        sources=(Source("design"), Source("measure"), Source("estimate"), Source("fit")),
         patterns=("identified_robot*.yml",), outdates=("validate",), needs="gears",
         conclude="elastid.app.stages.fit:conclude",
-        help="Find what the gears do besides being springs, with the parameters: gears.h5.\n\nFriction before and "
-        "behind each gear and by load, stiffness by torque, hysteresis, transmission error and ripple, each with its "
-        "interval or a bound, in makers' units; summary.json and identified_robot.yml then have the numbers found "
-        "beside them.",
     ),
     Stage(
         "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
         values=(*FITTED, *values("estimator", "tool", "validation")), files=tool_responses,
         sources=(Source("measure", optional=True), Source("estimate"), Source("fit"), Source("gears")),
-        help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
     ),
     Stage(
         "report", WITH_A_ROBOT, ("report.html", "figures"), "elastid.app.stages.report:report",
         values=(*FITTED, *values("text", "report")),
         sources=(Source("design"), Source("estimate"), Source("fit"), Source("gears"), Source("validate")),
-        extras=("compare.json",),
-        help="Write the page and, where asked for, figures: report.html and figures/.",
     ),
     Stage(
         "report", (FRF, FRF_RESPONSES), ("report.html", "figures", "modes.csv", "modes.h5"),
@@ -244,11 +215,10 @@ STAGES = (
     Stage(
         "design", (FRICTION,), ("plan.h5",), "elastid.app.stages.friction:design_motions",
         values=values("seed", "robot", "friction_joints", "experiment", "friction"), patterns=("references/*.csv",),
-        part=lambda study: MOTIONS,
     ),
     Stage(
         "measure", (FRICTION,), ("records.h5",), "elastid.app.stages.friction:simulate_motions",
-        values=values("seed", "robot", "experiment"), sources=(DESIGN_PART,),
+        values=values("seed", "robot", "experiment"), sources=(Source("design"),),
     ),
     Stage(
         "measure", (FRICTION_RECORDED,), ("records.h5",), "elastid.app.stages.friction:import_motions",
@@ -257,7 +227,6 @@ STAGES = (
     Stage(
         "levels", OF_FRICTION, ("levels.h5",), "elastid.app.stages.friction:levels",
         values=values("robot", "friction_joints", "validation.left_out"), sources=(Source("measure"),),
-        help="Find the friction at each speed, load and temperature: levels.h5.",
     ),
     Stage(
         "friction", OF_FRICTION, ("friction.h5", "summary.json", "identified_robot.yml"),
@@ -265,20 +234,20 @@ STAGES = (
         values=values("name", "robot", "experiment", "friction", "validation.left_out"),
         sources=(Source("measure"), Source("levels")),
         conclude="elastid.app.stages.friction:conclude",
-        help="Identify the law of friction: friction.h5, summary.json and identified_robot.yml.",
     ),
     Stage(
         "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.friction:follow_friction",
         values=values("robot", "filter"), sources=(Source("measure"), Source("friction")), needs="filter",
-        help="Follow the friction of each joint over its motions with a Kalman filter, into filter.h5.\n\nThe study's "
-        "section filter says which numbers are followed and how fast they may drift; the page shows them with 95 % "
-        "bands and names those that the motion cannot identify.",
     ),
     Stage(
         "report", OF_FRICTION, ("report.html", "figures"), "elastid.app.stages.friction:report_friction",
         values=values("name", "text", "report"), sources=(Source("design"), Source("friction"), Source("follow")),
     ),
 )  # fmt: skip
+
+
+# Every name of a stage, in order.
+NAMES = tuple(dict.fromkeys(stage.name for stage in STAGES))
 
 
 def stages_of(kind: str) -> dict[str, Stage]:
@@ -290,8 +259,3 @@ def stages_of_study(study: Study) -> dict[str, Stage]:
     """The stages of a study by name, in order: those of its kind, without those that need a section it has not."""
     stages = (stage for stage in STAGES if study.kind in stage.kinds)
     return {stage.name: stage for stage in stages if not stage.needs or getattr(study, stage.needs) is not None}
-
-
-def helps() -> dict[str, str]:
-    """The line of help of each stage's command by the name of the stage, in order."""
-    return {stage.name: stage.help for stage in STAGES if stage.help}

@@ -16,7 +16,7 @@ from elastid.base.note import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import uncertain_modes
@@ -42,7 +42,7 @@ def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
     return tuple(_mode_row(fitted.model, model, fitted.result) for model in fitted.linear)
 
 
-def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> ModeRow:
+def _mode_row(elastic: ElasticModel, model: LinearModel, result: Result) -> ModeRow:
     configuration = model.configuration
     theta = result.theta_of(configuration.name)
     robot = elastic.robot_at(theta[:-1])
@@ -51,12 +51,14 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> M
     shapes, point = shapes_of_all(model, modal.shapes), equilibrium(elastic, theta[:-1], configuration)
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
+    shares = np.vstack([energy.share, energy.load])
+    own = shares[-1] < 0.5  # a pendulum under gravity is no mode of springs
     return ModeRow(
-        *(configuration.name, modal.freq_hz, modal.zeta, deviations.freq_std, deviations.zeta_std),
-        *(elastic.coordinates, shapes),
+        *(configuration.name, modal.freq_hz[own], modal.zeta[own], deviations.freq_std[own], deviations.zeta_std[own]),
+        *(elastic.coordinates, shapes[:, own]),
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
-        energy=np.vstack([energy.share, energy.load]),
-        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l], robot.gravity),
+        energy=shares[:, own],
+        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l, own], robot.gravity),
     )
 
 
@@ -83,7 +85,7 @@ def failure(name: str, starts: int, message: str) -> dict[str, Any]:
 def summary(
     name: str,
     robot: Robot,
-    result: FitResult,
+    result: Result,
     rows: Sequence[ParameterRow],
     mode_rows: Sequence[ModeRow],
     agreements: Sequence[Agreement],
@@ -128,7 +130,7 @@ def summary(
     }
 
 
-def _static_loads(result: FitResult) -> dict[str, Any] | None:
+def _static_loads(result: Result) -> dict[str, Any] | None:
     """Load tests next to the responses, in m; null without any."""
     if result.static is None:
         return None
@@ -137,7 +139,7 @@ def _static_loads(result: FitResult) -> dict[str, Any] | None:
     return section(result.static, "ratio ratio_std chi_square dof cause") | {"readings": readings}
 
 
-def _tool_responses(result: FitResult) -> dict[str, Any] | None:
+def _tool_responses(result: Result) -> dict[str, Any] | None:
     """Responses at the tool next to those of the motors; null without any."""
     if result.tool is None:
         return None
@@ -319,7 +321,7 @@ def _motion(motion: MotionFriction) -> dict[str, Any]:
     }
 
 
-def _parameters(result: FitResult, rows: Sequence[ParameterRow]) -> dict[str, dict[str, Any]]:
+def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, dict[str, Any]]:
     repeated = result.std_by_noise
     return {
         row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
@@ -340,7 +342,7 @@ def _parameters(result: FitResult, rows: Sequence[ParameterRow]) -> dict[str, di
     }
 
 
-def _tolerated(result: FitResult) -> dict[str, dict[str, Any]]:
+def _tolerated(result: Result) -> dict[str, dict[str, Any]]:
     """Numbers of the robot's file that moved within their tolerances: the file's value, tolerance, and estimate."""
     return {
         p.name: {

@@ -14,16 +14,16 @@ from elastid.app.use_fit import Used, use_fit
 from elastid.base.display import Display, number, percent
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
-from elastid.export.fmu import write_move_fmu
-from elastid.export.move import write_move
 from elastid.fit.posture import Asked
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.report.answer import Answer
 from elastid.report.figures.use import move_figure
 from elastid.robot import Robot
 from elastid.store.files import write_rows
 from elastid.store.measured import read_friction
 from elastid.store.results import write_tune
+from elastid.targets.fmu import write_move_fmu
+from elastid.targets.move import write_move
 from elastid.use.command.moves import KINDS, read_move
 from elastid.use.command.tune import Given, TunedMove, tune_move
 from elastid.use.draws import draw_robots, estimated_robot
@@ -46,7 +46,7 @@ class Command:
 def tune_study(run: Run, asked: Command) -> None:
     """tune.h5, tune.csv and further files of a move on the study's fit; StudyError without a current one."""
 
-    def work(result: FitResult) -> Used:
+    def work(result: Result) -> Used:
         given = _given(run, asked, result)
         move = read_move(asked.path, given.identified, given.frame, 0.0 if asked.fastest else asked.duration)
         with run.console.progress("tune") as progress:
@@ -63,7 +63,7 @@ def tune_study(run: Run, asked: Command) -> None:
     use_fit(run, "tune", work)
 
 
-def _given(run: Run, asked: Command, result: FitResult) -> Given:
+def _given(run: Run, asked: Command, result: Result) -> Given:
     """The robots of a study with the frame that is asked for."""
     study = run.study
     family = result.family(Asked(frame=asked.frame))
@@ -107,15 +107,13 @@ def answer(tuned: TunedMove) -> Answer:
         f"{tuned.judge}, with rigid feedforward within {number(1e3 * rigid.largest, 3)} mm; its vibration after the "
         f"move is {number(rigid.residual / max(own.residual, 1e-12), 3)} times smaller."
     )
-    on_draws = ""
-    if own.high is not None and drawn:
-        high = float(own.high.max())
-        by_geometry = f", and {number(1e3 * high, 3)} mm with lengths and zeros within the tolerances of the file"
-        on_draws = (
-            f"On {tuned.draws} robots drawn from the fit the largest error is at most "
-            f"{number(1e3 * tuned.largest, 3)} mm (95 %){by_geometry if high > 1.01 * tuned.largest else ''}; torques "
-            f"take at most {100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
-        )
+    on_draws = (
+        f"On {tuned.draws} robots drawn from the fit, lengths and zeros within their tolerances, the largest error is "
+        f"at most {number(1e3 * float(own.high.max()), 3)} mm (95 %), and torques take at most "
+        f"{100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
+        if own.high is not None and drawn
+        else ""
+    )
     advice = f"{tuned.advice}." if tuned.advice else "Give the drives tune.csv, or a file of the folder tune."
     errors = [(o.name, *(number(1e3 * v, 3) for v in (o.largest, o.rms, o.static, o.residual))) for o in tuned.outcomes]
     limits = []

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from elastid.app.options import POSITIVE, run_of, stage_options, study_argument
+from elastid.app.options import POSITIVE, RATE, Finite, run_of, stage_options, study_argument
 
 
 @click.command(name="map")
@@ -18,15 +18,8 @@ from elastid.app.options import POSITIVE, run_of, stage_options, study_argument
     help="A grid over the workspace, N points along its longest side (12 if not given).")  # fmt: skip
 @click.option("--random", type=click.IntRange(1, 100_000), metavar="N",
     help="Random postures (1000 if nothing is given).")  # fmt: skip
-@click.option(
-    "--load",
-    type=float,
-    nargs=3,
-    default=(0.0, 0.0, -100.0),
-    show_default=True,
-    metavar="X Y Z",
-    help="Force at the frame in N, axes of the base.",
-)
+@click.option("--load", type=float, nargs=3, default=(0.0, 0.0, -100.0), show_default=True, metavar="X Y Z",
+    help="Force at the frame in N, axes of the base.")  # fmt: skip
 @click.option("--cutting", type=float, default=700e6, show_default=True, metavar="N/M^2", help="Cutting coefficient.")
 @click.option("--normal", type=float, nargs=3, metavar="X Y Z", help="Normal of the cut (default: the worst one).")
 @click.option("--cutting-force", "force", type=float, nargs=3, metavar="X Y Z", help="Its force (default: --normal).")
@@ -61,16 +54,16 @@ def map_command(
 @study_argument
 @click.option("--path", type=click.Path(path_type=Path), required=True, metavar="FILE",
     help="CSV of joint angles or poses, with times in a column t, or without.")  # fmt: skip
-@click.option("--time", "duration", type=POSITIVE, metavar="S", help="Duration in s.")
+@click.option("--time", "duration", type=Finite(0, 600, min_open=True), metavar="S", help="Duration in s.")
 @click.option("--fastest", is_flag=True, help="The shortest time in which the error is kept.")
 @click.option("--error", "error_mm", type=POSITIVE, default=1.0, show_default=True,
     metavar="MM", help="That the tool may have, as planned.")  # fmt: skip
 @click.option("--frame", metavar="NAME", help="Frame that follows the path (default: tool, else the last one).")
-@click.option("--rate", "rate_hz", type=POSITIVE, metavar="HZ",
+@click.option("--rate", "rate_hz", type=RATE, metavar="HZ",
     help="Of the references (default: that of the study, else 500).")  # fmt: skip
 @click.option("--bandwidth", "bandwidth_hz", type=POSITIVE, default=4.0,
     show_default=True, metavar="HZ", help="Of the drives' position loops, in the simulation.")  # fmt: skip
-@click.option("--draws", type=click.IntRange(min=0), default=20, show_default=True, metavar="N",
+@click.option("--draws", type=click.IntRange(0, 200), default=20, show_default=True, metavar="N",
     help="Robots drawn from the fit, on which limits hold, too.")  # fmt: skip
 @stage_options
 def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
@@ -95,10 +88,10 @@ def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_m
 
 @click.command()
 @study_argument
-@click.option("--rate", "rate_hz", type=POSITIVE, metavar="HZ", help="Of the controller (default: the study's).")
+@click.option("--rate", "rate_hz", type=RATE, metavar="HZ", help="Of the controller (default: the study's).")
 @click.option("--delay", type=click.IntRange(min=0), metavar="N",
     help="Samples from reading to torque (default: the study's, else 0).")  # fmt: skip
-@click.option("--draws", type=click.IntRange(min=0), default=200, show_default=True, metavar="N",
+@click.option("--draws", type=click.IntRange(0, 5000), default=200, show_default=True, metavar="N",
     help="Robots drawn from the fit, of which 95 % keep the limit.")  # fmt: skip
 @stage_options
 def loops(study: Path, rate_hz: float | None, delay: int | None, draws: int, **options: Any) -> None:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from elastid.app.run import Run, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.report.answer import Answer
 from elastid.report.page.page_of_use import write_page_of_answer
 from elastid.store.files import keep_checksums
@@ -31,7 +31,7 @@ class Used:
     warnings: tuple[str, ...] = ()
 
 
-def use_fit(run: Run, name: str, work: Callable[[FitResult], Used]) -> None:
+def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
     """All results of a command `name` on the study's fit; StudyError without a current one."""
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):

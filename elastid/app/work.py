@@ -129,13 +129,10 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     for name, stage in stages_of_study(loaded.study).items():
         handed = {value.argument: value.of(loaded) for value in stage.values}
         named = stage.files(handed, loaded.base) if stage.files is not None else {}
-        earlier = [(results[source.stage], source) for source in stage.sources if source.stage in results]
         contents = [[path, [[file.name, file_hash(file)] for file in behind]] for path, behind in named.items()]
-        read = [[source.stage, stamp.part if source.part else stamp.inputs] for stamp, source in earlier]
-        inputs = part = hash_of([name, list(handed.items()), contents, read])
-        if stage.part is not None and (declared := stage.part(loaded.study)) is not None:
-            part = hash_of([name, [(value.argument, value.of(loaded)) for value in declared]])
-        results[name] = Stamp(inputs, code, __version__, loaded.study.seed, loaded.text, software(), part)
+        read = [[source.stage, results[source.stage].inputs] for source in stage.sources if source.stage in results]
+        inputs = hash_of([name, list(handed.items()), contents, read])
+        results[name] = Stamp(inputs, code, __version__, loaded.study.seed, loaded.text, software())
     return results
 
 

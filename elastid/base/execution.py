@@ -27,7 +27,7 @@ Value = TypeVar("Value")
 ANSWER_S = 10.0
 WORKERS_S = 120.0
 # Schemes of an address over a network; those with True need certificates from the configuration of Dask.
-SCHEMES = {"tcp": False, "tls": True, "ws": False, "wss": True, "ucx": False}
+SCHEMES = {"tcp": False, "tls": True, "ws": False, "wss": True}
 # Address of the scheduler that work goes to; empty where it stays on this machine.
 SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 
@@ -40,7 +40,8 @@ def on_dask(address: str) -> Iterator[None]:
     """
     if address and find_spec("distributed") is None:
         raise ElastidError(
-            "install/missing-package", "Dask is not installed; install elastid with the extra dask, or leave --dask out"
+            "install/missing-package",
+            "Dask is not installed; `uv sync --extra dask` does it, or leave --dask out",
         )
     if address and not _is_address(address):
         raise StudyError(
@@ -100,7 +101,7 @@ def client_of(address: str) -> Iterator[Any]:
         )
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
-    except OSError as error:
+    except Exception as error:  # of a scheme, too, for which a package is missing
         raise ElastidError("workers/cluster", f"no Dask scheduler answers at {address}: {error}") from error
     try:
         yield client

@@ -39,8 +39,8 @@ def clear_folder(run_folder: Path, *names: str) -> Path:
 
 
 def unlinked(path: str, flags: int) -> int:
-    """The opener (of `open`) of a file that is no link; ElastidError where it is one."""
-    if not hasattr(os, "O_NOFOLLOW") and _is_link(Path(path)):
+    """The opener (of `open`) of a file that is neither a link nor a device or a pipe; ElastidError where it is one."""
+    if _is_link(Path(path)) or (Path(path).exists() and not Path(path).is_file()):
         raise _refusal(Path(path))
     try:
         return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
@@ -57,7 +57,7 @@ def _is_link(path: Path) -> bool:
 def _refusal(path: Path) -> ElastidError:
     return ElastidError(
         "files/folder",
-        "is a link, and nothing is written through links in a run folder; remove it, or give another folder with --run",
+        "is a link or no file, which nothing is written to in a run folder; remove it, or give another with --run",
         path,
     )
 

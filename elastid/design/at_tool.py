@@ -27,9 +27,9 @@ from elastid.fit.problem.weights import weigh
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.spec import ModelSpec
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import Configuration
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.robot.robot import with_frames
 
@@ -91,7 +91,7 @@ def tool_notes(
     return tuple(notes)
 
 
-def _gained(parameters: ParameterSet, A: FloatArray, J_J: FloatArray, std: FloatArray, always: bool) -> str:
+def _gained(parameters: Parameters, A: FloatArray, J_J: FloatArray, std: FloatArray, always: bool) -> str:
     """`k_6 from 16 to 0.1 %` of the stiffnesses that gain most; empty where none gains enough."""
     asked = parameters.asked
     prior = np.eye(len(A)) / LIMITS.unknown**2
@@ -120,7 +120,7 @@ def _of_taps(expected: Sequence[ExpectedResponse], robot: Robot, model: ModelSpe
         where = replace(each.response.configuration, name=each.response.configuration.name + AT_TOOL)
         lines = each.response.freq_hz
         G = np.zeros((len(lines), 3, 3), complex)
-        tapped = FrequencyResponse(lines, G, forces, motions, "acceleration", where, motors="held")
+        tapped = Response(lines, G, forces, motions, "acceleration", where, motors="held")
         G = frequency_response(linear_model(linearisation, tapped, theta), theta, lines)
         std = LIMITS.response * np.broadcast_to(np.abs(G).max(axis=(1, 2), keepdims=True), G.shape)
         tapped = replace(tapped, G=G, noise=Covariance(std**2, np.inf))
@@ -131,7 +131,7 @@ def _of_taps(expected: Sequence[ExpectedResponse], robot: Robot, model: ModelSpe
     return total
 
 
-def _of_loads(tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: ParameterSet) -> FloatArray:
+def _of_loads(tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> FloatArray:
     loads = StaticLoads.of(tests, robot, model, parameters)
     y, J = loads.predicted(parameters, parameters.x)
     if all(each.test.std != _RELATIVE for each in tests):

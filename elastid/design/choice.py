@@ -18,7 +18,7 @@ from elastid.design.prospect import Prospect
 from elastid.design.spec import CandidateSpec
 from elastid.experiment.plan.plan import ChosenConfiguration
 from elastid.model.kinematics import Skeleton, skeleton, tool_jacobian
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.robot import Robot
 
@@ -285,7 +285,7 @@ def _informations(
 
 
 def visible(
-    criterion: DesignCriterion, H: FloatArray, known: FloatArray, parameters: ParameterSet
+    criterion: DesignCriterion, H: FloatArray, known: FloatArray, parameters: Parameters
 ) -> tuple[DesignCriterion, FloatArray]:
     """The criterion on the parameters that the candidates together inform, and information (n_x, n_x) for the rest."""
     pooled = (H.mean(axis=1) + known).mean(axis=0)

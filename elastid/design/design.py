@@ -91,7 +91,7 @@ def moved_posture_notes(
     for (prospect, configuration, _), each in zip(within, expected, strict=True):
         response = replace(each.response, motion=prospect.motor_motion(configuration, x))
         theta = prospect.parameters.expand(x)
-        effect = effect_of_motion(prospect.linearisation.model, each.model, theta, response)
+        effect = effect_of_motion(prospect.linearisation.model, each.model, theta, response, share=0.5)
         moving.append(response)
         moved.append(each if effect is None else replace(each, response=replace(response, G=response.G + effect)))
     if expected[0].fit.criterion != "complex" or all(map(operator.is_, moved, expected)):

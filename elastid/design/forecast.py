@@ -24,7 +24,7 @@ from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.result import covariance_by_noise
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     return Forecast(*known, (*notes, *_correlated(names, by_noise)), parts=parts)
 
 
-def check_line_count(freq_hz: FloatArray, parameters: ParameterSet) -> None:
+def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
     """Refuse a grid with fewer lines than unknowns; StudyError says which period would do."""
     if refused := line_count_refusal(len(freq_hz), len(parameters.asked), "unknowns"):
         raise StudyError("excitation/power", f"{refused}, or fix some of fit.parameters", "excitation")
@@ -156,7 +156,7 @@ def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
     return np.asarray(np.divide(share, total, out=np.zeros_like(share), where=total > 0))
 
 
-def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray:
+def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
     """Directions (n_b, n) of relative changes that move the expected responses by less than their noise.
 
     They are of the n parameters that were asked for: those within tolerances have priors, and move with each direction.
@@ -216,21 +216,21 @@ UNITS = ("N*m", "rad", "rad/s", "rad/s^2", "rad/s")
 
 @frozen_value
 class LimitUse:
-    """Largest values in the rehearsal, and the limits: peak, limit (Q, 5, n_u) for QUANTITIES, infinite where none.
+    """Largest values, and the limits: peak, limit (Q, 5, n_u) for QUANTITIES, infinite where none.
 
+    peak: as rehearsed, of runs far from all limits as expected by the linear response.
     position: about the configuration, to either side, its limit the room to the nearer end.  factor (Q, n_u): by which
-    the amplitudes of the study were multiplied.  notes: one for every configuration that was scaled down.  nearest:
-    the run that came closest to a limit.  sliding: inputs that translate, in N and m.
+    the amplitudes of the study were multiplied.  notes: one for every configuration that was scaled down.  sliding:
+    inputs that translate, in N and m.
     """
 
     configurations: tuple[str, ...]
     inputs: tuple[str, ...]
-    peak: FloatArray = labelled("largest value in the rehearsal, link side", "", "configurations quantity inputs")
+    peak: FloatArray = labelled("largest value, link side", "", "configurations quantity inputs")
     limit: FloatArray = labelled("limit, infinite where there is none", "", "configurations quantity inputs")
     factor: FloatArray = labelled("factor on the amplitudes that the study gives", "", "configurations inputs")
     margin: float
     notes: tuple[Note, ...] = ()
-    nearest: str = ""
     sliding: tuple[str, ...] = ()
 
     @property

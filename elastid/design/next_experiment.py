@@ -36,9 +36,9 @@ from elastid.design.problem import DesignProblem, best_spectra_of, with_torques,
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, unit_time_s
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.tolerances import with_tolerances
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.robot import Robot
 
@@ -51,7 +51,7 @@ class Goal:
 
     widths: Mapping[str, float]
 
-    def used(self, parameters: ParameterSet, x: FloatArray, covariance: FloatArray) -> FloatArray:
+    def used(self, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> FloatArray:
         """r (n_goals,) at x (n_x,) with a covariance (n_x, n_x) of x; at most 1 where the goal is reached."""
         names, values = parameters.free_names, parameters.as_dict(x)
         places = [names.index(name) for name in self.widths]
@@ -59,7 +59,7 @@ class Goal:
         size = [1.0 if parameters[name].log else max(abs(values[name]), 1e-300) for name in self.widths]
         return np.asarray(QUANTILE_95 * std / size / np.array([*self.widths.values()]))
 
-    def reached(self, result: FitResult) -> dict[str, float]:
+    def reached(self, result: Result) -> dict[str, float]:
         """Half width of each interval of a fit, relative to the value, over what the goal asks for."""
         used = {}
         for name, width in self.widths.items():
@@ -113,7 +113,7 @@ TRIED = 8  # configurations whose other lengths are compared, and that are tried
 class Known:
     """Values and covariance (n_x, n_x) of x so far, and configurations and periods of the experiments behind them."""
 
-    parameters: ParameterSet
+    parameters: Parameters
     x: FloatArray
     covariance: FloatArray
     measured: tuple[tuple[Configuration, int], ...] = ()
@@ -132,7 +132,7 @@ class Known:
         return M
 
 
-def _prior_information(parameters: ParameterSet) -> FloatArray:
+def _prior_information(parameters: Parameters) -> FloatArray:
     """Information (n_x, n_x) of priors, and of vague ones where there are none."""
     free = parameters.free
     # Without a prior 1 of ln p, or the size of a linear parameter.

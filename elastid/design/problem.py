@@ -33,9 +33,9 @@ from elastid.frf.spec import Friction
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 
 Value = TypeVar("Value")
@@ -61,9 +61,9 @@ class DesignProblem:
     seed: int
     design: DesignSpec | None = None
     left_out: tuple[str, ...] = ()
-    measured: tuple[FrequencyResponse, ...] = ()
+    measured: tuple[Response, ...] = ()
     fitted_values: tuple[tuple[str, float], ...] = ()
-    like: tuple[FrequencyResponse, ...] = ()
+    like: tuple[Response, ...] = ()
     model: ModelSpec = EXACT
     typical: FloatArray | None = None
     friction: Friction = "none"
@@ -75,7 +75,7 @@ class DesignProblem:
         return self.experiment.as_simulated()
 
     @property
-    def parameters(self) -> ParameterSet:
+    def parameters(self) -> Parameters:
         """The parameters of the fit, at the values of earlier fits.
 
         Robots and other groups of configurations have parameters of their own where all configurations are given; those

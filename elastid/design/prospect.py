@@ -37,9 +37,9 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.spec import ModelSpec
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
-from elastid.response import Covariance, FrequencyResponse, MotorMotion
+from elastid.response import Covariance, MotorMotion, Response
 from elastid.robot import Robot
 from elastid.simulation.controller import filters_of, gains_of
 
@@ -48,10 +48,10 @@ from elastid.simulation.controller import filters_of, gains_of
 class ExpectedResponse:
     """The expected response, its model, and the weights that the fit will give to it."""
 
-    response: FrequencyResponse
+    response: Response
     model: LinearModel
     weights: Weights
-    parameters: ParameterSet
+    parameters: Parameters
     fit: FitSpec
 
     def information(self, x: FloatArray) -> FloatArray:
@@ -67,7 +67,7 @@ def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
 
 
 def variance_like(
-    responses: Sequence[FrequencyResponse], freq_hz: FloatArray, outputs: tuple[str, ...], inputs: tuple[str, ...]
+    responses: Sequence[Response], freq_hz: FloatArray, outputs: tuple[str, ...], inputs: tuple[str, ...]
 ) -> FloatArray:
     """Variance (F, n_y, n_u) of G: geometric mean over earlier responses, between their lines.
 
@@ -125,7 +125,7 @@ class Prospect:
     """
 
     robot: Robot
-    parameters: ParameterSet
+    parameters: Parameters
     fit: FitSpec
     model: ModelSpec
     outputs: tuple[str, ...]

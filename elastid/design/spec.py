@@ -128,7 +128,7 @@ class DesignSpec:
 
     # fmt: off
     count: Annotated[int | None, Key("Number of configurations to choose, each measured experiment.realisations times; "
-        "a configuration chosen twice gets twice the realisations.", "more where `elastid design` predicts intervals "
+        "a configuration chosen twice gets twice the realisations.", "more where the stage design predicts intervals "
         "that are too wide; standard deviations fall with the root of the number.")] = None
     robot_time: Annotated[Time | None, Key("Robot time for the chosen configurations, as many as fit in; in place of "
         "count.", "where time is what is limited: an hour on the line; moving between postures is not counted.")] = None

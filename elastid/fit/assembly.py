@@ -46,9 +46,9 @@ from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import Configuration
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 
 # Standard deviations of real and imaginary part beyond which an element is an outlier: all but 5 % of good data count
@@ -74,10 +74,10 @@ class Assembly:
     model: how its equations were formulated.  loads: static load tests that are fitted, too.
     """
 
-    responses: tuple[FrequencyResponse, ...]
+    responses: tuple[Response, ...]
     weights: tuple[Weights, ...]
     linearisation: Linearisation
-    parameters: ParameterSet
+    parameters: Parameters
     spec: FitSpec
     model: ModelSpec = EXACT
     loads: StaticLoads | None = None
@@ -85,10 +85,10 @@ class Assembly:
     @classmethod
     def of(
         cls,
-        responses: Sequence[FrequencyResponse],
+        responses: Sequence[Response],
         robot: Robot,
         spec: FitSpec,
-        parameters: ParameterSet,
+        parameters: Parameters,
         model: ModelSpec = EXACT,
         loads: Sequence[PlacedTest] = (),
         weights: tuple[Weights, ...] | None = None,
@@ -211,7 +211,7 @@ class Assembly:
         return replace(self, responses=tuple(corrected))
 
 
-def is_at_tool(response: FrequencyResponse) -> bool:
+def is_at_tool(response: Response) -> bool:
     """True of a response by forces at a frame."""
     return any(map(is_load, response.inputs))
 
@@ -226,7 +226,7 @@ class RelinearisedOptimum:
 
     end: LocalOptimum
     fit: ElasticFit
-    responses: tuple[FrequencyResponse, ...]
+    responses: tuple[Response, ...]
     weights: tuple[Weights, ...]
     notes: tuple[Note, ...] = ()
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -243,7 +243,7 @@ class NoRestError(FitError):
         )
 
 
-def is_distorted_by_friction(response: FrequencyResponse) -> bool:
+def is_distorted_by_friction(response: Response) -> bool:
     """True if distortion is well above the noise, and no friction was taken out of the response."""
     noise, total = response.noise, response.total
     # Friction that was taken out leaves the errors of its levels among the systematic ones.
@@ -361,9 +361,7 @@ def motion_notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note
     return posture_notes(assembly.parameters, optimum.responses, shift)
 
 
-def posture_notes(
-    parameters: ParameterSet, responses: Sequence[FrequencyResponse], shift: FloatArray
-) -> tuple[Note, ...]:
+def posture_notes(parameters: Parameters, responses: Sequence[Response], shift: FloatArray) -> tuple[Note, ...]:
     """A note on the parameter that was asked for and is off by most standard deviations, shift (n_x,), if above one."""
     shift = np.abs(shift[: len(parameters.asked)])
     worst = int(np.argmax(shift))

@@ -29,25 +29,25 @@ from elastid.fit.problem.elastic import ElasticFit
 from elastid.linear.linear_model import is_load
 from elastid.model.closed_posture import assembled, followed
 from elastid.model.kinematics import frame_poses
-from elastid.parameters import Parameter, ParameterSet
-from elastid.response import FrequencyResponse
+from elastid.parameters import Parameter, Parameters
+from elastid.response import Response
 from elastid.robot import BASE, Compensator, Robot
 
 # Of |G1 - G2| over its standard deviation, the median of the lines: 0.83 by chance where that is known.
 DEPENDENCE = 3.0
 
 
-def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> None:
+def check_responses(responses: Sequence[Response], robot: Robot) -> None:
     """Refuse responses that cannot be of this robot, or not in one fit.
 
     Raises DataError for none at all, a configuration given twice or under two names, angles for another number of
     joints, places that the robot does not have, and quantities or sampling rates that differ.  TypeError for a single
     response, or for a robot that is none.
     """
-    check_kind(responses, Sequence, "responses", "give a sequence of FrequencyResponse, such as [response]")
+    check_kind(responses, Sequence, "responses", "give a sequence of Response, such as [response]")
     for response in responses:
-        check_kind(response, FrequencyResponse, "one of the responses", "read_responses and estimate make them")
-    check_kind(robot, Robot, "robot", "load_robot(path) reads one, and a study has one as study.robot")
+        check_kind(response, Response, "one of the responses", "read_responses and estimate make them")
+    check_kind(robot, Robot, "robot", "elastid.read_robot(path) reads one")
     if not responses:
         raise DataError("fit/responses", "there is no response to fit; measure at least one configuration")
     names = [response.configuration.name for response in responses]
@@ -75,7 +75,7 @@ def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> Non
 
 
 def find_same_postures(
-    responses: Sequence[FrequencyResponse], parameters: ParameterSet, robots: Mapping[str, Sequence[str]]
+    responses: Sequence[Response], parameters: Parameters, robots: Mapping[str, Sequence[str]]
 ) -> tuple[Note, ...]:
     """A note on configurations that are one posture of one robot, with the same parameters, under two names."""
 
@@ -92,9 +92,7 @@ def find_same_postures(
     return (Note("fit/responses", text),) if duplicates else ()
 
 
-def find_contradictions(
-    responses: Sequence[FrequencyResponse], robots: Mapping[str, Sequence[str]]
-) -> tuple[Note, ...]:
+def find_contradictions(responses: Sequence[Response], robots: Mapping[str, Sequence[str]]) -> tuple[Note, ...]:
     """A warning where responses of one robot at the same declared angles differ far beyond their noise.
 
     No parameters explain both; those that are found are of neither.  Responses are not of one posture where the median
@@ -120,7 +118,7 @@ def find_contradictions(
     return (Note("fit/unlike-responses", text),)
 
 
-def find_dependence_on_amplitude(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
+def find_dependence_on_amplitude(responses: Sequence[Response]) -> tuple[Note, ...]:
     """A note where the responses of a posture differ between its amplitudes beyond their scatter.
 
     By the median over lines of |G1 - G2| over its standard deviation, noise and distortion in it.
@@ -142,7 +140,7 @@ def find_dependence_on_amplitude(responses: Sequence[FrequencyResponse]) -> tupl
 
 
 def _difference(
-    first: FrequencyResponse, second: FrequencyResponse, scatter: Literal["noise", "uncertainty"] = "noise"
+    first: Response, second: Response, scatter: Literal["noise", "uncertainty"] = "noise"
 ) -> tuple[float, float]:
     """Medians over common lines of the elements' difference: relative to the larger one, and over its std.
 
@@ -161,9 +159,7 @@ def _difference(
     return float(np.median(relative)), float(np.median(difference / np.sqrt(np.maximum(variance, 1e-300))))
 
 
-def _of_one_posture(
-    responses: Sequence[FrequencyResponse], at_amplitudes: bool = False
-) -> Iterator[tuple[FrequencyResponse, FrequencyResponse]]:
+def _of_one_posture(responses: Sequence[Response], at_amplitudes: bool = False) -> Iterator[tuple[Response, Response]]:
     """Pairs at the same angles, with the same payload and through the same channels; at_amplitudes: on purpose."""
     angles = np.array([response.configuration.angles for response in responses])
     same = np.all(np.abs(angles[:, None] - angles) < 2e-5, axis=2)  # rad or m
@@ -176,7 +172,7 @@ def _of_one_posture(
             yield first, second
 
 
-def find_copies(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
+def find_copies(responses: Sequence[Response]) -> tuple[Note, ...]:
     """A note on every two configurations that hold the same numbers, which two measurements never do."""
     holders: dict[complex, list[int]] = {}
     for place, response in enumerate(responses):
@@ -201,7 +197,7 @@ def find_copies(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def _check_robot(response: FrequencyResponse, robot: Robot) -> None:
+def _check_robot(response: Response, robot: Robot) -> None:
     where, angles = f"configuration {response.configuration.name}", response.configuration.angles
     other = "is this response from another robot?"
     if refused := robot.count_refusal(angles.size):
@@ -240,7 +236,7 @@ MIN_DISTANCE_M = 1e-3  # two ends nearer to each other are one point
 
 
 def geometry_problems(
-    parameters: ParameterSet, robot: Robot, configurations: Configurations
+    parameters: Parameters, robot: Robot, configurations: Configurations
 ) -> Iterator[tuple[str, str]]:
     """Each parameter whose start or bounds are impossible in one of the configurations, with a message."""
     free = [p for p in parameters.free if p.stands_for in robot.geometry]
@@ -266,7 +262,7 @@ def geometry_problems(
                 yield from _meeting(placed, compensator, mine, name, np.array(angles, dtype=float))
 
 
-def check_geometry(parameters: ParameterSet, robot: Robot, configurations: Configurations) -> None:
+def check_geometry(parameters: Parameters, robot: Robot, configurations: Configurations) -> None:
     """StudyError with the first of the `geometry_problems`."""
     for name, message in geometry_problems(parameters, robot, configurations):
         raise StudyError("fit/parameters", message, f"fit.parameters.{name}")

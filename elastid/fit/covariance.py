@@ -55,7 +55,7 @@ from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.shared_bias import find_factors
 from elastid.fit.problem.weights import Weights
 from elastid.fit.result import is_in_error
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 def information_shares(
@@ -126,7 +126,7 @@ ENDLESS = 1e4
 
 def estimate_uncertainty(
     fit: ElasticFit,
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     weights: Sequence[Weights],
     x: FloatArray,
     execution: Execution | None = None,

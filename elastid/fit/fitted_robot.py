@@ -12,7 +12,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.errors import index_of
 from elastid.fit.parameter_choice import group_labels
 from elastid.fit.problem.elastic import linear_model
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.linear.fitted_model import UncertainModes, response_deviation, response_shifts, uncertain_modes
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
@@ -23,7 +23,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameter
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 
 
@@ -44,9 +44,9 @@ class FittedRobot:
     configurations, that was worked out before.
     """
 
-    result: FitResult
+    result: Result
     model: ElasticModel
-    measured: tuple[FrequencyResponse, ...]
+    measured: tuple[Response, ...]
     linear: tuple[LinearModel, ...]
     differentiated: tuple[LinearModel, ...]
     name: str = ""
@@ -55,9 +55,9 @@ class FittedRobot:
     @classmethod
     def of(
         cls,
-        result: FitResult,
+        result: Result,
         robot: Robot,
-        measured: Sequence[FrequencyResponse],
+        measured: Sequence[Response],
         spec: ModelSpec = EXACT,
         known: tuple[EffectOfMotion, ...] = (),
     ) -> FittedRobot:
@@ -90,7 +90,7 @@ class FittedRobot:
         return self.linear[index_of(configuration, names, "configuration")]
 
     @property
-    def responses(self) -> tuple[FrequencyResponse, ...]:
+    def responses(self) -> tuple[Response, ...]:
         """The model's frequency response for each measured one: its lines, inputs, outputs, and its motion."""
         responses = []
         for linear, G, effect in zip(self.linear, self.measured, self.motion, strict=True):
@@ -142,7 +142,7 @@ class FittedRobot:
 
 
 def models_by_group(
-    result: FitResult, robot: Robot, measured: Sequence[FrequencyResponse], spec: ModelSpec = EXACT, name: str = ""
+    result: Result, robot: Robot, measured: Sequence[Response], spec: ModelSpec = EXACT, name: str = ""
 ) -> dict[str, FittedRobot]:
     """A model for each group of configurations with parameters of its own, by its label; one, "", without groups.
 
@@ -157,9 +157,9 @@ def models_by_group(
 
 
 def _fitted(
-    result: FitResult,
+    result: Result,
     robot: Robot,
-    measured: Sequence[FrequencyResponse],
+    measured: Sequence[Response],
     spec: ModelSpec,
     geometry: Collection[str],
     name: str = "",
@@ -177,7 +177,7 @@ def _fitted(
     return FittedRobot(result, linearisation.model, tuple(measured), linear, of_all, name)
 
 
-def parameters_of(result: FitResult, configuration: str) -> tuple[Parameter, ...]:
+def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:
     """Those of a fit that count in a configuration: not those of other groups, nor those which its own stand in for."""
     local = result.parameters.configuration_of_its_own(configuration)
     own = [p.stands_for for p in result.parameters if local in p.only]
@@ -185,7 +185,7 @@ def parameters_of(result: FitResult, configuration: str) -> tuple[Parameter, ...
 
 
 def robots_by_group(
-    result: FitResult, robot: Robot, configurations: Sequence[str]
+    result: Result, robot: Robot, configurations: Sequence[str]
 ) -> dict[str, tuple[Robot, tuple[str, ...]]]:
     """The robot with the fitted numbers of each group of configurations, by its label, and their names."""
     robots = {}
@@ -196,6 +196,6 @@ def robots_by_group(
     return robots
 
 
-def _theta(result: FitResult, model: ElasticModel, configuration: str) -> FloatArray:
+def _theta(result: Result, model: ElasticModel, configuration: str) -> FloatArray:
     numbers = dict(zip(result.parameters.names, result.theta_of(configuration).tolist(), strict=True))
     return np.array([numbers[name] for name in (*model.parameters, DELAY)])

@@ -48,29 +48,29 @@ from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh_all, with_floor
 from elastid.fit.release import measurements_that_help, release
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
 from elastid.fit.static_agreement import StaticAgreement, ToolAgreement
 from elastid.fit.tolerances import has_tolerances, ratio_within
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.parameters import ParameterSet
-from elastid.response import FrequencyResponse
+from elastid.parameters import Parameters
+from elastid.response import Response
 from elastid.robot import Robot
 
 
 def identify(
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     robot: Robot,
     spec: FitSpec,
     *,
     model: ModelSpec = EXACT,
     execution: Execution | None = None,
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
-    parameters: ParameterSet | None = None,
+    parameters: Parameters | None = None,
     loads: Sequence[PlacedTest] = (),
-) -> FitResult:
+) -> Result:
     """The parameters of `robot` that explain the responses of all configurations, and the static load tests.
 
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
@@ -122,13 +122,13 @@ def _standing() -> Iterator[None]:
 
 
 def fit_parameters(
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     robot: Robot,
     spec: FitSpec,
     *,
     model: ModelSpec = EXACT,
     loads: Sequence[PlacedTest] = (),
-) -> FitResult:
+) -> Result:
     """The estimate and status of `identify` without notes and further intervals, for many fits that are compared."""
     assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution(), loads=loads)
     found = _with_found_floor(assembly, spec, fit, starts, hits, Execution())
@@ -137,12 +137,12 @@ def fit_parameters(
 
 
 def _search(
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     robot: Robot,
     spec: FitSpec,
     model: ModelSpec,
     execution: Execution,
-    parameters: ParameterSet | None = None,
+    parameters: Parameters | None = None,
     loads: Sequence[PlacedTest] = (),
 ) -> tuple[Assembly, ElasticFit | None, tuple[LocalOptimum, ...], int]:
     """The assembled fit, where all starts ended, best first, and how many reached the best.
@@ -199,7 +199,7 @@ def _at_start(assembly: Assembly, x: FloatArray, execution: Execution) -> Elasti
     return fit if assembly.is_local else fit.at_workers(execution)
 
 
-_Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, FitResult]
+_Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]
 
 
 def _with_found_floor(
@@ -247,7 +247,7 @@ def _with_agreements(
         known = first if spec.weights.floor is not None else None
         return _with_found_floor(own, spec, known, *ends, Execution())
 
-    def compared(motors: FitResult) -> tuple[StaticAgreement | None, ToolAgreement | None]:
+    def compared(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None
         if assembly.loads is None:
             return None, tool
@@ -282,7 +282,7 @@ def _disagree(agreement: StaticAgreement | ToolAgreement | None) -> bool:
 
 def _estimate(
     assembly: Assembly, first: ElasticFit, starts: tuple[LocalOptimum, ...], hits: int, execution: Execution
-) -> tuple[RelinearisedOptimum, Uncertainty, FitResult]:
+) -> tuple[RelinearisedOptimum, Uncertainty, Result]:
     """The best start relinearised, its uncertainty, and both as a result without a status."""
     optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first)
     fit, end = optimum.fit, optimum.end
@@ -290,7 +290,7 @@ def _estimate(
     dof = fit.problem.dof
     # Without any noise (a simulation) V is compared with the weights.
     expected = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof
-    result = FitResult(
+    result = Result(
         parameters=fit.parameters.with_means(end.x),
         x=end.x,
         covariance=uncertainty.covariance,
@@ -335,7 +335,7 @@ _CONTRADICTED = 3.5
 _LEFT = 0.8
 
 
-def _contradicted_priors(result: FitResult) -> tuple[Note, ...]:
+def _contradicted_priors(result: Result) -> tuple[Note, ...]:
     """The priors of the study that data without them contradict.
 
     Of a prior of mean m and variance S the difference x - m has the variance S - P, P being that of x.

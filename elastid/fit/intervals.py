@@ -41,11 +41,11 @@ from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares, LocalOptimum, held_by_bounds
 from elastid.fit.problem.part import Part
 from elastid.fit.problem.weights import Weights, vec
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, ROUGH, solve
 from elastid.fit.solve.trust_region import trust_region
 from elastid.fit.spec import FitSpec
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, Parameters
 
 
 def bootstrap(
@@ -80,7 +80,7 @@ def _repeat(
     drawn = (source.draw(rng) for source in sources)
     parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))
     own = {p.name: _off_file(p, float(xi), rng) for p, xi in zip(fit.parameters.free, x, strict=True) if p.tolerated}
-    parameters = ParameterSet(tuple(own.get(p.name, p) for p in fit.parameters)) if own else fit.parameters
+    parameters = Parameters(tuple(own.get(p.name, p) for p in fit.parameters)) if own else fit.parameters
     loads = fit.loads if fit.loads is None or static is None else fit.loads.drawn(static, rng)
     try:
         return solve(replace(fit, parts=parts, parameters=parameters, loads=loads).problem, x, FINE)
@@ -280,7 +280,7 @@ def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: Floa
     return worst
 
 
-def add_intervals(result: FitResult, optimum: RelinearisedOptimum, spec: FitSpec, execution: Execution) -> FitResult:
+def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, execution: Execution) -> Result:
     """The result with the profiles and the bootstrap of the study."""
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
@@ -332,7 +332,7 @@ def choose_profiles(
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
 
 
-def match_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str, ...]:
+def match_names(patterns: Sequence[str], parameters: Parameters) -> tuple[str, ...]:
     """The free parameters that names or patterns choose, in their order; StudyError for one that chooses none."""
     free, chosen = parameters.free_names, set[str]()
     for pattern in patterns:
@@ -345,7 +345,7 @@ def match_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str,
     return tuple(name for name in free if name in chosen)
 
 
-def _natural(parameters: ParameterSet, ends: FloatArray) -> FloatArray:
+def _natural(parameters: Parameters, ends: FloatArray) -> FloatArray:
     """Ends (n_x, 2) in x as SI values."""
     log = np.array([parameter.log for parameter in parameters.free])
     with np.errstate(over="ignore"):

@@ -37,7 +37,7 @@ from elastid.fit.problem.part import Part
 from elastid.fit.problem.shared_bias import Factor, bias_slopes, ratio_errors
 from elastid.fit.problem.smoothed_noise import hermitian
 from elastid.fit.problem.weights import Weights, vec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class LineSums:
 
 
 def triangle(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], configuration: tuple[Part, FrequencyResponse]
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], configuration: tuple[Part, Response]
 ) -> FloatArray:
     """R (n_x, n_x) of J = Q R of one configuration; arguments as `sum_lines`."""
     part, response = configuration
@@ -90,7 +90,7 @@ def sum_lines(
     x: FloatArray,
     factors: Sequence[Factor],
     half: FloatArray,
-    configuration: tuple[Part, FrequencyResponse, Weights],
+    configuration: tuple[Part, Response, Weights],
 ) -> LineSums:
     """The sums of one configuration at x (n_p,); fit: whose parameters count.
 
@@ -138,7 +138,7 @@ def _block(
     x: FloatArray,
     factors: Sequence[Factor],
     part: Part,
-    response: FrequencyResponse,
+    response: Response,
     mixing: ComplexArray | None,
 ) -> tuple[ComplexArray, ComplexArray]:
     """Whitened r (F, n_y, n_u) and J (n_x, F, n_y, n_u), with the columns of factors."""
@@ -192,7 +192,7 @@ def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
     return np.asarray(mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :])
 
 
-def _coherent(response: FrequencyResponse, pulls: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
+def _coherent(response: Response, pulls: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
     """Pulls (n_x, F, m) of relative errors, vec column-major, summed over the lines of each octave."""
     lowest = response.freq_hz[response.freq_hz > 0].min()
     octave = np.floor(np.log2(np.maximum(response.freq_hz, lowest) / lowest)).astype(int)

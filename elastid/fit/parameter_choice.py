@@ -18,7 +18,7 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.names import SEPARATOR, is_match, matching, posture_of
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
-from elastid.parameters import Parameter, ParameterSet, Prior
+from elastid.parameters import Parameter, Parameters, Prior
 from elastid.robot import Robot, Rod, Spring
 
 # Behind the name of a configuration, of its responses by forces at the tool.
@@ -96,7 +96,7 @@ def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
             )
 
 
-def group_labels(parameters: ParameterSet, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
+def group_labels(parameters: Parameters, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """The groups that have parameters of their own, each with those of these configurations that are in it.
 
     Where parameters are grouped in several ways, by the names of the groups side by side: A-warm. Configurations that
@@ -116,7 +116,7 @@ MOST_STD = 10.0  # of the logarithm of a parameter; a prior as wide as that says
 BOUND_FACTOR = 100.0  # of the start, to the default bounds of a logarithmic parameter
 
 
-def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> ParameterSet:
+def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> Parameters:
     """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
@@ -154,7 +154,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     _check_ratios(spec, chosen)
     chosen += further
     try:
-        parameters = ParameterSet(tuple(chosen))
+        parameters = Parameters(tuple(chosen))
     except ValueError as error:
         raise StudyError("fit/parameters", str(error), "fit.parameters") from None
     if not parameters.free:

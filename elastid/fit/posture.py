@@ -19,7 +19,7 @@ from elastid.linear.posture_model import Doubt, Estimated, Ports, PostureModel
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.model.spec import ModelSpec
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER, Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
 from elastid.robot.robot import with_frames
@@ -31,7 +31,7 @@ _CHOICES = {"motors": ("held", "free", "controlled"), "axes": ("own", "world")}
 
 @dataclass(frozen=True)
 class Asked:
-    """Ports, motors and payload of a prediction (`FitResult.at`).
+    """Ports, motors and payload of a prediction (`Result.at`).
 
     payload: None for that of the fitted robot, False for none, or another one.
     """
@@ -74,7 +74,7 @@ class Family:
 
     @classmethod
     def of(
-        cls, robot: Robot, spec: ModelSpec, parameters: ParameterSet, x: FloatArray, covariance: FloatArray,
+        cls, robot: Robot, spec: ModelSpec, parameters: Parameters, x: FloatArray, covariance: FloatArray,
         asked: Asked, where: str = "", doubts: tuple[Doubt, ...] = (),
     ) -> Family:  # fmt: skip
         """Of a fit; StudyError for places that the robot lacks.  where: the configuration whose parameters count."""

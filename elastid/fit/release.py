@@ -23,7 +23,7 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, NEAR, solve
 from elastid.fit.tolerances import tolerances_of, with_tolerances
 from elastid.parameters import Parameter
@@ -107,7 +107,7 @@ def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, Loca
     return fit, replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations)
 
 
-def remaining_tolerances(result: FitResult, robot: Robot) -> Tolerances | Exact | None:
+def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | None:
     """Of the robot with the estimates of a fit: by body, what the data have left of its tolerances.
 
     The widest coordinate counts for all of a body.  As they are where the file is exact.
@@ -127,7 +127,7 @@ def remaining_tolerances(result: FitResult, robot: Robot) -> Tolerances | Exact 
     return replace(robot.tolerances, bodies=tuple(BodyTolerances(owner, **own) for owner, own in left.items()))
 
 
-def measurements_that_help(result: FitResult) -> tuple[Note, ...]:
+def measurements_that_help(result: Result) -> tuple[Note, ...]:
     """Numbers of the file whose measurement narrows the interval that the file widens most, with the gain.
 
     One that is measured with the std delta takes c c^T / (C_jj + delta^2) off the covariance, c its column.

@@ -1,10 +1,10 @@
-"""FitResult: estimate, covariance and status of a fit, ends of its starts, and indices of numbers that it held."""
+"""Result: estimate, covariance and status of a fit, ends of its starts, and indices of numbers that it held."""
 
 from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, TypeAlias
@@ -13,7 +13,8 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, notebook_package, number
-from elastid.base.errors import Named, StudyError, UnknownNameError, index_of
+from elastid.base.errors import Named, StudyError, UnknownNameError, did_you_mean, index_of
+from elastid.base.names import matching
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_of
 from elastid.fit.modification_index import ModificationIndex as ModificationIndex
@@ -24,7 +25,7 @@ from elastid.linear.fitted_model import Axes, FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.posture_model import Doubt, PostureModel
 from elastid.model.spec import ModelSpec
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
 
@@ -136,7 +137,7 @@ class Estimate:
 
 
 @frozen_value
-class FitResult:
+class Result:
     """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables, and where they came from.
 
     parameters: names, units, scale, bounds and starts.  covariance: of x, the largest of several estimates
@@ -155,7 +156,7 @@ class FitResult:
     static, tool: static load tests, and responses at the tool, next to the responses of the motors; None without any.
     """
 
-    parameters: ParameterSet
+    parameters: Parameters
     x: FloatArray = labelled("estimate as the variable of the solver (ln p where log)", "", "free_names")
     covariance: FloatArray = labelled("covariance of x", "", "free_names free_names")
     cost: float
@@ -320,7 +321,7 @@ class FitResult:
         names = self.parameters.free_names
         if name not in names:
             why = "is held or tied" if name in self.values else "is no parameter of this fit"
-            raise UnknownNameError(f"{name} {why}; identified are {', '.join(names) or 'none'}")
+            raise UnknownNameError(f"{name} {why}; {did_you_mean(name, names)}")
         i = names.index(name)
         if len(self.profile95) and not np.isnan(self.profile95[i]).any():
             return float(self.profile95[i, 0]), float(self.profile95[i, 1])
@@ -329,8 +330,23 @@ class FitResult:
         with np.errstate(over="ignore"):
             return (float(np.exp(low)), float(np.exp(high))) if self.parameters.free[i].log else (low, high)
 
-    def __getitem__(self, name: str) -> Estimate:
-        """The estimate of one parameter; UnknownNameError for a name that was not identified."""
+    def __len__(self) -> int:
+        return len(self.keys())
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def keys(self) -> tuple[str, ...]:
+        """Names of the identified parameters that were asked for: a result is a mapping of them to estimates."""
+        return tuple(p.name for p in self.parameters.asked)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.parameters.free_names
+
+    def __getitem__(self, name: str) -> Any:
+        """The estimate of a parameter, or those of a pattern (`k_*`) by name; UnknownNameError for what is no such."""
+        if name not in self and (found := matching(name, self.keys())):
+            return {each: self[each] for each in found}
         low, high = self.interval(name)
         return Estimate(name, self.values[name], self.std[name], low, high, self.parameters[name].unit)
 
@@ -399,14 +415,14 @@ class FitResult:
         if self.robot is None:
             raise StudyError(
                 "fit/no-robot",
-                "this result holds no robot, as one that was written by an older elastid does; fit again (`elastid fit "
-                "STUDY`), or `elastid.identify(...)`",
+                "this result holds no robot, as one that was written by an older elastid does; fit again (`elastid run "
+                "STUDY fit`), or `elastid.identify(...)`",
             )
         spec = self.equations or ModelSpec()
         known = self.parameters, self.x, self.covariance_of_prediction
         return Family.of(self.robot, spec, *known, asked, where, self.doubts)
 
-    def with_parameters(self, *unnamed: object, **values: float) -> FitResult:
+    def with_parameters(self, *unnamed: object, **values: float) -> Result:
         """The same robot with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
 
         They count as exact, all others keep their values and covariances.  UnknownNameError for a name that is none,

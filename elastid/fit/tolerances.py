@@ -9,8 +9,8 @@ import numpy as np
 
 from elastid.base.names import matching
 from elastid.fit.spec import FitSpec
-from elastid.parameters import Parameter, ParameterSet, Prior, Tie
-from elastid.response import FrequencyResponse
+from elastid.parameters import Parameter, Parameters, Prior, Tie
+from elastid.response import Response
 from elastid.robot import BASE, Robot, Tolerances, unit_axis
 from elastid.robot.placement import Path
 from elastid.robot.tolerances import RATIO, kind_of
@@ -18,7 +18,7 @@ from elastid.robot.tolerances import RATIO, kind_of
 MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
 
 
-def with_tolerances(parameters: ParameterSet, robot: Robot, spec: FitSpec) -> ParameterSet:
+def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Parameters:
     """The same with the numbers that it holds free within robot.tolerances; unchanged where all are exact.
 
     What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
@@ -41,7 +41,7 @@ def with_tolerances(parameters: ParameterSet, robot: Robot, spec: FitSpec) -> Pa
         else:
             numbers.append(_within(number, own.std))
     written = {number.name for number in numbers}
-    return ParameterSet((*numbers, *(p for p in parameters if p.name not in written), *factors.values()))
+    return Parameters((*numbers, *(p for p in parameters if p.name not in written), *factors.values()))
 
 
 def _within(held: Parameter, std: float) -> Parameter:
@@ -88,7 +88,7 @@ def _turns_all(robot: Robot, path: Path) -> bool:
     return body.parent == BASE and path[3] == 0 and float(np.linalg.norm(np.cross(axis, robot.gravity))) < 1e-9
 
 
-def ratio_within(response: FrequencyResponse, robot: Robot) -> FrequencyResponse:
+def ratio_within(response: Response, robot: Robot) -> Response:
     """The same with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
     within = robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
     return replace(response, ratio_std=within * response.ratio_std)

@@ -32,7 +32,7 @@ from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.frf.spec import Method
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ def chosen(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
 
 def choose_by_error(
     method: Method,
-    candidate: Callable[[], FrequencyResponse],
-    preview: Callable[[], FrequencyResponse],
+    candidate: Callable[[], Response],
+    preview: Callable[[], Response],
     margin: float = 1.0,
 ) -> tuple[Method, tuple[Note, ...]]:
     """`method`, or local_rational where its stated error times `margin` is smaller, and a note with both errors.
@@ -93,7 +93,7 @@ def choose_by_error(
     return chosen(method, f"stated error {100 * error:.2g} % {scale}, local_rational {100 * error_l:.2g} %{missed}")
 
 
-def stated_errors(response: FrequencyResponse, local: FrequencyResponse, has_bias: bool) -> tuple[float, float, float]:
+def stated_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:
     """Relative errors of a response and of local_rational at some of its lines, and their resolution, Hz.
 
     has_bias: True for segments; the scatter of periods shows a transient, and a local method has it in its model.
@@ -122,7 +122,7 @@ def _mean_root(squares: FloatArray) -> float:
     return float(np.mean(np.minimum(1.0, squares) ** 0.25) ** 2)
 
 
-def may_hold_transient(records: Sequence[Record], response: FrequencyResponse) -> bool:
+def may_hold_transient(records: Sequence[Record], response: Response) -> bool:
     """True for logs whose periods were found to start with a transient, or are too few to show one and scatter.
 
     Large ones do not count: a local method has a whole log in memory, and takes long where G has many elements.
@@ -135,14 +135,14 @@ def may_hold_transient(records: Sequence[Record], response: FrequencyResponse) -
     return is_short and _mean_root(_variance(response) / np.maximum(np.abs(response.G) ** 2, 1e-300)) > LIMITS.scatter
 
 
-def _has_power(response: FrequencyResponse) -> BoolArray:
+def _has_power(response: Response) -> BoolArray:
     """Flags (F,) of the lines where the weakest combination of inputs has power."""
     assert response.quality is not None
     power = response.quality.input_singular_values[:, -1] ** 2
     return np.asarray(power >= LIMITS.power_share * power.max())
 
 
-def within_excitation(response: FrequencyResponse) -> FrequencyResponse:
+def within_excitation(response: Response) -> Response:
     """The response of motors without the lines above those that were excited.
 
     There a motor moves by noise that its controller feeds back, and G = Y / U is that of the controller: -1 / C.
@@ -158,13 +158,13 @@ def within_excitation(response: FrequencyResponse) -> FrequencyResponse:
     return replace(response.lines(lines <= last), notes=(*response.notes, Note("frf/lines-left-out", text)))
 
 
-def _interpolated(at: FrequencyResponse, freq_hz: FloatArray, x: ComplexArray | FloatArray) -> ComplexArray:
+def _interpolated(at: Response, freq_hz: FloatArray, x: ComplexArray | FloatArray) -> ComplexArray:
     """x (F, n_y, n_u) at the lines of another response."""
     right = np.clip(np.searchsorted(freq_hz, at.freq_hz), 1, len(freq_hz) - 1)
     part = (at.freq_hz - freq_hz[right - 1]) / (freq_hz[right] - freq_hz[right - 1])
     return np.asarray(x[right - 1] + part[:, None, None] * (x[right] - x[right - 1]), dtype=np.complex128)
 
 
-def _variance(response: FrequencyResponse) -> FloatArray:
+def _variance(response: Response) -> FloatArray:
     assert response.uncertainty is not None
     return response.uncertainty.variance

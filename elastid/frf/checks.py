@@ -29,9 +29,8 @@ from elastid.base.note import Note
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, smoothed_noise
 from elastid.frf.matrices import adjoint, inverse, squared_magnitude
-from elastid.frf.methods import AVERAGED
 from elastid.record import MOTION_ORDER, Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
             raise DataError(
                 "frf/records",
                 f"the records are of configurations {first.configuration.name} and {record.configuration.name}, at "
-                f"different angles; read_records(path, '{first.configuration.name}') reads those of one",
+                f"different angles; take those of one at a time",
             )
     for record in records:
         names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "sampled"]
@@ -99,7 +98,7 @@ def refuse_few(groups: Sequence[Sequence[Record]], method: str) -> None:
             f"records {', '.join(short)} of configuration {first.configuration.name} hold one period, method "
             f"{method} needs two; measure more, or take estimator.method local_rational",
         )
-    if method in AVERAGED:
+    if method == "arithmetic":
         counts = {f"realisation {group[0].realisation}": len(group) for group in groups}
     else:
         counts = {"all realisations": sum(map(len, groups))}
@@ -116,7 +115,7 @@ def refuse_few(groups: Sequence[Sequence[Record]], method: str) -> None:
 
 def separated_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
     """Flags (F,) of lines with separate inputs, in each realisation if averaged, else in all; DataError without any."""
-    if method in AVERAGED:
+    if method == "arithmetic":
         return np.asarray(np.all([_separated(*pair) for pair in zip(data.blocks, groups, strict=True)], axis=0))
     return _separated(data.every, groups[0])
 
@@ -174,37 +173,34 @@ def unlike_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) ->
     1 + n_u / K times the variance where those inside, K of them, have 1 - n_u / K; each element of D over that of
     those inside, at the median of lines and outputs.
     """
-    if len(blocks) < 3:
+    n_u, K = blocks[0].U.shape[1], sum(block.U.shape[2] for block in blocks[1:])
+    if len(blocks) < 3 or n_u >= K or any(block.U.shape != blocks[0].U.shape for block in blocks):
         return []
-    ratios = [_power_unlike(blocks, m) for m in range(len(blocks))]
-    m = int(np.argmax([ratio.max(initial=0.0) for ratio in ratios]))
-    e = int(np.argmax(ratios[m])) if len(ratios[m]) else 0
-    if not len(ratios[m]) or ratios[m][e] < LIMITS.unlike:
+    ratios = np.array([_power_unlike(blocks, m) for m in range(len(blocks))])
+    m, e = divmod(int(np.argmax(ratios)), ratios.shape[1])
+    if ratios[m, e] < LIMITS.unlike:
         return []
     text = (
         f"it disagrees with the {len(blocks) - 1} other realisations of its configuration by "
-        f"{math.sqrt(ratios[m][e]):.2g} times what these differ by: the same robot, load, gains of channels and angles "
+        f"{math.sqrt(ratios[m, e]):.2g} times what these differ by: the same robot, load, gains of channels and angles "
         f"in all of them? Measure realisation {groups[m][e].realisation} again, or leave it out"
     )
     return [Note("frf/records", text, f"record {groups[m][e].name}")]
 
 
 def _power_unlike(blocks: Sequence[Block], m: int) -> FloatArray:
-    """Of the experiments (E,) of block m, over that of the others; empty where these do not separate the inputs."""
+    """Of the experiments (E,) of block m, over that of the others."""
     step = -(-len(blocks[0].U) // LIMITS.lines)
     others = [block for i, block in enumerate(blocks) if i != m]
     U, Y = (np.concatenate([getattr(block, Z)[::step] for block in others], axis=2) for Z in "UY")
-    n_u, K = U.shape[1:]
-    if n_u >= K:
-        return np.zeros(0)
+    share = U.shape[1] / U.shape[2]
     G = Y @ adjoint(U) @ inverse(U @ adjoint(U))
-    inside = np.mean(squared_magnitude(Y - G @ U), axis=2) / (1 - n_u / K)
-    outside = squared_magnitude(blocks[m].Y[::step] - G @ blocks[m].U[::step]) / (1 + n_u / K)
-    known = inside > 0
-    return np.array([np.median(power[known] / inside[known]) for power in np.moveaxis(outside, 2, 0)])
+    inside = np.maximum(np.mean(squared_magnitude(Y - G @ U), axis=2) / (1 - share), 1e-300)
+    outside = squared_magnitude(blocks[m].Y[::step] - G @ blocks[m].U[::step]) / (1 + share)
+    return np.asarray(np.median(outside / inside[:, :, None], axis=(0, 1)))
 
 
-def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:
+def channel_notes(response: Response) -> tuple[Note, ...]:
     """A note where outputs (or inputs) of motors look exchanged; else one on each motor whose sign looks wrong."""
     places = [name for name in response.inputs if name in response.outputs]
     exchanged = _exchanged(response, places) if len(places) > 1 else {}
@@ -218,7 +214,7 @@ def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:
     return (Note("frf/exchanged-channels", text, f"configuration {response.configuration.name}"),)
 
 
-def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]:
+def _exchanged(response: Response, places: list[str]) -> dict[str, str]:
     """Output place -> input place, for those of the places that another motor moves more than their own."""
     rows = [response.outputs.index(place) for place in places]
     columns = [response.inputs.index(place) for place in places]
@@ -246,7 +242,7 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     return {places[i]: places[j] for i, j in enumerate(best) if moved[i]}
 
 
-def _sign_notes(response: FrequencyResponse, places: list[str]) -> tuple[Note, ...]:
+def _sign_notes(response: Response, places: list[str]) -> tuple[Note, ...]:
     """A note on each motor whose own response contradicts a passive mechanism and with the other sign would not."""
     notes = []
     few = slice(None, None, -(-response.n_lines // LIMITS.lines))

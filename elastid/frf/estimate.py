@@ -53,16 +53,14 @@ from elastid.frf.spec import EstimatorSpec, Method
 from elastid.frf.spectra import RecordSpectra
 from elastid.frf.welch import welch_response
 from elastid.record import Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 WELCH = ("h1", "h2", "hv")
 LOCAL = ("local_polynomial", "local_rational")
-LEVEL_LINES = 2048  # of which `level_lines` are found
+LEVEL_LINES = 1024  # of which `level_lines` are found
 
 
-def estimate(
-    records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None
-) -> FrequencyResponse:
+def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None) -> Response:
     """G (F, n_y, n_u) of one configuration with its covariances and quality, from all of its records.
 
     Records are grouped by realisation; a mean over realisations needs as many experiments of each as there are inputs,
@@ -86,7 +84,7 @@ def estimate(
     return replace(response, notes=notes, motion=motor_motion(records, response))
 
 
-def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyResponse:
+def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     _refuse_periods(records, spec)
     spec = replace(spec, transient_periods="auto", lines="full")
     method, notes = _choose_without_period(records, spec)
@@ -136,7 +134,7 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
 
 def _with_period(
     records: Sequence[Record], groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None
-) -> FrequencyResponse:
+) -> Response:
     """By a local method, or a mean over realisations or one that pools them.
 
     A mean that `auto` takes for logs with transients is compared with local_rational, which has them in its model.
@@ -153,9 +151,7 @@ def _with_period(
     return replace(response, notes=(*reason, *response.notes))
 
 
-def _by_periods(
-    groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None
-) -> FrequencyResponse:
+def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None) -> Response:
     """By a mean over realisations or a method that pools them: each line on its own, from its periods."""
     method = spec.method
     refuse_few(groups, method)
@@ -191,7 +187,7 @@ def _by_periods(
         unexcited = everything.on(~excited).on(inside)
         levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, unexcited)
     response = _with_covariances(response, data, fitted, error, levels, lines, spectra)
-    notes += [*fitted.notes, *form_notes(response.noise, response.total)]
+    notes += form_notes(response.noise, response.total)
     notes += [*input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
     return replace(response, notes=(*notes, *channel_notes(response)))
 
@@ -243,20 +239,19 @@ def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Me
             "over all realisations together, since a single one has fewer experiments than inputs and so no response "
             "to be averaged, and h1 is biased by the noise and friction that feedback brings into u",
         )
-    # It pairs torque and motion of each realisation, while noise and friction in the loop bias h1; the harmonic mean
-    # fails where friction sticks, and the logarithmic one agrees with it.
+    # It pairs torque and motion of each realisation, while noise and friction in the loop bias h1.
     return "arithmetic", ()
 
 
 def _with_covariances(
-    response: FrequencyResponse,
+    response: Response,
     data: MeanSpectra,
     fitted: Estimate,
     error: tuple[ComplexArray, float] | None,
     levels: Detected | None,
     lines: IntArray,
     spectra: Sequence[Sequence[RecordSpectra]],
-) -> FrequencyResponse:
+) -> Response:
     """Noise, total, distortion and bias of G, and the nonlinear levels in the outputs."""
     C_V = equation_error(data, fitted.G)
     noise = noise_covariance(data, fitted, C_V)

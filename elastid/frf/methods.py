@@ -18,20 +18,18 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray
+from elastid.base.arrays import ComplexArray
 from elastid.base.errors import DataError, StudyError
-from elastid.base.note import Note
-from elastid.frf.experiment_blocks import Block, MeanSpectra
+from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.matrices import added_cross_products, added_products, adjoint, total_least_squares, transposed
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """G (F, n_y, n_u), the weights s W_m, W_m (F, E_m, n_u), of every block's equation error, and notes."""
+    """G (F, n_y, n_u) and the weights s W_m, W_m (F, E_m, n_u), of every block's equation error."""
 
     G: ComplexArray
     W: tuple[ComplexArray, ...]
-    notes: tuple[Note, ...] = ()
     share: float = 1.0
 
     @cached_property
@@ -50,29 +48,6 @@ def arithmetic(data: MeanSpectra) -> Estimate:
     return Estimate(share * added_products(data.Y, W), W, share=share)
 
 
-def harmonic(data: MeanSpectra) -> Estimate:
-    """G = [(1/M) sum_m G_m^-1]^-1, for n_y = n_u."""
-    _refuse_oblong(data, "harmonic")
-    return replace(arithmetic(data), G=harmonic_mean(_each(data.blocks)))
-
-
-def logarithmic(data: MeanSpectra) -> Estimate:
-    """G = exp((1/M) sum_m log G_m) element by element where G_m stands 8 dB above its scatter, arithmetic elsewhere.
-
-    The logarithm of an element that is zero or below the noise means nothing.
-    """
-    G = _each(data.blocks)
-    safe = log_is_safe(G)
-    note = Note(
-        "frf/method",
-        f"logarithmic mean at {100 * safe.mean():.3g} % of lines and elements, arithmetic where an element is less "
-        "than 8 dB above its scatter over the realisations",
-        severity="information",
-    )
-    mean = np.where(safe, logarithmic_mean(G), arithmetic_mean(G))
-    return replace(arithmetic(data), G=mean, notes=() if safe.all() else (note,))
-
-
 def h1(data: MeanSpectra) -> Estimate:
     """G = (sum Y U^H)(sum U U^H)^-1: least squares with all noise on the outputs; biased by noise in the loop."""
     return _instrumental(data, data.U)
@@ -80,7 +55,12 @@ def h1(data: MeanSpectra) -> Estimate:
 
 def h2(data: MeanSpectra) -> Estimate:
     """G = (sum Y Y^H)(sum U Y^H)^-1, for n_y = n_u: all noise on the inputs."""
-    _refuse_oblong(data, "h2")
+    n_y, n_u = data.Y[0].shape[1], data.U[0].shape[1]
+    if n_y != n_u:
+        raise StudyError(
+            "frf/method",
+            f"estimator.method h2 needs as many outputs as inputs, here {n_y} and {n_u}; take arithmetic",
+        )
     return _instrumental(data, data.Y)
 
 
@@ -122,45 +102,9 @@ def errors_in_variables(data: MeanSpectra) -> Estimate:
     return replace(h1(data), G=Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:]))
 
 
-AVERAGED: dict[str, Estimator] = {"arithmetic": arithmetic, "harmonic": harmonic, "logarithmic": logarithmic}
-METHODS = AVERAGED | {method.__name__: method for method in (h1, h2, hv, joint, errors_in_variables)}
-
-
-def arithmetic_mean(G: ComplexArray) -> ComplexArray:
-    """(1/M) sum_m G_m of G (M, F, n_y, n_u)."""
-    return np.asarray(G.mean(axis=0))
-
-
-def harmonic_mean(G: ComplexArray) -> ComplexArray:
-    """[(1/M) sum_m G_m^-1]^-1 of G (M, F, n, n)."""
-    return np.asarray(np.linalg.inv(np.linalg.inv(G).mean(axis=0)))
-
-
-def logarithmic_mean(G: ComplexArray) -> ComplexArray:
-    """exp((1/M) sum_m log G_m) of each element of G (M, F, n_y, n_u).
-
-    Turned by the phase of the arithmetic mean first, so that no phase has to be unwrapped.
-    """
-    mean = arithmetic_mean(G)
-    turn = np.exp(1j * np.angle(mean))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        log = np.log(G / turn).mean(axis=0)
-    return np.where(mean == 0, 0.0, turn * np.exp(log))
-
-
-def log_is_safe(G: ComplexArray) -> BoolArray:
-    """Flags (F, n_y, n_u) of the elements of G (M, F, n_y, n_u) that are 8 dB above their scatter over realisations."""
-    M = len(G)
-    if M < 2:
-        return np.ones(G.shape[1:], dtype=np.bool_)
-    mean = arithmetic_mean(G)
-    scatter = np.sum(np.abs(G - mean) ** 2, axis=0) / (M - 1)
-    return np.asarray((np.abs(mean) ** 2 > 10**0.8 * scatter) & (np.abs(G) > 0).all(axis=0))
-
-
-def _each(blocks: Sequence[Block]) -> ComplexArray:
-    """G_m (M, F, n_y, n_u) of every realisation."""
-    return np.stack([block.Y @ block.W for block in blocks])
+METHODS: dict[str, Estimator] = {
+    method.__name__: method for method in (arithmetic, h1, h2, hv, joint, errors_in_variables)
+}
 
 
 def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Estimate:
@@ -169,12 +113,3 @@ def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Est
     W = tuple(adjoint(A) @ of_inputs for A in instruments)
     G: ComplexArray = np.sum([Y @ W_m for Y, W_m in zip(data.Y, W, strict=True)], axis=0)
     return Estimate(G, W)
-
-
-def _refuse_oblong(data: MeanSpectra, method: str) -> None:
-    n_y, n_u = data.Y[0].shape[1], data.U[0].shape[1]
-    if n_y != n_u:
-        raise StudyError(
-            "frf/method",
-            f"estimator.method {method} needs as many outputs as inputs, here {n_y} and {n_u}; take arithmetic",
-        )

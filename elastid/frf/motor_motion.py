@@ -16,7 +16,7 @@ from numpy.fft import rfft
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.frf.matrices import adjoint, squared_magnitude
 from elastid.record import MOTION_ORDER, Record
-from elastid.response import FrequencyResponse, MotorMotion
+from elastid.response import MotorMotion, Response
 
 # Lines with less than this part of the motion's power are noise, or move no posture.
 _LEAST_SHARE = 1e-5
@@ -26,7 +26,7 @@ _MOST_LINES = 128  # that are kept, or from which the feedback is found
 _EXPLAINED = 0.5
 
 
-def motor_motion(records: Sequence[Record], response: FrequencyResponse) -> MotorMotion | None:
+def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion | None:
     """Of the motors among the outputs of all records of one configuration; None without any, or without a rate."""
     records = _representative(records)
     first = records[0]

@@ -23,7 +23,7 @@ from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
 from elastid.frf.matrices import inverse, power, semidefinite_eigenvalues, singular_values, squared_magnitude
 from elastid.record import Motion, Record
-from elastid.response import FrequencyResponse, Levels, Quality
+from elastid.response import Levels, Quality, Response
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ LIMITS = Limits()
 
 def measured_response(
     first: Record, quantity: Motion, freq_hz: FloatArray, G: ComplexArray, **estimated: Any
-) -> FrequencyResponse:
+) -> Response:
     """G (F, n_y, n_u) at freq_hz (F,), outputs as `quantity`, of records like the first; estimated: further fields."""
-    return FrequencyResponse(
+    return Response(
         freq_hz=freq_hz,
         G=G,
         inputs=first.inputs,

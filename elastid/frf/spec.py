@@ -12,8 +12,6 @@ from elastid.record import Motion
 Method: TypeAlias = Literal[
     "auto",
     "arithmetic",
-    "harmonic",
-    "logarithmic",
     "h1",
     "h2",
     "hv",
@@ -27,7 +25,6 @@ Window: TypeAlias = Literal["hann", "hamming", "blackman", "blackmanharris", "fl
 
 Friction: TypeAlias = Literal["none", "coulomb", "curve", "auto"]
 
-_MEANS = ("arithmetic", "harmonic", "logarithmic")
 _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 
 
@@ -40,7 +37,7 @@ class EstimatorSpec:
     """
 
     # fmt: off
-    method: Annotated[Method, Key("Method of estimation: `arithmetic`, `harmonic` or `logarithmic` mean of the "
+    method: Annotated[Method, Key("Method of estimation: `arithmetic` mean of the "
         "realisations' responses, each from as many experiments as inputs; or of all experiments together `h1`, `h2`, "
         "`hv`, `joint` (input-output, by the injected torque) or `errors_in_variables`; or `local_polynomial` or "
         "`local_rational` (where windows are wider than resonances), from one experiment of all inputs or more, "
@@ -107,4 +104,4 @@ class EstimatorSpec:
         """Experiments of each realisation that are needed to separate n_u inputs."""
         if self.method in _BY_NEIGHBOURS:
             return 1
-        return n_u if self.method in _MEANS else math.ceil(n_u / realisations)
+        return n_u if self.method == "arithmetic" else math.ceil(n_u / realisations)

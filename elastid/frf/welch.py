@@ -54,7 +54,7 @@ from elastid.frf.segments import Segments, make_segments
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import refuse_uncomputable, unit_scale
 from elastid.record import Record
-from elastid.response import Covariance, FrequencyResponse, Levels, Quality
+from elastid.response import Covariance, Levels, Quality, Response
 
 _DIFFERENCE = 0.2  # of inputs, relative, below which records are repeats
 _LEAST_DOF = 0.4  # 1 - sum h^2 / n_u at least: of a line that is in one segment alone nothing is known
@@ -191,7 +191,7 @@ def _are_repeats(first: Record, other: Record) -> bool:
     return True
 
 
-def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyResponse:
+def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     """G (F, n_y, n_u) of one configuration by h1, h2 or hv, with coherences, from all segments of its records.
 
     noise: with distortion, which segments do not separate.  total: with the leakage of windows.  Lines are those of a

@@ -22,8 +22,8 @@ from elastid.linear.modes import Modes, modes, modes_display
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import checked_frequencies, to_response
 from elastid.linear.statespace import StateSpace, state_space
-from elastid.parameters import ParameterSet
-from elastid.response import FrequencyResponse
+from elastid.parameters import Parameters
+from elastid.response import Response
 from elastid.robot import FRAME_AXES
 
 
@@ -38,7 +38,7 @@ class UncertainModes:
 
 
 def uncertain_modes(
-    model: LinearModel, parameters: ParameterSet, x: FloatArray, covariance: FloatArray
+    model: LinearModel, parameters: Parameters, x: FloatArray, covariance: FloatArray
 ) -> UncertainModes:
     """The oscillating modes at x (n_x,) of covariance (n_x, n_x); infinite deviations where they need infinite ones."""
     where = model.configuration.name
@@ -56,7 +56,7 @@ def uncertain_modes(
 
 
 def response_deviation(
-    model: LinearModel, freq_hz: FloatArray, parameters: ParameterSet, x: FloatArray, covariance: FloatArray
+    model: LinearModel, freq_hz: FloatArray, parameters: Parameters, x: FloatArray, covariance: FloatArray
 ) -> tuple[ComplexArray, FloatArray]:
     """G (F, n_y, n_u) and the standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) by the covariance of x."""
     G, J = _response_slopes(model, freq_hz, parameters, x)
@@ -65,7 +65,7 @@ def response_deviation(
 
 
 def response_shifts(
-    model: LinearModel, freq_hz: FloatArray, parameters: ParameterSet, x: FloatArray, covariance: FloatArray
+    model: LinearModel, freq_hz: FloatArray, parameters: Parameters, x: FloatArray, covariance: FloatArray
 ) -> ComplexArray:
     """Changes of G (n_x, F, n_y, n_u) by one standard deviation of x in each of n_x independent directions.
 
@@ -79,7 +79,7 @@ def response_shifts(
 
 
 def _response_slopes(
-    model: LinearModel, freq_hz: FloatArray, parameters: ParameterSet, x: FloatArray
+    model: LinearModel, freq_hz: FloatArray, parameters: Parameters, x: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """G (F, n_y, n_u) and dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
     freq_hz = checked_frequencies(freq_hz)
@@ -94,7 +94,7 @@ def _deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     """Standard deviations of y (n,) with slopes dy/dx (n, n_x)."""
     unreached = np.isinf(np.diag(covariance))
     known = np.where(unreached[:, None] | unreached, 0.0, covariance)
-    variance = np.einsum("ni,ij,nj->n", slopes, known, slopes)
+    variance = np.einsum("ni,ni->n", slopes @ known, slopes)
     felt = np.any(np.abs(slopes[:, unreached]) > 1e-12 * np.abs(slopes).max(initial=1e-300), axis=1)
     return np.where(felt, np.inf, np.sqrt(np.maximum(variance, 0.0)))
 
@@ -118,7 +118,7 @@ class FittedModel:
     """A linear model at the estimate x (n_x,) of its parameters, of covariance (n_x, n_x)."""
 
     linear: LinearModel
-    parameters: ParameterSet
+    parameters: Parameters
     x: FloatArray
     covariance: FloatArray
 
@@ -139,7 +139,7 @@ class FittedModel:
         """The fitted numbers (n_theta,) in this configuration, SI, in the order of the linear model."""
         return self.parameters.expand(self.x, self.linear.configuration.name)
 
-    def response(self, freq_hz: FloatArray, *, sampled: bool = False) -> FrequencyResponse:
+    def response(self, freq_hz: FloatArray, *, sampled: bool = False) -> Response:
         """The frequency response at freq_hz (F,), or at one, between the inputs and outputs that were measured.
 
         Without the delay these are the numbers of `to_control`.  sampled: with the images of torques that are held and
@@ -180,7 +180,7 @@ class ResponseBand:
     by: linearisation where draws agree with it, else draws.
     """
 
-    response: FrequencyResponse
+    response: Response
     std: FloatArray
     pointwise: FloatArray
     simultaneous: FloatArray

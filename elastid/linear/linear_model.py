@@ -130,7 +130,7 @@ class LinearModel:
     chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
     was eliminated.  gains: names of the parameters that are gains of channels.  hold: torques of which the response
     contains images; None for the motion itself.  sliding: inputs and outputs that translate, in N and m instead of Nm
-    and rad.  motors, loop: of a `FrequencyResponse`, already in M, D, K.  Link side, SI.
+    and rad.  motors, loop: of a `Response`, already in M, D, K.  Link side, SI.
     """
 
     configuration: Configuration

@@ -34,7 +34,7 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import factor
 from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import RANK_TOLERANCE
-from elastid.response import FrequencyResponse, MotorMotion
+from elastid.response import MotorMotion, Response
 
 # Lines of the motion, and lines of the response between which the change is interpolated, at most; few of a first look.
 _MOST_LINES, _FEW = 48, 8
@@ -49,7 +49,7 @@ _LARGEST_SHIFT = 30.0
 
 
 def effect_of_motion(
-    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: FrequencyResponse, share: float = 1.0
+    model: ElasticModel, linear: LinearModel, theta: FloatArray, response: Response, share: float = 1.0
 ) -> ComplexArray | None:
     """`posture_effect` in a measured response, on a share of the lines; None where no motion is known of it.
 

@@ -25,9 +25,9 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import Modes, modes
 from elastid.linear.response.transfer import checked_frequencies, frequency_response
 from elastid.linear.statespace import StateSpace, state_space
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER, HeldTorque, JointLoop, Motors
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Estimated:
     count.
     """
 
-    parameters: ParameterSet
+    parameters: Parameters
     fit_x: FloatArray
     fit_covariance: FloatArray
     names: tuple[str, ...]
@@ -140,7 +140,7 @@ class _Matrices:
 
 @frozen_value(eq=False)
 class PostureModel:
-    """A fitted robot about one posture (`FitResult.at`); link side, SI.
+    """A fitted robot about one posture (`Result.at`); link side, SI.
 
     linear: about the equilibrium, all its coordinates, its outputs the places of `ports`.  moving (n, m): how these
     move with the m coordinates that can.  coordinates: names of the robot's, n_q.
@@ -192,7 +192,7 @@ class PostureModel:
         X = np.linalg.solve(s**2 * A.M + s * A.D + A.K + A.Delta / s, A.B.astype(complex))
         return np.asarray(s ** MOTION_ORDER[self.linear.quantity] * (A.C @ X + A.T @ X / s**2))
 
-    def response(self, freq_hz: FloatArray, *, sampled_hz: float | None = None) -> FrequencyResponse:
+    def response(self, freq_hz: FloatArray, *, sampled_hz: float | None = None) -> Response:
         """G (F, n_y, n_u) at freq_hz (F,), the same numbers as `state_space` and `to_control` give.
 
         sampled_hz: inputs are held, and outputs sampled, at this rate, as a drive and its log do; the response then
@@ -204,7 +204,7 @@ class PostureModel:
         else:
             held = HeldTorque((float(sampled_hz),) * len(self.inputs), (True,) * len(self.outputs))
             G = frequency_response(replace(self.as_linear(), hold=held), np.zeros(0), lines)
-        return FrequencyResponse(
+        return Response(
             lines, G, self.inputs, self.outputs, self.linear.quantity, self.linear.configuration,
             sliding=self.ports.sliding,
         )  # fmt: skip

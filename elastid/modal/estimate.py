@@ -37,13 +37,13 @@ from elastid.modal.noise import floored, has_variance, line_variance, smoothed
 from elastid.modal.poles import StabilisationDiagram, clusters, poles_over_orders, stabilisation
 from elastid.modal.selection import eliminated, p_values, pursued, residual_peaks
 from elastid.modal.spec import ModalSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 NO_POLES: ComplexArray = np.empty(0, complex)
 
 
 def estimate_modes(
-    response: FrequencyResponse,
+    response: Response,
     band_hz: tuple[float, float] | None = None,
     max_order: int | None = None,
     poles_hz: Sequence[float] | None = None,
@@ -62,7 +62,7 @@ def estimate_modes(
     Raises DataError where fewer than 16 lines are left or hits are overloaded, ValueError for numbers that a `modal`
     section does not take.
     """
-    check_kind(response, FrequencyResponse, "response", "elastid.estimate(records, EstimatorSpec()) makes one")
+    check_kind(response, Response, "response", "elastid.estimate(records) makes them")
     ModalSpec(band_hz, max_order, None if poles_hz is None else tuple(poles_hz), exponential_s)
     if poles_hz is None:
         _refuse_overload(response)
@@ -81,19 +81,19 @@ def estimate_modes(
     return _modes(response, fit, (stable, counts), stabilisation(orders), shift, poles_hz)
 
 
-def modes_of_responses(responses: Sequence[FrequencyResponse], spec: ModalSpec) -> tuple[Modes, ...]:
+def modes_of_responses(responses: Sequence[Response], spec: ModalSpec) -> tuple[Modes, ...]:
     """The modes of each response as a study asks for them; none, with a note, of one with too few lines."""
     return tuple(_modes_or_none(response, spec) for response in responses)
 
 
-def _modes_or_none(response: FrequencyResponse, spec: ModalSpec) -> Modes:
+def _modes_or_none(response: Response, spec: ModalSpec) -> Modes:
     try:
         return estimate_modes(response, spec.band_hz, spec.max_order, spec.poles_hz, spec.exponential)
     except DataError as error:
         return without_modes(response, Note("modal/lines", str(error)))
 
 
-def usable(response: FrequencyResponse, band_hz: tuple[float, float] | None) -> FrequencyResponse:
+def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
     """The response on lines in the band that inputs reach and outputs answer; DataError where they are too few."""
     keep = response.freq_hz > 0
     if band_hz is not None:
@@ -110,7 +110,7 @@ def usable(response: FrequencyResponse, band_hz: tuple[float, float] | None) -> 
     return response.lines(keep & ~lost)
 
 
-def _refuse_overload(response: FrequencyResponse) -> None:
+def _refuse_overload(response: Response) -> None:
     """Clipping is not linear: a fit mends it by poles that no structure has, with narrow intervals."""
     if any(note.code == "frf/overload" for note in response.notes):
         raise DataError(
@@ -121,7 +121,7 @@ def _refuse_overload(response: FrequencyResponse) -> None:
         )
 
 
-def _reached(response: FrequencyResponse) -> BoolArray:
+def _reached(response: Response) -> BoolArray:
     """Flags (F,) of lines with force and coherence."""
     from scipy.ndimage import median_filter
 
@@ -138,7 +138,7 @@ def _reached(response: FrequencyResponse) -> BoolArray:
     return np.asarray(is_forced & (coherence > LIMITS.coherence))
 
 
-def _residual_variance(response: FrequencyResponse, fit: ModalFit) -> FloatArray:
+def _residual_variance(response: Response, fit: ModalFit) -> FloatArray:
     """Variance (F, n_y, n_u) by what a model leaves of the lines, smooth along frequency."""
     power = np.abs(response.G) ** 2
     model = fit.synthesis().reshape(response.G.shape)
@@ -146,12 +146,12 @@ def _residual_variance(response: FrequencyResponse, fit: ModalFit) -> FloatArray
     return floored(smoothed(np.abs(response.G - model) ** 2 / free, np.abs(model) ** 2), power)
 
 
-def modal_data(response: FrequencyResponse, variance: FloatArray | None = None) -> ModalData:
+def modal_data(response: Response, variance: FloatArray | None = None) -> ModalData:
     """The response as weighted columns; variance: by default that stated, or by neighbouring lines."""
     return ModalData.of(Basis.of(response), response.G, line_variance(response) if variance is None else variance)
 
 
-def weighted(response: FrequencyResponse, data: ModalData) -> ComplexArray:
+def weighted(response: Response, data: ModalData) -> ComplexArray:
     """G (F, n_y, n_u) over the scale of its elements; of inputs, one scale for all outputs, so that G = B / A holds."""
     scale = data.scale.reshape(response.G.shape[1:])
     of_outputs = np.exp(np.log(scale).mean(axis=1, keepdims=True))
@@ -159,7 +159,7 @@ def weighted(response: FrequencyResponse, data: ModalData) -> ComplexArray:
     return np.asarray(response.G / (of_outputs * of_inputs))
 
 
-def _default_order(response: FrequencyResponse) -> int:
+def _default_order(response: Response) -> int:
     return int(np.clip(response.n_lines // 6, 8, 60))
 
 
@@ -194,7 +194,7 @@ def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) ->
 
 
 def _modes(
-    response: FrequencyResponse,
+    response: Response,
     fit: ModalFit,
     stable: tuple[ComplexArray, IntArray],
     diagram: StabilisationDiagram,
@@ -221,9 +221,7 @@ def _modes(
     return replace(modes, notes=(*modes.notes, *notes, *background_notes(background, response)))
 
 
-def _gathered(
-    response: FrequencyResponse, fit: ModalFit, modes: Sequence[FittedMode], diagram: StabilisationDiagram
-) -> Modes:
+def _gathered(response: Response, fit: ModalFit, modes: Sequence[FittedMode], diagram: StabilisationDiagram) -> Modes:
     numbers, shapes, stds, participations, participation_stds = [], [], [], [], []
     for mode in modes:
         std = mode.residue_std

@@ -24,7 +24,7 @@ from elastid.base.display import percent
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95, small_sample_factors
 from elastid.modal.model import ModalFit, unstacked
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class FittedMode:
 
     @classmethod
     def of(
-        cls, response: FrequencyResponse, influences: Influences, r: int, pole: complex, orders: int, chance: float
+        cls, response: Response, influences: Influences, r: int, pole: complex, orders: int, chance: float
     ) -> FittedMode:
         """The pole r of a fit; pole: the same in 1/s, without windows."""
         fit, size, scale = influences.fit, abs(pole), influences.fit.data.basis.scale
@@ -89,13 +89,13 @@ class FittedMode:
         std = (influences.residue_std(r) * fit.data.scale * scale).reshape(shape)
         return cls(size / (2 * np.pi), freq_std, -pole.real / size, zeta_std, residue, std, orders, chance)
 
-    def is_within(self, response: FrequencyResponse) -> bool:
+    def is_within(self, response: Response) -> bool:
         """True within the band, with a frequency and a damping that are known."""
         inside = response.freq_hz[0] <= self.freq_hz <= response.freq_hz[-1]
         inside = inside and self.freq_std <= LIMITS.freq_std * self.freq_hz
         return bool(inside and LIMITS.damping_significance * self.zeta_std < self.zeta < LIMITS.max_damping)
 
-    def is_background(self, response: FrequencyResponse) -> bool:
+    def is_background(self, response: Response) -> bool:
         """True for a broad pole of little height within its half powers, or of a shape that is not known."""
         if self.zeta < LIMITS.broad:
             return False
@@ -123,9 +123,7 @@ def without_twins(modes: Sequence[FittedMode]) -> list[FittedMode]:
     return [mode for mode in modes if not any(mode.is_twin_of(other) for other in modes if other is not mode)]
 
 
-def lost_notes(
-    modes: Sequence[FittedMode], response: FrequencyResponse, poles_hz: Sequence[float] | None
-) -> tuple[Note, ...]:
+def lost_notes(modes: Sequence[FittedMode], response: Response, poles_hz: Sequence[float] | None) -> tuple[Note, ...]:
     """A note on chosen frequencies without a pole."""
     lost = [f"{f:g}" for f in poles_hz or () if not any(mode.is_near([f]) for mode in modes)]
     if not lost:
@@ -138,7 +136,7 @@ def lost_notes(
     return (Note("modal/poles", text, response.configuration.name),)
 
 
-def background_notes(poles: Sequence[FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
+def background_notes(poles: Sequence[FittedMode], response: Response) -> tuple[Note, ...]:
     """A note on broad poles that are not called modes."""
     if not poles:
         return ()
@@ -151,7 +149,7 @@ def background_notes(poles: Sequence[FittedMode], response: FrequencyResponse) -
     return (Note("modal/poles", text, response.configuration.name, severity="information"),)
 
 
-def window_notes(modes: Sequence[FittedMode], shift: float, response: FrequencyResponse) -> tuple[Note, ...]:
+def window_notes(modes: Sequence[FittedMode], shift: float, response: Response) -> tuple[Note, ...]:
     """A note on poles with clearly less damping than the window that is taken out."""
     count = sum(mode.zeta < -LIMITS.undamped_std * mode.zeta_std for mode in modes) if shift else 0
     if not count:
@@ -163,7 +161,7 @@ def window_notes(modes: Sequence[FittedMode], shift: float, response: FrequencyR
     return (Note("modal/damping", text, response.configuration.name),)
 
 
-def damping_notes(modes: Sequence[FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
+def damping_notes(modes: Sequence[FittedMode], response: Response) -> tuple[Note, ...]:
     """A note on dampings with wide intervals, and how much more to measure."""
     half_widths = np.array([QUANTILE_95 * mode.zeta_std / mode.zeta for mode in modes])
     wide = np.flatnonzero(half_widths > LIMITS.wide_damping)
@@ -180,7 +178,7 @@ def damping_notes(modes: Sequence[FittedMode], response: FrequencyResponse) -> t
     return (Note("modal/damping", text, response.configuration.name, severity="information"),)
 
 
-def line_notes(modes: Sequence[FittedMode], response: FrequencyResponse) -> tuple[Note, ...]:
+def line_notes(modes: Sequence[FittedMode], response: Response) -> tuple[Note, ...]:
     """A note on modes whose half-power width 2 zeta f holds too few lines: records too short for their damping."""
     spacing = float(np.median(np.diff(response.freq_hz)))
     lines = np.array([2 * mode.zeta * mode.freq_hz / spacing for mode in modes])

@@ -32,7 +32,7 @@ import scipy.linalg
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.record import MOTION_ORDER
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 RESIDUALS = (-2, -1, 0, 1, 2)
 
@@ -51,7 +51,7 @@ class Basis:
     segment_s: float = 0.0
 
     @classmethod
-    def of(cls, response: FrequencyResponse) -> Basis:
+    def of(cls, response: Response) -> Basis:
         """The columns for a response, smoothed where its segments had a window."""
         correlation = None
         if response.window and response.n_lines > 1:
@@ -103,7 +103,7 @@ class Basis:
         return stacked(columns.reshape(len(columns), -1))
 
 
-def window_correlation(response: FrequencyResponse) -> FloatArray:
+def window_correlation(response: Response) -> FloatArray:
     """rho_w (n,) over one segment, with at least two samples in a period of the highest line."""
     from scipy.signal import get_window
 

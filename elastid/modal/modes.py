@@ -21,7 +21,7 @@ from elastid.base.display import Display, as_html, as_text, digits, number, perc
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.modal.poles import StabilisationDiagram
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @frozen_value
@@ -123,7 +123,7 @@ def _interval(value: FloatArray, std: FloatArray) -> FloatArray:
     return np.stack([value - QUANTILE_95 * std, value + QUANTILE_95 * std], axis=1)
 
 
-def without_modes(response: FrequencyResponse, note: Note) -> Modes:
+def without_modes(response: Response, note: Note) -> Modes:
     """No mode, and why."""
     n_y, n_u = len(response.outputs), len(response.inputs)
     none, no_lines = np.empty(0), response.lines(np.zeros(response.n_lines, bool))

@@ -17,7 +17,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.optimize import nnls
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 # Lines of a median of differences, and of a mean of stated variances or of residuals.
 DIFFERENCE_LINES, MEAN_LINES = 41, 41
@@ -29,7 +29,7 @@ MAX_RATIO = 100.0
 MIN_RELATIVE_VARIANCE = 1e-12
 
 
-def line_variance(response: FrequencyResponse) -> FloatArray:
+def line_variance(response: Response) -> FloatArray:
     """E|dG|^2 (F, n_y, n_u), without the leakage of windows that the columns have; positive."""
     power = np.abs(response.G) ** 2
     covariance = response.uncertainty
@@ -52,7 +52,7 @@ def _of_inputs(covariance: Covariance) -> FloatArray:
     return np.asarray(own / own.mean(axis=0))
 
 
-def has_variance(response: FrequencyResponse) -> bool:
+def has_variance(response: Response) -> bool:
     """True where the response states its noise."""
     covariance = response.uncertainty
     return covariance is not None and bool(np.any(covariance.variance > 0))

@@ -22,7 +22,7 @@ from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import Levels, inverse, joints_of, normal_equations, priors
 from elastid.nonlinear.gear.motion import estimate_motion
 from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 # Of kinds that are one effect in several shapes.
 _FAMILIES = {"progressive": "cubic", "range": "cubic", "bristle": "stop"}
@@ -50,7 +50,7 @@ def family_of(effect: GearEffect) -> tuple[str, str, float]:
 
 def level_bounds(
     data: Sequence[PeriodLines],
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     linearisation: Linearisation,
     found: Levels,
     orders: Iterable[float],

@@ -9,13 +9,13 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
 from elastid.nonlinear.gear.drive_lines import DriveLines, drive_lines, elastic_joints
 from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.response import UNEXPLAINED, FrequencyResponse
+from elastid.response import UNEXPLAINED, Response
 
 _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
 # Of the rms deflection of a gear at the excited lines, above which noise of its motor's angle hides the effects, or a
@@ -34,9 +34,9 @@ LOST = "stiffness, damping and friction stay those of the linear fit"
 
 def drives_of(
     data: Sequence[PeriodLines],
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     linearisation: Linearisation,
-    result: FitResult,
+    result: Result,
 ) -> list[DriveLines]:
     """The linear model of each configuration at a fit; DataError where no gear has a spring."""
     if not elastic_joints(linearisation):
@@ -52,8 +52,8 @@ def drives_of(
 def refusal(
     data: Sequence[PeriodLines],
     drives: Sequence[DriveLines],
-    responses: Sequence[FrequencyResponse],
-    result: FitResult,
+    responses: Sequence[Response],
+    result: Result,
     joints: Sequence[str],
 ) -> str:
     """Why no effects of gears can be found, and what is lost; empty where they can."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from elastid.base.note import Note
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.nonlinear.gear.choice import SPRINGS
 from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.effects import GearEffect
@@ -17,7 +17,7 @@ from elastid.nonlinear.gear.period_lines import PeriodLines
 from elastid.nonlinear.gear_bounds import Bound, family_of
 from elastid.nonlinear.gear_limits import gear_torque
 from elastid.nonlinear.gear_result import BENT_STILL
-from elastid.response import BENT, NOT_STRAIGHT, FrequencyResponse
+from elastid.response import BENT, NOT_STRAIGHT, Response
 
 _SAME = 0.95  # correlation from which two effects cannot be told apart
 _OFF = 3.0  # std by which a number of the linear fit differs from that beside the effects
@@ -58,7 +58,7 @@ def rigid_gears(found: Levels, joints: Sequence[str]) -> list[Note]:
     return notes
 
 
-def bent_notes(responses: Sequence[FrequencyResponse], found: Levels) -> list[Note]:
+def bent_notes(responses: Sequence[Response], found: Levels) -> list[Note]:
     """Gears that are no straight springs, of which neither law, hysteresis nor transmission error was found."""
     kinds = (*SPRINGS, *HYSTERESIS, "error sine", "error cosine")
     laws = {effect.joint for effect in found.effects if effect.kind in kinds}
@@ -68,7 +68,7 @@ def bent_notes(responses: Sequence[FrequencyResponse], found: Levels) -> list[No
     return [Note(BENT_STILL, text, f"joint {joint}") for joint in bent if joint not in laws]
 
 
-def off_notes(result: FitResult, found: Levels) -> list[Note]:
+def off_notes(result: Result, found: Levels) -> list[Note]:
     """Springs and dampers of the linear fit that are off: their numbers are those of the records' amplitude."""
     before, after = result.parameters.as_dict(result.x), result.parameters.as_dict(found.x)
     std = np.sqrt(np.diag(found.covariance))

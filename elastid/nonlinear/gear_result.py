@@ -10,7 +10,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.result import DISTORTED, FitResult, Status
+from elastid.fit.result import DISTORTED, Result, Status
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.robot import Robot
 
@@ -147,7 +147,7 @@ class GearResult:
         return tuple(number for sheet in self.sheets for number in sheet.numbers)
 
 
-def with_gears(result: FitResult, gears: GearResult | None) -> FitResult:
+def with_gears(result: Result, gears: GearResult | None) -> Result:
     """The fit with the numbers found beside the effects, a misfit that these explain being none any more.
 
     Its V is then that of the linear fit, whose part beyond the noise falls with the square of the motion left. Load

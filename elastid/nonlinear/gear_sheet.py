@@ -20,7 +20,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.execution import Execution
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
@@ -53,7 +53,7 @@ from elastid.nonlinear.gear_notes import (
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 
 _POINTS = 400  # of a loop
@@ -62,8 +62,8 @@ _FREE = 0.02  # of k, at least, is the slope by which a torsion is known: within
 
 def open_gears(
     measured: Sequence[Iterable[Record]],
-    responses: Sequence[FrequencyResponse],
-    result: FitResult,
+    responses: Sequence[Response],
+    result: Result,
     robot: Robot,
     spec: EstimatorSpec,
     gears: GearsSpec,
@@ -180,7 +180,7 @@ class JointLevels:
         return reach
 
 
-def sheet_of(gear: JointLevels, result: FitResult, bounds: Mapping[tuple[GearEffect, ...], Bound]) -> GearSheet:
+def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[tuple[GearEffect, ...], Bound]) -> GearSheet:
     """The numbers of a gear, those of the linear fit beside them, and its torsion; bounds: of groups of effects."""
     rated, reach = rated_torque(gear.robot, gear.joint), gear.largest()
     numbers = [*_springs(gear, result, reach), *_lost_motion(gear), *_loop_numbers(gear, reach)]
@@ -206,7 +206,7 @@ def sheet_of(gear: JointLevels, result: FitResult, bounds: Mapping[tuple[GearEff
 _ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
 
 
-def _springs(gear: JointLevels, result: FitResult, reach: float) -> list[GearNumber]:
+def _springs(gear: JointLevels, result: Result, reach: float) -> list[GearNumber]:
     """Stiffness at zero torque and by range, and damping."""
     joint, numbers = gear.joint, []
     has_gap = any(effect.kind == "gap" for _, effect, _ in gear.effects)

@@ -30,7 +30,7 @@ from elastid.nonlinear.reconstruct import motion_under, net_samples, over_whole_
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import MOTION_ORDER, Record
-from elastid.response import UNEXPLAINED, FrequencyResponse
+from elastid.response import UNEXPLAINED, Response
 from elastid.robot import Robot
 from elastid.robot.tolerances import RATIO
 
@@ -46,7 +46,7 @@ def estimate_without_friction(
     E: FloatArray | None = None,
     robot: Robot | None = None,
     net: Sequence[Record] | None = None,
-) -> FrequencyResponse:
+) -> Response:
     """G of one configuration as `estimate` has it, from the net torques of its records, with the levels' errors.
 
     E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.  robot: whose
@@ -93,7 +93,7 @@ def ratio_std(records: Sequence[Record], robot: Robot | None) -> FloatArray:
 
 
 def _unexplained(
-    response: FrequencyResponse, friction: FrictionTakenOut, arm: Callable[[], FloatArray | float]
+    response: Response, friction: FrictionTakenOut, arm: Callable[[], FloatArray | float]
 ) -> tuple[Note, ...]:
     """A note where distortion far above the noise, and above that of the arm, was not found to be motors' friction."""
     if not friction.configurations or response.noise is None or response.total is None:
@@ -116,7 +116,7 @@ def _unexplained(
 
 def _arm_variance(
     net: Sequence[Record],
-    response: FrequencyResponse,
+    response: Response,
     spec: EstimatorSpec,
     planned_lines: IntArray | None,
     robot: Robot | None,
@@ -143,7 +143,7 @@ def _arm_variance(
 def _level_errors(
     records: Sequence[Record],
     friction: FrictionTakenOut,
-    response: FrequencyResponse,
+    response: Response,
     spec: EstimatorSpec,
     planned_lines: IntArray | None,
     E: FloatArray | None,

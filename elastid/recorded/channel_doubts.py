@@ -15,8 +15,16 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.units import TABLE, of_translation, units_of
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
-from elastid.recorded.channel_names import Doubt, doubts_by_names
-from elastid.recorded.evidence import MIN_CORRELATION, motion_relations, torque_relation, travel
+from elastid.recorded.channel_names import Doubt, doubts_by_names, guess_by_name
+from elastid.recorded.evidence import (
+    MIN_CORRELATION,
+    WIDTHS,
+    correlation,
+    derivative,
+    motion_relations,
+    torque_relation,
+    travel,
+)
 from elastid.recorded.link_side import link_side_factor, to_joints
 from elastid.robot import Joint, Robot
 
@@ -35,6 +43,7 @@ class DoubtLimits:
 
 
 LIMITS = DoubtLimits()
+_UNUSUAL = ("arcmin", "arcsec", "mrad", "rev")  # that no log has, unless it says so
 
 
 @dataclass(frozen=True)
@@ -65,11 +74,13 @@ class JointSignals:
         channel, unit = self.channels[i], QUANTITY_UNIT[self.channels[i].quantity]
         dimension = of_translation(unit) if self.joint.slides and channel.side == "link" else unit
         stated = TABLE[channel.unit or dimension][1]
-        units = [(stated / TABLE[unit][1], f"unit: {unit}") for unit in units_of(dimension) if TABLE[unit][1] != stated]
+        is_named = channel.unit in TABLE and channel.unit == guess_by_name(channel.channel, channel.column).unit
+        others = () if is_named else (unit for unit in units_of(dimension) if unit not in _UNUSUAL)
+        units = [(stated / TABLE[unit][1], f"unit: {unit}") for unit in others if TABLE[unit][1] != stated]
         # A motor turns further than its joint, with less torque.
         ratio = abs(self.ratio) ** (1 if (channel.side == "link") == channel.is_motion else -1)
         side = "side: motor" if channel.side == "link" else "side: link"
-        return [*units, (ratio, side)] if abs(np.log(ratio)) > LIMITS.max_gain else units
+        return [(ratio, side), *units] if abs(np.log(ratio)) > LIMITS.max_gain else units
 
 
 def channel_doubts(
@@ -154,8 +165,26 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
             yield Doubt(i, "sign", f"{text}{stated.correlation:.3f}); give one of them sign: -1")
         elif joint.is_against(a):
             yield _against(joint, joint.torque, a)
+    yield from _exchanged(joint)
     if not found and joint.motions and joint.is_against(joint.motions[0]):
         yield _against(joint, joint.motions[0], joint.motions[0])
+
+
+def _exchanged(joint: JointSignals) -> Iterator[Doubt]:
+    """A motion at the load that follows the torque where that of the motor does not: behind a spring it cannot."""
+    own = {joint.channels[i].at.partition(" ")[0]: i for i in joint.motions}
+    if joint.torque is None or len(own) < 2:
+        return
+    u, width = joint.signals[:, joint.torque], WIDTHS[0]
+    at = {
+        place: abs(
+            correlation(derivative(u, 0, 1.0, width), derivative(joint.signals[:, i], 2 - joint.order(i), 1.0, width))
+        )
+        for place, i in own.items()
+    }
+    if at["joint"] > LIMITS.max_stated_correlation > 2 * at["motor"]:
+        text = f"{joint.channels[own['joint']].name_in_file} follows the torque and"
+        yield Doubt(own["motor"], "at", f"{text} {joint.channels[own['motor']].name_in_file} does not: exchange them")
 
 
 def _against(joint: JointSignals, i: int | None, motion: int) -> Doubt:
@@ -167,16 +196,16 @@ def _against(joint: JointSignals, i: int | None, motion: int) -> Doubt:
 def _of_gain(joint: JointSignals, a: int, b: int, gain: float, order: int, text: str) -> Iterator[Doubt]:
     """Another unit or side of one of two motions; another gear, or another rate."""
     factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
-    away, i, keys = min(((abs(np.log(gain / x)), i, keys) for x, i, keys in factors), default=(np.inf, b, ""))
-    if away <= LIMITS.max_factor:
+    fitting = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= LIMITS.max_factor]
+    for i, keys in sorted(fitting, key=lambda each: not each[1].startswith("side"))[:1]:
         is_motor = keys == "side: motor" and joint.torque is not None and joint.channels[joint.torque].side == "link"
         torque = joint.channels[joint.torque or 0].name_in_file
         too = f"; as a rule the torque {torque} has side: motor then, too" if is_motor else ""
         yield Doubt(i, keys.partition(":")[0], f"{text}: {keys} would make both agree{too}")
-    elif order == 0 and abs(np.log(gain)) > LIMITS.max_play:
+    if not fitting and order == 0 and abs(np.log(gain)) > LIMITS.max_play:
         what = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
         yield Doubt(b, "scale", f"{text}: check {what}, and unit and scale of both")
-    elif order > 0:
+    elif not fitting and order > 0:
         yield Doubt(None, f"{gain ** (1 / order):.6g}", text)
 
 

@@ -1,6 +1,6 @@
 """Guesses of the channels of a log: quantity and unit by name, joint by what names share, sign by the power.
 
-Of logs without headings, or with such that say nothing: by what the signals hold, all as they are behind one Gaussian.
+Signals whose names say nothing are what the others lack.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpe
 from elastid.recorded.channel_names import DRIVES, ChannelGuess, guess_by_name
 from elastid.recorded.evidence import (
     MIN_CORRELATION,
-    WIDTHS,
     TorqueRelation,
     motion_relations,
     torque_relation,
@@ -30,9 +29,6 @@ from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog
 from elastid.recorded.repair.time_stamps import even_grid
 
-_MAX_ROWS = 16  # of one sample: the joints of two arms
-# Change from one sample to the next of a signal that is smooth, over that within a sample of several rows.
-_MAX_SMOOTH = 0.05
 # Of a clock: steps that differ from their median by more are none, and the share of them that may.
 _MAX_STEP, _MAX_UNEVEN_SHARE = 1.0, 0.02
 _MAX_SAMPLES = 1 << 14  # that suffice to tell signals apart
@@ -40,7 +36,6 @@ _MIN_SAMPLES = 100  # of a log
 _MAX_RATE_SPREAD = 1.02  # of the rates that pairs of positions and velocities show
 _MIN_KNOWN_SHARE = 2 / 3  # of a signal's samples, the others missing
 _MAX_LEFT_BY_GRAVITY = 0.7  # of what is left of a torque without it
-_MAX_SLOW_CORRELATION = 0.999  # of neighbouring samples of an excitation
 _MOTION_HZ = 3.0  # below which half of the power of a torque is that moves a robot, rather than shakes it
 
 Values = Mapping[tuple[str, int | None], FloatArray]
@@ -68,17 +63,6 @@ class LogGuess:
     joints: tuple[JointGuess, ...]
     further: tuple[ChannelGuess, ...]
     is_motion: bool
-
-
-def rows_of_a_sample(values: FloatArray) -> int:
-    """How many rows of a table (n, c) make one sample: 1, or as many as lie between values that follow each other."""
-    change = [np.nan_to_num(np.nanmean((values[k:] - values[:-k]) ** 2, axis=0)) for k in range(1, _MAX_ROWS + 1)]
-    moving = change[0] > 0
-    if len(values) < 20 * _MAX_ROWS or not moving.any():
-        return 1
-    shares = [float(np.max(each[moving] / change[0][moving])) for each in change]
-    best = int(np.argmin(shares[1:])) + 2
-    return best if shares[best - 1] < _MAX_SMOOTH and len(values) % best == 0 else 1
 
 
 def is_clock(x: FloatArray) -> bool:
@@ -122,8 +106,8 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     """The joints of a log, each a torque and its motion; None where nothing says which signals are."""
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
     drives, motions = _best_family(guesses, DRIVES), _best_family(guesses, MOTIONS)
-    if not drives or not motions:
-        drives, motions = _by_content([(g, x) for g, x in signals if not g.quantity and not is_clock(x)])
+    if bool(drives) != bool(motions):
+        drives, motions = _completed(drives, motions, [g for g, x in signals if not is_clock(x)])
     if not drives:
         return None
     given, slides = motions[0].quantity, all(g.quantity == "force" for g in drives)
@@ -135,48 +119,33 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     paired = [by_label.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
     joints = [_joint(*pair, values, rate_hz) for pair in zip(drives, paired, strict=True)]
     taken = {joint.motion.key for joint in joints}
-    others = [*motions, *(g for g in guesses if g.quantity == given and g.rank >= 0)]
+    is_structure = all(g.quantity == "force" for g in drives) and len(drives) < len(motions)
+    alike = MOTIONS if is_structure else (given,)
+    others = [*motions, *(g for g in guesses if g.quantity in alike and g.rank >= 0)]
     others = list({g.key: _with_unit(g, None, values, rate_hz, slides) for g in others if g.key not in taken}.values())
     slow = all(_median_hz(values[j.torque.key], rate_hz) < _MOTION_HZ for j in joints)
     return LogGuess(tuple(joints), tuple(others), slow and given == "position")
 
 
-def _by_content(signals: Sequence[tuple[ChannelGuess, FloatArray]]) -> tuple[list[ChannelGuess], list[ChannelGuess]]:
-    """Torques and motions among signals (n,) whose names say nothing; none of them where nothing else does."""
-    xs = [x[:_MAX_SAMPLES] for _, x in signals]
-    speeds = velocities(xs)
-    derived = {j for j, _ in speeds.values()}
-    found = []
-    for i, y in enumerate(xs):
-        # An angle of many turns is one in deg, and gravity changes with its cosine.
-        turn = np.pi / 180 if np.ptp(y) > 8 * np.pi else 1.0
-        for j, u in enumerate(xs) if i not in derived else ():
-            relation = (
-                torque_relation(u, turn * y, 0, 1.0, behind=WIDTHS[1:2])
-                if i != j and j not in derived | {*speeds}
-                else None
-            )
-            if relation is not None and relation.is_joint:
-                found.append((i not in speeds, -round(relation.explained, 2), i, j))
-    pairs: dict[int, int] = {}
-    for *_, i, j in sorted(found):
-        if not {i, j} & {*pairs, *pairs.values()}:
-            pairs[i] = j
-    if pairs:
-        drives = [
-            replace(signals[pairs[i]][0], quantity="torque", why="no name says it: by Newton's law")
-            for i in sorted(pairs)
-        ]
-        whys = {
-            i: f"its derivative is {signals[speeds[i][0]][0].name}" if i in speeds else drives[0].why for i in pairs
-        }
-        return drives, [replace(signals[i][0], quantity="position", why=whys[i]) for i in sorted(pairs)]
-    # An excitation of a structure changes from one sample to the next.
-    if len(signals) < 2 or np.var(np.diff(xs[0])) < 2 * (1 - _MAX_SLOW_CORRELATION) * np.var(xs[0]):
+def _completed(
+    drives: list[ChannelGuess], motions: list[ChannelGuess], guesses: Sequence[ChannelGuess]
+) -> tuple[list[ChannelGuess], list[ChannelGuess]]:
+    """Drives and motions, of which one is missing: signals whose names say nothing, of the joints of the others.
+
+    A force without a motion is that of a hammer or a shaker, and what else is in its log are accelerations.
+    """
+    labels, unknown = [g.parts[1] for g in drives or motions], [g for g in guesses if not g.quantity]
+    families = [[g for g in unknown if g.parts[0] == name] for name in dict.fromkeys(g.parts[0] for g in unknown)]
+    own = [each for each in families if sorted(g.parts[1] for g in each) == sorted(labels)]
+    is_structure = bool(drives) and drives[0].quantity == "force" and len(drives) < len(unknown)
+    if not unknown or not (own or is_structure):
         return [], []
-    why = "no name says it: the first column is taken as a torque, the second as an acceleration"
-    first, second = (replace(g, why=why) for g, _ in signals[:2])
-    return [replace(first, quantity="torque")], [replace(second, quantity="acceleration", unit="rad/s^2")]
+    quantity = "torque" if motions else "acceleration" if is_structure else "position"
+    members = unknown if is_structure else max(own, key=lambda family: family[0].rank)
+    found = [
+        replace(g, quantity=quantity, why=f"its name says nothing: a {quantity}, by those beside it") for g in members
+    ]
+    return (drives, found) if drives else (found, motions)
 
 
 def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[ChannelGuess]:

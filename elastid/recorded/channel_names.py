@@ -17,19 +17,23 @@ _UNITS = (
     (r"deg(/|_?per_?|_)s", "velocity", "deg/s"), (r"rpm|1/min", "velocity", "rpm"), (r"mm(/|_?per_?)s", "velocity",
     "mm/s"), (r"m(/|_?per_?)s", "velocity", "m/s"), (r"deg|°", "position", "deg"), (r"m?rad", "position", "rad"),
     (r"mm", "position", "mm"), (r"n\*?m", "torque", "N*m"), (r"ma", "current", "mA"), (r"amps?", "current", "A"),
-    (r"g", "acceleration", "g"), (r"[\[(]n[\])]", "force", "N"),
+    (r"g[\])]?$", "acceleration", "g"), (r"kn[\])]?$", "force", "kN"), (r"n[\])]?$", "force", "N"),
     (r"[\[(]a[\])]", "current", "A"), (r"[\[(]v[\])]", "voltage", "V"),
 )  # fmt: skip
 _WORDS = {
-    "temperature": r"temp.*", "torque": r"torques?|tau|trq|\w*moment|efforts?",
-    "force": r"forces?|\w*kraft|f|hammer|shaker", "current": r"currents?|curr?|\w*strom|iq|i",
+    "temperature": r"temp.*", "torque": r"\w*torques?|tau|\w*trq|tq|\w*moment|\w*efforts?",
+    "force": r"\w*forces?|\w*kraft|f|hammer|shaker", "current": r"\w*currents?|curr?|\w*strom|iq|i",
     "voltage": r"volt.*|vir|vdc",
-    "acceleration": r"acc.*|qdd|ddq|\w*beschl.*", "velocity": r"vel.*|speeds?|omega|qd|dq|w|v|\w*geschw.*|\w*drehzahl",
-    "position": r"pos.*|angles?|theta|phi|\w*winkel|enc.*|q|qm|qg|x|\w*lage|axis",
+    "acceleration": r"\w*acc(el\w*)?|qdd|ddq|\w*beschl.*", "velocity":
+    r"\w*vel(oc\w*)?|\w*speeds?|omega|qd|dq|w|v|\w*geschw.*|\w*drehzahl",
+    "position": r"\w*pos(i\w*)?|\w*angles?|ang|theta|phi|\w*winkel|enc.*|q|qm|qg|\w*lage|axis",
 }  # fmt: skip
-_MEASURED = r"act|actual|meas|measured|ist|adx?|fb|mot|motor|qm"
+_MEASURED = r"act.*|meas.*|mea|ist.*|adx?|fb|fdb|mot|motor|qm"
 _UNIT_WORDS = r"nm|rad|deg|mm|rpm|hz"
-_NOT_MEASURED = r"ref.*|cmd|command|des|desired|soll|set|target|ff|err.*|rel|model|init|kin|dyn|traj|qg|simple|follow.*"
+_NOT_MEASURED = (
+    r"ref.*|cmd.*|command.*|des|desired.*|soll.*|set.*|target.*|ff|err.*|rel|"
+    "model|init|kin|dyn|traj|qg|simple|follow.*"
+)
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> Iterator[M
             for s in WIDTHS
             if len(a) > 20 * s
         ]
-        results = [(_correlation(x, y), float(np.std(y)) / max(float(np.std(x)), 1e-300)) for x, y in pairs]
+        results = [(correlation(x, y), float(np.std(y)) / max(float(np.std(x)), 1e-300)) for x, y in pairs]
         rho, size = max(results, key=lambda result: abs(result[0]), default=(0.0, 0.0))
         yield MotionRelation(order, float(np.sign(rho)) * size, rho)
 
@@ -93,14 +93,12 @@ def velocities(signals: Sequence[FloatArray]) -> dict[int, tuple[int, float]]:
     return {i: (j, float(of_b[j] / of_a[i])) for i, j in best.items() if i not in best.values()}
 
 
-def torque_relation(
-    u: FloatArray, y: FloatArray, order: int, rate_hz: float, turns: bool = True, behind: tuple[float, ...] = WIDTHS
-) -> TorqueRelation:
+def torque_relation(u: FloatArray, y: FloatArray, order: int, rate_hz: float, turns: bool = True) -> TorqueRelation:
     """How the motion y (n,), a derivative of the position of the given order, explains the torque u (n,).
 
-    turns: the joint turns, so that gravity may change with its angle.  behind: widths, the best of which counts.
+    turns: the joint turns, so that gravity may change with its angle.
     """
-    results = (_relation_at(u, y, order, rate_hz, width, turns) for width in behind if len(u) > 20 * width)
+    results = (_relation_at(u, y, order, rate_hz, width, turns) for width in WIDTHS if len(u) > 20 * width)
     return max(results, key=lambda result: result.explained, default=TorqueRelation())
 
 
@@ -145,7 +143,8 @@ def _integral(y: FloatArray, rate_hz: float) -> FloatArray:
     return np.asarray(total - np.polyval(np.polyfit(t, total, 1), t))
 
 
-def _correlation(x: FloatArray, y: FloatArray) -> float:
+def correlation(x: FloatArray, y: FloatArray) -> float:
+    """That of two signals (n,); 0 where one is still."""
     x, y = x - x.mean(), y - y.mean()
     size = float(np.linalg.norm(x) * np.linalg.norm(y))
     return float(x @ y) / size if size > 0 else 0.0

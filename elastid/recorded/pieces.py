@@ -1,8 +1,8 @@
 """A record of several parts: of a log that is too large for memory, or of several logs of one experiment.
 
-A large log is measured in pieces of whole periods (without one, of any length), kept in files.  The first is repaired
-and checked as a log of its own, and so is each that differs from the last such one by more than noise.  Where they are
-not in step (a clock that differs, a piece that is refused) the log must be measured as a whole.
+A large log is measured in pieces of whole periods (without one, of any length), kept in files, each repaired and
+checked as a log of its own.  Where they are not in step (a clock that differs, a piece that is refused) the log must be
+measured as a whole.
 
 Logs of one experiment may hold further periods, or repeats, of one excitation, which brings each into step with the
 first; the record keeps where a log starts, since each has a transient and a drift of its own.
@@ -11,7 +11,7 @@ first; the record keeps where a log starts, since each has a transient and a dri
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -25,9 +25,8 @@ from elastid.base.arrays import FloatArray, LargeArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.record import Record
-from elastid.recorded.link_side import MAX_COMPUTABLE, UNWRAPPED
+from elastid.recorded.link_side import UNWRAPPED
 from elastid.recorded.repair.clock import CLOCK, RESAMPLED, at_times, delay
-from elastid.recorded.repair.converter import CLIPPED
 
 # A log of fewer values is measured as a whole.
 MIN_VALUES = 1 << 22
@@ -53,101 +52,22 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
     return tuple(pairwise(N * p for p in (0, *starts, n // N))) if rest >= _MIN_PERIODS else ()
 
 
-@dataclass(frozen=True)
-class ScreenLimits:
-    """Limits within which a piece is as one that was repaired; one beyond is repaired, too, which costs time alone."""
-
-    sigmas: float = 6.0  # of a sample, less those two before and after it; and of a lag
-    max_lag: float = 0.05  # in samples, of a piece behind the other one
-    windows: int = 20  # of a period, of so many samples at least, whose power is compared
-    min_window: int = 256
-    held: int = 20  # equal samples that a channel repeats where it hangs
-    min_ratio: float = 0.5  # of power in a window, over those of the other piece
-    max_ratio: float = 1.5  # likewise, and of the largest lone sample
-    max_mean_ratio: float = 4.0  # power of the difference of the mean periods, over that of their noise
-    resolution: float = 1e-6  # of the largest value: differences below are rounding
-
-
-SCREEN = ScreenLimits()
-
-
-@dataclass(frozen=True)
-class _Figures:
-    """Difference from a mean period: its own mean (N,), its power (w,) in windows, and how far lone samples are off.
-
-    is_held: so many equal samples in a row that the channel may hang.
-    """
-
-    difference: FloatArray
-    power: FloatArray
-    lone: FloatArray
-    is_held: bool
-
-
-def _figures(x: FloatArray, mean: FloatArray) -> _Figures:
-    """Of whole periods of a signal (n,), each without its own line."""
-    N, t = len(mean), np.linspace(-1.0, 1.0, len(mean))
-    lines = np.stack([np.full(N, N**-0.5), t / np.linalg.norm(t)])
-    E = x.reshape(-1, N) - mean
-    E -= (E @ lines.T) @ lines
-    e, few, width = E.ravel(), x[:: SCREEN.held // 4], max(SCREEN.min_window, N // SCREEN.windows)
-    windows = e[: len(e) // width * width].reshape(-1, width)
-    lone = e[:-4] + e[4:]
-    lone *= -0.5
-    lone += e[2:-2]
-    is_held = bool(np.any((few[2:] == few[1:-1]) & (few[1:-1] == few[:-2])))
-    return _Figures(E.mean(axis=0), np.einsum("wi,wi->w", windows, windows) / width, np.abs(lone, out=lone), is_held)
-
-
-class _Screen:
-    """Test that a signal (n,) of a piece is as that of one that was repaired, from its periods of N samples."""
-
-    def __init__(self, x: FloatArray, N: int) -> None:
-        self.mean, self.periods = x.reshape(-1, N).mean(axis=0), len(x) // N
-        first, least = _figures(x, self.mean), SCREEN.resolution * float(np.abs(x).max())
-        # Its own noise is part of the mean that it is compared with, that of other pieces is not.
-        self.noise = float(first.power.mean()) * self.periods / (self.periods - 1) + least**2
-        more = (self.periods + 1) / (self.periods - 1)
-        self.low = SCREEN.min_ratio * more * float(first.power.min()) - least**2
-        self.high = SCREEN.max_ratio * more * float(first.power.max()) + least**2
-        usual = SCREEN.sigmas * float(np.sqrt(more * np.mean(first.lone**2)))
-        self.far = max(usual, SCREEN.max_ratio * float(first.lone.max())) + least
-        self.is_held = first.is_held
-
-    def passes(self, x: FloatArray) -> bool:
-        """False, too, where a sample is missing, or beyond what any sensor gives."""
-        if not (x.min() >= -MAX_COMPUTABLE and x.max() <= MAX_COMPUTABLE):
-            return False
-        now, N = _figures(x, self.mean), len(self.mean)
-        of_mean = N * self.noise * (1 / self.periods + N / len(x))
-        return bool(
-            now.lone.max() <= self.far
-            and self.low <= now.power.min()
-            and now.power.max() <= self.high
-            and now.difference @ now.difference <= SCREEN.max_mean_ratio * of_mean
-            and now.is_held <= self.is_held
-            and not _lags(now.difference, self.mean)
-        )
-
-
 def _lags(difference: FloatArray, mean: FloatArray) -> bool:
     """True if a mean period differs from another one (N,) by a lag that counts, and that its noise does not explain."""
     slope = (np.roll(mean, -1) - np.roll(mean, 1)) / 2
     along, steepness = float(difference @ slope), float(slope @ slope)
-    is_long = abs(along) > SCREEN.max_lag * steepness
-    return is_long and along**2 * len(mean) > SCREEN.sigmas**2 * steepness * float(difference @ difference)
+    is_long = abs(along) > SAME_EXCITATION.max_lag * steepness
+    return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)  # 6 of its deviations
 
 
 def joined(
     measure: Callable[[int, int], Record],
-    as_logged: Callable[[int, int], Mapping[str, Sequence[FloatArray]]],
     bounds: Sequence[tuple[int, int]],
     dtype: np.dtype[Any],
 ) -> Record | None:
     """The record of all pieces, its signals in files; None where they are not in step.
 
-    measure: the record of the samples from a first to before a last one.  as_logged: its signals (n,) by role where
-    nothing is repaired.  dtype: of the numbers in the files.
+    measure: the record of the samples from a first to before a last one.  dtype: of the numbers in the files.
     """
     n, first = bounds[-1][1], measure(*bounds[0])
     period = _mean_period(_driver(first), first.period_samples) if first.is_periodic else None
@@ -155,23 +75,10 @@ def joined(
     signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in given.items()}
     notes, left_out = dict[Note, None](), list[int]()
     repairs: Counter[str] = Counter()
-    screens: dict[str, list[_Screen]] = {}
     for start, end in bounds:
-        logged = as_logged(start, end) if screens else {}
-        if logged and all(s.passes(x) for role in screens for s, x in zip(screens[role], logged[role], strict=True)):
-            for role, signal in signals.items():
-                for c, x in enumerate(logged[role]):
-                    signal[start:end, c] = x
-                arrays.release(signal)
-            continue
         part = measure(start, end) if start else first
         if part.n_samples != end - start or not _is_in_step(part, period):
             return None
-        is_usual = CLIPPED not in part.repairs and part.repairs.keys() <= first.repairs.keys()
-        if period is not None and is_usual:
-            # The first period may hold the start from rest.  Torques change slowly, as joints warm up.
-            N = len(period)
-            screens = {role: [_Screen(c, N) for c in np.array(getattr(part, role)[N:].T)] for role in signals}
         for role, signal in signals.items():
             signal[start:end] = getattr(part, role)
             arrays.release(signal)
@@ -211,7 +118,7 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
     delays = [delay(a, b, N) for a, b in zip(first.T, mean.T, strict=True)]
     # The lag of a slow excitation is uncertain.
     return all(
-        abs(lag) <= SCREEN.max_lag or (abs(lag) < 1 and not _lags(b - a, a))
+        abs(lag) <= SAME_EXCITATION.max_lag or (abs(lag) < 1 and not _lags(b - a, a))
         for a, b, (lag, correlation) in zip(first.T, mean.T, delays, strict=True)
         if correlation >= CLOCK.min_correlation
     )

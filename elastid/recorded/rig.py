@@ -10,7 +10,6 @@ from typing import cast
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
@@ -19,13 +18,12 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes, same_signal_notes
-from elastid.recorded.files.formats import is_log, is_single, naming, opened_log, rows_of, values_of
+from elastid.recorded.files.formats import is_log, is_single, naming, rows_of
 from elastid.recorded.link_side import (
     channel_refusals,
     check_holds,
     disturbances,
     hold_samples,
-    link_side,
     link_side_factor,
     to_joints,
 )
@@ -118,21 +116,9 @@ class RecordedRig:
         def measured(first: int, last: int) -> Record:
             return self._as_a_whole(experiment, replace(file, samples=(start + first, start + last)))
 
-        channels, roles = recorded.channels, _columns_of_roles(recorded.channels)
-        T = to_joints(channels, self.robot)
-        offset = T @ [float(link_side(each, np.zeros(1), self.robot)[0][0]) for each in channels]
-        T = T * [link_side_factor(each, self.robot) for each in channels]
-
-        def as_logged(first: int, last: int) -> dict[str, list[FloatArray]]:
-            X = values_of(log, channels, start + first, start + last).T
-            terms = ([a * x for a, x in zip(row, X, strict=True) if a != 0] for row in T)
-            signals = [np.asarray(sum(each, start=b)) for each, b in zip(terms, offset, strict=True)]
-            return {role: [signals[i] for i in columns] for role, columns in roles.items()}
-
         dtype = np.dtype(np.float32 if is_single(path, recorded.channels, recorded.text) else np.float64)
         try:
-            with opened_log(path, recorded.text) as log:
-                record = joined(measured, as_logged, bounds, dtype)
+            record = joined(measured, bounds, dtype)
         except DataError:
             # Reading all of it shows if that piece spoils the record.
             return None

@@ -15,13 +15,13 @@ from elastid.base.note import Note, NoteGroup, grouped
 from elastid.design.forecast import Forecast, LimitUse
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.linear.fitted_model import response_deviation
 from elastid.linear.response.transfer import to_response
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.modes import ModeRow, measured_modes_row
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
@@ -49,8 +49,8 @@ class ReportContent:
 
     title: str
     verdict: str
-    result: FitResult
-    frf: tuple[tuple[FrequencyResponse, FrequencyResponse], ...]
+    result: Result
+    frf: tuple[tuple[Response, Response], ...]
     validation: Validation
     modes: tuple[ModeRow, ...]
     study_text: str
@@ -62,7 +62,7 @@ class ReportContent:
     limit_use: LimitUse | None = None
     comparison: Comparison | None = None
     model_std: tuple[FloatArray, ...] = ()
-    dense: tuple[tuple[FrequencyResponse, FloatArray], ...] = ()
+    dense: tuple[tuple[Response, FloatArray], ...] = ()
     friction: FrictionTakenOut | None = None
     contents: Mapping[str, str] | None = None
     twin: TwinFindings = NO_TWIN
@@ -91,7 +91,7 @@ class ResponsesContent:
     """Measured responses, the modes of each, friction taken out of them, the text of the study and its provenance."""
 
     title: str
-    responses: tuple[FrequencyResponse, ...]
+    responses: tuple[Response, ...]
     modes: tuple[Modes, ...]
     study_text: str
     provenance: Mapping[str, str]
@@ -110,7 +110,7 @@ class ResponsesContent:
         return tuple(measured_modes_row(own, self.geometry) for own in self.modes)
 
     @property
-    def synthesised(self) -> tuple[FrequencyResponse | None, ...]:
+    def synthesised(self) -> tuple[Response | None, ...]:
         """The modal model of each response; None where it is known on some of its lines only."""
         return tuple(
             replace(response, G=own.synthesis, notes=(), quality=None, noise=None, total=None, distortion=None)
@@ -156,7 +156,7 @@ def model_lines(
     return np.union1d(freq_hz, further[thinned])
 
 
-def dense_models(fitted: FittedRobot) -> tuple[tuple[FrequencyResponse, FloatArray], ...]:
+def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]:
     """Of each measured configuration the model on `model_lines` and its standard deviation (L, n_y, n_u)."""
     result, models = fitted.result, []
     modes = fitted.uncertain_modes
@@ -204,7 +204,7 @@ class ParameterRow:
 
 
 def parameter_rows(
-    result: FitResult, truth: Mapping[str, float] | None, contents: Mapping[str, str] | None = None
+    result: Result, truth: Mapping[str, float] | None, contents: Mapping[str, str] | None = None
 ) -> tuple[ParameterRow, ...]:
     """One row for each parameter that was asked for, in the order of x; truth and contents may name some only."""
     known, estimates, stds = truth or {}, result.values, result.std

@@ -19,7 +19,7 @@ import numpy as np
 from elastid.base.display import number, percent
 from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.plan.plan import Plan
-from elastid.fit.result import DISTORTED, DOUBTED, HELD_AS_EXACT, FitResult
+from elastid.fit.result import DISTORTED, DOUBTED, HELD_AS_EXACT, Result
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
 from elastid.report.answer import Questions
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
@@ -87,13 +87,13 @@ def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
     return max(springs_and_dampers(rows), key=half_width, default=None)
 
 
-def verdict_sentence(result: FitResult, rows: Sequence[ParameterRow], agreements: Sequence[Agreement] = ()) -> str:
+def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[Agreement] = ()) -> str:
     """Verdict of the fit on the numbers; the cause first where it did not converge, with unknown noise if it is."""
     widths = "" if is_wrong(result) else _of_widths(rows)
     return "; ".join(filter(None, (_of_status(result, agreements), widths, _of_truth(rows))))
 
 
-def is_wrong(result: FitResult) -> bool:
+def is_wrong(result: Result) -> bool:
     """True where the model is wrong by more than the intervals include, so that their widths mean nothing."""
     return result.status in ("misfit", "model_error")
 
@@ -102,7 +102,7 @@ MOTION_LEFT = 0.01  # of the motion, which effects of the gears may leave unexpl
 BASE_SIZE = 0.005  # of a stiffness, by which a usual base moves it where the answer says so
 
 
-def numbers_answer(result: FitResult, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
+def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
     """A sentence on the quality of the numbers that agrees with the status, the verdicts and the intervals."""
     most = widest(rows)
     if result.status != "converged":
@@ -126,7 +126,7 @@ def numbers_answer(result: FitResult, rows: Sequence[ParameterRow], gears: GearR
     return f"Yes{series}{held and ', if what the fit held is exact: '}{held.partition('; ')[2].partition(':')[0]}."
 
 
-def _with_its_base(result: FitResult, rows: Sequence[ParameterRow]) -> str:
+def _with_its_base(result: Result, rows: Sequence[ParameterRow]) -> str:
     """The stiffness that a base as elastic as is usual would move most, by more than users ask for; empty for none."""
     std, stiffness = result.std_with_base, {row.name: row.estimate for row in rows if row.name.startswith("k")}
     moved = {
@@ -141,7 +141,7 @@ def needs_floor(agreements: Sequence[Agreement]) -> bool:
     return noise_p([agreement for agreement in agreements if not agreement.left_out]) < FALSE_ALARM
 
 
-def residual_sentence(result: FitResult, agreements: Sequence[Agreement]) -> str:
+def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
     """Where the residuals are beyond what the fit allows them, and the number that would explain it."""
     if not result.noise_is_known:
         return "The noise is unknown: the residuals cannot be judged."
@@ -155,7 +155,7 @@ def residual_sentence(result: FitResult, agreements: Sequence[Agreement]) -> str
     return "Nowhere: no residual beyond what the noise explains."
 
 
-def _of_status(result: FitResult, agreements: Sequence[Agreement]) -> str:
+def _of_status(result: Result, agreements: Sequence[Agreement]) -> str:
     if result.status != "converged":
         return result.message.rstrip(".")
     if not result.noise_is_known:
@@ -217,7 +217,7 @@ def _titles(agreements: Sequence[Agreement]) -> tuple[str, tuple[str, ...], tupl
     return kinds.pop(), last[0], last[1]
 
 
-def excess_sentence(result: FitResult) -> str:
+def excess_sentence(result: Result) -> str:
     """The first number that would explain the residuals beyond the noise; empty without a large share."""
     first = next((index for index in result.indices if index.place == 1), None)
     if first is None or first.share < 0.1:
@@ -269,7 +269,7 @@ class Action:
 OPEN_GEARS = Action("Lay the gears open, once.", "Stiffness at zero torque and the law beyond it.", "--set 'gears={}'")
 
 
-def next_steps(result: FitResult, rows: Sequence[ParameterRow], plan: Plan | None = None) -> tuple[Action, ...]:
+def next_steps(result: Result, rows: Sequence[ParameterRow], plan: Plan | None = None) -> tuple[Action, ...]:
     """The most useful first: what the status asks for, what explains the residuals, what narrows the widest number.
 
     More experiments do not narrow an interval that holds an error of the model.
@@ -297,7 +297,7 @@ COMMANDS = tuple(
 )
 
 
-def _action_of_status(result: FitResult) -> Action | None:
+def _action_of_status(result: Result) -> Action | None:
     if result.status == "misfit" and BENT in result.message:
         is_tried = any(words in result.message for words in (NOT_EXPLAINED, NOT_OPENED))
         return None if is_tried else OPEN_GEARS
@@ -309,7 +309,7 @@ def _action_of_status(result: FitResult) -> Action | None:
     return Action(f"{(advice or meaning)[:1].upper()}{(advice or meaning)[1:]}.", "")  # the cause stands above it
 
 
-def _of_residuals(result: FitResult) -> Action | None:
+def _of_residuals(result: Result) -> Action | None:
     """The number that explains them, else, where they exceed the noise, another model."""
     first, excess = next((index for index in result.indices if index.place == 1), None), excess_sentence(result)
     if first is not None and excess:
@@ -330,7 +330,7 @@ def _of_residuals(result: FitResult) -> Action | None:
     return Action(advice, "No number that was held explains the residuals.", "elastid compare STUDY --search")
 
 
-def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:
+def _of_prior(result: Result, poor: ParameterRow) -> Action | None:
     """The other number whose prior would narrow the widest one most; only of positive ones, whose prior is relative."""
     names = result.parameters.free_names
     covariance, i = result.covariance, names.index(poor.name)
@@ -355,7 +355,7 @@ def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:
     )
 
 
-def _of_experiments(result: FitResult, plan: Plan | None, poor: ParameterRow) -> Action | None:
+def _of_experiments(result: Result, plan: Plan | None, poor: ParameterRow) -> Action | None:
     column = result.parameters.free_names.index(poor.name)
     if not result.share.size or not np.isfinite(result.share[:, column]).any():
         return None

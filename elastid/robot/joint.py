@@ -233,6 +233,8 @@ class Joint:
                 f"joint {self.name}: gear holds effects of an elastic gear, and the joint has no "
                 f"{'motor' if self.motor is None else 'spring'}; give it one, or drop gear"
             )
+        if self.motor is not None and not self.slides and abs(self.motor.ratio) < 0.1:
+            raise ValueError("motor.ratio is turns of the motor over those of the joint, and below 0.1 here")
         if self.slides and self.zero:
             raise ValueError(f"joint {self.name}: it slides, so that its place is that of its body; leave out zero")
         if self.slides and any(self.point):

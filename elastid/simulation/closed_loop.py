@@ -36,8 +36,11 @@ from elastid.simulation.controller import Filters, Gains
 from elastid.simulation.drives import Drives, gear_forces
 from elastid.simulation.dynamics import FIFTH_ORDER, Contacts, free_acceleration, projection, runge_kutta_step
 
-# Copies between the samples would take the compiler a third more time if they were inlined.
-FLAGS = ["-O3", "-fno-inline-functions", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"]
+# Of the optimisations beyond the first level only loops pay: the equations are one long line of operations, which takes
+# the compiler half as long. Without the third option, calls of the C library meet vector registers in a state in which
+# they take four times as long.
+FLAGS = ["-O1", "-ftree-loop-vectorize", "-fexpensive-optimizations", "-shared", "-fPIC", "-ffp-contract=off"]
+FLAGS += ["-fno-builtin"]
 # Instructions with three operands take a sixth less time, and calls that are inlined or direct a fifteenth; compilers
 # for other processors do not all know these options.
 if platform.machine() in ("x86_64", "AMD64"):
@@ -45,8 +48,6 @@ if platform.machine() in ("x86_64", "AMD64"):
 MAX_COMPILE_S = 60.0
 # Calls that save as much time as compiling takes.
 MIN_CALLS = 20_000
-# The same for the loop around them, which takes a tenth longer between machine code and CasADi.
-MIN_LOOP_CALLS = 250_000
 
 _log = logging.getLogger(__name__)
 
@@ -265,9 +266,7 @@ def closed_loop(
     sample = sampled_step(model, contacts, rate_hz, substeps, drives, of_numbers, filters)
     # Seven results of a sample start the next: q, v, states of friction, drives and filters, integral, last reading. A
     # chunk is four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
-    is_long = samples >= MIN_LOOP_CALLS
-    chunk = (sample if is_long else compiled(sample, samples)).mapaccum("closed_loop", CHUNK_SAMPLES, 7, {"base": 4})
-    function = compiled(chunk, samples) if is_long else chunk
+    function = compiled(sample.mapaccum("closed_loop", CHUNK_SAMPLES, 7, {"base": 4}), samples)
     units = tuple(joint.unit for joint in model.robot.driven)
     return ClosedLoop(model.inputs, units, limits, model.B, rate_hz, contacts, drives, function)
 

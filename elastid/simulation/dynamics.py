@@ -1,16 +1,13 @@
-r"""Accelerations of an elastic model, by Baumgarte's method under constraints, and their integration with its friction.
+r"""Accelerations of an elastic model, and their integration with its friction.
 
 .. math:: \ddot q = M(q)^{-1} [B u - P \tau_f(P^T \dot q, z) - f(q, \dot q)], \qquad \dot z = \Omega(P^T \dot q, z)
 
-Niglis & Oberg (2015), eqs. (2.10), (2.14). Link side, SI. Under constraints accelerations have Baumgarte's terms, and
-motions are projected onto the closed loops:
+Niglis & Oberg (2015), eqs. (2.10), (2.14). Link side, SI. Under constraints, eq. (2.34),
 
 .. math:: \begin{bmatrix} M & \Phi^T \\ \Phi & 0 \end{bmatrix} \begin{bmatrix} \ddot q \\ \lambda \end{bmatrix} =
-          \begin{bmatrix} \tau - f \\ -\dot\Phi \dot q - \alpha \Phi \dot q - \beta \varphi \end{bmatrix}, \qquad
-          \ddot\varphi + \alpha \dot\varphi + \beta \varphi = 0
+          \begin{bmatrix} \tau - f \\ -\dot\Phi \dot q \end{bmatrix}
 
-Niglis & Oberg (2015), eqs. (2.35) to (2.40), with their alpha and beta: Baumgarte's own are alpha / 2 and the root of
-beta, critical damping is beta = alpha^2 / 4. The saddle point is not factorised, since symbols cannot pivot and M is
+and motions are projected onto the closed loops. The saddle point is not factorised, since symbols cannot pivot and M is
 singular where a rod weighs nothing. The dependent coordinates are eliminated with pivots chosen beforehand, in numbers,
 and Z^T M Z, which is positive definite, is factorised: q'' = a_0 + Z y'', exactly the solution of the saddle point.
 """
@@ -135,19 +132,16 @@ FIFTH_ORDER = Tableau(
 )
 
 
-def free_acceleration(
-    model: ElasticModel, alpha: float = 0.0, beta: float = 0.0, theta: ca.SX | None = None
-) -> ca.Function:
+def free_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
     """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates.
 
-    alpha, beta: of Baumgarte's terms, where the model has constraints.  theta (n_theta,): symbols, which become a
-    fourth argument; the model's own numbers by default.
+    theta (n_theta,): symbols, which become a fourth argument; the model's own numbers by default.
 
     M = L D L^T is factorised in symbols with its zeros, without pivots, which a positive definite M does not need. It
     costs nothing for motors without coupling, whose rows of M are diagonal.
     """
     if model.n_c:
-        return constrained_acceleration(model, alpha, beta, theta)
+        return constrained_acceleration(model, theta)
     q, v, torque = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("torque", model.n_q)
     numbers = model.theta if theta is None else theta
     D, LT, order = ca.ldl(ca.sparsify(model.mass(q, numbers)))
@@ -202,13 +196,8 @@ def least_steps(poles: ComplexArray, duration: float) -> int:
         n += 1
 
 
-def fastest_rate(model: ElasticModel, contacts: Contacts, q: FloatArray) -> float:
-    """|lambda| in 1/s of the fastest of the `poles`: the stiffest mode, or friction about zero velocity."""
-    return float(np.abs(poles(model, contacts, q)).max())
-
-
 def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> ComplexArray:
-    """lambda (2 n,) in 1/s at rest in q (n_q,), n coordinates that the loops leave.
+    """lambda (2 n,) in 1/s at rest in q (n_q,), n coordinates that the loops leave; of friction about zero velocity.
 
     Gears with backlash count with the stiffness of their flanks.
     """
@@ -221,19 +210,15 @@ def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> ComplexArra
     return np.linalg.eigvals(A).astype(complex)
 
 
-def constrained_acceleration(
-    model: ElasticModel, alpha: float = 0.0, beta: float = 0.0, theta: ca.SX | None = None
-) -> ca.Function:
+def constrained_acceleration(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
     """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates of a model with loops.
 
     theta (n_theta,): symbols, which become a fourth argument; the model's own numbers by default.
     """
     q, v, torque = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "torque"))
     numbers = model.theta if theta is None else theta
-    phi, Phi = model.constraint(q, numbers), model.constraint_jacobian(q, numbers)
-    rate = Phi @ v
-    gamma = -ca.jtimes(rate, q, v) - alpha * rate - beta * phi
-    Z, a0 = _solved(Phi, gamma, pivots(model))
+    Phi = model.constraint_jacobian(q, numbers)
+    Z, a0 = _solved(Phi, -ca.jtimes(Phi @ v, q, v), pivots(model))
     M, f = ca.sparsify(model.mass(q, numbers)), model.force(q, v, numbers)
     D, LT, order = ca.ldl(ca.sparsify(Z.T @ M @ Z))
     y = ca.ldl_solve(Z.T @ (torque - f - M @ a0), D, LT, order)
@@ -267,13 +252,6 @@ def pivots(model: ElasticModel) -> Partition:
 def violation(model: ElasticModel, q: FloatArray) -> float:
     """max |phi| over a trajectory q (n, n_q): the gap of a loop in m, or in rad where a direction is constrained."""
     return float(np.abs(model.constraint.map(len(q))(q.T, model.theta).full()).max(initial=0.0)) if model.n_c else 0.0
-
-
-def energy(model: ElasticModel, q: FloatArray, v: FloatArray) -> FloatArray:
-    """T + V (n,) in J along a trajectory q, v (n, n_q)."""
-    x, w = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
-    total = w.T @ model.mass(x, model.theta) @ w / 2 + model.potential(x, model.theta)
-    return np.array(ca.Function("energy", [x, w], [total]).map(len(q))(q.T, v.T).full()[0])
 
 
 def _solved(Phi: ca.SX, right: ca.SX, parts: Partition) -> tuple[ca.SX, ca.SX]:

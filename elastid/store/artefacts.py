@@ -25,9 +25,10 @@ FORMAT = 4
 TEXT = h5py.string_dtype()
 # The command that makes an artefact again, by its kind.
 _COMMANDS = {
-    "plan": "design", "records": "measure", "frf": "estimate", "fit": "fit", "validation": "validate",
-    "friction plan": "design", "friction records": "measure", "friction levels": "levels", "friction": "friction",
-    "filter": "follow", "map": "map", "gears": "gears", "modes": "report",
+    "plan": "run STUDY design", "records": "run STUDY measure", "frf": "run STUDY estimate", "fit": "run STUDY fit",
+    "validation": "run STUDY validate", "friction plan": "run STUDY design", "friction records": "run STUDY measure",
+    "friction levels": "run STUDY levels", "friction": "run STUDY friction", "filter": "run STUDY follow",
+    "map": "map STUDY", "gears": "run STUDY gears", "modes": "run STUDY report",
 }  # fmt: skip
 
 
@@ -37,7 +38,6 @@ class Stamp:
 
     inputs: hash of the sections of the study, of files and of earlier artefacts.  code: hash of the package's source
     and of the versions of the libraries that results depend on.  software: these versions and the platform, in words.
-    part: hash of the inputs of the part that later stages read, where it depends on less than the rest.
     Date and command are in run.log: the same study gives the same bytes.
     """
 
@@ -47,7 +47,6 @@ class Stamp:
     seed: int = 0
     study: str = ""
     software: str = ""
-    part: str = ""
 
     @property
     def shown(self) -> dict[str, str]:
@@ -130,7 +129,7 @@ def _require_kind(path: Path, file: Any, kind: str) -> None:
             path,
         )
     if written < FORMAT:
-        command = f"`elastid {_COMMANDS[kind]} STUDY` makes it" if kind in _COMMANDS else "run"
+        command = f"`elastid {_COMMANDS[kind]}` makes it" if kind in _COMMANDS else "run"
         raise DataError(
             "files/version",
             f"format {written}, written by an older elastid; this one reads format {FORMAT}: delete the file, "

@@ -18,7 +18,7 @@ from elastid.experiment.plan.movement import Reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.record import Record
-from elastid.response import FrequencyResponse, Responses
+from elastid.response import Response, Responses
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.files import once_per_version, text_file
 from elastid.store.reading import entry_names, read_dataclass, read_optional_part, read_part
@@ -159,19 +159,19 @@ def _entries(path: Path) -> tuple[tuple[str, str], ...]:
 
 def write_responses(
     path: Path | str,
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     stamp: Stamp = NO_STAMP,
     friction: FrictionTakenOut | None = None,
 ) -> None:
     """frf.h5: a group for each configuration with G (frequency, output, input) and its covariances, and friction."""
-    check_kind(responses, Sequence, "responses", "give a sequence of FrequencyResponse, such as [response]")
-    parts = {"friction": (friction, FrictionTakenOut | None), "responses": (responses, tuple[FrequencyResponse, ...])}
+    check_kind(responses, Sequence, "responses", "give a sequence of Response, such as [response]")
+    parts = {"friction": (friction, FrictionTakenOut | None), "responses": (responses, tuple[Response, ...])}
     write_artefact(path, RESPONSES, stamp, parts, {"responses": "configuration.name"})
 
 
 def read_responses(path: Path | str) -> Responses:
     """The responses in frf.h5."""
-    return Responses(read_part(path, RESPONSES, "responses", tuple[FrequencyResponse, ...]))
+    return Responses(read_part(path, RESPONSES, "responses", tuple[Response, ...]))
 
 
 def read_friction(path: Path | str) -> FrictionTakenOut | None:

@@ -12,7 +12,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import check_kind
 from elastid.fit.fitted_robot import EffectOfMotion
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import GearResult
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.files import write_rows, write_text
@@ -48,7 +48,7 @@ class Numbers:
     upper_95: FloatArray = labelled("upper end of the 95 % interval", "SI", "name")
 
     @classmethod
-    def of(cls, result: FitResult) -> Numbers:
+    def of(cls, result: Result) -> Numbers:
         """Of the numbers that were asked for."""
         asked = result.parameters.asked
         noise, file = (result.std_by_noise, result.std_by_file) if result.has_tolerances else ({}, {})
@@ -61,20 +61,20 @@ class Numbers:
 
 
 def write_fit(
-    path: Path | str, result: FitResult, stamp: Stamp = NO_STAMP, motion: tuple[EffectOfMotion, ...] | None = None
+    path: Path | str, result: Result, stamp: Stamp = NO_STAMP, motion: tuple[EffectOfMotion, ...] | None = None
 ) -> None:
     """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table.
 
     motion: of the measurements, for later readers of the same responses.
     """
-    check_kind(result, FitResult, "result", "identify and read_fit make one")
-    parts = {"fit": (result, FitResult), "numbers": (Numbers.of(result), Numbers)}
+    check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
+    parts = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
     write_artefact(path, FIT, stamp, {**parts, "motion": (motion, tuple[EffectOfMotion, ...])})
 
 
-def read_fit(path: Path | str) -> FitResult:
+def read_fit(path: Path | str) -> Result:
     """The result in fit.h5."""
-    return read_part(path, FIT, "fit", FitResult)
+    return read_part(path, FIT, "fit", Result)
 
 
 def read_motion(path: Path | str) -> tuple[EffectOfMotion, ...]:

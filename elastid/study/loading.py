@@ -296,6 +296,8 @@ def _split(override: str) -> tuple[KeyPath, YamlSource, str]:
     except StudyError as error:
         raise StudyError("options/invalid", str(error), option) from None
     keys = tuple(key.strip() for key in dotted.replace("[", ".").replace("]", "").split("."))
+    if len(keys) > 50:
+        raise StudyError("options/invalid", "nested too deeply for a study", "--set")
     return keys, value, option
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache
-from textwrap import fill, shorten
+from textwrap import fill
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -316,48 +316,3 @@ def _begins(path: list[str], steps: list[str]) -> bool:
 
 def _agree(steps: list[str], wanted: list[str]) -> bool:
     return len(steps) == len(wanted) and all(a in ("<name>", b) for a, b in zip(steps, wanted, strict=True))
-
-
-def explain_word(word: str) -> str:
-    """The keys with a word in their text, then the results, a line each; empty where neither has it."""
-    has_it = re.compile(rf"\b{re.escape(word)}", re.IGNORECASE)
-    keys = {key.path: key.text for key in every_key() if has_it.search(f"{key.text} {key.advice}")}
-    results = {path: text for path, text in _results() if has_it.search(text)}
-    parts = []
-    for title, found in (("Keys of a study", keys), ("In the results (`elastid inspect FILE`)", results)):
-        if found:
-            lines = [
-                f"  {path}: {shorten(text, max(100 - len(path), 40), placeholder=' ...')}"
-                for path, text in found.items()
-            ]
-            parts.append("\n".join([f"{title} with {word}:", *lines]))
-    return "\n\n".join(parts)
-
-
-def _results() -> Iterator[tuple[str, str]]:
-    """The place and text of each labelled field of the files of a run; its classes take long to load."""
-    from elastid.fit.result import FitResult
-    from elastid.friction_study.result import FrictionResult
-    from elastid.record import Record
-    from elastid.response import FrequencyResponse
-    from elastid.validation.results import Validation
-
-    files = {"records": Record, "frf": FrequencyResponse, "fit": FitResult, "validation": Validation}
-    for name, kind in {**files, "friction": FrictionResult}.items():
-        yield from _fields(f"{name}.h5", kind)
-
-
-def _fields(path: str, annotation: object) -> Iterator[tuple[str, str]]:
-    """The place and text of each labelled field of a value and of those below it."""
-    from elastid.store.kinds import fields_of, kind_of_annotation
-
-    kind = kind_of_annotation(annotation)
-    if kind.form != "fields":
-        for part in kind.parts:
-            yield from _fields(path, part)
-        return
-    for field in fields_of(kind.type):
-        name = f"{path}{'/' if ' ' in path else ' '}{field.name}"
-        if field.label.text:
-            yield name, f"{field.name.replace('_', ' ')}: {field.label.text}"
-        yield from _fields(name, field.annotation)

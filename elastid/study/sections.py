@@ -22,7 +22,7 @@ from elastid.friction_study.spec import FilterSpec, FrictionSpec
 from elastid.modal.spec import ModalSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.spec import GearsSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Joint, Robot
 from elastid.validation.spec import CompareSpec, ValidationSpec
 
@@ -34,7 +34,7 @@ class ReportSpec:
     # fmt: off
     formats: Annotated[tuple[Literal["png"], ...], Key("Formats of the figures' files, in addition to the page, "
         "which draws its own.", "where every run is to "
-        "leave figures for documents, which takes longer; `elastid report --png` draws them for once.")] = ()
+        "leave figures for documents, which takes longer; `elastid run STUDY report --png` draws them for once.")] = ()
     # fmt: on
 
 
@@ -152,7 +152,7 @@ class Study:
             return self.experiment.kind
         return "frf-responses" if self.experiment.responses is not None else "frf"
 
-    def fitted(self, responses: Iterable[FrequencyResponse]) -> tuple[FrequencyResponse, ...]:
+    def fitted(self, responses: Iterable[Response]) -> tuple[Response, ...]:
         """The responses that the fit sees: those of configurations that are not left out for validation."""
         return tuple(response for response in responses if response.configuration.name not in self.validation.left_out)
 

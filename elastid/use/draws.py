@@ -10,7 +10,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.statistics import principal_axes
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.linear.linear_model import DELAY
 from elastid.robot import Robot
 
@@ -30,8 +30,8 @@ class DrawnRobots:
     refused: int
 
 
-def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
-    """`count` robots from the normal distribution of x (`FitResult.covariance_of_prediction`), within its bounds.
+def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
+    """`count` robots from the normal distribution of x (`Result.covariance_of_prediction`), within its bounds.
 
     configuration: whose parameters count, where configurations have their own.  FitError where nearly no draw is a
     physical robot.
@@ -73,7 +73,7 @@ def draw_robots(result: FitResult, count: int, seed: int = 0, configuration: str
     return DrawnRobots(names, np.array(values), tuple(robots), tuple(held), refused)
 
 
-def estimated_robot(result: FitResult) -> Robot:
+def estimated_robot(result: Result) -> Robot:
     """The robot with the fitted numbers, those that all configurations share."""
     if result.robot is None:
         raise StudyError("fit/no-robot", "this result holds no robot; fit again with this version of elastid")

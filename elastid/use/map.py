@@ -10,7 +10,7 @@ from elastid.base.arrays import FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import StudyError
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Asked, Family
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.model.spec import ModelSpec
 from elastid.use.compliance import QUANTITIES, Cut, answers
 from elastid.use.linearised import ManyPostures
@@ -98,7 +98,7 @@ class WorkspaceMap:
 
 
 def map_workspace(
-    result: FitResult,
+    result: Result,
     angles: FloatArray,
     cut: Cut | None = None,
     *,
@@ -116,7 +116,7 @@ def map_workspace(
     return map_family(family, angles, cut, lines_hz, name or family.robot.name, is_path)
 
 
-def family_of_map(result: FitResult, frame: str | None = None) -> Family:
+def family_of_map(result: Result, frame: str | None = None) -> Family:
     """The equations of a map: without multipliers where elastic rods alone close loops, the same numbers sooner."""
     asked = Asked(frame=frame)
     family = result.family(asked)

@@ -17,8 +17,8 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import StudyError
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.problem.weights import vec
-from elastid.fit.result import FitResult
-from elastid.response import FrequencyResponse
+from elastid.fit.result import Result
+from elastid.response import Response
 from elastid.validation.comparison import generalises
 from elastid.validation.residual_tests import (
     FALSE_ALARM,
@@ -50,8 +50,8 @@ _SIGNS: dict[PeakKind, int] = {"resonance": 1, "antiresonance": -1}
 
 
 def validate(
-    measured: Sequence[FrequencyResponse],
-    modelled: Sequence[FrequencyResponse],
+    measured: Sequence[Response],
+    modelled: Sequence[Response],
     left_out: Sequence[str],
     cost_p: float = math.nan,
     shifts: Mapping[str, ComplexArray] | None = None,
@@ -83,7 +83,7 @@ def validate(
 
 
 def judged_elsewhere(
-    measured: Sequence[FrequencyResponse], modelled: Sequence[FrequencyResponse], shifts: Sequence[ComplexArray]
+    measured: Sequence[Response], modelled: Sequence[Response], shifts: Sequence[ComplexArray]
 ) -> Validation:
     """The modelled FRFs of a fit to other data; shifts: of each, as `agreement`."""
     pairs = zip(measured, modelled, shifts, strict=True)
@@ -92,8 +92,8 @@ def judged_elsewhere(
 
 
 def agreement(
-    measured: FrequencyResponse,
-    modelled: FrequencyResponse,
+    measured: Response,
+    modelled: Response,
     left_out: bool = False,
     shifts: ComplexArray | None = None,
     peaks: bool = True,
@@ -142,7 +142,7 @@ def agreement(
 
 
 def _tests(
-    measured: FrequencyResponse, noise: SmoothedNoise | None, E: ComplexArray, shifts: ComplexArray | None
+    measured: Response, noise: SmoothedNoise | None, E: ComplexArray, shifts: ComplexArray | None
 ) -> tuple[float, float, float]:
     """Power of the errors E (F, n_y, n_u) over the noise with its degrees of freedom, and p of their whiteness."""
     if noise is None or not np.any(noise.variance > 0):
@@ -163,7 +163,7 @@ def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
     return np.asarray(np.where(where, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
 
 
-def _peaks(measured: FrequencyResponse, modelled: FrequencyResponse, sigma: FloatArray) -> tuple[Peak, ...]:
+def _peaks(measured: Response, modelled: Response, sigma: FloatArray) -> tuple[Peak, ...]:
     """Measured peaks and dips with their modelled partners; the model has no noise, so smaller bumps count there."""
     freq_hz = measured.freq_hz
     peaks: list[Peak] = []
@@ -234,7 +234,7 @@ def _resonance_clause(agreements: Sequence[Agreement]) -> str:
     )
 
 
-def explain_cost(result: FitResult, measured: Sequence[FrequencyResponse], agreements: Sequence[Agreement]) -> str:
+def explain_cost(result: Result, measured: Sequence[Response], agreements: Sequence[Agreement]) -> str:
     """The cost of the fit next to the noise, in words; measured: fitted responses, with their agreements."""
     if all(response.uncertainty is None for response in measured):
         return "The responses came without an uncertainty: nothing says how large the residuals of the fit may be."
@@ -256,6 +256,6 @@ def explain_cost(result: FitResult, measured: Sequence[FrequencyResponse], agree
     return f"{opening}, and show no error of the model ({rate}){where}."
 
 
-def cost_p(result: FitResult) -> float:
+def cost_p(result: Result) -> float:
     """P(as large a cost) by noise alone; NaN where no noise is known."""
     return exceeds_by_chance(result.cost / max(result.cost_expected, 1e-300), result.cost_dof)

@@ -31,7 +31,7 @@ from elastid.fit.parameter_choice import choose, is_group_key
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.validation.agreement import agreement
 from elastid.validation.comparison import ComparedModel, Comparison, LeftOut, Refit
@@ -55,7 +55,7 @@ class RefitTask:
     left_out: tuple[str, ...]
 
 
-def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
+def refit(responses: Sequence[Response], task: RefitTask) -> Refit:
     """Fit a variant without some configurations and compare its prediction with them."""
     fitted = [response for response in responses if response.configuration.name not in task.left_out]
     out = [response for response in responses if response.configuration.name in task.left_out]
@@ -132,7 +132,7 @@ def _factors(factors: Sequence[FactorSpec], names: Sequence[str]) -> tuple[Facto
     return tuple(replace(factor, configurations=some) for factor, some in own if some or not factor.configurations)
 
 
-def _score(measured: FrequencyResponse, modelled: FrequencyResponse, spec: FitSpec) -> LeftOut:
+def _score(measured: Response, modelled: Response, spec: FitSpec) -> LeftOut:
     weights = weigh(measured, spec)
     used = weights.used
     error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]

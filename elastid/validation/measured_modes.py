@@ -26,7 +26,7 @@ from elastid.linear.modes import modes as modes_of_model
 from elastid.modal.estimate import modes_of_responses
 from elastid.modal.modes import Modes, mac
 from elastid.modal.spec import ModalSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @dataclass(frozen=True)
@@ -99,9 +99,7 @@ def measured_modes(fitted: FittedRobot) -> tuple[MeasuredModes, ...]:
     )
 
 
-def modes_beside(
-    response: FrequencyResponse, modelled: FrequencyResponse, linear: LinearModel, theta: FloatArray
-) -> MeasuredModes:
+def modes_beside(response: Response, modelled: Response, linear: LinearModel, theta: FloatArray) -> MeasuredModes:
     """The modes of a measured response beside those of a linear model at theta (n_theta,), which answers `modelled`."""
     (own,), known = modes_of_responses((response,), ModalSpec()), modes_of_model(linear, theta)
     agreement = mac(own.shapes, linear.C @ known.shapes) if len(known.freq_hz) else np.empty((own.n_modes, 0))
@@ -132,7 +130,7 @@ def _partners(own: Modes, freq_hz: FloatArray, zeta: FloatArray, agreement: Floa
     return partners
 
 
-def _is_missed(own: Modes, r: int, response: FrequencyResponse, modelled: FrequencyResponse) -> bool:
+def _is_missed(own: Modes, r: int, response: Response, modelled: Response) -> bool:
     """True where the model misses the response by much of the height of a clear peak, in its strongest element."""
     residue = np.abs(np.outer(own.shapes[:, r], own.participation[:, r]))
     i, j = np.unravel_index(int(np.argmax(residue)), residue.shape)

@@ -1,4 +1,4 @@
-r"""Responses that were not fitted next to the prediction of `FitResult.at`, each with its band.
+r"""Responses that were not fitted next to the prediction of `Result.at`, each with its band.
 
 Left-out configurations, of motors, and tool-side records: a hammer or an accelerometer at the tool. The prediction has
 the errors of parameters, of the robot's file and of a misfit; the lags, delays and gains of a measurement of motors, of
@@ -18,8 +18,8 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.statistics import LEVEL
 from elastid.fit.posture import Asked, as_configuration
-from elastid.fit.result import FitResult
-from elastid.response import FrequencyResponse
+from elastid.fit.result import Result
+from elastid.response import Response
 
 # 95 % of a circular complex error are within so many times its std, sqrt(E|e|^2).
 CIRCULAR_95 = float(np.sqrt(-np.log(0.05)))
@@ -34,8 +34,8 @@ class PredictedResponse:
     is_fitted: the response was fitted, together with those of the motors.
     """
 
-    measured: FrequencyResponse
-    predicted: FrequencyResponse
+    measured: Response
+    predicted: Response
     std: FloatArray = labelled("standard deviation of the prediction")
     pointwise: FloatArray = labelled("95 % of the truth, line by line")
     simultaneous: FloatArray = labelled("95 % of the truth, all lines")
@@ -82,7 +82,7 @@ class PredictedResponse:
 
 
 def predict_response(
-    result: FitResult, measured: FrequencyResponse, modelled: FrequencyResponse | None = None, is_fitted: bool = False
+    result: Result, measured: Response, modelled: Response | None = None, is_fitted: bool = False
 ) -> PredictedResponse:
     """The prediction of a response, its motors as they were.
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -43,7 +44,16 @@ def replay(
     model: with the records' inputs and outputs in their order; model.quantity is compared.  spec: which periods count.
     Raises StudyError where band_hz holds no line.
     """
-    pieces = [_replayed(record, model, theta, band_hz, spec) for record in records]
+
+    @cache
+    def response(is_half: bool, rate_hz: float, N: int) -> tuple[IntArray, ComplexArray]:
+        lines = grid_lines("odd" if is_half else "full", band_hz, rate_hz, N)
+        return lines, frequency_response(model, theta, line_frequencies(lines, rate_hz, N))
+
+    pieces = [
+        _replayed(record, model, theta, spec, *response(record.half_wave, record.rate_hz, record.period_samples))
+        for record in records
+    ]
     worst = min(pieces, key=lambda piece: float(piece.fit_percent.min()))
     return replace(
         worst,
@@ -70,28 +80,23 @@ def describe_replays(replays: Sequence[Replay]) -> str:
 
 
 def _replayed(
-    record: Record, model: LinearModel, theta: FloatArray, band_hz: tuple[float, float], spec: EstimatorSpec
+    record: Record, model: LinearModel, theta: FloatArray, spec: EstimatorSpec, lines: IntArray, G: ComplexArray
 ) -> Replay:
-    """One record."""
-    lines = grid_lines("odd" if record.half_wave else "full", band_hz, record.rate_hz, record.period_samples)
+    """One record, through G (F, n_y, n_u) at lines (F,)."""
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    G = frequency_response(model, theta, freq_hz)
     if settled_periods(record, spec) > 1:
         spectra = trusted(period_spectra(RecordSpectra(record), lines, model.quantity), spec)
         Y, U = spectra.Y, spectra.U
-        Yhat = (G @ U[..., None])[..., 0]
     else:
         Y, U = last_period(record, lines, model.quantity)
-        Yhat = (G @ U[..., None])[..., 0]
+    Yhat, P = (G @ U[..., None])[..., 0], len(Y)
+    if P == 1:
         Yhat = Yhat + _end_effects(Y[0] - Yhat[0], model, theta, freq_hz)
     E = Y - Yhat
-    P = len(E)
     # The part that differs from period to period is not known of a single one.
     changing = (E - E.mean(axis=0)) * np.sqrt(P / (P - 1)) if P > 1 else np.full_like(E, np.nan)
     measured, error, noise = (_rms(X) for X in (Y, E, changing))
-    still = measured == 0
-    scale = np.where(still, np.nan, measured)
-    N = record.period_samples
+    scale, N = np.where(measured == 0, np.nan, measured), record.period_samples
     return Replay(
         configuration=record.configuration.name,
         records=(record.name,),
@@ -99,7 +104,7 @@ def _replayed(
         quantity=model.quantity,
         units=tuple(motion_unit(model.quantity, place in record.sliding) for place in record.outputs),
         band_hz=(float(freq_hz[0]), float(freq_hz[-1])),
-        fit_percent=np.where(still, 0.0, 100 * (1 - error / scale))[None],
+        fit_percent=np.nan_to_num(100 * (1 - error / scale))[None],
         reachable_percent=(100 * (1 - noise / scale))[None],
         error_rms=error[None],
         shown=record.name,

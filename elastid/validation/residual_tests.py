@@ -16,7 +16,7 @@ from scipy.special import fdtr, fdtrc, gammaincc
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.statistics import chi_square_tail
 from elastid.fit.problem.smoothed_noise import MIN_DOF, SmoothedNoise, smooth_noise, smooth_variance
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 # Probability of a verdict against a true model.
 FALSE_ALARM = 0.005
@@ -115,7 +115,7 @@ def together(p: Sequence[float] | FloatArray) -> float:
     return chi_square_tail(-2 * sum(logarithms), 2 * len(logarithms)) if logarithms else math.nan
 
 
-def sigma_of(measured: FrequencyResponse, noise: SmoothedNoise | None = None) -> tuple[FloatArray, float]:
+def sigma_of(measured: Response, noise: SmoothedNoise | None = None) -> tuple[FloatArray, float]:
     """sigma (F, n_y, n_u) and its degrees of freedom, as the fit weighs without its floor.
 
     noise: that of `smooth_noise`, if it is known.  Zeros where the measurement came without an uncertainty.
@@ -125,7 +125,7 @@ def sigma_of(measured: FrequencyResponse, noise: SmoothedNoise | None = None) ->
     return np.sqrt(noise.variance), max(noise.measured.dof, MIN_DOF)
 
 
-def smoothed_std(measured: FrequencyResponse, covariance: Covariance) -> tuple[FloatArray, float]:
+def smoothed_std(measured: Response, covariance: Covariance) -> tuple[FloatArray, float]:
     """Standard deviation (F, n_y, n_u) of G and its degrees of freedom, smoothed over lines where they are few."""
     G, variance = measured.G, covariance.variance
     smooth = np.empty(G.shape)
@@ -134,7 +134,7 @@ def smoothed_std(measured: FrequencyResponse, covariance: Covariance) -> tuple[F
     return np.sqrt(smooth), max(covariance.dof, MIN_DOF)
 
 
-def above_2sigma(measured: FrequencyResponse, sigma: FloatArray | None = None) -> BoolArray:
+def above_2sigma(measured: Response, sigma: FloatArray | None = None) -> BoolArray:
     """Lines (F, n_y, n_u) of at least twice sigma (default: of `sigma_of`); without noise all that are not zero."""
     magnitude = np.abs(measured.G)
     sigma = sigma_of(measured)[0] if sigma is None else sigma

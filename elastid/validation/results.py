@@ -308,7 +308,7 @@ class Validation:
 
     cost: explanation of the cost of the fit, in words.  replays: of the records through the model, one for
     each configuration with records; replayed: their summary.  folds: cross-validation, where asked for; folded: its
-    summary.  predictions: of left-out configurations and of records at the tool, by `FitResult.at`.
+    summary.  predictions: of left-out configurations and of records at the tool, by `Result.at`.
     """
 
     configurations: tuple[Agreement, ...] = labelled(entry="configuration")

@@ -85,14 +85,14 @@ def working(python: str, folder: Path) -> dict[str, list[str]]:
         # A folder of its own each time: what is finished is kept.
         fresh = f"import shutil, sys; shutil.rmtree({str(run)!r}, True); from elastid.app.cli import main; main()"
         commands[f"demo --jobs {jobs}"] = [python, "-c", fresh, "demo", *common]
-        commands[f"report --jobs {jobs}"] = [python, "-m", "elastid", "report", str(run / "study.yml"), *common]
+        commands[f"report --jobs {jobs}"] = [python, "-m", "elastid", "run", str(run / "study.yml"), "report", *common]
     return commands
 
 
 def importing(python: str, folder: Path) -> dict[str, list[str]]:
     """Estimation of the demo's responses, import by import."""
     run = folder / "jobs-1"
-    asked = ["estimate", str(run / "study.yml"), "--run", str(run), "--jobs", "1", "-q"]
+    asked = ["run", str(run / "study.yml"), "estimate", "--run", str(run), "--jobs", "1", "-q"]
     return {"imports of estimate": [python, "-X", "importtime", "-m", "elastid", *asked]}
 
 

@@ -1,6 +1,6 @@
 """How fast the fit is: the kernel against bare solves, a whole fit against other solvers and libraries, in one run.
 
-    python scripts/benchmarks/fit.py [--quick] [--passes | --growth | --memory]
+    python scripts/benchmarks/fit.py [--quick] [--passes]
 
 20 configurations x 200 lines, 18 coordinates, 6 inputs and outputs, 40 logarithmic parameters (12 stiffnesses, 12
 dampings, 6 motor frictions, 4 joint frictions, 6 rotor inertias), weights from a full 36 x 36 covariance at every line:
@@ -8,10 +8,9 @@ dampings, 6 motor frictions, 4 joint frictions, 6 rotor inertias), weights from 
 differences, the same Jacobian; every fit must reach the same cost. `floor` is the useful work of one evaluation,
 96 kflop a line, at the rate of a zgemm on this machine. least_squares of SciPy is given residuals and Jacobian as small
 as elastid's own, 21 complex residuals of 36 and columns of rank one, from several starts: median and worst ratio.
-CasADi (MX, automatic differentiation, LAPACK) and, where it is installed, JAX (jacfwd, compiled) work out residuals,
-Jacobian and normal matrix of one configuration. Alone: --passes, the first table; --growth, time for twice the lines
-and twice the configurations; --memory, resident memory of a fit with correlated weights. The last line is one JSON
-object with the numbers; last_run.json has those of the last run of each part.
+CasADi (MX, automatic differentiation, LAPACK) works out residuals, Jacobian and normal matrix of one configuration.
+--passes: the first table alone. The last line is one JSON object with
+the numbers; last_run.json has those of the last run of each part. How time and memory grow is in growth.py.
 
 Measured (CPU time, medians in turn, a machine of two cores that worked at something else beside): with loops in C one
 evaluation takes 0.7 (evaluation_over_solve) times the bare solves and 1.8 (evaluation_over_floor) times the floor, with
@@ -19,9 +18,7 @@ NumPy alone 2.4 (numpy_evaluation_over_solve) and 6.4 (numpy_evaluation_over_flo
 (casadi_over_evaluation) times as long for one. With ten inertial parameters more, which move the robot under gravity
 with every stiffness, it is 4.9 (inertial_evaluation_over_floor) times the floor, with NumPy 17.2
 (numpy_inertial_evaluation_over_floor), and linearised again at every point, as the search for them must, 30.2
-(relinearised_evaluation_over_floor). Twice the lines take 0.94 (lines_doubled_over_twice) of twice the time, twice the
-configurations 0.97 (configurations_doubled_over_twice); a configuration with correlated weights takes 1.6
-(resident_mb_a_configuration) MB of memory. A whole fit is 36 (faster_than_same_jacobian) times faster than
+(relinearised_evaluation_over_floor). A whole fit is 36 (faster_than_same_jacobian) times faster than
 least_squares with the same Jacobian, at worst 30 (faster_than_same_jacobian_at_worst) times, 58
 (faster_than_finite_differences) times faster than with finite differences and 154 (faster_than_casadi) times faster
 than with CasADi's derivatives.
@@ -42,8 +39,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from unittest.mock import patch
 
+import casadi as ca
 import numpy as np
-from fit_peers import casadi_problem, casadi_sums, jax_evaluation
 from scipy.optimize import least_squares
 from timing import cpu_seconds, in_turn, machine
 
@@ -52,7 +49,8 @@ from elastid.base.kernels import is_compiled
 from elastid.fit.assembly import Assembly
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.least_squares import LeastSquares, as_real
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
+from elastid.fit.problem.part import Part
 from elastid.fit.problem.weights import vec
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
@@ -61,7 +59,7 @@ from elastid.linear.response.ldl import Leaves
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 NOISE = 0.02
@@ -108,7 +106,7 @@ def build_robot() -> Robot:
     return Robot("18 coordinates", tuple(bodies))
 
 
-def measured(robot: Robot, n_configurations: int, freq_hz: FloatArray, full: bool = True) -> list[FrequencyResponse]:
+def measured(robot: Robot, n_configurations: int, freq_hz: FloatArray, full: bool = True) -> list[Response]:
     """Responses of the robot with relative noise, configurations drawn at random."""
     rng = np.random.default_rng(0)
     model = serial(robot)
@@ -136,7 +134,7 @@ def assemble(n_configurations: int, n_lines: int, full: bool = True) -> tuple[El
     return assembled(robot, measured(robot, n_configurations, np.linspace(2.0, 100.0, n_lines), full))
 
 
-def assembled(robot: Robot, responses: Sequence[FrequencyResponse]) -> tuple[ElasticFit, FloatArray]:
+def assembled(robot: Robot, responses: Sequence[Response]) -> tuple[ElasticFit, FloatArray]:
     """The fit of responses, and a start some 20 % off in every parameter."""
     spec = FitSpec(parameters={name: ParameterSpec() for name in IDENTIFIED}, weights=WeightSpec(floor=0.0))
     parameters = choose(spec, robot)
@@ -168,21 +166,6 @@ def flop_floor(n_points: int) -> Callable[[], None]:
             A @ A
 
     return run
-
-
-def growth(n_lines: int, n_configurations: int) -> dict[str, float]:
-    """Time of one evaluation for twice the lines and configurations over twice the time."""
-    found = {}
-    small, x = assemble(n_configurations, n_lines)
-    for name, Q, F in (("lines", n_configurations, 2 * n_lines), ("configurations", 2 * n_configurations, n_lines)):
-        large, _ = assemble(Q, F)
-        # In turn, so that what else the machine does meets both.
-        ratios = [
-            cpu_seconds(lambda fit=large, x=x: fit.rough(x), 3) / cpu_seconds(lambda: small.rough(x), 3)
-            for _ in range(9)
-        ]
-        found[f"{name}_doubled_over_twice"] = round(statistics.median(ratios) / 2, 3)
-    return found
 
 
 def kernel_times(
@@ -283,24 +266,6 @@ def fit_times(
     return times, costs
 
 
-def memory(n_configurations: int, n_lines: int) -> dict[str, float]:
-    """Resident MB that a fit with correlated weights adds for each configuration, responses not counted."""
-    robot = build_robot()
-    responses = measured(robot, n_configurations, np.linspace(2.0, 100.0, n_lines), full=True)
-    first, x0 = assembled(robot, responses[:2])
-    first.rough(x0)  # loads what every fit needs
-    before = resident_mb()
-    fit, x0 = assembled(robot, responses)
-    fit.rough(x0)
-    return {"resident_mb_a_configuration": round((resident_mb() - before) / n_configurations, 2)}
-
-
-def resident_mb() -> float:
-    """What of this process is in memory now."""
-    with open("/proc/self/statm", encoding="ascii") as file:
-        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
 def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
     """The fit with INERTIAS free, too, linearised once, and at every x; evaluated once, so that all is prepared."""
     robot, names = build_robot(), (*IDENTIFIED, *INERTIAS)
@@ -324,14 +289,48 @@ def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, ElasticFit, Leas
     return plain, whole, inertial
 
 
-def line_for_line(fit: ElasticFit, per_line_s: float, lines: int) -> dict[str, float]:
-    """Seconds of one line by CasADi and, where it is installed, by JAX, over those of elastid."""
-    sums, x = casadi_sums(fit.parts[0], lines), fit.parameters.x
-    others = {"CasADi MX, AD": cpu_seconds(lambda: sums(x), 3) / lines / per_line_s}
-    jax = jax_evaluation(fit)
-    if jax is not None:
-        others["JAX, jacfwd"] = cpu_seconds(jax, 5) / len(fit.parts[0].measured) / per_line_s
-    return others
+def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]:
+    """V, J^T r, J^T J of the first `lines` lines of one configuration at x, by automatic differentiation in MX."""
+    model, wanted = part.kernel.model, part.kernel.wanted
+    x, s = ca.MX.sym("x", len(wanted)), ca.MX.sym("omega")
+    theta0 = [model.theta_ref[model.parameters.index(name)] for name in wanted]
+    M, D, K = (ca.MX(matrix) for matrix in (model.M, model.D, model.K))
+    for i, name in enumerate(wanted):
+        change = ca.exp(x[i]) - theta0[i]
+        slope = model.slopes[name]
+        M = M if slope.M is None else M + change * slope.M
+        D = D if slope.D is None else D + change * slope.D
+        K = K if slope.K is None else K + change * slope.K
+    Z, C = K - s**2 * M, s * D
+    X = ca.solve(ca.vertcat(ca.horzcat(Z, -C), ca.horzcat(C, Z)), ca.vertcat(model.B, 0 * model.B), "lapacklu")
+    G = -(s**2) * ca.vertcat(model.C @ X[: model.n, :], model.C @ X[model.n :, :])
+    W, data = ca.MX.sym("W", 72, 72), ca.MX.sym("data", 72)
+    r = W @ (data - ca.vertcat(ca.vec(G[:6, :].T), ca.vec(G[6:, :].T)))
+    J = ca.jacobian(r, x)
+    every = ca.Function("line", [x, s, W, data], [r.T @ r, J.T @ r, J.T @ J]).map(lines)
+    W_c = part.mixing[:lines] * part.gain[:lines].reshape(lines, 1, -1)
+    W_r = ca.DM(np.concatenate([np.block([[w.real, -w.imag], [w.imag, w.real]]) for w in W_c], axis=1))
+    flat = part.measured[:lines].reshape(lines, -1)
+    given = ca.DM(np.concatenate([flat.real, flat.imag], axis=1).T)
+    omega = ca.DM(2 * np.pi * part.kernel.freq_hz[:lines]).T
+
+    def evaluated(here: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        V, g, A = (found.full() for found in every(ca.repmat(ca.DM(here), 1, lines), omega, W_r, given))
+        return float(V.sum()), g.sum(axis=1), A.reshape(len(here), lines, len(here)).sum(axis=1)
+
+    return evaluated
+
+
+def casadi_problem(fit: ElasticFit) -> LeastSquares:
+    """The whole fit with CasADi instead of the kernel; the solver is the same."""
+    parts = [casadi_sums(part, len(part.measured)) for part in fit.parts]
+
+    def evaluate(x: FloatArray) -> Evaluation:
+        found = [part(x) for part in parts]
+        V, g, A = (sum(one[i] for one in found) for i in range(3))
+        return Evaluation(V, 2 * g, 2 * A)
+
+    return LeastSquares(fit.parameters, fit.n_residuals, evaluate)
 
 
 def print_table(title: str, headings: Sequence[str], rows: dict[str, Sequence[str]]) -> None:
@@ -355,10 +354,10 @@ def of_passes(kernel: dict[str, float]) -> dict[str, float]:
     }
 
 
-def of_fits(others: dict[str, float], ratios: dict[str, list[float]], spread: float) -> dict[str, float]:
-    """The figures of whole fits and of other libraries that texts quote."""
+def of_fits(casadi: float, ratios: dict[str, list[float]], spread: float) -> dict[str, float]:
+    """The figures of whole fits and of CasADi's derivatives that texts quote."""
     return {
-        **{f"{name.split()[0].lower().strip(',')}_over_evaluation": round(v, 1) for name, v in others.items()},
+        "casadi_over_evaluation": round(casadi, 1),
         "faster_than_same_jacobian": round(statistics.median(ratios[COMPRESSED]), 1),
         "faster_than_same_jacobian_at_worst": round(ratios[COMPRESSED][0], 1),
         "faster_than_finite_differences": round(ratios[DIFFERENCES][0], 1),
@@ -387,8 +386,10 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     if passes_only:
         return found
 
-    others = line_for_line(fit, kernel[EVALUATION] / (Q * F), 4 if quick else 40)
-    print_table("one evaluation, line for line", ("x elastid",), {k: (f"{v:.1f}",) for k, v in others.items()})
+    lines = 4 if quick else 40
+    sums, per_line_s = casadi_sums(fit.parts[0], lines), kernel[EVALUATION] / (Q * F)
+    casadi = cpu_seconds(lambda: sums(fit.parameters.x), 3) / lines / per_line_s
+    print(f"one line by {CASADI}, over that of elastid: {casadi:.1f}\n")
 
     rng = np.random.default_rng(2)
     starts = [x0, *(x0 + 0.1 * rng.standard_normal(n_x) for _ in range(1 if quick else 4))]
@@ -403,26 +404,17 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     }
     print_table("a whole fit, x elastid", ("median", "worst", "V"), fits)
     spread = max(costs.values()) / min(costs.values()) - 1
-    return found | of_fits(others, ratios, spread)
+    return found | of_fits(casadi, ratios, spread)
 
 
 def main() -> None:
     """The tables, then one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a small problem, to see that it runs")
-    parts = parser.add_mutually_exclusive_group()
-    parts.add_argument("--passes", action="store_true", help="single passes alone")
-    parts.add_argument("--growth", action="store_true", help="how time grows, alone")
-    parts.add_argument("--memory", action="store_true", help="memory of a fit alone")
+    parser.add_argument("--passes", action="store_true", help="single passes alone")
     given = parser.parse_args()
     Q, F = (2, 12) if given.quick else (20, 200)
-    if given.memory:
-        found = memory(Q, F)
-    elif given.growth:
-        found = growth(F, Q // 2)
-    else:
-        found = compare(Q, F, given.quick, given.passes)
-    print(json.dumps(found))
+    print(json.dumps(compare(Q, F, given.quick, given.passes)))
 
 
 if __name__ == "__main__":

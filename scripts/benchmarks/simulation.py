@@ -24,7 +24,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from elastid.export.mujoco import mjcf
 from elastid.friction.robot_friction import frictions
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import serial
@@ -34,6 +33,7 @@ from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import contacts, free_acceleration
 from elastid.study import load
+from elastid.targets.mujoco import mjcf
 
 RATE_HZ, SUBSTEPS, MUJOCO_STEP = 1000.0, 2, 2.5e-4
 # Goals for the compiled step of the six-axis arm.

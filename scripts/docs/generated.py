@@ -128,16 +128,11 @@ def files(folder: Path) -> str:
     (folder / "tiny").mkdir()
     (folder / "tiny" / "study.yml").write_text(_TINY)
     (folder / "tiny" / "robot.yml").write_text(_TINY_ROBOT)
-    for name, last in (("recorded", "validate"), ("tiny", "design")):
-        if name == "recorded":
-            run_command(["new", str(folder / name), "--template", name])
-        stages = ["measure", "estimate", "fit", "validate"] if last == "validate" else [last]
-        for stage in stages:
-            done = run_command(
-                [stage, str(folder / name / "study.yml"), "--run", str(folder / name / "run"), "--jobs", "1", "-q"]
-            )
-            if done not in (0, 3):
-                raise RuntimeError(f"elastid {stage} of the run for the page of files ended with {done}")
+    run_command(["new", str(folder / "recorded"), "--template", "recorded"])
+    for name, stages in (("recorded", ["measure", "estimate", "fit", "validate"]), ("tiny", ["design"])):
+        run = ["--run", str(folder / name / "run"), "--jobs", "1", "-q"]
+        if (done := run_command(["run", str(folder / name / "study.yml"), *stages, *run])) not in (0, 3):
+            raise RuntimeError(f"the run for the page of files ended with {done}")
     parts = [title("Files of a run"), inspect.cleandoc(_FILES)]
     for name, artefacts in HDF5.items():
         for artefact in artefacts:

@@ -24,6 +24,8 @@ from PIL import Image
 import elastid as ei
 from elastid.report.figures.use import move_figure
 from elastid.store.results import read_tune
+from elastid.use.map import map_workspace
+from elastid.use.postures import random_postures
 
 HERE = Path(__file__).parent / "pictures"
 MOST_BYTES = 120_000
@@ -31,8 +33,8 @@ MOST_BYTES = 120_000
 
 def responses(run: Path, path: Path) -> None:
     """Magnitudes of one configuration, the fitted model with its 95 % band, as an n_y x n_u matrix."""
-    result = ei.read_fit(run / "fit.h5")
-    measured = next(G for G in ei.read_responses(run / "frf.h5") if G.configuration.name in result.configurations)
+    result = ei.load(run / "fit.h5")
+    measured = next(G for G in ei.load(run / "frf.h5") if G.configuration.name in result.configurations)
     model = result.model(measured.configuration.name)
     dense = np.geomspace(*measured.freq_hz[[0, -1]], 800)
     G, std = np.abs(model.response(dense).G), model.response_std(dense)
@@ -59,14 +61,14 @@ def responses(run: Path, path: Path) -> None:
 
 def friction(run: Path, path: Path) -> None:
     """Levels and law of friction with the band."""
-    figure = ei.plot.friction_curve(ei.read_friction_result(run / "friction.h5"), "1")
+    figure = ei.plot.friction_curve(ei.load(run / "friction.h5"), "1")
     figure.savefig(path, dpi=110)
 
 
 def workspace(run: Path, path: Path) -> None:
     """The softest static compliance at a thousand random postures."""
-    result = ei.read_fit(run / "fit.h5")
-    mapped = ei.map_workspace(result, ei.random_postures(result.robot, 1000), name="demo")
+    result = ei.load(run / "fit.h5")
+    mapped = map_workspace(result, random_postures(result.robot, 1000), name="demo")
     ei.plot.workspace(mapped).savefig(path, dpi=110)
 
 

@@ -13,15 +13,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import elastid as ei
+from elastid.linear.linearise import linearise
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
+from elastid.study import load_robot
 
-robot = ei.load_robot(Path(ei.__file__).parents[1] / "configs" / "robots" / "linkage_arm.yml")
+robot = load_robot(Path(ei.__file__).parents[1] / "configs" / "robots" / "linkage_arm.yml")
 posture = ei.Configuration("bent", np.radians([10.0] * len(robot.driven)))
 freq_hz = np.geomspace(4.0, 120.0, 400)
 responses = []
 for formulation in ("constrained", "minimal"):
-    model = ei.formulate(robot, ei.ModelSpec(formulation=formulation))
-    linear = ei.linearise(model, posture, model.theta, robot.motor_locations, "acceleration")
-    responses.append(ei.frequency_response(linear, np.append(model.theta, 0.0), freq_hz))
+    model = formulate(robot, ModelSpec(formulation=formulation))
+    linear = linearise(model, posture, model.theta, robot.motor_locations, "acceleration")
+    responses.append(frequency_response(linear, np.append(model.theta, 0.0), freq_hz))
 difference = np.abs(responses[0] - responses[1]).max() / np.abs(responses[0]).max()
 
 if __name__ == "__main__":

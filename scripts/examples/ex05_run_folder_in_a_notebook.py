@@ -16,7 +16,7 @@ import numpy as np
 import elastid as ei
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/demo")
-responses, result = ei.read_responses(folder / "frf.h5"), ei.read_fit(folder / "fit.h5")
+responses, result = ei.load(folder / "frf.h5"), ei.load(folder / "fit.h5")
 first = next(G for G in responses if G.configuration.name in result.configurations)
 model = result.model(first.configuration.name)
 figure = ei.plot.bode(first, model)

@@ -12,13 +12,19 @@ from __future__ import annotations
 from importlib.resources import files
 
 import elastid as ei
+from elastid.design.friction import design_friction
+from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
+from elastid.friction_study.identify import identify_friction
+from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.record import FrictionRecords
+from elastid.study import load_study
 
-study = ei.load_study(str(files("elastid") / "app" / "templates" / "friction" / "study.yml")).study
+study = load_study(str(files("elastid") / "app" / "templates" / "friction" / "study.yml")).study
 robot, spec, joints = study.as_robot(), study.as_friction(), study.friction_joints
-plan = ei.design_friction(spec, joints, study.experiment, robot, study.seed)
-rig = ei.SimulatedFrictionRig(robot, study.experiment, plan, study.seed)
-records = ei.FrictionRecords(tuple(rig.measure(motion) for motion in plan.motions))
-result = ei.identify_friction(robot, ei.find_joint_levels(robot, joints, records), records, spec)
+plan = design_friction(spec, joints, study.experiment, robot, study.seed)
+rig = SimulatedFrictionRig(robot, study.experiment, plan, study.seed)
+records = FrictionRecords(tuple(rig.measure(motion) for motion in plan.motions))
+result = identify_friction(robot, find_joint_levels(robot, joints, records), records, spec)
 found = {number.name: (number.low, number.high) for number in result.numbers}
 
 if __name__ == "__main__":

@@ -12,23 +12,23 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import elastid as ei
+from elastid.linear.linearise import linearise
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
 
 joint = ei.Joint("1", "z", ei.Spring(stiffness=4e4, damping=30.0), ei.Motor(inertia=1e-3, ratio=100.0, viscous=1e-3))
 robot = ei.Robot("one elastic joint", (ei.Body("load", joints=(joint,), inertia=8.0),), gravity=(0.0, 0.0, 0.0))
-excitation = ei.MultisineSpec(rate_hz=250.0, period=4.0, band_hz=(1.0, 40.0), torque_rms=20.0)
-noise = ei.NoiseSpec(angle_std=1e-4, torque_std=0.1)
-rig_spec = ei.SimulatedSpec(noise=noise, controller=ei.ControllerSpec(bandwidth_hz=6.0))
-experiment = ei.ExperimentSpec(configurations={"home": (0.0,)}, simulated=rig_spec, realisations=8)
-plan = ei.make_plan(excitation, experiment, robot, seed=1)
-rig = ei.SimulatedRig(robot, experiment, plan, seed=1)
-records = [rig.measure(each) for each in rig.experiments]
+excitation = {"rate_hz": 250, "period": "4 s", "band_hz": [1, 40], "torque_rms": 20}
+rig = {"noise": {"angle_std": 1e-4, "torque_std": 0.1}, "controller": {"bandwidth_hz": 6}}
+experiment = {"configurations": {"home": [0]}, "simulated": rig, "realisations": 8}
+records = ei.simulate(robot, excitation=excitation, experiment=experiment, seed=1)
 
-specs = {m: ei.EstimatorSpec(method=m, friction="none") for m in ("h1", "arithmetic", "joint")}
-found = {m: ei.estimate(records, spec, plan.lines) for m, spec in specs.items()}
-model = ei.formulate(robot, ei.ModelSpec())
-linear = ei.linearise(model, ei.Configuration("home", (0.0,)), model.theta, robot.motor_locations, "acceleration")
+found = {m: ei.estimate(records, method=m, friction="none")["home"] for m in ("h1", "arithmetic", "joint")}
+model = formulate(robot, ModelSpec())
+linear = linearise(model, ei.Configuration("home", (0.0,)), model.theta, robot.motor_locations, "acceleration")
 theta = np.append(model.theta, 0.0)
-off = {m: np.abs(G.G / ei.frequency_response(linear, theta, G.freq_hz) - 1)[:, 0, 0] for m, G in found.items()}
+off = {m: np.abs(G.G / frequency_response(linear, theta, G.freq_hz) - 1)[:, 0, 0] for m, G in found.items()}
 error = {method: float(np.median(each)) for method, each in off.items()}
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import elastid as ei
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
 
 rate_hz, N, periods = 200.0, 2000, 2
 rng = np.random.default_rng(0)
@@ -38,8 +40,8 @@ record = ei.Record(
 )
 error, found = {}, {}
 for method in ("local_polynomial", "local_rational"):
-    spec = ei.EstimatorSpec(method=method, quantity="position", transient_periods=0)
-    G = found[method] = ei.estimate([record], spec, lines)
+    spec = EstimatorSpec(method=method, quantity="position", transient_periods=0)
+    G = found[method] = estimate([record], spec, lines)
     off = np.linalg.norm(G.G - plant(G.freq_hz), axis=(1, 2)) / np.linalg.norm(plant(G.freq_hz), axis=(1, 2))
     error[method] = float(off.max())
 

@@ -23,9 +23,8 @@ robot = ei.Robot("two links", (upper, fore), gravity=(0.0, 0.0, 0.0))
 truth = {"k_1": 8e4, "k_2": 5e4, "m_fore": 15.3, "c_fore_x": 0.33}
 data = measured(robot, truth, {"a": (0.0, 0.4), "b": (0.0, 1.6)}, np.linspace(2.0, 40.0, 80))
 
-free = {name: ei.ParameterSpec() for name in ("k_1", "k_2", "d_1", "d_2", "c_fore_x")}
-known = {"m_fore": ei.ParameterSpec(prior=ei.PriorSpec(std=0.02))}
-result = ei.identify(data, robot, ei.FitSpec(parameters=free | known, starts=3, seed=1))
+parameters = ei.choose(robot, "k_1", "k_2", "d_1", "d_2", "c_fore_x", m_fore={"prior": {"std": 0.02}})
+result = ei.identify(data, robot, parameters, starts=3, seed=1)
 
 if __name__ == "__main__":
     print(result)

@@ -13,13 +13,13 @@ import numpy as np
 from exact_responses import measured
 
 import elastid as ei
+from elastid.study import load_study
 
-study = ei.load_study(str(files("elastid") / "app" / "templates" / "serial" / "study.yml")).study
+study = load_study(str(files("elastid") / "app" / "templates" / "serial" / "study.yml")).study
 robot, truth = study.as_robot(), dict(study.experiment.as_simulated().truth)
 postures = dict(list(study.experiment.configurations.items())[:4])
 data = measured(robot, truth, postures, np.linspace(2.0, 60.0, 60), noise=0.02)
-free = {name: ei.ParameterSpec() for name in ("k_*", "d_*")}
-result = ei.identify(data, robot, ei.FitSpec(parameters=free, starts=2, seed=1))
+result = ei.identify(data, robot, ei.choose(robot, "k_*", "d_*"), starts=2, seed=1)
 off = {name: result.values[name] / truth[name] - 1 for name in truth if name.startswith("k_")}
 
 if __name__ == "__main__":

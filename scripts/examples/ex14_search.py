@@ -47,8 +47,8 @@ with tempfile.TemporaryDirectory() as name:
     (folder / "robot.yml").write_text(ROBOT)
     (folder / "study.yml").write_text(STUDY)
     common = [str(folder / "study.yml"), "--run", str(folder / "run"), "--jobs", "1"]
-    tasks = (["design"], ["measure"], ["estimate"], ["fit"], ["compare", "--search"])
-    codes = [run_command([*task, *common]) for task in tasks]
+    tasks = (["run", "design", "measure", "estimate", "fit"], ["compare", "--search"])
+    codes = [run_command([task, *common, *rest]) for task, *rest in tasks]
     comparison = json.loads((folder / "run" / "compare.json").read_text())
 
 if __name__ == "__main__":

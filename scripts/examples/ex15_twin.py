@@ -12,18 +12,17 @@ import ex01_identify_from_python as bench
 import numpy as np
 from matplotlib.figure import Figure
 
-import elastid as ei
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.frf.spec import EstimatorSpec
 from elastid.validation.replay import describe_replays, replay
 
-records = [bench.rig.measure(each) for each in bench.rig.experiments]
 fitted = FittedRobot.of(bench.result, bench.robot, [bench.response])
 model, theta = fitted.at("home"), fitted.theta_of("home")
-band, spec = bench.excitation.band_hz, ei.EstimatorSpec()
-twin = replay(records, model, theta, band, spec)
+band, spec = bench.excitation["band_hz"], EstimatorSpec()
+twin = replay(bench.records, model, theta, band, spec)
 soft = theta.copy()
 soft[model.parameters.index("k_1")] /= 2
-poor = replay(records, model, soft, band, spec)
+poor = replay(bench.records, model, soft, band, spec)
 explained, of_the_soft = float(twin.fit_percent.min()), float(poor.fit_percent.min())
 
 if __name__ == "__main__":

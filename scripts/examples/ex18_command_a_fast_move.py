@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 import elastid as ei
-from elastid.robot import Limits
+from elastid.robot import Frame, Limits, Placement
 from elastid.use.command.moves import point_to_point
 from elastid.use.command.tune import CATALOGUE, IDENTIFIED, RIGID, Given, tune_move
 
@@ -21,8 +21,8 @@ turning = ei.Joint("1", "z", ei.Spring(6e4, 80), motor, limits=limits)
 lifting = ei.Joint("2", "y", ei.Spring(4e4, 60), motor, limits=limits)
 bending = ei.Joint("2z", "z", ei.Spring(2e4, 20))
 upper = ei.Body("upper", joints=(turning,), mass=20, center_of_mass=(0.3, 0, 0), inertia=1.0)
-fore = ei.Body("fore", "upper", ei.Placement((0.6, 0, 0)), (lifting, bending), 12, (0.3, 0, 0.02), 0.5)
-tool = ei.Frame("tool", "fore", ei.Placement((0.6, 0, 0)))
+fore = ei.Body("fore", "upper", Placement((0.6, 0, 0)), (lifting, bending), 12, (0.3, 0, 0.02), 0.5)
+tool = Frame("tool", "fore", Placement((0.6, 0, 0)))
 catalogue = ei.Robot("arm", (upper, fore), frames=(tool,))
 
 # The true springs are 20 % softer; a fit knows them to 0.3 %. Of a run, `draw_robots` gives such robots.

@@ -8,8 +8,11 @@ response with noise.
 
 import numpy as np
 
-from elastid import Configuration, Covariance, FrequencyResponse, estimate_modes, mac
+from elastid import Configuration, Response
 from elastid.experiment.simulated.structure import true_modes, true_response
+from elastid.modal.estimate import estimate_modes
+from elastid.modal.modes import mac
+from elastid.response import Covariance
 
 freq_hz = np.arange(20, 480) / 8
 G = true_response(freq_hz)
@@ -19,7 +22,7 @@ noise = std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape))
 bench = Configuration("bench", np.zeros(0))
 names = ("shaker table", "shaker tip"), ("table x", "column x", "tip x")
 covariance = Covariance(np.full(G.shape, std**2), np.inf)
-response = FrequencyResponse(freq_hz, G + noise, *names, "acceleration", bench, noise=covariance)
+response = Response(freq_hz, G + noise, *names, "acceleration", bench, noise=covariance)
 
 # %%
 # Poles are modes only where noise has none like them.

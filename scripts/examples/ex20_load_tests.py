@@ -12,6 +12,11 @@ import numpy as np
 from exact_responses import measured
 
 import elastid as ei
+from elastid.fit.identify import identify
+from elastid.fit.load_tests import LoadTest
+from elastid.fit.problem.static_loads import placed_tests
+from elastid.fit.spec import FitSpec, WeightSpec
+from elastid.robot import Frame, Placement
 
 joints = [
     ei.Joint("1", "z", ei.Spring(3e5, 500), ei.Motor(2.4e-3, 121, 1.5e-3)),
@@ -19,9 +24,9 @@ joints = [
     ei.Joint("3", "x", ei.Spring(6e4, 60), ei.Motor(6e-4, 100, 6e-4)),
 ]
 turret = ei.Body("turret", joints=(joints[0],), mass=160, center_of_mass=(0.1, 0, 0.15), inertia=9.0)
-arm = ei.Body("arm", "turret", ei.Placement((0.2, 0, 0.35)), (joints[1],), 60, (0.05, 0, 0.4), (6.0, 6.2, 0.8))
-hand = ei.Body("hand", "arm", ei.Placement((0.3, 0, 0.85)), (joints[2],), 15, (0.08, 0, 0.02), (0.13, 0.15, 0.15))
-hook = ei.Frame("hook", "hand", ei.Placement((0.3, 0.4, 0.1)))  # at the end of a lever
+arm = ei.Body("arm", "turret", Placement((0.2, 0, 0.35)), (joints[1],), 60, (0.05, 0, 0.4), (6.0, 6.2, 0.8))
+hand = ei.Body("hand", "arm", Placement((0.3, 0, 0.85)), (joints[2],), 15, (0.08, 0, 0.02), (0.13, 0.15, 0.15))
+hook = Frame("hook", "hand", Placement((0.3, 0.4, 0.1)))  # at the end of a lever
 robot = ei.Robot("arm with a wrist", (turret, arm, hand), frames=(hook,), tolerances="exact")
 truth = {"k_1": 3.3e5, "k_2": 3.2e5, "k_3": 5.4e4}
 postures = {"folded": [0.0, -0.3, 0.3], "reach": [0.3, 1.0, -1.0]}
@@ -38,21 +43,18 @@ readings = [
 ]
 
 responses = measured(robot, truth, postures, np.linspace(2.0, 60.0, 40), noise=0.005, of_largest=True)
-known = {response.configuration.name: response.configuration for response in responses}
-tests = [ei.LoadTest(c, frame="hook", force=f, along=axis, deflection=y, std=5e-6) for c, f, axis, y in readings]
-free = {"k_*": ei.ParameterSpec(), "d_*": ei.ParameterSpec(prior=ei.PriorSpec(0.2))}
-spec = ei.FitSpec(parameters=free, starts=1, weights=ei.WeightSpec(floor=0.0))
-alone = ei.identify(responses, robot, spec)
-both = ei.identify(responses, robot, spec, loads=ei.placed_tests(tests, known))
+known = {each.configuration.name: each.configuration for each in responses}
+tests = [LoadTest(c, frame="hook", force=f, along=axis, deflection=y, std=5e-6) for c, f, axis, y in readings]
+spec = FitSpec(starts=1, weights=WeightSpec(floor=0.0))
+parameters = ei.choose(robot, "k_*", **{"d_*": {"prior": {"std": 0.2}}})
+alone = identify(responses, robot, spec, parameters=parameters)
+both = identify(responses, robot, spec, parameters=parameters, loads=placed_tests(tests, known))
 relative = {name: (alone.std[name] / alone.values[name], both.std[name] / both.values[name]) for name in truth}
 
 if __name__ == "__main__":
     print(*(f"{name}: {100 * a:.2g} % by motors, {100 * b:.2g} % with weights" for name, (a, b) in relative.items()))
     print(both.static.words)
     figure = plt.figure(figsize=(6, 3), layout="constrained")
-    axes = figure.subplots()
-    for place, label in enumerate(("motors alone", "with 8 load tests")):
-        axes.bar(np.arange(3) + 0.4 * place, [100 * pair[place] for pair in relative.values()], 0.4, label=label)
-    axes.set(yscale="log", ylabel="standard deviation in %", xticks=np.arange(3) + 0.2, xticklabels=list(relative))
-    axes.legend()
+    figure.gca().semilogy(list(relative), 100 * np.array(list(relative.values())), "o")
+    figure.legend(["std in % by motors alone", "with 8 load tests"])
     figure.savefig("ex20.png")

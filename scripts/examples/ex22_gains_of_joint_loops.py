@@ -10,6 +10,7 @@ and what limits them.
 from __future__ import annotations
 
 import elastid as ei
+from elastid.robot import Placement
 from elastid.simulation.controller import Gains
 from elastid.use.loops.assess import assess
 from elastid.use.loops.design import robust
@@ -20,21 +21,15 @@ motor = ei.Motor(inertia=2e-3, ratio=100, viscous=1e-3)
 turning, bending = ei.Joint("1", "z", ei.Spring(4e4, 60), motor), ei.Joint("1z", "z", ei.Spring(2e4, 20))
 lifting = ei.Joint("2", "y", ei.Spring(3e4, 40), motor)
 upper = ei.Body("upper", joints=(turning,), mass=20, center_of_mass=(0.3, 0, 0), inertia=1.0)
-fore = ei.Body("fore", "upper", ei.Placement((0.6, 0, 0)), (lifting, bending), 12, (0.3, 0, 0), 0.5)
+fore = ei.Body("fore", "upper", Placement((0.6, 0, 0)), (lifting, bending), 12, (0.3, 0, 0), 0.5)
 robot = ei.Robot("arm", (upper, fore))
 
 # Responses as a robot would give them, by the simulated rig, and a fit of stiffness and damping.
-excitation = ei.MultisineSpec(rate_hz=rate_hz, period=4.0, band_hz=(1.0, 80.0), torque_rms=30.0)
-noise = ei.NoiseSpec(torque_std=1.0, encoder_counts=2**20)
-simulated = ei.SimulatedSpec(truth={"k_1": 4.6e4, "k_1z": 2.3e4, "k_2": 3.4e4}, noise=noise)
-experiment = ei.ExperimentSpec(configurations={"stretched": (0.0, 0.0), "folded": (0.6, 1.2)}, simulated=simulated)
-plan = ei.make_plan(excitation, experiment, robot, seed=1)
-rig = ei.SimulatedRig(robot, experiment, plan, seed=1)
-records = [rig.measure(e) for e in rig.experiments]
-groups = [[r for r in records if r.configuration.name == name] for name in experiment.configurations]
-responses = [ei.estimate(own, ei.EstimatorSpec(), plan.lines) for own in groups]
-free = {name: ei.ParameterSpec() for name in ("k_*", "d_*")}
-fit = ei.identify(responses, robot, ei.FitSpec(parameters=free, starts=2, seed=1))
+excitation = {"rate_hz": rate_hz, "period": "4 s", "band_hz": [1, 80], "torque_rms": 30}
+rig = {"truth": {"k_1": 4.6e4, "k_1z": 2.3e4, "k_2": 3.4e4}, "noise": {"torque_std": 1, "encoder_counts": 2**20}}
+experiment = {"configurations": {"stretched": [0, 0], "folded": [0.6, 1.2]}, "simulated": rig}
+records = ei.simulate(robot, excitation=excitation, experiment=experiment, seed=1)
+fit = ei.identify(ei.estimate(records, friction="none"), robot, ei.choose(robot, "k_*", "d_*"), starts=2, seed=1)
 
 family = PostureFamily.of(fit, [linear.configuration for linear in fit.linear], rate_hz)
 plants, draws = family.estimate(), family.draws(fit, 20, seed=1)

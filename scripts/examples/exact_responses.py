@@ -7,6 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 import elastid as ei
+from elastid.linear.linearise import linearise
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
+from elastid.response import Covariance
 
 
 def measured(
@@ -17,16 +22,16 @@ def measured(
 
     of_largest: relative to the largest element of a line, in whose noise small ones drown.
     """
-    model, rng = ei.formulate(robot, ei.ModelSpec()), np.random.default_rng(0)
+    model, rng = formulate(robot, ModelSpec()), np.random.default_rng(0)
     theta = np.array([truth.get(name, value) for name, (value, _) in robot.parameters().items()])
     responses = []
     for name, angles in postures.items():
         posture = ei.Configuration(name, tuple(angles))
-        linear = ei.linearise(model, posture, theta, robot.motor_locations, "acceleration")
-        G = ei.frequency_response(linear, np.append(theta, 0.0), freq_hz)
+        linear = linearise(model, posture, theta, robot.motor_locations, "acceleration")
+        G = frequency_response(linear, np.append(theta, 0.0), freq_hz)
         size = np.abs(G)
         std = noise * (np.broadcast_to(size.max(axis=(1, 2), keepdims=True), G.shape) if of_largest else size)
         G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
-        names, known = robot.motor_locations, ei.Covariance(std**2, np.inf)
-        responses.append(ei.FrequencyResponse(freq_hz, G, names, names, "acceleration", posture, total=known))
+        names, known = robot.motor_locations, Covariance(std**2, np.inf)
+        responses.append(ei.Response(freq_hz, G, names, names, "acceleration", posture, total=known))
     return responses

@@ -49,7 +49,7 @@ from elastid.fit.covariance import Uncertainty, estimate_uncertainty, inverse_in
 from elastid.fit.intervals import choose_profiles, profile_ends
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import ParameterSpec, PriorSpec, WeightSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": demo}
 WRONG = ("hidden mode", "masses 2 % off", "friction")
@@ -110,7 +110,7 @@ def _rig(name: str, plant: Plant) -> Rig:
     return _RIGS[name]
 
 
-def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[FrequencyResponse, ...]:
+def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Response, ...]:
     """Exact responses of a robot that the model does not describe, the wrong part drawn for each."""
     robot, freq_hz = rig.plant.robot, rig.plant.freq_hz
     if wrong == "hidden mode":

@@ -22,10 +22,10 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Body, GearCoupling, Joint, Payload, Robot, Spring
 
-Responses: TypeAlias = Sequence[FrequencyResponse]
+Responses: TypeAlias = Sequence[Response]
 NOISE = 0.005
 
 
@@ -46,7 +46,7 @@ class Injection:
     drawn: bool = False
 
 
-def exact(plant: Plant, robot: Robot, angles: Mapping[str, Sequence[float]] | None = None) -> list[FrequencyResponse]:
+def exact(plant: Plant, robot: Robot, angles: Mapping[str, Sequence[float]] | None = None) -> list[Response]:
     """Responses of a robot in the plant's configurations, or at other angles of some of them, by name."""
     model = formulate(robot, plant.model)
     linearisation, found = Linearisation.of(model), []
@@ -58,7 +58,7 @@ def exact(plant: Plant, robot: Robot, angles: Mapping[str, Sequence[float]] | No
     return found
 
 
-def noisy(responses: Responses, rng: np.random.Generator) -> list[FrequencyResponse]:
+def noisy(responses: Responses, rng: np.random.Generator) -> list[Response]:
     data = []
     for G in responses:
         std = NOISE * np.abs(G.G) + 0.1 * NOISE * np.abs(G.G).max(axis=0)
@@ -102,7 +102,7 @@ def payload(mass: float, *at: float) -> Callable[[Plant], Responses]:
     return changed_robot(of)
 
 
-def read(by: Callable[[FrequencyResponse], FrequencyResponse]) -> Callable[[Plant], Responses]:
+def read(by: Callable[[Response], Response]) -> Callable[[Plant], Responses]:
     return lambda plant: [by(G) for G in exact(plant, plant.robot)]
 
 
@@ -112,7 +112,7 @@ def times(factor: Callable[[ComplexArray], ComplexArray]) -> Callable[[Plant], R
 
 
 def of_channel(role: str, place: int, factor: Callable[[ComplexArray], ComplexArray]) -> Callable[[Plant], Responses]:
-    def by(G: FrequencyResponse) -> FrequencyResponse:
+    def by(G: Response) -> Response:
         values = G.G.copy()
         part = (slice(None), place, slice(None)) if role == "y" else (slice(None), slice(None), place)
         values[part] *= factor(2j * np.pi * G.freq_hz[:, None])
@@ -186,7 +186,7 @@ def wrong_ratio(body: str, joint: int, place: int, factor: float) -> Callable[[P
     def of(plant: Plant) -> Responses:
         robot = with_joint(body, joint, with_motor(ratio=factor))(plant.robot)
 
-        def by(G: FrequencyResponse) -> FrequencyResponse:
+        def by(G: Response) -> Response:
             scale = np.ones(G.G.shape[1])
             scale[place] = factor  # angles of the link by the file's ratio are larger by it, torques smaller
             return replace(G, G=G.G * np.outer(scale, scale))
@@ -211,7 +211,7 @@ def transmission(joint: int, slopes: Sequence[float]) -> Callable[[Plant], Respo
 def reference_times(constant: float, bandwidth_hz: float = 3.0) -> Callable[[Plant], Responses]:
     """The channel of the torque holds a constant times the reference r of a position loop, u = r - C q."""
 
-    def by(G: FrequencyResponse) -> FrequencyResponse:
+    def by(G: Response) -> Response:
         s, n = 2j * np.pi * G.freq_hz[:, None, None], G.G.shape[1]
         bandwidth = 2 * np.pi * bandwidth_hz
         inertia = np.array([1.0 / abs(G.G[0, i, i]) for i in range(n)])
@@ -311,7 +311,7 @@ def with_gravity(*gravity: float) -> Callable[[Plant], Responses]:
 def late_file(configuration: str, seconds: float) -> Callable[[Plant], Responses]:
     """Motions of one configuration are late."""
 
-    def by(G: FrequencyResponse) -> FrequencyResponse:
+    def by(G: Response) -> Response:
         late = np.exp(-2j * np.pi * seconds * G.freq_hz)[:, None, None]
         return replace(G, G=G.G * late) if G.configuration.name == configuration else G
 
@@ -442,7 +442,7 @@ def eccentric(place: int, amplitude: float) -> Callable[[Plant], Responses]:
 def coarse(resolution: float) -> Callable[[Plant], Responses]:
     """Encoders whose steps return in every period, so that no scatter of periods shows them: errors of angle."""
 
-    def by(G: FrequencyResponse) -> FrequencyResponse:
+    def by(G: Response) -> Response:
         rng, omega = np.random.default_rng(len(G.configuration.name)), 2 * np.pi * G.freq_hz[:, None, None]
         error = rng.standard_normal((*G.G.shape, 2)) @ np.array([1.0, 1j])
         return replace(G, G=G.G + resolution * np.abs(G.G[:1]).max(axis=0) * (omega / omega[-1]) ** 2 * error)
@@ -459,7 +459,7 @@ def compensated(plant: Plant) -> Responses:
     return found
 
 
-def _weight_slope(plant: Plant, G: FrequencyResponse) -> np.ndarray:
+def _weight_slope(plant: Plant, G: Response) -> np.ndarray:
     """d g / d q (n, n) of the rigid robot, by differences of the torques at rest."""
     from elastid.linear.equilibrium import equilibrium
 
@@ -645,9 +645,7 @@ def _with_stiffness(dynamic: Callable[[float, ComplexArray], ComplexArray], kind
             found.append(_changed(linear, read, model.theta, k, plant))
         return found
 
-    def _changed(
-        linear: LinearModel, read: LinearModel, theta: FloatArray, k: float, plant: Plant
-    ) -> FrequencyResponse:
+    def _changed(linear: LinearModel, read: LinearModel, theta: FloatArray, k: float, plant: Plant) -> Response:
         axis = places(plant).axis
         exact_response = to_response(linear, np.append(theta, 0.0), plant.freq_hz)
         s = 2j * np.pi * plant.freq_hz

@@ -36,11 +36,11 @@ import numpy as np
 from study_plants import Plant, demo, of_study, responses, six_axes
 
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring, Tolerances
 
 TIMED = 10  # draws that are fitted with an exact file and with the file held, too
@@ -90,7 +90,7 @@ def drawn(robot: Robot, rng: np.random.Generator) -> Robot:
     return robot.with_parameters(numbers)
 
 
-def measured(plant: Plant, robot: Robot, rng: np.random.Generator) -> list[FrequencyResponse]:
+def measured(plant: Plant, robot: Robot, rng: np.random.Generator) -> list[Response]:
     """Responses of the robot with noise of known variance."""
     data = []
     for G in responses(plant, Linearisation.of(formulate(robot, plant.model)), robot):
@@ -100,7 +100,7 @@ def measured(plant: Plant, robot: Robot, rng: np.random.Generator) -> list[Frequ
     return data
 
 
-def fitted(plant: Plant, robot: Robot, data: list[FrequencyResponse]) -> tuple[FitResult, float]:
+def fitted(plant: Plant, robot: Robot, data: list[Response]) -> tuple[Result, float]:
     """The fit and its CPU time in s."""
     begun = time.process_time()
     result = identify(data, robot, replace(plant.spec, seed=1), model=plant.model)

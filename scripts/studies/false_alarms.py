@@ -52,6 +52,7 @@ from scipy.stats import beta
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.clean_logs import PERIOD, RATE_HZ, Kind
 
+from elastid import verbs
 from elastid.base.errors import ElastidError
 from elastid.base.execution import Execution, in_order
 from elastid.base.note import Note
@@ -61,10 +62,9 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.nouns import Response
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.study import load
 from elastid.validation.agreement import cost_p, explain_cost, validate
@@ -122,7 +122,7 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
         records, robot = measured()
         of_records = _codes(note for record in records for note in record.notes)
         codes |= of_records
-        responses = Response.estimate(records, robot)
+        responses = verbs.estimate(records, robot)
         codes |= _of_responses(responses)
         codes |= {f"local-{code}": text for code, text in _local(records, robot).items() if code not in of_records}
         free = {pattern: ParameterSpec() for pattern in ("k_*", "d_*", "fm_*")}
@@ -143,7 +143,7 @@ def _alarms(name: str, measured: Any, true: Mapping[str, str], seed: int) -> Ala
     return Alarms(name, {code: text for code, text in codes.items() if code not in true})
 
 
-def _of_responses(responses: Iterable[FrequencyResponse]) -> dict[str, str]:
+def _of_responses(responses: Iterable[Response]) -> dict[str, str]:
     """Notes on responses."""
     return _codes(note for response in responses for note in response.notes)
 
@@ -151,7 +151,7 @@ def _of_responses(responses: Iterable[FrequencyResponse]) -> dict[str, str]:
 def _local(records: list[Record], robot: Robot) -> dict[str, str]:
     """Of the local rational method; new phases in every experiment are no repeats."""
     try:
-        responses = Response.estimate(records, robot, method="local_rational", friction="none")
+        responses = verbs.estimate(records, robot, method="local_rational", friction="none")
     except ElastidError as error:
         return {"refused": str(error)}
     return _of_responses(responses)

@@ -46,8 +46,8 @@ from data_sheet_robots import PLANTS, Plant, drawn
 from elastid.base.execution import Execution, ordered
 from elastid.fit.diagnosis.hypothesis import LIMITS
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
-from elastid.response import FrequencyResponse
+from elastid.fit.result import Result
+from elastid.response import Response
 from elastid.robot import Tolerances
 
 CERTAIN = LIMITS.certain_share
@@ -81,7 +81,7 @@ def plant(name: str) -> Plant:
 EVERY = (*INJECTIONS, *FURTHER, *workshop({name: plant(name) for name in PLANTS}))
 
 
-def fitted(of: Plant, data: list[FrequencyResponse], is_exact: bool = False) -> FitResult:
+def fitted(of: Plant, data: list[Response], is_exact: bool = False) -> Result:
     """The fit of a study with the file of the plant."""
     robot = of.robot if is_exact else replace(of.robot, tolerances=Tolerances())
     return identify(data, robot, replace(of.spec, seed=1, starts=STARTS), model=of.model)
@@ -117,13 +117,13 @@ def judged(number: int, seed: int) -> Row:
     return Row(*about, float(first.share), float(first.drop), result.status, named, off)
 
 
-def _other(result: FitResult) -> str:
+def _other(result: Result) -> str:
     """The first note on causes that V does not rank."""
     codes = ("fit/unlike-responses", "fit/unlike-responses", "fit/unlike-responses", "fit/frequency-unit")
     return next((f"{note.code}: {str(note)[:90]}" for note in result.notes if note.code in codes), "")
 
 
-def _errors(of: Plant, result: FitResult) -> dict[str, float]:
+def _errors(of: Plant, result: Result) -> dict[str, float]:
     """The error of each stiffness over the half of its interval on that side."""
     truth, errors = of.robot.parameters(), {}
     for name in (p.name for p in result.parameters.asked if p.name.startswith("k_")):
@@ -133,7 +133,7 @@ def _errors(of: Plant, result: FitResult) -> dict[str, float]:
     return errors
 
 
-def _off(of: Plant, result: FitResult) -> float:
+def _off(of: Plant, result: Result) -> float:
     """The largest of them."""
     return max(_errors(of, result).values(), default=0.0)
 

@@ -2,7 +2,7 @@
 
     python scripts/studies/limits.py [--quick] [--studies 1000] [--seed 0] [--jobs 2] [--truth 0.0]
 
-Every study is planned as `elastid design` plans it, with the amplitudes scaled to the limits; then each of its
+Every study is planned as the stage design plans it, with the amplitudes scaled to the limits; then each of its
 experiments is run on the nonlinear simulation with noise of another seed, ramps included, and every peak of torque,
 position, velocity and acceleration is held against the limit. --truth: the simulated robot's springs and dampers are
 off the planned ones by up to this part. The last line is one JSON object.

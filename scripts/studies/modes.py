@@ -49,7 +49,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.modal.estimate import estimate_modes
 from elastid.modal.modes import Modes
 from elastid.record import Configuration, Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 RATE_HZ, HIGHEST = 512.0, 0.4
 BENCH = Configuration("bench", np.zeros(0))
@@ -171,7 +171,7 @@ def modes_of(kind: str, structure: Structure, level: float, rng: np.random.Gener
         return response, None
 
 
-def judged(structure: Structure, response: FrequencyResponse, modes: Modes | None):
+def judged(structure: Structure, response: Response, modes: Modes | None):
     """Strong modes, those found, false modes, and deviations (n, 2) of frequency and damping in standard deviations."""
     std = np.sqrt(response.uncertainty.variance)
     lines = np.clip(np.searchsorted(response.freq_hz, structure.freq_hz), 0, response.n_lines - 1)

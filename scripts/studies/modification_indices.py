@@ -39,7 +39,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.faults import FAULTS, SPEC, Case, drawn, true_case
 
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 
 # The beginning of the first sentence, and the step of the number where it has one.
 EXPECTED: dict[str, tuple[tuple[str, ...], float]] = {
@@ -66,7 +66,7 @@ MIN_NAMED, MAX_COST_RATIO, MAX_FALSE_ALARMS = 12, 2.0, 0.01
 class Trial:
     """A fit with its CPU time in s."""
 
-    result: FitResult
+    result: Result
     seconds: float
 
     @property

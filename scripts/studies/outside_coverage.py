@@ -48,7 +48,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.execution import ordered
 from elastid.fit.identify import identify
 from elastid.fit.problem.weights import with_floor
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import estimate_without_friction
@@ -129,7 +129,7 @@ class Case:
             groups.setdefault(posture, []).append(record)
         return list(groups.values()), np.asarray(rig.LINES, dtype=np.int64)
 
-    def _against_truth(self, result: FitResult) -> list[list[float]]:
+    def _against_truth(self, result: Result) -> list[list[float]]:
         true, std = rig_of(self.rigs).TRUE, dict(zip(result.parameters.free_names, _std(result), strict=True))
         ends = {name: result.interval(name) for name in NAMES}
         return [
@@ -138,7 +138,7 @@ class Case:
         ]
 
 
-def _std(result: FitResult) -> list[float]:
+def _std(result: Result) -> list[float]:
     return [float(value) for value in np.sqrt(np.diag(result.covariance))]
 
 

@@ -47,8 +47,11 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.outside_arm import Outside, outside_of
 
 import elastid as ei
-from elastid.fit.identify import fit_parameters
+from elastid.fit.identify import fit_parameters, identify
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.response import Covariance
 from elastid.robot import Frame, Placement, Tolerances
+from elastid.study import load_robot
 from elastid.use.postures import random_postures
 
 HERE = Path(__file__).parents[2]
@@ -61,7 +64,7 @@ CASES = ("right", "file", *MISFITS)
 POSTURES = np.radians([[0, 40, -10], [0, -20, 50], [60, -10, -70], [20, 60, -50], [-45, 75, 20]])
 
 
-def measured(robot: Outside, rng: np.random.Generator) -> list[ei.FrequencyResponse]:
+def measured(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
     """Responses of five postures with circular noise of known variance."""
     responses = []
     for i, angles in enumerate(POSTURES):
@@ -70,8 +73,8 @@ def measured(robot: Outside, rng: np.random.Generator) -> list[ei.FrequencyRespo
         G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
         places = tuple(f"motor {i + 1}" for i in range(3))
         where = ei.Configuration(f"p{i}", angles)
-        noise = ei.Covariance(std**2, 1e4)
-        responses.append(ei.FrequencyResponse(LINES, G, places, places, "acceleration", where, noise=noise))
+        noise = Covariance(std**2, 1e4)
+        responses.append(ei.Response(LINES, G, places, places, "acceleration", where, noise=noise))
     return responses
 
 
@@ -106,16 +109,16 @@ def described(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[e
 def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
     """Relative errors and whether intervals hold, of `count` random postures of one fit."""
     rng = np.random.default_rng([seed, sum(map(ord, case))])
-    robot = ei.load_robot(HERE / "elastid" / "app" / "templates" / "serial" / "robot.yml")
+    robot = load_robot(HERE / "elastid" / "app" / "templates" / "serial" / "robot.yml")
     nominal = replace(robot, frames=(Frame("tool", "fore_arm", Placement(TOOL)),))
     true_robot, given = described(case, nominal, rng)
     true = outside_of(true_robot)
-    free = {"k_*": ei.ParameterSpec(), "d_*": ei.ParameterSpec(), "fm_*": ei.ParameterSpec()}
+    free = {"k_*": ParameterSpec(), "d_*": ParameterSpec(), "fm_*": ParameterSpec()}
     if case == "missing":
-        free |= {f"{kind}_2x": ei.ParameterSpec(fixed=True) for kind in "kd"}
-    spec = ei.FitSpec(parameters=free, starts=1, seed=seed, weights=ei.WeightSpec(floor=0.0))
+        free |= {f"{kind}_2x": ParameterSpec(fixed=True) for kind in "kd"}
+    spec = FitSpec(parameters=free, starts=1, seed=seed, weights=WeightSpec(floor=0.0))
     # What would explain a misfit widens its intervals, and is looked for by `identify` alone.
-    fit = ei.identify if case in MISFITS else fit_parameters
+    fit = identify if case in MISFITS else fit_parameters
     result = fit(measured(true, rng), given, spec)
     rows: dict[str, list[np.ndarray]] = {}
     for angles in random_postures(nominal, count, seed):

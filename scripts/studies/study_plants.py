@@ -26,9 +26,9 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import load, load_robot
 
@@ -50,7 +50,7 @@ class Plant:
     noise: float = NOISE
 
     @property
-    def parameters(self) -> ParameterSet:
+    def parameters(self) -> Parameters:
         """All parameters, starting at the truth."""
         return choose(self.spec, self.robot, [configuration.name for configuration in self.configurations])
 
@@ -99,7 +99,7 @@ class Rig:
 
     plant: Plant
     linearisation: Linearisation
-    exact: tuple[FrequencyResponse, ...]
+    exact: tuple[Response, ...]
     correlation: FloatArray
 
     @classmethod
@@ -113,11 +113,11 @@ class Rig:
         covariance = mixing @ mixing.T
         return cls(plant, linearisation, exact, covariance / np.sqrt(np.outer(*2 * [np.diag(covariance)])))
 
-    def drawn(self, rng: np.random.Generator, truth: tuple[FrequencyResponse, ...] = ()) -> list[FrequencyResponse]:
+    def drawn(self, rng: np.random.Generator, truth: tuple[Response, ...] = ()) -> list[Response]:
         """One data set of `truth`, the plant's own exact responses unless given, with the covariance of its noise."""
         return [self._drawn(response, rng) for response in truth or self.exact]
 
-    def _drawn(self, response: FrequencyResponse, rng: np.random.Generator) -> FrequencyResponse:
+    def _drawn(self, response: Response, rng: np.random.Generator) -> Response:
         F, n_y, n_u = response.G.shape
         std = self.plant.noise * (np.abs(response.G) + FLOOR * np.abs(response.G).max())
         level = np.sqrt(np.mean(std**2, axis=2))
@@ -128,13 +128,13 @@ class Rig:
         known = Covariance(variance, np.inf, left.astype(complex), right.astype(complex))
         return replace(response, G=response.G + e / np.sqrt(2), total=known)
 
-    def assembly(self, data: list[FrequencyResponse], spec: FitSpec) -> Assembly:
+    def assembly(self, data: list[Response], spec: FitSpec) -> Assembly:
         """The fit of a data set, without building the model again."""
         weights = tuple(weigh(response, spec) for response in data)
         return Assembly(tuple(data), weights, self.linearisation, self.plant.parameters, spec)
 
 
-def responses(plant: Plant, linearisation: Linearisation, robot: Robot) -> tuple[FrequencyResponse, ...]:
+def responses(plant: Plant, linearisation: Linearisation, robot: Robot) -> tuple[Response, ...]:
     """Exact responses of a robot like the plant's, its numbers possibly others."""
     theta = np.array([value for value, _ in robot.parameters().values()])
     found = []
@@ -157,9 +157,7 @@ def with_coulomb(robot: Robot, levels: Sequence[float]) -> Robot:
     return replace(robot, bodies=bodies)
 
 
-def fit_from_truth(
-    responses: Sequence[FrequencyResponse], robot: Robot, judged: Sequence[str]
-) -> tuple[FloatArray, FloatArray]:
+def fit_from_truth(responses: Sequence[Response], robot: Robot, judged: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Errors (n,) of ln p of the parameters that are judged, and their stated deviations (n,).
 
     All k_*, d_* and fm_* of the robot are free, from its own as start, without a floor: intervals are made of noise

@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from elastid import load_robot
 from elastid.base.arrays import FloatArray
 from elastid.robot import Frame, Joint, Placement, Robot, Spring
+from elastid.study import load_robot
 from elastid.use.command.moves import point_to_point
 from elastid.use.command.tune import IDENTIFIED, RIGID, Given, TunedMove, tune_move
 

@@ -13,6 +13,5 @@ def fitted_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("arm")
     (folder / "study.yml").write_text(STUDY, encoding="utf-8")
     (folder / "move.csv").write_text("1 deg,2 deg\n-10,30\n25,10\n", encoding="utf-8")
-    for stage in ("design", "measure", "estimate", "fit"):
-        assert command(stage, folder / "study.yml") in (0, 3)
+    assert command("run", folder / "study.yml", "design", "measure", "estimate", "fit") in (0, 3)
     return folder / "study.yml"

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import logging
+import os
 import signal
 import subprocess
 import sys
@@ -18,7 +19,6 @@ import pytest
 from elastid.app import cli
 from elastid.app import run as running
 from elastid.app.cli import insisting, run_command
-from elastid.app.run import Run
 from elastid.app.stage_table import SIMULATED, stages_of
 from elastid.base.execution import ordered
 
@@ -81,15 +81,15 @@ def test_demo_is_a_study_of_ones_own_and_one_call(here: Path, monkeypatch: pytes
 
 
 def test_help_lists_the_commands_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
-    """Each with its whole first sentence; every command but the schema's is in one of five groups."""
+    """Each with its whole first sentence; every command but the schema's is in one of four groups."""
     assert cli.run_command(["--help"]) == 0
     groups = capsys.readouterr().out.split("\n\n")[3:]
     heads = [group.split(":\n")[0].strip() for group in groups]
-    assert heads == ["Start", "Look", "Use", "Campaign", "Single stages of `run`"]
+    assert heads == ["Start", "Look", "Use", "Campaign"]
     names = [line.split()[0] for group in groups for line in group.splitlines()[1:] if line[2:3].strip()]
     assert names[:4] == ["demo", "new", "check", "run"]
     assert sorted([*names, "schema"]) == sorted(cli.cli.commands)
-    assert len(names) <= 24
+    assert len(names) <= 14
     said = (
         "Show all errors of a study with file, line and column, its logs opened; else a summary of it and its stages."
     )
@@ -195,6 +195,7 @@ def refused(study: Path, code: int, capsys: pytest.CaptureFixture[str], *options
     ("override", "part"),
     [
         ("fit.strats=1", "did you mean 'starts'?"),
+        (f"fit{'.a' * 2000}=1", "nested too deeply"),
         ("excitation.torque_rms=1 kg", "measures kg, not N*m"),
         ("robot=nope.yml", "no such file"),
         ("robot.bodies.0.inertia=[1,1,9]", "no body has the principal inertias"),
@@ -214,7 +215,10 @@ def test_a_wrong_study_ends_before_anything_is_written(
 
 @pytest.mark.parametrize(
     "arguments",
-    [["fly"], ["run"], ["run", "x.yml", "--jobs", "0"], ["check", "nope.yml"], ["new", "d", "--template", "x"]],
+    [
+        *(["fly"], ["run"], ["run", "x.yml", "--jobs", "0"], ["check", "nope.yml"], ["new", "d", "--template", "x"]),
+        *(["run", "x.yml", "--run", ""], ["fit", "x.yml"], ["tune", "x.yml", "--path", "x", "--rate", "1e9"]),
+    ],
 )
 def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """And a word on stderr."""
@@ -223,6 +227,16 @@ def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: 
     assert out == ""
     assert err
     assert "Traceback" not in err
+
+
+def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(tiny: Path, here: Path) -> None:
+    """Signs are written in letters, and the figures are drawn."""
+    strange = {"PYTHONIOENCODING": "ascii", "MPLBACKEND": "module://nowhere.inline"}
+    command = [sys.executable, "-m", "elastid", "run", str(tiny), "--png", "--jobs", "1", "--run", "2±1"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | strange)
+    assert ended.returncode == 0, ended.stderr
+    assert "2+-1/report.html" in ended.stdout
+    assert list(here.glob("*/figures/*.png"))
 
 
 def test_a_full_disk_is_one_sentence(
@@ -341,7 +355,7 @@ def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
 ) -> None:
     """CasADi makes a RuntimeError of it, or returns None where an array was expected."""
 
-    def disguised(_: Run) -> None:
+    def disguised(*_: object) -> None:
         try:
             signal.raise_signal(signal.SIGINT)
         except KeyboardInterrupt:

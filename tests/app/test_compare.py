@@ -10,7 +10,7 @@ from plants.two_axes import ROBOT, STUDY, measured
 
 from elastid.app.compare import compare, variants
 from elastid.app.console import Console
-from elastid.app.run import Run, run_all, run_stage
+from elastid.app.run import Run, run_all
 from elastid.base.errors import StudyError
 from elastid.robot.simplified import stiffened
 from elastid.study import load
@@ -85,8 +85,7 @@ def test_variants_that_cannot_be_are_refused(study: Path, option: str, says: str
 def test_a_model_without_variants_is_refused(tiny: Path) -> None:
     """There is nothing to compare with."""
     run = Run(load(tiny), tiny.parent / "run", 1, Console(-1))
-    for stage in ("design", "measure", "estimate"):
-        run_stage(run, stage)
+    run_all(run, ("design", "measure", "estimate"))
     with refused("compare/variants", place="study.yml"):
         compare(run)
 

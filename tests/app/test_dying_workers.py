@@ -13,7 +13,7 @@ from plants.friction_records import TEMPLATE
 
 from elastid.app.compare import compare
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.app.stage_table import STAGES
 from elastid.base import execution
 from elastid.base.workers import load_for_workers
@@ -84,7 +84,7 @@ def worked(run: Run, names: Sequence[str]) -> Iterator[str]:
     """The name of each stage, after it was carried out."""
     load_for_workers(sorted({stage.module for stage in STAGES}))
     for name in names:
-        compare(run) if name == "compare" else run_stage(run, name)
+        compare(run) if name == "compare" else run_all(run, [name])
         yield name
 
 

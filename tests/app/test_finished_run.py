@@ -6,35 +6,32 @@ from plants.refusals import refused
 
 import elastid
 from elastid.app.cli import run_command
+from elastid.app.finished_run import FinishedRun
 from elastid.base.errors import UnknownNameError
 
 KEYS = ["report.formats=[]", "compare={variants: [{name: undamped, set: [fit.parameters.d_1.fixed=true]}]}"]
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> elastid.FinishedRun:
+def done(tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
     folder = tmp_path_factory.mktemp("run") / "bench"
     assert run_command(["new", str(folder), "--template", "recorded"]) == 0
     return elastid.run(folder / "study.yml", folder / "run", set=KEYS, verbosity=-2)
 
 
-def test_a_run_gives_its_values(done: elastid.FinishedRun) -> None:
+def test_a_run_gives_its_values(done: FinishedRun) -> None:
     low, high = done.result["k_1"].interval
     assert low < 64.0 < high  # the truth of the template's logs
     response = done.responses["bench"]
     assert response["joint 1", "motor 1"].G.shape == (response.n_lines, 1, 1)
     assert np.all(response.coherence <= 1.0)
-    assert len(done.records) == 2
-    assert done.validation.verdict
-    assert done.report.is_file()
     assert "fit.h5" in repr(done)
-    assert all(path.is_file() for path in done.export("csv"))
     with refused("export/target"):
-        done.export("matlb")
-    assert {row.name for row in done.compare().rows} == {"recorded", "undamped"}
+        elastid.export(done, "matlb")
+    assert {row.name for row in elastid.compare(done).rows} == {"recorded", "undamped"}
 
 
-def test_other_numbers_are_those_of_another_robot(done: elastid.FinishedRun) -> None:
+def test_other_numbers_are_those_of_another_robot(done: FinishedRun) -> None:
     """The modes of a result with another spring are those of two inertias with it, motor free."""
     result = done.result
     other = result.with_parameters(k_1=50.0, fm_1=1e-9, d_1=1e-9)

@@ -18,7 +18,7 @@ from plants.friction_logs import (
 )
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.store.friction_study import read_friction_result
@@ -35,8 +35,7 @@ def write(folder: Path, q: FloatArray, torque: FloatArray | None = None, name: s
 def run(study: Path, *stages: str) -> Run:
     """The stages from the first one."""
     found = Run(load(study), study.parent / "run", 1, Console(0))
-    for stage in stages:
-        run_stage(found, stage)
+    run_all(found, stages)
     return found
 
 

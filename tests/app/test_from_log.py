@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.measured import ARM, BENCH, EMPS, KUKA, measured
+from plants.measured import BENCH, EMPS, KUKA, measured
 
 from elastid.app import cli
 from elastid.store.friction_study import read_friction_records
@@ -15,7 +15,6 @@ REAL = {
     EMPS: ("friction-recorded", "qm", "rate_hz: 1000"),
     KUKA: ("friction-recorded", "rec.act_pos_mot_deg", "rate_hz: 250"),
     BENCH: ("frf", "theta_mx", "period_samples: 2500"),
-    ARM: ("frf", "robot_arm_dat", "half_wave: true"),
 }
 
 
@@ -63,54 +62,6 @@ def test_temperatures_of_the_joints_are_channels_of_them(motion: Path, tmp_path:
     assert "# hold: zero-order" in (tmp_path / "new" / "study.yml").read_text()
 
 
-def written(log: Path, rows: np.ndarray, folder: Path, *more: Path) -> str:
-    """The study of a log without headings, and of others."""
-    np.savetxt(log, rows, "%.8g")
-    assert cli.run_command(["new", str(folder), "--from", *map(str, (log, *more))]) == 0
-    return (folder / "study.yml").read_text()
-
-
-def two_joints(rate: float = 250.0) -> list[np.ndarray]:
-    """Positions in deg, velocities in deg/s and torques of two joints, one of which bears gravity."""
-    t = np.arange(5000) / rate
-    parts = []
-    for k in range(2):
-        omega = np.array([0.9, 2.1, 3.3]) * (1 + 0.31 * k)
-        q, v, a = (sum(0.2 * w**m * np.sin(w * t + m * np.pi / 2) for w in omega) for m in range(3))
-        parts.append((np.rad2deg(q), np.rad2deg(v), 3 * a + 5 * v + 4 * np.sign(v) + 9 * k * np.cos(q)))
-    return [t, *(x for of_kind in zip(*parts, strict=True) for x in of_kind)]
-
-
-@pytest.mark.parametrize("has_time", [True, False])
-def test_columns_without_headings_are_told_by_what_they_hold(has_time: bool, tmp_path: Path) -> None:
-    """Time, positions, velocities, torques; without a time the rate is that of the velocities; missing samples."""
-    columns = two_joints()[not has_time :]
-    columns[-1][700:720] = np.nan
-    text = written(tmp_path / "log.dat", np.stack(columns, axis=1), tmp_path / "new")
-    recorded = load_with_logs(tmp_path / "new" / "study.yml").study.experiment.as_recorded()
-    assert recorded.rate_hz == pytest.approx(250, rel=1e-3)
-    names = [f"column {i + has_time}" for i in (5, 1, 6, 2)]
-    assert [channel.channel for channel in recorded.channels] == names
-    assert [channel.unit for channel in recorded.channels if channel.role == "y"] == ["deg", "deg"]
-    assert "by Newton's law" in text
-    assert "gravity: [0, 0, -9.81]" in (tmp_path / "new" / "robot.yml").read_text()
-
-
-def test_signals_one_below_the_other_are_interleaved(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """And a study of friction without a rate says that it needs one."""
-    _, q1, q2, _, _, u1, u2 = two_joints()
-    rows = np.stack([np.stack([q1, q2], axis=1).ravel(), np.stack([u1, u2], axis=1).ravel()], axis=1)
-    assert "interleaved: 2" in written(tmp_path / "log.txt", rows, tmp_path / "new")
-    assert cli.run_command(["check", str(tmp_path / "new" / "study.yml")]) == 2
-    assert "give it in Hz" in capsys.readouterr().err
-
-
-def test_signals_that_nothing_tells_apart_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    np.savetxt(tmp_path / "log.txt", np.stack(two_joints()[1:3], axis=1).ravel())
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", str(tmp_path / "log.txt")]) == 1
-    assert "2 signals change in it, 2 rows of the file to a sample" in capsys.readouterr().err
-
-
 def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two accelerometers alone; with the hammer's column the same log becomes a study."""
     a = np.random.default_rng(0).normal(size=(400, 3))
@@ -120,6 +71,7 @@ def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path, capsys: pyte
         np.savetxt(log, a[:, :n], delimiter=",", header=",".join(columns.split(",")[:n]), comments="")
         assert cli.run_command(["new", str(tmp_path / f"s{n}"), "--from", str(log)]) == code
     assert "none a force or torque, without which there is no response" in capsys.readouterr().err
+    assert "# Not used" not in (tmp_path / "s3" / "study.yml").read_text()
 
 
 def test_a_path_that_is_none_and_a_robot_among_logs_are_said(
@@ -160,7 +112,7 @@ def test_torques_and_angles_in_files_of_their_own_are_one_measurement(unit: str,
     if not unit:
         study.write_text(study.read_text().replace("rate_hz: unknown", "rate_hz: 200"))
     assert cli.run_command(["check", str(study)]) == 0
-    assert cli.run_command(["measure", str(study), "--run", str(tmp_path / "run"), "-q"]) == 0
+    assert cli.run_command(["run", str(study), "measure", "--run", str(tmp_path / "run"), "-q"]) == 0
     recorded = read_friction_records(tmp_path / "run" / "records.h5").records
     assert [record.joint for record in recorded] == ["1", "2"]
     for record, torque, angle in zip(recorded, (1, 3), (2, 4), strict=True):

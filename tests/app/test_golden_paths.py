@@ -11,6 +11,7 @@ from plants.two_axes import ROBOT, STUDY
 from plants.two_axes import measured as measured_responses
 
 from elastid.app import cli
+from elastid.app.work import stamps
 from elastid.base.errors import ElastidError
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.experiment.specs.recorded import FileSpec, TextFormatSpec
@@ -129,11 +130,11 @@ def test_another_delimiter_is_named(tmp_path: Path) -> None:
 
 def test_a_stage_before_its_time_names_the_one_before(tiny: Path, capsys: Capture) -> None:
     for stage in ("fit", "estimate", "measure"):
-        code, text = said(capsys, stage, str(tiny), "--run", str(tiny.parent / "run"))
+        code, text = said(capsys, "run", str(tiny), stage, "--run", str(tiny.parent / "run"))
         assert code == 2
-        (before,) = pasted(r"run `elastid (\w+) ", text)
+        (before,) = pasted(r"run `elastid run \S+ (\w+)`", text)
     assert before == "design"
-    assert said(capsys, before, str(tiny), "--run", str(tiny.parent / "run"))[0] == 0
+    assert said(capsys, "run", str(tiny), before, "--run", str(tiny.parent / "run"))[0] == 0
 
 
 @pytest.mark.slow
@@ -144,18 +145,7 @@ def test_a_late_torque_is_named_and_the_fit_with_its_delay_converges(tmp_path: P
         each.__class__(**{**vars(each), "G": each.G * np.exp(-2j * np.pi * each.freq_hz * 2e-3)[:, None, None]})
         for each in read_responses(run.path("estimate"))
     ]
-    write_responses(run.path("estimate"), late, run.stamps["estimate"])
-    fit = [
-        "fit",
-        study,
-        "--run",
-        str(tmp_path / "run"),
-        "--set",
-        "fit.starts=1",
-        "--set",
-        "fit.parameters={k_*: {}, d_*: {}}",
-    ]
-    code, text = said(capsys, *fit)
-    assert code == 3
-    assert "fit.parameters: {delay: {}}" in text
-    assert said(capsys, *fit, "--set", "fit.parameters.delay={}")[0] == 0
+    for more, code in (("", 3), (", delay: {}", 0)):
+        key = f"fit.parameters={{k_*: {{}}, d_*: {{}}{more}}}"
+        write_responses(run.path("estimate"), late, stamps(load(Path(study), [key]))["estimate"])
+        assert said(capsys, "run", study, "fit", "--run", str(tmp_path / "run"), "--set", key)[0] == code

@@ -13,12 +13,12 @@ import pytest
 from plants import held_torque
 
 from elastid.app.cli import run_command
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 TRUTH = {"k_1": 100.0, "d_1": 0.02, "Jm_1": 1e-3, "fm_1": 2e-3, "I_load": 2e-3}
 
 
-def _write_responses(folder: Path, found: FrequencyResponse) -> None:
+def _write_responses(folder: Path, found: Response) -> None:
     """A CSV with the columns of the template `responses`, and standard deviations."""
     assert found.noise is not None
     names, columns = ["freq_hz"], [found.freq_hz]

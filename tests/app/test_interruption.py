@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.study import load
 
 OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
@@ -36,8 +36,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str])
     for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
         (folder / name).write_text(text)
     run = Run(load(folder / "study.yml", OPTIONS), folder / "run", 1, Console(-1))
-    for stage in ("design", "measure", "estimate", "fit"):
-        run_stage(run, stage)
+    run_all(run, ("design", "measure", "estimate", "fit"))
     return folder
 
 
@@ -103,7 +102,7 @@ def test_an_interrupted_fit_is_resumed(
     whole: Path, unfitted: Path, parts: str, number: signal.Signals, jobs: str
 ) -> None:
     """Starts that are done are not solved again, whatever the number of processes, and every file is the same."""
-    command = elastid("fit", str(whole / "study.yml"), "--run", str(unfitted), "--jobs", jobs)
+    command = elastid("run", str(whole / "study.yml"), "fit", "--run", str(unfitted), "--jobs", jobs)
     end = stopped(command, unfitted / "fit.partial", parts, number)
     kept = {path.name: path.read_bytes() for path in (unfitted / "fit.partial").glob("*.json")}
     assert len([name for name in kept if name.startswith(parts.partition("-")[0])]) >= 3
@@ -136,7 +135,7 @@ def test_an_interrupted_fit_is_resumed(
 def test_an_interrupted_fit_stands_beside_no_result_of_another(whole: Path, unfitted: Path, tmp_path: Path) -> None:
     """One without its summary goes, and a result that is current stays as it was, with its summary."""
     shutil.copy(whole / "run" / "fit.h5", unfitted)
-    command = elastid("fit", str(whole / "study.yml"), "--jobs", "1")
+    command = elastid("run", str(whole / "study.yml"), "fit", "--jobs", "1")
     stopped([*command, "--run", str(unfitted)], unfitted / "fit.partial", "start-*.json", signal.SIGINT)
     assert not (unfitted / "fit.h5").exists()
     current = Path(shutil.copytree(whole / "run", tmp_path / "current"))

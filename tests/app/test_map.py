@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import elastid as ei
 from elastid.app import cli
-from elastid.store.results import read_map
+from elastid.store.results import read_fit, read_map
+from elastid.study import load_robot
 
 STUDY = """\
 name: arm
@@ -46,8 +46,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One that has been fitted, in its own folder."""
     folder = tmp_path_factory.mktemp("arm")
     (folder / "study.yml").write_text(STUDY, encoding="utf-8")
-    for stage in ("design", "measure", "estimate", "fit"):
-        assert command(stage, folder / "study.yml") == 0
+    assert command("run", folder / "study.yml", "design", "measure", "estimate", "fit") == 0
     return folder / "study.yml"
 
 
@@ -69,7 +68,7 @@ def test_a_fitted_study_is_mapped_at_random_on_a_path_and_by_poses(study: Path) 
     assert command("map", study, "--path", path, "--normal", "0", "0", "1", "--load", "0", "0", "-10") == 0
     workspace = read_map(run / "map.h5")
     np.testing.assert_allclose(workspace.angles, np.radians([[20, 40], [-10, 10]]))
-    stiff = ei.read_fit(run / "fit.h5").at("down", axes="world").stiffness()
+    stiff = read_fit(run / "fit.h5").at("down", axes="world").stiffness()
     np.testing.assert_allclose(workspace["compliance_z"].value[0], stiff.compliance[2, 2], rtol=1e-6)
     path.write_text("x,y,z\n1.0,0,-0.3\n5,0,0\n", encoding="utf-8")
     assert command("map", study, "--path", path) == 0
@@ -89,7 +88,7 @@ def test_draws_are_written_as_robots_and_wrong_options_end_in_words(
     assert command("export", study, "--to", "draws", "--count", "5") == 0
     folder = study.parent / "run" / "export" / "draws"
     assert len(list((folder / "robots").iterdir())) == len(list((folder / "mujoco").iterdir())) == 5
-    assert ei.load_robot(folder / "robots" / "robot_3.yml").name == "arm"
+    assert load_robot(folder / "robots" / "robot_3.yml").name == "arm"
     for words, says in (
         (("--random", "3", "--grid"), "exclude one another"),
         (("--band", "20", "10"), "two rising frequencies"),

@@ -16,7 +16,7 @@ from scipy.signal import chirp
 from elastid.app.cli import run_command
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.simulated.structure import shake, true_modes, true_response
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.store.measured import read_responses
 
 MASSES = ("force_1", "force_3", "acc_1", "acc_2", "acc_3")
@@ -30,7 +30,7 @@ def channel(role: str, name: str, quantity: str, unit: str, at: str = "") -> dic
     return {"role": role, "at": at or name, "channel": name, "quantity": quantity, "unit": unit}
 
 
-def run(folder: Path, recorded: Mapping[str, Any], estimator: Mapping[str, Any] | None = None) -> FrequencyResponse:
+def run(folder: Path, recorded: Mapping[str, Any], estimator: Mapping[str, Any] | None = None) -> Response:
     """The response that `elastid run` leaves from a study without a robot, and without an estimator where none is."""
     experiment = {"configurations": {"bench": []}, "recorded": recorded}
     study: dict[str, Any] = {"name": "bench", "experiment": experiment, "report": {"formats": []}}
@@ -48,7 +48,7 @@ def peaks(folder: Path) -> FloatArray:
     return np.array([float(row["frequency"]) for row in rows])
 
 
-def errors(found: FrequencyResponse, truth: ComplexArray) -> tuple[float, float]:
+def errors(found: Response, truth: ComplexArray) -> tuple[float, float]:
     """Mean |error|^2 over stated variance, and the part of the numbers in their 95 % regions.
 
     P(|error|^2 / variance > x) = (1 + x / dof)^-dof of a variance with so many complex degrees of freedom.

@@ -60,7 +60,6 @@ def test_a_stage_takes_the_values_of_its_row_and_nothing_else(stage: Stage) -> N
     parameters = inspect.signature(resolve_name(stage.function)).parameters
     declared = {value.argument for value in stage.values} | {source.argument for source in stage.sources} | {"work"}
     declared |= {"files"} if stage.files is not None else set()
-    declared |= {name.partition(".")[0] for name in stage.extras}
     optional = {name for name, parameter in parameters.items() if parameter.default is not inspect.Parameter.empty}
     assert declared <= set(parameters)
     assert set(parameters) - declared <= optional  # of stages that another kind of study has
@@ -141,12 +140,7 @@ def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(
             if (declared := is_declared(stage, path)) is not None:
                 assert same is not declared, (path, name)
             sources = [source for source in stage.sources if source.stage in stages]
-            upstream = any(
-                after[s.stage].part != before[s.stage].part
-                if s.part
-                else after[s.stage].inputs != before[s.stage].inputs
-                for s in sources
-            )
+            upstream = any(after[s.stage].inputs != before[s.stage].inputs for s in sources)
             assert (after[name].inputs != before[name].inputs) is (not same or upstream), (path, name)
 
 

@@ -10,7 +10,7 @@ import pytest
 from plants.refusals import refused
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.base.errors import StudyError
 from elastid.design.choice import draw_candidates
 from elastid.design.spec import CandidateSpec
@@ -163,8 +163,7 @@ def test_the_simulated_sensor_filter_is_the_one_of_the_model(order: int) -> None
 def stage(path: Path, *names: str) -> tuple[Run, dict]:
     """The run after some stages, and its summary."""
     run = Run(load(path), path.parent / "run", 1, Console(-1))
-    for name in names:
-        run_stage(run, name)
+    run_all(run, names)
     summary = run.folder / "summary.json"
     return run, json.loads(summary.read_text()) if summary.exists() else {}
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.base.errors import MisfitError
 from elastid.report.figures.responses import quality_figure
-from elastid.response import FrequencyResponse, Levels
+from elastid.response import Levels, Response
 from elastid.store.measured import read_plan, read_responses
 from elastid.study import load
 
@@ -39,7 +39,7 @@ def finished(
     run = Run(load(study, overrides), folder, 1, Console(-1))
     for stage in STAGES[: STAGES.index(last) + 1]:
         with suppress(MisfitError):  # friction that is left in the responses moves the parameters; all is written
-            run_stage(run, stage)
+            run_all(run, [stage])
     return run
 
 
@@ -49,7 +49,7 @@ def above_noise(found: Levels | None) -> float:
     return float(np.sqrt(np.mean(found.amplitude**2) / np.mean(found.noise**2)))
 
 
-def response_of(run: Run) -> FrequencyResponse:
+def response_of(run: Run) -> Response:
     """The one response in frf.h5."""
     (response,) = read_responses(run.path("estimate"))
     return response

@@ -1,5 +1,6 @@
 """The documentation is built without a warning and without a link that leads nowhere, and has what it promises."""
 
+import doctest
 import importlib.util
 import json
 import re
@@ -65,3 +66,10 @@ def test_every_example_of_the_gallery_has_a_figure() -> None:
     for example in (ROOT / "scripts" / "examples").glob("ex[0-9]*.py"):
         text = example.read_text(encoding="utf-8")
         assert re.search(r"^    figure = |figure := Figure|sphinx_gallery_thumbnail_path", text, re.M), example.name
+
+
+def test_every_public_name_has_an_example_that_runs() -> None:
+    page = PICTURES.parent / "pages" / "howto" / "python.rst"
+    text = page.read_text(encoding="utf-8")
+    assert [name for name in elastid.__all__ if not re.search(rf"\*\*[^*]*\b{name}\b", text)] == []
+    assert doctest.testfile(str(page), module_relative=False, encoding="utf-8").failed == 0

@@ -15,14 +15,14 @@ from ruamel.yaml import YAML
 
 from elastid.app import cli
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Robot
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -36,7 +36,7 @@ def planar() -> Robot:
 
 
 @cache
-def exact_responses(angles: tuple[tuple[float, float], ...], highest: float) -> list[FrequencyResponse]:
+def exact_responses(angles: tuple[tuple[float, float], ...], highest: float) -> list[Response]:
     """As many lines in all, whatever the number of configurations."""
     model = formulate(planar())
     linearisation, lines, responses = Linearisation.of(model), np.linspace(3, highest, 300 // len(angles)), []
@@ -46,9 +46,7 @@ def exact_responses(angles: tuple[tuple[float, float], ...], highest: float) -> 
     return responses
 
 
-def fitted(
-    angles, seed: int = 0, spec: ModelSpec = EXACT, highest: float = 30.0, free: Sequence[str] = FREE
-) -> FitResult:
+def fitted(angles, seed: int = 0, spec: ModelSpec = EXACT, highest: float = 30.0, free: Sequence[str] = FREE) -> Result:
     """A fit of the planar arm's springs from responses of the exact model with 3 % noise, from a start 40 % off."""
     robot, random, responses = planar(), np.random.default_rng(seed), []
     for exact in exact_responses(angles, highest):
@@ -62,7 +60,7 @@ def fitted(
     return identify(responses, start, FitSpec(parameters=parameters, starts=1, weights=weights), model=spec)
 
 
-def relative(result: FitResult, name: str) -> float:
+def relative(result: Result, name: str) -> float:
     """Standard deviation of a logarithmic parameter."""
     i = result.parameters.free_names.index(name)
     return float(np.sqrt(result.covariance[i, i]))
@@ -111,8 +109,7 @@ UP_TO_FIT = ("design", "measure", "estimate", "fit")
 
 def run(study: str, folder: Path, commands: Sequence[str], *options: str) -> tuple[int, dict[str, Any]]:
     """Commands of `elastid`, the last exit code and the summary."""
-    for stage in commands:
-        code = cli.run_command([stage, str(CONFIGS / study), "--run", str(folder), "-q", *options])
+    code = cli.run_command(["run", str(CONFIGS / study), *commands, "--run", str(folder), "-q", *options])
     summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return code, summary
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
@@ -20,7 +20,7 @@ from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration, Record
 from elastid.recorded.rig import RecordedRig
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
 from elastid.store.measured import read_records, read_responses, write_records, write_responses
 from elastid.study import load
@@ -169,8 +169,7 @@ def test_a_study_with_motors_and_points_finds_the_springs(tmp_path: Path):
     path = tmp_path / "study.yml"
     path.write_text(STUDY)
     run = Run(load(path), tmp_path / "run", 1, Console(-1))
-    for stage in ("design", "measure", "estimate", "fit"):
-        run_stage(run, stage)
+    run_all(run, ("design", "measure", "estimate", "fit"))
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["status"] == "converged"
     for name in ("k_1", "k_1x", "k_2"):
@@ -238,7 +237,7 @@ def test_records_and_responses_say_which_places_slide(tmp_path: Path):
         ("position", "acceleration"), np.ones((4, 1)), np.ones((4, 2)), sliding=("frame tool z",),
     )  # fmt: skip
     G = np.ones((1, 2, 1), complex)
-    response = FrequencyResponse(np.array([1.0]), G, record.inputs, record.outputs, "acceleration",
+    response = Response(np.array([1.0]), G, record.inputs, record.outputs, "acceleration",
                                  record.configuration, sliding=record.sliding)  # fmt: skip
     assert response.unit == "(rad/s^2 or m/s^2)/(N*m)"
     write_responses(tmp_path / "frf.h5", [response])

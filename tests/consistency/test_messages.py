@@ -49,7 +49,7 @@ def test_commands_and_options_that_messages_name_exist() -> None:
     assert len(commands) > 5
     assert {word for _, word in commands} <= {*COMMANDS}, commands
     options = {(module, each) for module, text in messages() for each in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)}
-    compilers = {each for each in options if each[0].startswith(("export", "base/kernels", "simulation"))}
+    compilers = {each for each in options if each[0].startswith(("targets", "base/kernels", "simulation"))}
     assert len(options) > 15
     assert {option for _, option in options - compilers} <= OPTIONS | OTHERS
 

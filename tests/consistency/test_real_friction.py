@@ -69,8 +69,10 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
     That law ends near the 171.5 and 248.5 N s/m of a filter whose friction switches with the direction, +- 2.6 and 2.1.
     """
     study = with_records(ROOT / "configs" / "real" / "emps_follow.yml")
-    for stage in ("measure", "levels", "friction", "follow"):
-        assert cli.run_command([stage, str(study), "--run", str(tmp_path), "-q"]) == 0
+    assert (
+        cli.run_command(["run", str(study), "measure", "levels", "friction", "follow", "--run", str(tmp_path), "-q"])
+        == 0
+    )
     (found,) = read_filter(tmp_path / "filter.h5")
     assert found.filtered.viscous == pytest.approx(202.9, abs=0.5)
     regression = {"Fc": 20.5, "f+": 166.1, "f-": 238.6}

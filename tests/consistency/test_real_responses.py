@@ -11,7 +11,7 @@ import pytest
 from plants.measured import BENCH, DATA, with_records
 
 from elastid.app import cli
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.store.measured import read_responses
 from elastid.study import load
 from elastid.validation.results import resonances
@@ -36,7 +36,7 @@ report: {{formats: []}}
 """
 
 
-def ran(study: Path, folder: Path, *overrides: str) -> FrequencyResponse:
+def ran(study: Path, folder: Path, *overrides: str) -> Response:
     """The response of `elastid run`."""
     options = [part for override in ("report.formats=[]", *overrides) for part in ("--set", override)]
     assert cli.run_command(["run", str(with_records(study)), "--run", str(folder), "-q", *options]) == 0

@@ -16,7 +16,7 @@ RUNNABLE = sorted(
     path
     for folder in FOLDERS
     for path in folder.glob("*.py")
-    if path.stem not in ("study_plants", "timing", "fit_peers", "causes", "watch")
+    if path.stem not in ("study_plants", "timing", "causes", "watch")
 )
 
 
@@ -182,7 +182,7 @@ def test_example_13_finds_seven_springs_of_three_axes() -> None:
 def test_example_14_finds_the_bearing_that_tilts() -> None:
     """It is elastic in the best model, and without it the misfit of left-out configurations is 100 times larger."""
     said = example("ex14_search")
-    assert said["codes"] == [0] * 5
+    assert said["codes"] == [0, 0]
     models = {model["name"]: sum(model["misfit"]) for model in said["comparison"]["models"]}
     assert "1x" in said["comparison"]["verdict"].split(".")[0]
     assert models["driven joints alone"] > 100 * models[said["comparison"]["models"][0]["name"]]

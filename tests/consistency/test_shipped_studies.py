@@ -123,7 +123,8 @@ def test_every_shipped_study_is_free_of_errors(study: Path) -> None:
 @pytest.mark.parametrize("robot", sorted((CONFIGS / "robots").glob("*.yml")), ids=lambda path: path.stem)
 def test_every_shipped_robot_has_a_linear_model(robot: Path, tmp_path: Path) -> None:
     """A robot file can be named in a study, and stands still at angle zero."""
-    from elastid import formulate, linearise
+    from elastid.linear.linearise import linearise
+    from elastid.model.formulation import formulate
     from elastid.record import Configuration
 
     study = tmp_path / "study.yml"

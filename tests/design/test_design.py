@@ -14,8 +14,7 @@ from plants.notes import said
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
-from elastid.app.console import Console, forecast_table
-from elastid.app.run import Run
+from elastid.app.console import forecast_table
 from elastid.design.design import design, with_friction_damping
 from elastid.design.problem import DesignProblem
 from elastid.design.prospect import friction_level
@@ -30,10 +29,9 @@ from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring, Tolerances
 from elastid.store.measured import read_forecast, read_plan, write_plan
-from elastid.study import load
 
 LIMITS = Limits((-2.0, 2.0))
 TWO = Robot(
@@ -70,7 +68,7 @@ PROBLEM = DesignProblem(
 )
 
 
-def _measured(problem: DesignProblem, plan: Plan, seed: int) -> list[FrequencyResponse]:
+def _measured(problem: DesignProblem, plan: Plan, seed: int) -> list[Response]:
     rig = SimulatedRig(problem.robot, problem.experiment, plan, seed)
     runs = {c.name: [e for e in plan.experiments if e.configuration.name == c.name] for c in plan.configurations}
     return [estimate([rig.measure(run) for run in each], EstimatorSpec(), plan.lines) for each in runs.values()]
@@ -316,26 +314,7 @@ def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[st
     # The next design adds to this run.
     more = path.with_name("more.yml")
     more.write_text(path.read_text() + f"  measured: [{run.as_posix()}]\n  noise: {{frf: {run.as_posix()}}}\n")
-    assert run_command(["design", str(more), "--run", str(tmp_path / "next"), "-q", "--jobs", "1"]) == 0
-
-
-def _keeps_records(study: Path, folder: Path, *overrides: str) -> bool:
-    """Design and measure, then design for another fit: whether the records are still current."""
-    for command, fit in (("design", ()), ("measure", ()), ("design", ("fit.parameters={k_1: {}}",))):
-        options = [part for override in (*overrides, *fit) for part in ("--set", override)]
-        assert run_command([command, str(study), "--run", str(folder), "-q", "--jobs", "1", *options]) == 0
-        if command == "measure":
-            (folder / "plan.h5").rename(folder / "first.h5")
-    another = load(study, (*overrides, "fit.parameters={k_1: {}}"))
-    return Run(another, folder, 1, Console(-1)).is_current("measure")
-
-
-def test_another_fit_has_another_forecast_and_keeps_the_records(tiny: Path, tmp_path: Path) -> None:
-    """Where the configurations are given, the plan does not depend on the fit."""
-    assert _keeps_records(tiny, tmp_path)
-    forecasted = read_forecast(tmp_path / "plan.h5")
-    assert forecasted is not None
-    assert forecasted.parameters == ("k_1",)
+    assert run_command(["run", str(more), "design", "--run", str(tmp_path / "next"), "-q", "--jobs", "1"]) == 0
 
 
 @pytest.mark.parametrize(
@@ -357,7 +336,7 @@ def test_wrong_designs_are_refused_by_their_code(
     section: str, code: str, study: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = study(section)
-    assert run_command(["design", str(path), "--run", str(path.parent / "run"), "-q"]) == 2
+    assert run_command(["run", str(path), "design", "--run", str(path.parent / "run"), "-q"]) == 2
     assert f"[{code}]" in capsys.readouterr().err
 
 

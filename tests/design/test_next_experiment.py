@@ -17,7 +17,7 @@ from elastid.design.spec import BoxSpec, CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, Parameters
 from elastid.robot import Robot
 from elastid.robot.simplified import without_dry_friction
 
@@ -131,6 +131,6 @@ def test_where_no_posture_shows_a_parameter_more_time_never_helps() -> None:
 def test_the_used_part_is_the_half_width_over_the_goal() -> None:
     """Of a logarithmic parameter by the deviation of its logarithm, of a linear one relative to its value."""
     free = (Parameter("k_1", 2e5, log=True), Parameter("c_1", -4.0))
-    parameters = ParameterSet(free)
+    parameters = Parameters(free)
     used = read_goal(["*: 1 %"], ("k_1", "c_1")).used(parameters, np.array([math.log(2e5), -4.0]), np.diag([1e-4, 1.0]))
     np.testing.assert_allclose(used, [1.96, 1.96 / 4 / 0.01], rtol=1e-3)

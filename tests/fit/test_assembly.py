@@ -15,7 +15,7 @@ from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.response import FrequencyResponse, MotorMotion
+from elastid.response import MotorMotion, Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ = np.linspace(2, 60, 60)
@@ -40,7 +40,7 @@ def arm(first: Spring, second: Spring) -> Robot:
 CUBIC = arm(Spring(3e5, 500, cubic=2e11), Spring(1.8e5, 250, cubic=8e10))
 
 
-def measure(robot: Robot, postures: tuple[tuple[float, float], ...], seed: int) -> list[FrequencyResponse]:
+def measure(robot: Robot, postures: tuple[tuple[float, float], ...], seed: int) -> list[Response]:
     """Exact responses of the tangent in each posture with 2 % noise of known variance."""
     return responses_of(robot, postures, np.random.default_rng(seed), FREQ)
 

@@ -11,7 +11,7 @@ from elastid.fit.checks import find_contradictions, find_dependence_on_amplitude
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec
 from elastid.record import Configuration
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ_HZ = np.linspace(2, 50, 40)
@@ -27,7 +27,7 @@ def arm(k_1: float = 3e4, friction: float = 1e-2) -> Robot:
     return Robot("arm", (upper, fore))
 
 
-def measured(robot: Robot, angles: tuple[float, float], name: str) -> FrequencyResponse:
+def measured(robot: Robot, angles: tuple[float, float], name: str) -> Response:
     """The response in a posture with 2 % noise of known variance, declared to be in the first one."""
     (response,) = responses_of(robot, {name: angles}, np.random.default_rng(len(name)), FREQ_HZ)
     return replace(response, configuration=Configuration(name, POSTURES[0]))

@@ -13,7 +13,7 @@ from elastid.fit.problem.weights import weigh
 from elastid.linear.fitted_model import response_deviation, uncertain_modes
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, Parameters
 
 X = parameters().x
 
@@ -47,7 +47,7 @@ def test_profiles_of_a_nearly_linear_problem_are_the_intervals():
 
 def test_a_profile_knows_that_data_only_bound_a_parameter():
     """r = exp(-x) - 0 under noise of 1: any large x will do, and the interval is open to that side."""
-    free = ParameterSet((Parameter("x", 3.0, lower=-50, upper=50), Parameter("y", 0.1, lower=-9, upper=9)))
+    free = Parameters((Parameter("x", 3.0, lower=-50, upper=50), Parameter("y", 0.1, lower=-9, upper=9)))
 
     def residual(x):
         return np.array([4 * np.exp(-x[0]), x[1], x[1] - 0.2]), np.array([[-4 * np.exp(-x[0]), 0], [0, 1], [0, 1]])
@@ -66,7 +66,7 @@ def test_a_profile_knows_that_data_only_bound_a_parameter():
 
 def linear_in_damping(relative: float, seen: float = 0.0) -> LeastSquares:
     """r = (d - 1) / relative with x = log d, as G nearly is in a damping, and y seen with d's error."""
-    free = ParameterSet((Parameter("d", 1.0, lower=1e-9, upper=1e3, log=True), Parameter("y", 0.0, lower=-9, upper=9)))
+    free = Parameters((Parameter("d", 1.0, lower=1e-9, upper=1e3, log=True), Parameter("y", 0.0, lower=-9, upper=9)))
 
     def residual(x):
         d = np.exp(x[0])

@@ -6,20 +6,20 @@ from plants.elastic_arm import arm, measure, started_elsewhere
 
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @pytest.fixture(scope="module")
-def measured() -> tuple[FrequencyResponse, ...]:
+def measured() -> tuple[Response, ...]:
     return tuple(measure(arm(), rng=np.random.default_rng(4)))
 
 
 @pytest.fixture(scope="module")
-def result(measured) -> FitResult:
+def result(measured) -> Result:
     return identify(measured, started_elsewhere(arm(), 1.3), FitSpec(starts=1))
 
 

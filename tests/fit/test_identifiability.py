@@ -18,7 +18,7 @@ from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Chain, ChannelGain, Robot
 from elastid.study import load
 
@@ -34,7 +34,7 @@ def read_as(**gains: float) -> Robot:
     return replace(arm(), chain=Chain(gains=tuple(ChannelGain(*listed[n], g) for n, g in gains.items())))  # type: ignore[arg-type]
 
 
-def measured(robot: Robot, seed: int | None = 3) -> list[FrequencyResponse]:
+def measured(robot: Robot, seed: int | None = 3) -> list[Response]:
     """Three configurations with 2 % noise, or exact."""
     return measure(robot, rng=None if seed is None else np.random.default_rng(seed), outputs=OUTPUTS)
 

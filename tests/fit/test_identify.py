@@ -18,11 +18,11 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
-from elastid.fit.result import DISTORTED, FitResult
+from elastid.fit.result import DISTORTED, Result
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
 from elastid.record import Configuration
-from elastid.response import UNEXPLAINED, Covariance, FrequencyResponse
+from elastid.response import UNEXPLAINED, Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import load_robot
 
@@ -30,12 +30,12 @@ ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 
 
 @pytest.fixture(scope="module")
-def noisy() -> list[FrequencyResponse]:
+def noisy() -> list[Response]:
     return measure(arm(), rng=np.random.default_rng(2))
 
 
 @pytest.fixture(scope="module")
-def identified(noisy) -> FitResult:
+def identified(noisy) -> Result:
     return identify(noisy, started_elsewhere(arm(), 2.0), FitSpec(starts=6, seed=1))
 
 
@@ -220,14 +220,14 @@ def test_without_a_measured_variance_the_residuals_set_the_intervals():
 OUTPUTS = ("motor 1", "motor 2", "joint 2")
 
 
-def turned(response: FrequencyResponse, output: str = "", source: str = "") -> FrequencyResponse:
+def turned(response: Response, output: str = "", source: str = "") -> Response:
     """With one output or input of the other sign."""
     y = [-1.0 if name == output else 1.0 for name in response.outputs]
     u = [-1.0 if name == source else 1.0 for name in response.inputs]
     return replace(response, G=response.G * np.outer(y, u))
 
 
-def fitted(output: str = "", source: str = "", times: float = 1.0) -> FitResult:
+def fitted(output: str = "", source: str = "", times: float = 1.0) -> Result:
     """The arm, from a factor two off, one of its channels with the other sign, all of them too large by `times`."""
     responses = measure(arm(), rng=np.random.default_rng(5), outputs=OUTPUTS)
     responses = [turned(replace(r, G=times * r.G), output, source) for r in responses]

@@ -10,13 +10,13 @@ import numpy as np
 
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import posture_effect
 from elastid.linear.response.transfer import to_response
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse, MotorMotion
+from elastid.response import Covariance, MotorMotion, Response
 from elastid.study import load_robot
 
 LINKAGE = load_robot(Path(__file__).parents[2] / "configs" / "robots" / "linkage_arm.yml")
@@ -27,7 +27,7 @@ FREQ = np.linspace(2.5, 60, 24)
 
 
 @cache
-def measured() -> tuple[FrequencyResponse, ...]:
+def measured() -> tuple[Response, ...]:
     """Exact responses of the linkage that swings by 0.02 rad, with 0.1 % of noise in their covariance alone."""
     linearisation, responses = Linearisation.of_robot(LINKAGE), []
     model, lines = linearisation.model, np.array([0.5, 2.5, 4.5, 7.5])
@@ -43,13 +43,13 @@ def measured() -> tuple[FrequencyResponse, ...]:
 
 
 @cache
-def fitted() -> FitResult:
+def fitted() -> Result:
     """From springs 5 % off."""
     start = LINKAGE.with_parameters({name: 1.05 * TRUTH[name][0] for name in ("k_2", "k_3", "k_rod")})
     return identify(list(measured()), start, WANTED)
 
 
-def worst(result: FitResult) -> float:
+def worst(result: Result) -> float:
     """The largest error, a part of the number."""
     return max(abs(float(x - np.log(TRUTH[p.name][0]))) for p, x in zip(result.parameters.free, result.x, strict=True))
 

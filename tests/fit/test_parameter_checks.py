@@ -22,7 +22,7 @@ from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec
 from elastid.model.spec import ModelSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import (
     Anchor,
     Body,
@@ -88,7 +88,7 @@ def measure(
     seed: int,
     further: tuple[str, ...] = (),
     spec: ModelSpec = ModelSpec(),  # noqa: B008
-) -> list[FrequencyResponse]:
+) -> list[Response]:
     """Exact responses in each posture with 2 % noise of known variance."""
     return responses_of(robot, postures, np.random.default_rng(seed), FREQ, further=further, spec=spec)
 

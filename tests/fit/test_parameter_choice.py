@@ -17,9 +17,9 @@ from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSp
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
-from elastid.parameters import Parameter, ParameterSet, Tie
+from elastid.parameters import Parameter, Parameters, Tie
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.store.results import read_fit, write_fit
 
@@ -107,7 +107,7 @@ def bench(viscous=1e-3, d=0.05, k=100.0) -> Robot:
     return Robot("bench", (lower, upper), gravity=(0.0, 0.0, 0.0))
 
 
-def measure(robot: Robot, name: str, rng: np.random.Generator, relative: float = 0.01) -> FrequencyResponse:
+def measure(robot: Robot, name: str, rng: np.random.Generator, relative: float = 0.01) -> Response:
     model = serial(robot)
     configuration = Configuration(name, (0.0, 0.3))
     linear = Linearisation.of(model).at(configuration, model.theta, robot.motor_locations, "acceleration")
@@ -172,7 +172,7 @@ def test_one_ratio_damps_all_springs():
 
 def test_the_jacobian_of_products_follows_from_differences():
     """A tie to two free parameters, one to a fixed and a free one, a stand-in; logarithmic and linear."""
-    parameters = ParameterSet(
+    parameters = Parameters(
         (
             Parameter("k", 3.0, log=True),
             Parameter("c", 2.0),
@@ -214,12 +214,12 @@ def test_what_cannot_be_meant_is_refused(key, spec, ratios, place):
 
 
 @pytest.fixture
-def data() -> list[FrequencyResponse]:
+def data() -> list[Response]:
     rng = np.random.default_rng(2)
     return [measure(bench(), name, rng) for name in ("c1", "c2", "c3")]
 
 
-def renamed(response: FrequencyResponse, name: str, angles=(0.0, 0.3)) -> FrequencyResponse:
+def renamed(response: Response, name: str, angles=(0.0, 0.3)) -> Response:
     return replace(response, configuration=Configuration(name, angles))
 
 
@@ -351,7 +351,7 @@ def bodied(inertia=(0.02, 0.03, 0.04, 0.001, 0.0, 0.002)) -> Robot:
     return Robot("bodied", (body,), gravity=(0.0, 0.0, 0.0))
 
 
-def of_body(robot: Robot, rng: np.random.Generator) -> FrequencyResponse:
+def of_body(robot: Robot, rng: np.random.Generator) -> Response:
     model = serial(robot)
     places = ("motor 1", "joint 1", "joint x", "joint y")
     linear = Linearisation.of(model).at(Configuration("c1", (0.0,)), model.theta, places, "acceleration")

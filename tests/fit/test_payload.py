@@ -11,13 +11,13 @@ from plants.refusals import refused
 
 from elastid.fit.identify import fit_parameters
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Chain, ChannelGain, Payload, Robot
 
 EVERY = {name: ParameterSpec() for name in ("k_1", "d_1", "f_1", "fm_1", "Jm_1", "I_load", "gain_u_motor_1")}
 
 
-def twice(robot: Robot, configurations: tuple[tuple[float, ...], ...], seed: int) -> list[FrequencyResponse]:
+def twice(robot: Robot, configurations: tuple[tuple[float, ...], ...], seed: int) -> list[Response]:
     """Responses of the robot with its payload, and of a robot that has none."""
     rng = np.random.default_rng(seed)
     loaded, empty = (measure(each, configurations, rng) for each in (robot, replace(robot, payload=None)))

@@ -13,7 +13,7 @@ from plants.refusals import refused
 from elastid.base.errors import UnknownNameError
 from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.parameter_choice import choose
-from elastid.fit.result import FitResult, ModificationIndex
+from elastid.fit.result import ModificationIndex, Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
 from elastid.record import JointLoop
@@ -159,7 +159,7 @@ def test_coupled_gears_are_those_of_two_coaxial_discs(springs: str) -> None:
     tool = Frame("tool", "b", Placement((L, 0, 0)))
     discs = Robot("discs", bodies, (0, 0, 0), frames=(tool,), gears=(GearCoupling("2", "1", turned, springs),))
     chosen = choose(FitSpec(parameters={"k_*": ParameterSpec()}), discs)
-    fit = FitResult(
+    fit = Result(
         chosen, chosen.x, 1e-4 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, np.zeros(2, bool), np.ones(2),
         "complex", robot=discs,
     )  # fmt: skip

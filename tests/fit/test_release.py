@@ -16,7 +16,7 @@ from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.release import measurements_that_help, release
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
 from elastid.robot import Tolerances
 
@@ -24,7 +24,7 @@ STIFF = ("k_1", "k_2", "d_1", "d_2")
 
 
 @lru_cache(maxsize=8)
-def fitted(seed: int, tolerances: Tolerances | None) -> FitResult:
+def fitted(seed: int, tolerances: Tolerances | None) -> Result:
     rng = np.random.default_rng(seed)
     return identify(measure(off(arm(), rng), rng), arm(tolerances), SPEC)
 

@@ -19,11 +19,11 @@ from elastid.app import cli
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, TieSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 
@@ -45,15 +45,13 @@ B = arm(k_1=3.6e4, fm_1=3e-2, fm_2=5e-3)
 ROBOTS = {"A": ("a1", "a2", "a3"), "B": ("b1", "b2", "b3")}
 
 
-def measure(
-    robot: Robot, name: str, seed: int, postures: tuple[tuple[float, float], ...] = POSTURES
-) -> list[FrequencyResponse]:
+def measure(robot: Robot, name: str, seed: int, postures: tuple[tuple[float, float], ...] = POSTURES) -> list[Response]:
     """Responses in each posture with 2 % noise of known variance."""
     named = {f"{name}{i + 1}": angles for i, angles in enumerate(postures)}
     return responses_of(robot, named, np.random.default_rng(seed), FREQ)
 
 
-def both(seed: int, one: Robot = A, other: Robot = B) -> list[FrequencyResponse]:
+def both(seed: int, one: Robot = A, other: Robot = B) -> list[Response]:
     """Two robots, measured in the same postures."""
     return [*measure(one, "a", 2 * seed), *measure(other, "b", 2 * seed + 1)]
 
@@ -71,7 +69,7 @@ SPEC = FitSpec(
 TRUTH = {"k_1@A": 3e4, "k_1@B": 3.6e4, "k_2": 2e4, "fm_1@A": 1e-2, "fm_1@B": 3e-2, "fm_2@A": 1e-2, "fm_2@B": 5e-3}
 
 
-def off(result: FitResult, name: str, truth: float) -> float:
+def off(result: Result, name: str, truth: float) -> float:
     i = result.parameters.free_names.index(name)
     return float(abs(result.x[i] - math.log(truth)) / math.sqrt(result.covariance[i, i]))
 
@@ -227,7 +225,7 @@ robot:
 """
 
 
-def write(folder: Path, response: FrequencyResponse) -> None:
+def write(folder: Path, response: Response) -> None:
     """A response as a CSV file of another program."""
     variance = response.noise.variance if response.noise is not None else np.zeros(response.G.shape)
     places = [(0, 0), (0, 1), (1, 0), (1, 1)]

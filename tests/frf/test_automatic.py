@@ -18,7 +18,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.local.response import local_response
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 AUTO = EstimatorSpec(quantity="velocity")
 LOCAL = replace(AUTO, method="local_rational")
@@ -27,7 +27,7 @@ POLE = 0.997 * np.exp(2j * np.pi * 30 / RATE)
 LIGHT = [1.0, -2 * POLE.real, abs(POLE) ** 2]
 
 
-def _choice(response: FrequencyResponse) -> str:
+def _choice(response: Response) -> str:
     (text,) = (note.text for note in response.notes if note.code == "frf/method")
     return text
 

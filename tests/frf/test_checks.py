@@ -13,13 +13,13 @@ from elastid.base.arrays import ComplexArray
 from elastid.frf.checks import channel_notes, separated_lines, unlike_notes
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Configuration, Record
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 FREQ_HZ = np.linspace(1.0, 60.0, 60)
 MOTORS = ("motor 1", "motor 2", "motor 3")
 
 
-def arm(seed: int, noise: float = 0.0) -> FrequencyResponse:
+def arm(seed: int, noise: float = 0.0) -> Response:
     """Accelerations of three motors, rigidly and elastically coupled by any positive definite inertia."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(6, 6))
@@ -29,7 +29,7 @@ def arm(seed: int, noise: float = 0.0) -> FrequencyResponse:
     s = 2j * np.pi * FREQ_HZ[:, None, None]
     G = s**2 * np.linalg.inv(M * s**2 + (K + 1e-3 * s * K))[:, :3, :3]
     G = G * (1 + noise * (rng.normal(size=G.shape) + 1j * rng.normal(size=G.shape)))
-    return FrequencyResponse(FREQ_HZ, G, MOTORS, MOTORS, "acceleration", Configuration("home", np.zeros(3)))
+    return Response(FREQ_HZ, G, MOTORS, MOTORS, "acceleration", Configuration("home", np.zeros(3)))
 
 
 @settings(max_examples=60, deadline=None)
@@ -66,7 +66,7 @@ def test_a_sign_within_the_noise_is_not_reported() -> None:
         G = -size * np.ones((60, 1, 1))
         for relative, codes in ((1.0, []), (1e-3, ["frf/wrong-sign"])):
             noise = Covariance(np.full(G.shape, (relative * size) ** 2), 10.0)
-            turned = FrequencyResponse(FREQ_HZ, G, place, place, "acceleration", configuration, noise)
+            turned = Response(FREQ_HZ, G, place, place, "acceleration", configuration, noise)
             assert [note.code for note in channel_notes(turned)] == codes
 
 

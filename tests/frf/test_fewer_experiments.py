@@ -8,7 +8,7 @@ from plants.notes import said
 
 from elastid.app.console import Console
 from elastid.app.overview import overview
-from elastid.app.run import Run, run_all, run_stage
+from elastid.app.run import Run, run_all
 from elastid.experiment.plan.plan import make_plan
 from elastid.store.measured import read_forecast, read_plan, read_responses
 from elastid.store.results import read_fit
@@ -88,7 +88,7 @@ def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: 
     assert result.values["k_2"] == pytest.approx(700, rel=0.01)
     assert any("1 of 2 experiments in a realisation" in note for note in said(forecast.notes))
     whole = Run(load(study, ["experiment.experiments=2"]), tmp_path / "whole", 1, Console(-1))
-    run_stage(whole, "design")
+    run_all(whole, ["design"])
     two = read_forecast(whole.path("design"))
     np.testing.assert_allclose(forecast.relative, np.sqrt(2) * two.relative, rtol=0.02)
     assert not any("approximation" in note for note in said(two.notes))
@@ -102,7 +102,7 @@ def test_the_first_experiments_of_a_set_are_planned_and_told(study: Path, tmp_pa
     np.testing.assert_array_equal(one.R, two.R[:, :, :1])
     assert two.robot_time_s == 2 * one.robot_time_s
     run = Run(load(study, [f"excitation.orthogonal={orthogonal}"]), tmp_path / "run", 1, Console(-1))
-    run_stage(run, "design")
+    run_all(run, ["design"])
     assert np.all(read_forecast(run.path("design")).relative < 0.01)
 
 
@@ -112,7 +112,7 @@ def test_a_design_fits_more_configurations_into_the_time_where_each_has_fewer_ex
     """A run takes 13 s: 39 s hold two more configurations than the one given, and `check` counts experiments."""
     assert "1 experiment: 1 configuration (bent) x 1 realisation x 1 experiment" in overview(load(study).study)
     run = Run(load(study, ["design={robot_time: 39, candidates: {random: 20}}"]), tmp_path / "run", 1, Console(-1))
-    run_stage(run, "design")
+    run_all(run, ["design"])
     plan = read_plan(run.path("design"))
     assert len(plan.experiments) == 3
     assert plan.robot_time_s == 39

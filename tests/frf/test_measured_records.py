@@ -17,7 +17,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 ROBOT = Robot("bench", (Body("load", joints=(Joint("1", spring=Spring(50.0), motor=Motor(1e-3)),), inertia=1e-3),))
@@ -51,7 +51,7 @@ def arm() -> Record:
     return _measure(RecordedSpec("unknown", (torque, acceleration), (file,), period_samples=1024, half_wave=True))
 
 
-def _relative_std(response: FrequencyResponse) -> np.ndarray:
+def _relative_std(response: Response) -> np.ndarray:
     assert response.noise is not None
     return np.asarray(np.median(np.sqrt(response.noise.variance) / np.abs(response.G), axis=0)[:, 0])
 

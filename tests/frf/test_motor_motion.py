@@ -9,7 +9,7 @@ import pytest
 
 from elastid.frf.motor_motion import motor_motion
 from elastid.record import Configuration, Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 RATE_HZ, N, PERIODS = 500.0, 1000, 3
 EXCITED, CARRIER, DISTORTED = np.arange(9, 90, 4), 2, np.arange(10, 90, 8)
@@ -39,10 +39,10 @@ def records(velocities: bool = False) -> tuple[tuple[Record, ...], np.ndarray]:
     return tuple(known), power
 
 
-def response() -> FrequencyResponse:
+def response() -> Response:
     """Of the excited lines."""
     G = np.ones((len(EXCITED), 2, 2), complex)
-    return FrequencyResponse(EXCITED * RATE_HZ / N, G, MOTORS, MOTORS, "acceleration", Configuration("c", POSTURE))
+    return Response(EXCITED * RATE_HZ / N, G, MOTORS, MOTORS, "acceleration", Configuration("c", POSTURE))
 
 
 @pytest.mark.parametrize("velocities", [False, True])

@@ -11,7 +11,7 @@ from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 N, P, M, RATE = 256, 5, 6, 256.0
 LINES = np.arange(5, 100)
@@ -36,11 +36,11 @@ def _records(scatter: float, transient: float, count: int = M) -> list[Record]:
     return records
 
 
-def _words(response: FrequencyResponse) -> str:
+def _words(response: Response) -> str:
     return " ".join(said(response.notes))
 
 
-def _total(response: FrequencyResponse) -> np.ndarray:
+def _total(response: Response) -> np.ndarray:
     assert response.total is not None
     return response.total.variance
 

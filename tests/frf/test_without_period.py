@@ -13,7 +13,7 @@ from scipy.signal import butter, lfilter
 
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec, Method
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @pytest.mark.parametrize("method", ["local_polynomial", "local_rational"])
@@ -89,4 +89,4 @@ def test_every_refusal_names_a_remedy_that_works(wrong: EstimatorSpec, code: str
     record = noise_record(3000, 0, noise=0.1)
     with refused(code):
         estimate([record], wrong)
-    assert isinstance(estimate([record], remedy), FrequencyResponse)
+    assert isinstance(estimate([record], remedy), Response)

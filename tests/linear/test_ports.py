@@ -15,7 +15,7 @@ from elastid.linear.loaded import moved_by
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.record import Configuration, JointLoop, Motors
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring, Tolerances
 
 LINES = np.linspace(3, 60, 30)
@@ -54,9 +54,9 @@ def outside(motors: Motors, loop: JointLoop | None = None) -> tuple[np.ndarray, 
     return J @ X, X[:, n:]
 
 
-def tapped(outputs: tuple[str, ...], motors: Motors = "free", loop: JointLoop | None = None) -> FrequencyResponse:
+def tapped(outputs: tuple[str, ...], motors: Motors = "free", loop: JointLoop | None = None) -> Response:
     G = np.ones((len(LINES), len(outputs), 3), complex)
-    return FrequencyResponse(
+    return Response(
         LINES, G, FORCES, outputs, "acceleration", Configuration("tapped", ANGLES), motors=motors, loop=loop
     )
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 BENCH = Configuration("bench", np.zeros(0))
 FREQ_HZ = np.arange(32, 800) / 8
@@ -19,7 +19,7 @@ def modal_response(
     noise: float = 0.0,
     seed: int = 0,
     stated: bool = True,
-) -> FrequencyResponse:
+) -> Response:
     """Acceleration per force of shapes (n_y, n), driven at the first n_u outputs; noise: over the rms of G."""
     omega, natural = 2 * np.pi * freq_hz[:, None], 2 * np.pi * natural_hz
     modal = -(omega**2) / (natural**2 - omega**2 + 2j * zeta * natural * omega)
@@ -28,4 +28,4 @@ def modal_response(
     G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
     covariance = Covariance(np.full(G.shape, std**2), np.inf) if noise and stated else None
     names = tuple(f"u{j}" for j in range(n_u)), tuple(f"y{i}" for i in range(len(shapes)))
-    return FrequencyResponse(freq_hz, G, *names, "acceleration", BENCH, noise=covariance)
+    return Response(freq_hz, G, *names, "acceleration", BENCH, noise=covariance)

@@ -15,7 +15,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.modal.estimate import estimate_modes, modes_of_responses
 from elastid.modal.spec import ModalSpec
 from elastid.record import Record
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 
 @pytest.mark.slow
@@ -25,7 +25,7 @@ def test_an_exponential_window_is_taken_out_of_the_damping() -> None:
     poles = 2 * np.pi * NATURAL * (1j * np.sqrt(1 - ZETA**2) - ZETA) - 1 / tau
     G = np.fft.rfft(np.sum(np.exp(np.outer(t, poles)).imag * NATURAL, axis=1))[32:8000:4] / 400
     freq_hz = (np.fft.rfftfreq(len(t), 1 / 400))[32:8000:4]
-    response = FrequencyResponse(freq_hz, G[:, None, None], ("u",), ("y",), "velocity", BENCH)
+    response = Response(freq_hz, G[:, None, None], ("u",), ("y",), "velocity", BENCH)
     found = estimate_modes(response, (1, 150), exponential_s=tau)
     damping = [found.zeta[np.argmin(np.abs(found.freq_hz - f))] for f in NATURAL]
     np.testing.assert_allclose(damping, ZETA, rtol=2e-3)
@@ -107,7 +107,7 @@ def test_a_roving_hammer_shows_shapes_where_it_hits() -> None:
     shapes = np.random.default_rng(1).normal(size=(3, 5))
     still = modal_response(FREQ_HZ, NATURAL, ZETA, shapes, noise=0.02)
     uncertain = Covariance(still.std.transpose(0, 2, 1) ** 2, np.inf)
-    roving = FrequencyResponse(
+    roving = Response(
         FREQ_HZ, still.G.transpose(0, 2, 1), still.outputs, still.inputs, still.quantity, BENCH, noise=uncertain
     )
     expected, modes = estimate_modes(still), estimate_modes(roving)

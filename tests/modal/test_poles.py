@@ -6,14 +6,14 @@ from modal.structures import BENCH, FREQ_HZ, modal_response
 from elastid.experiment.simulated.structure import true_modes, true_response
 from elastid.modal.estimate import estimate_modes
 from elastid.modal.modes import mac, turned
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 def test_an_exact_response_gives_its_modes() -> None:
     """Three masses: frequencies, dampings and shapes to rounding."""
     natural, damping, shapes = true_modes()
     freq_hz = np.arange(20, 800) / 8
-    response = FrequencyResponse(freq_hz, true_response(freq_hz), ("a", "b"), ("1", "2", "3"), "acceleration", BENCH)
+    response = Response(freq_hz, true_response(freq_hz), ("a", "b"), ("1", "2", "3"), "acceleration", BENCH)
     modes = estimate_modes(response)
     np.testing.assert_allclose(modes.freq_hz, natural / (2 * np.pi), rtol=1e-9)
     np.testing.assert_allclose(modes.zeta, damping, rtol=1e-8)

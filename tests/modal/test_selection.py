@@ -5,7 +5,7 @@ import pytest
 from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 
 from elastid.modal.estimate import estimate_modes
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 
 def test_noise_alone_has_no_mode() -> None:
@@ -17,7 +17,7 @@ def test_noise_alone_has_no_mode() -> None:
         G = std * (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2)
         noise = Covariance(std**2, np.inf) if seed < 4 else None
         outputs = tuple(f"y{i}" for i in range(shape[1]))
-        assert estimate_modes(FrequencyResponse(FREQ_HZ, G, ("u",), outputs, "velocity", BENCH, noise)).n_modes == 0
+        assert estimate_modes(Response(FREQ_HZ, G, ("u",), outputs, "velocity", BENCH, noise)).n_modes == 0
 
 
 @pytest.mark.slow

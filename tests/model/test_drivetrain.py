@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
 
-from elastid.export.mujoco import write_mujoco
 from elastid.model.formulation import serial
 from elastid.robot import BASE, Body, GearCoupling, Joint, Motor, Placement, Robot, Spring, unit_axis
+from elastid.targets.mujoco import write_mujoco
 
 seeds = st.integers(0, 2**31)
 

@@ -12,7 +12,7 @@ from plants.gears import COUPLINGS, D_SHAFT, K_SHAFT, LINKS, RATIO, J, wrist
 from plants.refusals import refused
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -217,8 +217,7 @@ def measured_wrist(tmp_path_factory: pytest.TempPathFactory) -> Run:
     (folder / "robot.yml").write_text(ROBOT)
     (folder / "study.yml").write_text(STUDY)
     run = Run(load(folder / "study.yml"), folder / "run", 1, Console(-1))
-    for stage in ("design", "measure"):
-        run_stage(run, stage)
+    run_all(run, ("design", "measure"))
     return run
 
 
@@ -251,8 +250,7 @@ def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(measured_wrist: R
     ]
     (tmp_path / "logged.yml").write_text("\n".join(text))
     run = Run(load(tmp_path / "logged.yml"), tmp_path / "logged", 1, Console(-1))
-    for stage in ("measure", "estimate", "fit"):
-        run_stage(run, stage)
+    run_all(run, ("measure", "estimate", "fit"))
     found = json.loads((tmp_path / "logged" / "summary.json").read_text())
     for name, truth in (("km_5", 1.1), ("km_6", 0.4)):
         assert found["parameters"][name]["value"] == pytest.approx(truth, rel=0.03)

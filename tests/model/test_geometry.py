@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from plants.refusals import refused
 
-from elastid.export.mujoco import mjcf
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
@@ -32,6 +31,7 @@ from elastid.robot import (
     Rod,
     Spring,
 )
+from elastid.targets.mujoco import mjcf
 
 LINES = np.geomspace(0.7, 90, 8)
 

@@ -11,7 +11,7 @@ from plants.two_mass_gear import LINES, POSTURE, RATE_HZ, RATIO, SAMPLES, Gear, 
 
 from elastid.base.note import Note
 from elastid.fit.modification_index import ModificationIndex
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
@@ -29,8 +29,8 @@ from elastid.nonlinear.gear_limits import (
     unsettled_notes,
 )
 from elastid.nonlinear.gear_notes import preloads
-from elastid.parameters import Parameter, ParameterSet
-from elastid.response import FrequencyResponse
+from elastid.parameters import Parameter, Parameters
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.robot.simplified import stiffened
 
@@ -41,8 +41,8 @@ class Case:
 
     data: list[PeriodLines]
     drives: list[DriveLines]
-    responses: list[FrequencyResponse]
-    result: FitResult
+    responses: list[Response]
+    result: Result
 
     @property
     def words(self) -> str:
@@ -55,19 +55,19 @@ def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
     plant: Robot = robot(Gear() if gear is None else gear)
     numbers = plant.parameters() | {"delay": (0.0, "s")}
     free = ("k_1", "d_1")
-    parameters = ParameterSet(
+    parameters = Parameters(
         tuple(Parameter(name, x, unit, log=name in free, free=name in free) for name, (x, unit) in numbers.items())
     )
     linearisation = Linearisation.of_robot(plant, EXACT, parameters.names)
     none = np.zeros(2, bool)
-    result = FitResult(
+    result = Result(
         parameters, parameters.x, 1e-6 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex"
     )
     F, random = int(2 * LINES[-1]), np.random.default_rng(1)
     excited = np.isin(np.arange(1, F + 1), LINES)
     U = np.where(excited[:, None, None], 30 * np.exp(2j * np.pi * random.uniform(size=(F, 1, 2))), 0.0)
     freq_hz, place = LINES * RATE_HZ / SAMPLES, ("motor 1",)
-    G = FrequencyResponse(freq_hz, np.zeros((len(LINES), 1, 1), complex), place, place, "acceleration", POSTURE)
+    G = Response(freq_hz, np.zeros((len(LINES), 1, 1), complex), place, place, "acceleration", POSTURE)
     scatter = np.full((F, 1), noise**2)
     lines = PeriodLines(
         POSTURE, RATE_HZ, SAMPLES, U, U, *np.zeros((2, 1, 2)), np.array([noise**2]), scatter, excited, np.arange(2),

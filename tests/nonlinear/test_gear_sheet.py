@@ -10,7 +10,7 @@ from plants.two_mass_gear import LINES, Gear, records, robot
 
 from elastid.base.note import Note
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.fit.static_agreement import StaticAgreement
 from elastid.frf.estimate import estimate
@@ -29,17 +29,17 @@ from elastid.nonlinear.gear_result import (
 )
 from elastid.nonlinear.gear_sheet import JointLevels, open_gears, sheet_of
 from elastid.nonlinear.spec import GearsSpec
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, Parameters
 
 K, PEAK = 2e5, 600.0
 SPEC = EstimatorSpec(friction="none", transient_periods=0)
-PARAMETERS = ParameterSet((Parameter("k_1", K, "N*m/rad", log=True), Parameter("d_1", 60.0, "N*m*s/rad", log=True)))
+PARAMETERS = Parameters((Parameter("k_1", K, "N*m/rad", log=True), Parameter("d_1", 60.0, "N*m*s/rad", log=True)))
 
 
-def linear_fit(x: np.ndarray) -> FitResult:
+def linear_fit(x: np.ndarray) -> Result:
     """Of two parameters, without anything else."""
     none = np.zeros(2, bool)
-    return FitResult(PARAMETERS, x, 1e-6 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
+    return Result(PARAMETERS, x, 1e-6 * np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
 
 
 def sheet(
@@ -144,7 +144,7 @@ def test_effects_of_gears_explain_no_contradiction_by_load_tests() -> None:
     assert with_gears(misfit, opened(0.02)).status == "misfit"
 
 
-def laid_open(gear: Gear, seed: int = 1, experiments: int = 4) -> tuple[FitResult, GearResult]:
+def laid_open(gear: Gear, seed: int = 1, experiments: int = 4) -> tuple[Result, GearResult]:
     """The linear fit of the plant's records, and its gear."""
     measured = records(gear, seed=seed, experiments=experiments)
     response = estimate(measured, SPEC, LINES)

@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 
 from elastid.base.note import Note
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.result import FitResult
-from elastid.parameters import Parameter, ParameterSet, Prior, Tie
+from elastid.fit.result import Result
+from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.store.artefacts import Stamp
 
 STAMP = Stamp("inputs", "code", "0.1.0", 3, "name: Kühlhaus\n" * 6000)
@@ -60,7 +60,7 @@ NOTE = st.builds(Note, TEXT, TEXT, TEXT, st.sampled_from(["information", "warnin
 
 
 def some_fit(n_starts=2):
-    parameters = ParameterSet(
+    parameters = Parameters(
         (
             Parameter("k_1", 100.0, "N*m/rad", 1.0, math.inf, log=True, prior=Prior(90.0, 0.1)),
             Parameter("k_2", 0.1 + 0.2, "N*m/rad", tie=Tie("k_1", 0.5)),
@@ -72,7 +72,7 @@ def some_fit(n_starts=2):
         )
     )
     start = LocalOptimum(np.array([1.0, 0.0]), np.array([2.0, 1e-4]), 12.5, 7, True, "Solve_Succeeded")
-    return FitResult(
+    return Result(
         parameters,
         np.array([2.0, 1e-4]),
         np.array([[1e-4, 0.0], [0.0, math.inf]]),

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring, Tolerances
 from plants.measured_robots import responses_of
 
@@ -39,7 +39,7 @@ def off(robot: Robot, rng: np.random.Generator) -> Robot:
     return robot.with_parameters(numbers)
 
 
-def measure(robot: Robot, rng: np.random.Generator, noise: float = 0.01) -> list[FrequencyResponse]:
+def measure(robot: Robot, rng: np.random.Generator, noise: float = 0.01) -> list[Response]:
     """Responses in each posture with noise of known variance."""
     named = {f"c{i}": angles for i, angles in enumerate(POSTURES)}
     return responses_of(robot, named, rng, FREQ, noise, 0.0)

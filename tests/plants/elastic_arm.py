@@ -8,7 +8,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ = np.linspace(2, 60, 60)
@@ -45,9 +45,7 @@ def pendulum(viscous=1e-3) -> Robot:
     return Robot("pendulum", (Body("load", joints=(joint,), inertia=2e-3),), gravity=(0.0, 0.0, 0.0))
 
 
-def measure(
-    robot, configurations=CONFIGURATIONS, rng=None, delay=0.0, outputs=None, dof=6.0
-) -> list[FrequencyResponse]:
+def measure(robot, configurations=CONFIGURATIONS, rng=None, delay=0.0, outputs=None, dof=6.0) -> list[Response]:
     """Responses with 2 % noise whose variance was estimated from `dof` degrees of freedom, or exact ones."""
     model = serial(robot)
     responses = []

@@ -18,7 +18,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Payload, Robot
 from elastid.robot.simplified import stiffened
 from plants.elastic_arm import arm
@@ -38,7 +38,7 @@ class Case:
     """truth: the robot that was measured.  responses: as they were read.  robot: of the study."""
 
     truth: Robot
-    responses: tuple[FrequencyResponse, ...]
+    responses: tuple[Response, ...]
     robot: Robot
 
     @property
@@ -62,7 +62,7 @@ def loaded(robot: Robot) -> Robot:
     return replace(robot, payload=Payload(8.0, (0.9, 0.1, 0.15), (0.1, 0.15, 0.2), "fore"))
 
 
-def exact(robot: Robot) -> tuple[FrequencyResponse, ...]:
+def exact(robot: Robot) -> tuple[Response, ...]:
     """Motor accelerations per motor torque (60, 2, 2) of each posture."""
     model = serial(robot)
     linearisation = Linearisation.of(model)
@@ -74,12 +74,12 @@ def exact(robot: Robot) -> tuple[FrequencyResponse, ...]:
     return tuple(responses)
 
 
-def drawn(case: Case, rng: np.random.Generator, noise: float = NOISE, dof: float = DOF) -> list[FrequencyResponse]:
+def drawn(case: Case, rng: np.random.Generator, noise: float = NOISE, dof: float = DOF) -> list[Response]:
     """The responses with noise, whose variance was estimated from so many degrees of freedom."""
     return [_noisy(response, rng, noise, dof) for response in case.responses]
 
 
-def _noisy(response: FrequencyResponse, rng: np.random.Generator, noise: float, dof: float) -> FrequencyResponse:
+def _noisy(response: Response, rng: np.random.Generator, noise: float, dof: float) -> Response:
     size = np.abs(response.G)
     std = noise * size + ADDED * size.max(axis=0)
     error = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
@@ -87,7 +87,7 @@ def _noisy(response: FrequencyResponse, rng: np.random.Generator, noise: float, 
     return replace(response, G=response.G + error, total=Covariance(variance, dof))
 
 
-def rubbing(case: Case, rng: np.random.Generator, level: float = 0.01, dof: float = DOF) -> list[FrequencyResponse]:
+def rubbing(case: Case, rng: np.random.Generator, level: float = 0.01, dof: float = DOF) -> list[Response]:
     r"""Responses with the distortion of dry friction, which acts as torques w that the logged ones do not hold.
 
     .. math:: dG = G W, \qquad \mathrm{cov}(\mathrm{vec}\, G) = I \otimes l^2 G G^H
@@ -168,7 +168,7 @@ def reference_as_current(case: Case) -> Case:
     .. math:: Y R^{-1} = G (I + C G_q)^{-1}, \qquad G_q = G / (j \omega)^2
     """
 
-    def of(response: FrequencyResponse) -> FrequencyResponse:
+    def of(response: Response) -> Response:
         s = 2j * np.pi * response.freq_hz[:, None, None]
         bandwidth = 2 * np.pi * 3.0
         # A crossover at 3 Hz of the joints' stiff inertias, link side, 1 / |G| at the lowest line.

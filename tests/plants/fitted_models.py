@@ -8,7 +8,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.parameter_choice import choose
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response, to_response
@@ -85,7 +85,7 @@ def _fitted(
     chosen = choose(FitSpec(parameters=parameters), robot)
     x = np.array([p.to_x(DELAY if p.name == "delay" else 1.1 * p.value) for p in chosen.free])
     n = len(x)
-    result = FitResult(
+    result = Result(
         chosen, x, 1e-4 * np.eye(n), 1.0, 1, 1.0, "converged", "", (), 0, np.zeros(n, bool), np.ones(n), "log",
         robot=robot, equations=spec,
     )  # fmt: skip

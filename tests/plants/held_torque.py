@@ -17,7 +17,7 @@ from elastid.linear.statespace import state_space
 from elastid.model.formulation import serial
 from elastid.record import Configuration, Hold
 from elastid.recorded.rig import RecordedRig
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from plants.lab_logs import save_csv
 
@@ -57,7 +57,7 @@ def positions(robot: Robot, u: np.ndarray, acts: Hold) -> np.ndarray:
     return np.fft.irfft(Y, n=N, axis=0)
 
 
-def measured(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order", noise: float = 3e-3) -> FrequencyResponse:
+def measured(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order", noise: float = 3e-3) -> Response:
     """The response that a study with `hold` gets from a log of noisy encoders, of a torque that acts as `acts`."""
     rng = np.random.default_rng(seed)
     u = commanded(rng)

@@ -10,12 +10,12 @@ from elastid.model.elastic import ElasticModel
 from elastid.simulation.dynamics import CLASSICAL, Tableau, free_acceleration, runge_kutta_step
 
 
-def acceleration(model: ElasticModel, coulomb: np.ndarray, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
+def acceleration(model: ElasticModel, coulomb: np.ndarray) -> ca.Function:
     """(q, v, u) -> q'' of shape (n_q,), for torques u (n_u,) and Coulomb levels (n_u,) of the motors in Nm."""
     q, v, u = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("u", model.n_u)
     B, shafts = ca.DM(model.B), ca.sparsify(ca.DM(model.robot.mixing @ model.B.T))
     torque = B @ u - shafts.T @ (ca.DM(coulomb) * ca.tanh(shafts @ v / SLIDING_VELOCITY))
-    return ca.Function("acceleration", [q, v, u], [free_acceleration(model, alpha, beta)(q, v, torque)], {"cse": True})
+    return ca.Function("acceleration", [q, v, u], [free_acceleration(model)(q, v, torque)], {"cse": True})
 
 
 def runge_kutta(acceleration: ca.Function, step: float, steps: int, method: Tableau = CLASSICAL) -> ca.Function:
@@ -29,3 +29,10 @@ def runge_kutta(acceleration: ca.Function, step: float, steps: int, method: Tabl
             lambda q, v, z, u: acceleration(q, v, u), lambda z, v, step: z, q, v, z, torques, step, method
         )
     return ca.Function("runge_kutta", [q0, v0, u], [q, v])
+
+
+def energy(model: ElasticModel, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """T + V (n,) in J along a trajectory q, v (n, n_q)."""
+    x, w = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
+    total = w.T @ model.mass(x, model.theta) @ w / 2 + model.potential(x, model.theta)
+    return np.array(ca.Function("energy", [x, w], [total]).map(len(q))(q.T, v.T).full()[0])

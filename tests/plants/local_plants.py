@@ -11,7 +11,7 @@ from elastid.excitation.multisine import synthesise
 from elastid.frf.local.response import local_response, settled_spectra
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
 LRM = EstimatorSpec(method="local_rational", quantity="velocity")
@@ -121,7 +121,7 @@ class SixAxes:
         lines = np.arange(round(period_s), round(60 * period_s) + 1)
         return lines[lines % 2 == 1] if step == 2 else lines
 
-    def errors(self, response: FrequencyResponse) -> FloatArray:
+    def errors(self, response: Response) -> FloatArray:
         """Relative error (F,) of every line."""
         G = self.G(response.freq_hz)
         errors: FloatArray = np.linalg.norm(response.G - G, axis=(1, 2)) / np.linalg.norm(G, axis=(1, 2))

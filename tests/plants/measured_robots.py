@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Robot
 from plants.two_mass import circular
 
@@ -28,7 +28,7 @@ def responses_of(
     added: float = 2e-4,
     further: tuple[str, ...] = (),
     spec: ModelSpec = ModelSpec(),  # noqa: B008
-) -> list[FrequencyResponse]:
+) -> list[Response]:
     """Of the motors, and of further places, with noise relative to each element and to the largest one of all lines."""
     named = postures if isinstance(postures, Mapping) else {f"c{i + 1}": q for i, q in enumerate(postures)}
     model, responses = formulate(robot, spec), []
@@ -42,7 +42,7 @@ def responses_of(
     return responses
 
 
-def deviations(result: FitResult, robot: Robot) -> FloatArray:
+def deviations(result: Result, robot: Robot) -> FloatArray:
     """Distances of the free parameters from those of a robot, in claimed standard deviations."""
     table = robot.parameters(robot.geometry)
     truth = np.array([p.to_x(table[p.name][0]) for p in result.parameters.free])

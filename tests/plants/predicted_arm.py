@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from elastid.fit.parameter_choice import choose
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import linearise
 from elastid.model.formulation import formulate
@@ -28,7 +28,7 @@ def robot() -> Robot:
 
 
 @cache
-def result(std: float = STD) -> FitResult:
+def result(std: float = STD) -> Result:
     """Stiffnesses and dampings of the robot with independent errors."""
     chosen = choose(FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()}), robot())
     n = len(chosen.free)
@@ -36,7 +36,7 @@ def result(std: float = STD) -> FitResult:
         formulate(robot()), Configuration("home", np.array([0.3, 0.5])), formulate(robot()).theta, ("motor 1",),
         "acceleration",
     )  # fmt: skip
-    return FitResult(
+    return Result(
         chosen, chosen.x, std**2 * np.eye(n), 1.0, 1, 1.0, "converged", "done", (), 1, np.zeros(n, bool), np.ones(n),
         "complex", linear=(home,), robot=robot(),
     )  # fmt: skip

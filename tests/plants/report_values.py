@@ -8,12 +8,12 @@ import numpy as np
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.result import FitResult
-from elastid.parameters import Parameter, ParameterSet, Tie
+from elastid.fit.result import Result
+from elastid.parameters import Parameter, Parameters, Tie
 from elastid.record import Configuration
 from elastid.report.content import ReportContent
 from elastid.report.modes import ModeRow
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.validation.agreement import validate
 from elastid.validation.results import Fold, Replay
 
@@ -41,7 +41,7 @@ def pair(n_u, n_y=None, name="c1", rate_is_known=True, seed=0, freq_hz=FREQ_HZ):
     inputs = tuple(f"motor {i + 1}" for i in range(n_u))
     outputs = tuple(f"place {i + 1}" for i in range(G.shape[1]))
     common = (inputs, outputs, "acceleration", Configuration(name, np.radians([10.0] * n_u)))
-    measured = FrequencyResponse(
+    measured = Response(
         freq_hz,
         Ghat,
         *common,
@@ -50,10 +50,10 @@ def pair(n_u, n_y=None, name="c1", rate_is_known=True, seed=0, freq_hz=FREQ_HZ):
         rate_is_known,
         (Note("a-note", f"a note on {name}"),),
     )
-    return measured, FrequencyResponse(freq_hz, model, *common, rate_is_known=rate_is_known)
+    return measured, Response(freq_hz, model, *common, rate_is_known=rate_is_known)
 
 
-PARAMETERS = ParameterSet(
+PARAMETERS = Parameters(
     (
         Parameter("k_1", 2e5, "N*m/rad", 1e3, 1e7, log=True),
         Parameter("k_2", 4e5, "N*m/rad", 1e3, 1e7, log=True),
@@ -75,7 +75,7 @@ def fit_result(parameters=PARAMETERS, hits=3):
     r = np.eye(n)
     r[:2, :2][~np.eye(min(n, 2), dtype=bool)] = -0.97
     costs = (210.0, 210.0, 210.1, 900.0, 2000.0)
-    return FitResult(
+    return Result(
         parameters=parameters,
         x=x,
         covariance=r * np.outer(std, std),

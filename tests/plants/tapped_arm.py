@@ -9,6 +9,8 @@ import numpy as np
 
 import elastid as ei
 from elastid.fit.identify import fit_parameters
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
+from elastid.response import Covariance
 from plants.outside_arm import Outside
 from plants.weighed_arm import ANGLES, LEVER, nominal, outside, responses
 
@@ -36,8 +38,8 @@ def taps(robot: Outside, rng: np.random.Generator, motors: str = "held", fault: 
         std = NOISE * np.broadcast_to(np.abs(G).max(axis=2, keepdims=True), G.shape)
         G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
         forces, motions = (tuple(f"{kind} hook {axis}" for axis in "xyz") for kind in ("force", "frame"))
-        where, noise = ei.Configuration(f"p{i} at the tool", ANGLES[i]), ei.Covariance(std**2, 1e4)
-        every.append(ei.FrequencyResponse(LINES, G, forces, motions, "acceleration", where, noise=noise, motors="held"))
+        where, noise = ei.Configuration(f"p{i} at the tool", ANGLES[i]), Covariance(std**2, 1e4)
+        every.append(ei.Response(LINES, G, forces, motions, "acceleration", where, noise=noise, motors="held"))
     return every
 
 
@@ -52,7 +54,7 @@ FAULTS: dict[str, tuple[Fault | None, str]] = {
 }
 
 
-def one_fit(seed: int, fault: str = "", also_alone: bool = False) -> tuple[ei.FitResult, ei.FitResult | None, dict]:
+def one_fit(seed: int, fault: str = "", also_alone: bool = False) -> tuple[ei.Result, ei.Result | None, dict]:
     """With taps; without them, too, where that is asked for; the true springs."""
     rng = np.random.default_rng([seed, len(fault), 7])
     robot = nominal()
@@ -62,9 +64,9 @@ def one_fit(seed: int, fault: str = "", also_alone: bool = False) -> tuple[ei.Fi
     changed, _ = FAULTS.get(fault, (None, ""))
     tapped = outside(robot.with_parameters(numbers | {"k_3": 0.9 * numbers["k_3"]})) if fault == "gear" else true
     both = [*measured, *taps(tapped, rng, "free" if fault == "free" else "held", changed)]
-    spec = ei.FitSpec(
-        parameters={"k_*": ei.ParameterSpec(), "d_*": ei.ParameterSpec(prior=ei.PriorSpec(0.1))}, starts=1, seed=seed,
-        weights=ei.WeightSpec(floor=0.0),
+    spec = FitSpec(
+        parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(prior=PriorSpec(0.1))}, starts=1, seed=seed,
+        weights=WeightSpec(floor=0.0),
     )  # fmt: skip
     alone = fit_parameters(measured, replace(robot, name="alone"), spec) if also_alone else None
     return fit_parameters(both, robot, spec), alone, numbers

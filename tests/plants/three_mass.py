@@ -14,9 +14,9 @@ from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.linear.linear_model import LinearModel, Slope
 from elastid.linear.response.transfer import frequency_response
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, Parameters
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 TRUTH = {"k_g": 20.59269827430799, "d_g": 0.06241814047290, "k_a": 20.23072060978318, "d_a": 0.00987527995798}
 FREQ = np.arange(1, 40.01, 0.2)
@@ -49,10 +49,10 @@ def plant(outputs: tuple[int, ...] = (0,), inputs: tuple[int, ...] = (0,)) -> Li
     )
 
 
-def parameters(off: float = 1.0, **changes: Parameter) -> ParameterSet:
+def parameters(off: float = 1.0, **changes: Parameter) -> Parameters:
     free = {name: Parameter(name, v * off, "1", v / 1e3, v * 1e3, log=True) for name, v in TRUTH.items()}
     free["delay"] = Parameter("delay", 0.0, "s", free=False)
-    return ParameterSet(tuple((free | changes).values()))
+    return Parameters(tuple((free | changes).values()))
 
 
 def circular(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
@@ -60,7 +60,7 @@ def circular(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
-def measured(model: LinearModel, std: FloatArray, rng=None, dof: float = np.inf) -> FrequencyResponse:
+def measured(model: LinearModel, std: FloatArray, rng=None, dof: float = np.inf) -> Response:
     """The exact response, or with noise of std (F, n_y, n_u) whose variance was estimated from so many dof."""
     G = frequency_response(model, model.theta_ref, FREQ)
     variance = np.broadcast_to(std**2, G.shape)
@@ -69,7 +69,7 @@ def measured(model: LinearModel, std: FloatArray, rng=None, dof: float = np.inf)
         if np.isfinite(dof):
             variance = variance * rng.chisquare(2 * dof, G.shape) / (2 * dof)
     covariance = Covariance(variance, dof)
-    return FrequencyResponse(FREQ, G, model.inputs, model.outputs, "velocity", model.configuration, noise=covariance)
+    return Response(FREQ, G, model.inputs, model.outputs, "velocity", model.configuration, noise=covariance)
 
 
 def noise_of(kind: str, model: LinearModel) -> FloatArray:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 FREQ_HZ = np.arange(11.0, 251.0)
 J_MOTOR, J_LOAD, STIFFNESS = 8e-4, 6e-4, 95.0
@@ -29,9 +29,7 @@ def response(G, std=None, dof=math.inf, name="c1", freq_hz=FREQ_HZ):
     covariance = None if std is None else Covariance(np.broadcast_to(std, G.shape) ** 2, dof)
     names = [f"motor {i + 1}" for i in range(max(n_y, n_u))]
     where = Configuration(name, np.zeros(n_u))
-    return FrequencyResponse(
-        freq_hz, G, tuple(names[:n_u]), tuple(names[:n_y]), "acceleration", where, total=covariance
-    )
+    return Response(freq_hz, G, tuple(names[:n_u]), tuple(names[:n_y]), "acceleration", where, total=covariance)
 
 
 def circular(rng, shape):

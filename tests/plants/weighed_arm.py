@@ -8,6 +8,9 @@ import elastid as ei
 from elastid.fit.identify import fit_parameters
 from elastid.fit.load_tests import LoadTest
 from elastid.fit.problem.static_loads import placed_tests
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
+from elastid.response import Covariance
+from elastid.robot import Frame, Placement
 from plants.outside_arm import Joint, Outside
 
 LINES = np.linspace(2, 60, 40)
@@ -34,11 +37,11 @@ def nominal() -> ei.Robot:
     bodies, parent = [], "base"
     for i, (axis, place, k, inertia, ratio, mass, center, moments) in enumerate(AXES, start=1):
         joint = ei.Joint(str(i), axis, ei.Spring(float(k), k * 1.5e-3), ei.Motor(inertia, float(ratio), 1e-3))
-        here = ei.Placement(tuple(map(float, place)))
+        here = Placement(tuple(map(float, place)))
         own = {"mass": float(mass), "center_of_mass": tuple(map(float, center)), "inertia": tuple(map(float, moments))}
         bodies.append(ei.Body(f"b{i}", parent, here, (joint,), **own))
         parent = f"b{i}"
-    frames = (ei.Frame("hook", parent, ei.Placement(LEVER)),)
+    frames = (Frame("hook", parent, Placement(LEVER)),)
     return ei.Robot("six axes", tuple(bodies), frames=frames, tolerances="exact")
 
 
@@ -59,7 +62,7 @@ def outside(robot: ei.Robot) -> Outside:
     )
 
 
-def responses(robot: Outside, rng: np.random.Generator) -> list[ei.FrequencyResponse]:
+def responses(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
     """Of all postures, with noise of known covariance."""
     every = []
     places = tuple(f"motor {i}" for i in range(1, 7))
@@ -69,10 +72,8 @@ def responses(robot: Outside, rng: np.random.Generator) -> list[ei.FrequencyResp
         G = (s**2 * np.linalg.inv(s**2 * M + s * D + K))[:, 6:, 6:]
         std = NOISE * np.broadcast_to(np.abs(G).max(axis=2, keepdims=True), G.shape)
         G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
-        noise = ei.Covariance(std**2, 1e4)
-        every.append(
-            ei.FrequencyResponse(LINES, G, places, places, "acceleration", ei.Configuration(name, angles), noise=noise)
-        )
+        noise = Covariance(std**2, 1e4)
+        every.append(ei.Response(LINES, G, places, places, "acceleration", ei.Configuration(name, angles), noise=noise))
     return every
 
 
@@ -113,7 +114,7 @@ def load_tests(robot: Outside, rng: np.random.Generator, changed=lambda y, force
     return tests
 
 
-def one_fit(seed: int, fault: str = "") -> tuple[ei.FitResult, ei.FitResult | None, dict[str, float]]:
+def one_fit(seed: int, fault: str = "") -> tuple[ei.Result, ei.Result | None, dict[str, float]]:
     """With load tests; without them, too, where these are clean; the true springs."""
     rng = np.random.default_rng([seed, len(fault)])
     robot = nominal()
@@ -123,9 +124,9 @@ def one_fit(seed: int, fault: str = "") -> tuple[ei.FitResult, ei.FitResult | No
     tests = placed_tests(load_tests(true, rng, FAULTS.get(fault, lambda y, force: y)), {
         response.configuration.name: response.configuration for response in measured
     })  # fmt: skip
-    spec = ei.FitSpec(
-        parameters={"k_*": ei.ParameterSpec(), "d_*": ei.ParameterSpec(prior=ei.PriorSpec(0.1))}, starts=1, seed=seed,
-        weights=ei.WeightSpec(floor=0.0),
+    spec = FitSpec(
+        parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(prior=PriorSpec(0.1))}, starts=1, seed=seed,
+        weights=WeightSpec(floor=0.0),
     )  # fmt: skip
     with_loads = fit_parameters(measured, robot, spec, loads=tests)
     return with_loads, None if fault else fit_parameters(measured, robot, spec), numbers

@@ -1,11 +1,12 @@
-"""Guesses of channels: by name, by unit, by Newton's law."""
+"""Guesses of channels: by name, by unit, by what is beside them."""
+
+import re
 
 import numpy as np
 import pytest
 
 from elastid.recorded.channel_guess import guess_log, is_clock
 from elastid.recorded.channel_names import guess_by_name
-from elastid.recorded.evidence import velocities
 
 RATE = 500.0
 
@@ -65,20 +66,38 @@ def test_stamps_are_a_clock_and_a_motion_is_none() -> None:
     assert not is_clock(np.cumsum(rng.exponential(1.0, 3000)))
 
 
-def test_joints_are_found_among_columns_without_names() -> None:
-    """In any order, next to temperatures and to a copy of each position; and the rate by velocities."""
-    parts = [joint(k) for k in range(3)]
-    columns = [*(u for *_, u in parts), *(q for q, *_ in parts), *(v for _, v, _ in parts)]
-    columns += [*(q + 0.1 for q, *_ in parts), 30 + np.round(0.01 * T, 1)]
-    guess = guess_log([(guess_by_name(f"column {i}", None), x) for i, x in enumerate(columns)], CONTENT_RATE)
-    assert guess is not None
-    pairs = [(each.torque.name, each.motion.name) for each in guess.joints]
-    assert pairs == [("column 0", "column 3"), ("column 1", "column 4"), ("column 2", "column 5")]
-    assert [rate for _, rate in velocities(columns).values()] == pytest.approx([1 / 250**-1] * 6, rel=1e-3)
+HEADINGS = """
+TORQUE_AXIS_ACT_A#|AXIS_ACT_A#; $TORQUE_AXIS_ACT[#]|$AXIS_ACT[#]; motorTorque.j#|jointAngle.j#; Torque @|Pos @
+@_TRQ|@_FB; Trq@|Fb@; trq_act_# [Nm]|pos_act_# [deg]; effort[#]|position[#]
+/joint_states/joint_#/effort|/joint_states/joint_#/position; tau_J_#|q_#; actual_current_#|actual_q_#
+Axis#.ActTorque|Axis#.ActPos; gAxis0#.ActTorque|gAxis0#.ActPosition; J# Torque(Nm)|J# Angle(deg)
+Drehmoment_A#|Istposition_A#; Motormoment Achse #|Gelenkwinkel Achse #; M#_Nm|phi#_rad
+Iststrom A# [A]|Istwinkel A# [°]; JntForce[#]|JntPos[#]; TorqueSensor#|Position#; J#_trq|J#_ang
+a#_torque|a#_position; M#_Iq|M#_Theta; T#|Q#; tq#|pos#; Torque Axis # (Nm)|Position Axis # (rad)
+r0080[#] Torque actual|r0482[#] position actual; tau_@|q_@; tau(#)|q(#)
+drive#_torque_actual_value|drive#_position_actual_value; MotorCurrent_Ax#|JointPos_Ax#; hammer_N|a#
+CURR J# [A]|ENC J# [deg]; Joint #. torque|Joint #. angle; Joint_Torque_J#|Joint_Angle_J#; Couple_axe#|Position_axe#
+coppia_#|posizione_#; par_#|posicion_#; tau_meas_#|q_meas_#; tau_mot#|q_mot#; A#.trq.act|A#.pos.act; moment#|vinkel#
+joint#_torque_nm|joint#_angle_deg; Torque_mea_AX#|Pos_mea_AX#; tune_torque_ref j#|pos_fdb j#; J#Trq|J#Pos
+impact_kN|resp#; LoadCell_N|A#X; Fz [N]|acc#; MAIN.Axis#.NcToPlc.ActTorque|MAIN.Axis#.NcToPlc.ActPos
+input_force|ch#; Kraft N|Beschl#
+"""
 
 
-def test_noise_is_no_joint() -> None:
-    noise = np.random.default_rng(0).standard_normal((6, 4000))
-    guess = guess_log([(guess_by_name(f"column {i}", None), x) for i, x in enumerate(noise)], 1.0)
+@pytest.mark.parametrize("heading", re.split(r"[;\n]", HEADINGS.strip()))
+def test_headings_of_drives_are_read(heading: str) -> None:
+    """Torque and motion of three joints, beside commands and temperatures, or one force and three accelerations."""
+    of_torque, of_motion = heading.strip().split("|")
+    names = [
+        list(dict.fromkeys(text.replace("#", str(k + 1)).replace("@", "SLU"[k]) for k in range(3)))
+        for text in (of_torque, of_motion)
+    ]
+    joints = [joint(k) for k in range(3)]
+    signals = [(name, u) for name, (*_, u) in zip(names[0], joints, strict=False)]
+    signals += [(name, q) for name, (q, *_) in zip(names[1], joints, strict=True)]
+    signals += [(f"temp_{k}", 30 + np.round(0.01 * T, 1)) for k in range(3)]
+    guess = guess_log([(guess_by_name(name, None), x) for name, x in signals], CONTENT_RATE)
     assert guess is not None
-    assert "no name says it: the first column" in guess.joints[0].torque.why
+    assert [each.torque.name for each in guess.joints] == names[0]
+    found = [each.motion.name for each in guess.joints] + [each.name for each in guess.further]
+    assert found == names[1]

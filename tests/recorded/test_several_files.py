@@ -21,7 +21,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 from elastid.recorded.pieces import joined_periods
 from elastid.recorded.rig import RecordedRig
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 N, RATE = 240, 100.0
 LINES = np.arange(5, 81, 4)
@@ -68,7 +68,7 @@ def record_of(folder: Path, logs: Sequence[np.ndarray], **keys: Any) -> Record:
     return rig.measure(experiment)
 
 
-def errors(response: FrequencyResponse) -> tuple[np.ndarray, np.ndarray]:
+def errors(response: Response) -> tuple[np.ndarray, np.ndarray]:
     """|error|^2 (F,) of G, and its stated variance."""
     _, truth = freqz(B, A, response.freq_hz, fs=RATE)
     assert response.noise is not None

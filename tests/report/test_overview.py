@@ -23,7 +23,7 @@ from elastid.report.overview import (
     residual_sentence,
     verdict_sentence,
 )
-from elastid.response import BENT, Configuration, FrequencyResponse
+from elastid.response import BENT, Configuration, Response
 
 
 def rows_of(result):
@@ -48,7 +48,7 @@ def test_the_page_of_responses_answers_its_three_questions_by_the_modes():
     names = ("shaker table", "shaker tip"), ("table", "column", "tip")
     at = Configuration("bench", np.zeros(0))
     noisy = G + std * (noise[0] + 1j * noise[1])
-    response = FrequencyResponse(freq_hz, noisy, *names, "acceleration", at, noise=Covariance(std**2, np.inf))
+    response = Response(freq_hz, noisy, *names, "acceleration", at, noise=Covariance(std**2, np.inf))
     modes = estimate_modes(response)
     content = ResponsesContent("a bench", (response,), (modes,), "", {})
     (_, (good, *_)), (_, (found,)), (_, (following,)) = questions_of_responses(content)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from plants.integration import energy
 from plants.linkages import linkage
 from plants.two_links import (
     FREE,
@@ -36,7 +37,6 @@ from elastid.simulation.controller import (
     tune,
 )
 from elastid.simulation.drives import Drives
-from elastid.simulation.dynamics import energy
 
 
 def test_the_controller_has_its_bandwidth_and_damping() -> None:

@@ -71,7 +71,7 @@ def test_a_file_of_another_format_is_refused(tmp_path):
         assert file.attrs["format"] == FORMAT
         del file.attrs["format"]
     write_checksum(path)
-    again = f"format 0, written by an older elastid; this one reads format {FORMAT}: delete the file, and `elastid fit "
+    again = f"format 0, written by an older elastid; this one reads format {FORMAT}: delete the file, and `elastid run "
     with pytest.raises(DataError, match=again):
         read_fit(path)
     with h5py.File(path, "r+") as file:

@@ -24,7 +24,7 @@ from elastid.fit.problem.weights import weigh
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
 from elastid.record import Configuration, Record
-from elastid.response import Covariance, FrequencyResponse, Levels, MotorMotion, Quality
+from elastid.response import Covariance, Levels, MotorMotion, Quality, Response
 from elastid.store.files import write_checksum
 from elastid.store.measured import (
     read_configurations,
@@ -82,7 +82,6 @@ def test_limits_and_forecast_come_back_to_the_last_bit(tmp_path):
         np.array([[1.0, 0.5], [0.25, 1.0]]),
         0.9,
         NOTES,
-        "a/way-r0-e1",
         ("motor 2",),
     )
     forecast = Forecast(
@@ -204,7 +203,7 @@ def responses(draw, name=NAME):
     )
     covariances = st.none() | diagonal | kronecker | full
     freq_hz = np.cumsum(draw(arrays(np.float64, F, elements=st.floats(0.1, 100))))
-    return FrequencyResponse(
+    return Response(
         freq_hz,
         draw(complex_numbers(F, n_y, n_u)),
         draw(names(n_u)),
@@ -271,7 +270,7 @@ def test_a_response_from_before_motions_were_kept_is_read_without_one(tmp_path):
     """Of the same layout otherwise."""
     motion = MotorMotion(("motor 1",), np.ones(2), np.ones((2, 1, 1), complex), np.zeros(1))
     places = ("motor 1",), ("motor 1",), "acceleration", Configuration("c", [0.0])
-    response = FrequencyResponse([1.0, 2.0], np.ones((2, 1, 1)), *places, motion=motion)
+    response = Response([1.0, 2.0], np.ones((2, 1, 1)), *places, motion=motion)
     write_responses(tmp_path / "frf.h5", [response])
     with h5py.File(tmp_path / "frf.h5", "r+") as file:
         (name,) = [name for name in file["responses"] if "motion" in file["responses"][name]]
@@ -299,7 +298,7 @@ def test_records_are_read_one_configuration_at_a_time_in_the_order_measured(tmp_
 
 def test_axes_are_dimension_scales_with_units_and_names(tmp_path):
     """G has frequencies, outputs and inputs as its axes, as other programs expect of HDF5."""
-    response = FrequencyResponse(
+    response = Response(
         [1.0, 2.0], np.ones((2, 1, 1)), ("motor 1",), ("joint 1",), "acceleration", Configuration("c", [0.0])
     )
     write_responses(tmp_path / "frf.h5", [response])

@@ -11,7 +11,7 @@ from elastid.app import cli
 from elastid.app.compare import variants
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec, TextFormatSpec
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.linear.linear_model import elements
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
@@ -96,9 +96,9 @@ def fitted(tiny: Path):
     """A function from overrides of the section `fit` to the result on one set of responses."""
     run = measured(tiny, load(tiny).study.robot)
 
-    def fit(*overrides: str) -> FitResult:
+    def fit(*overrides: str) -> Result:
         options = [word for override in overrides for word in ("--set", f"fit.{override}")]
-        assert cli.run_command(["fit", str(tiny), "--run", str(run.folder), "-q", "--jobs", "1", *options]) == 0
+        assert cli.run_command(["run", str(tiny), "fit", "--run", str(run.folder), "-q", "--jobs", "1", *options]) == 0
         return read_fit(run.folder / "fit.h5")
 
     return fit

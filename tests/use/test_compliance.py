@@ -12,7 +12,7 @@ from plants.predicted_arm import result
 from elastid.base.statistics import propagate
 from elastid.fit.parameter_choice import choose
 from elastid.fit.posture import Asked
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.fit.tolerances import with_tolerances
 from elastid.model.spec import ModelSpec
@@ -97,7 +97,7 @@ def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name:
     n = len(parameters.free)
     C = np.diag([1e-4 if p.prior is None else p.prior.std**2 for p in parameters.free]) / 9
     ended = (1.0, 1, 1.0, "converged", "", (), 1, np.zeros(n, bool), np.ones(n), "complex")
-    own = FitResult(parameters, parameters.x, C, *ended, robot=robot)
+    own = Result(parameters, parameters.x, C, *ended, robot=robot)
     workspace = map_workspace(own, fitted.linear[0].configuration.angles[None], CUT, lines_hz=LINES)
     model = own.at(fitted.linear[0].configuration.angles, axes="world")
     assert workspace["compliance_z"].std[0] == pytest.approx(model.stiffness().compliance_std[2, 2], rel=0.05)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from plants.predicted_arm import STD, result
 
-from elastid.export.draws import write_draws
 from elastid.study import load_robot
+from elastid.targets.draws import write_draws
 from elastid.use.draws import draw_robots
 
 

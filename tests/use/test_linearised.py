@@ -10,7 +10,7 @@ from plants.predicted_arm import result
 
 from elastid.fit.parameter_choice import choose
 from elastid.fit.posture import Asked, Family
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.record import Configuration
 from elastid.robot import Body, Frame, GearCoupling, Joint, Motor, Placement, Robot, Spring
@@ -19,7 +19,7 @@ from elastid.use.linearised import ManyPostures
 ANGLES = np.array([[0.2, 0.4], [-0.7, 1.1], [1.3, -0.5]])
 
 
-def coupled() -> FitResult:
+def coupled() -> Result:
     """Two links under gravity, the second motor turned along by the first joint, springs before the coupling."""
     joints = [Joint(str(i + 1), "y", Spring(4e4 / (i + 1), 30.0), Motor(1e-3, 100.0)) for i in range(2)]
     upper = Body("upper", joints=(joints[0],), mass=30, center_of_mass=(0.4, 0, 0.05), inertia=1.5)
@@ -28,7 +28,7 @@ def coupled() -> FitResult:
     robot = Robot("arm", (upper, fore), frames=frames, gears=(GearCoupling("2", "1", 50.0, "before"),))
     chosen = choose(FitSpec(parameters={"k_*": ParameterSpec(), "m_fore": ParameterSpec()}), robot)
     n = len(chosen.free)
-    return FitResult(
+    return Result(
         chosen, chosen.x, 1e-4 * np.eye(n), 1.0, 1, 1.0, "converged", "", (), 1, np.zeros(n, bool), np.ones(n),
         "complex", robot=robot,
     )  # fmt: skip

@@ -12,7 +12,7 @@ from plants.two_mass import FREQ_HZ, STIFFNESS, circular, response, two_mass
 
 from elastid.base.errors import StudyError
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.validation.agreement import agreement, explain_cost, validate
 from elastid.validation.residual_tests import above_2sigma
 from elastid.validation.results import are_white, noise_p, resonances
@@ -197,8 +197,8 @@ def responses(rng, names=("c1", "c2", "c3"), std=0.05):
         G = np.array([[3.0, 1.0], [1.5, 2.0]]) * np.ones((len(LINES_HZ), 1, 1)) + 0j
         noise = std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / math.sqrt(2)
         covariance = Covariance(np.full(G.shape, std**2), math.inf)
-        measured = FrequencyResponse(LINES_HZ, G + noise, motors, motors, "acceleration", where, total=covariance)
-        pairs.append((measured, FrequencyResponse(LINES_HZ, G, motors, motors, "acceleration", where)))
+        measured = Response(LINES_HZ, G + noise, motors, motors, "acceleration", where, total=covariance)
+        pairs.append((measured, Response(LINES_HZ, G, motors, motors, "acceleration", where)))
     return pairs
 
 

@@ -14,7 +14,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Robot
 from elastid.study import load_robot
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit
@@ -94,7 +94,7 @@ def test_parameters_that_a_model_lacks_are_fixed_at_their_starts(robot: Robot) -
 
 
 @pytest.fixture(scope="module")
-def responses(robot: Robot) -> list[FrequencyResponse]:
+def responses(robot: Robot) -> list[Response]:
     """Of the robot in three configurations, with 2 % noise."""
     rng, model, found = np.random.default_rng(0), formulate(robot), []
     linearisation = Linearisation.of(model)
@@ -110,9 +110,7 @@ def responses(robot: Robot) -> list[FrequencyResponse]:
 SPEC = FitSpec(starts=1, parameters={"k_2x": ParameterSpec()}, weights=WeightSpec(floor=0.0))
 
 
-def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(
-    robot: Robot, responses: list[FrequencyResponse]
-) -> None:
+def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(robot: Robot, responses: list[Response]) -> None:
     """|E|^2 / sigma^2 is 1 for the true model, 1 + 1 / 0.02^2 / 100 or more for responses a tenth larger."""
     scaled = [*responses[:2], replace(responses[2], G=1.1 * responses[2].G)]
     task = RefitTask(ComparedVariant("own", robot, SPEC, EXACT), ("c",))
@@ -124,7 +122,7 @@ def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(
     assert off.left_out["c"].rms_log_db == pytest.approx(20 * math.log10(1.1), abs=0.2)
 
 
-def test_masks_apply_to_the_configurations_that_they_name(robot: Robot, responses: list[FrequencyResponse]) -> None:
+def test_masks_apply_to_the_configurations_that_they_name(robot: Robot, responses: list[Response]) -> None:
     """Of those fitted and of those left out; where nothing is left to fit, the refit fails with the reason."""
     low = replace(SPEC, weights=WeightSpec(floor=0.0, factors=(FactorSpec(0.0, ("c",), band_hz=(0.0, 30.0)),)))
     low_lines = (responses[2].freq_hz < 30)[:, None, None]

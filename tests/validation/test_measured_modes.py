@@ -9,7 +9,7 @@ from plants.fitted_models import fitted_model
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.modes import modes
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.validation.measured_modes import measured_modes
 
 FREQ_HZ = np.arange(24, 480) / 8
@@ -19,7 +19,7 @@ def measured(lacking: float) -> FittedRobot:
     """The arm in one configuration, noise of 0.2 %, and a mode of 31.2 Hz and 2 % at motors 2 and 3 that it lacks."""
     fitted = fitted_model("arm")
     first, rng = fitted.measured[0], np.random.default_rng(0)
-    empty = FrequencyResponse(
+    empty = Response(
         FREQ_HZ, np.zeros((len(FREQ_HZ), 3, 3), complex), first.inputs, first.outputs, first.quantity,
         Configuration(first.configuration.name, first.configuration.angles),
     )  # fmt: skip

@@ -10,14 +10,14 @@ from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.validation.predicted import predict_response
 
 WHERE = Configuration("tapped", np.array([0.4, -0.6]))
 LINES = np.linspace(2, 60, 80)
 
 
-def hammer(std: float = 0.0, seed: int = 0) -> FrequencyResponse:
+def hammer(std: float = 0.0, seed: int = 0) -> Response:
     """Acceleration of the tool by forces on it, own axes; the closed form of the nominal arm with its motors held."""
     M, D, K, J = closed_form(WHERE.angles)
     s = 2j * np.pi * LINES[:, None, None]
@@ -28,7 +28,7 @@ def hammer(std: float = 0.0, seed: int = 0) -> FrequencyResponse:
     rng = np.random.default_rng(seed)
     error = std * np.abs(G) * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
     noise = Covariance((std * np.abs(G)) ** 2, np.inf) if std else None
-    return FrequencyResponse(
+    return Response(
         LINES, G + error, ("force tool x", "force tool z"), ("frame tool x", "frame tool z"), "acceleration", WHERE,
         noise=noise, motors="held",
     )  # fmt: skip

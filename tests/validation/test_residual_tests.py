@@ -9,7 +9,7 @@ from plants.two_mass import circular
 from elastid.fit.problem.smoothed_noise import smooth_noise
 from elastid.frf.covariance import kronecker
 from elastid.record import Configuration
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.validation.residual_tests import (
     FALSE_ALARM,
     exceeds_by_chance,
@@ -103,7 +103,7 @@ def test_power_over_a_covariance_of_few_degrees_of_freedom_is_beyond_chance_as_o
         E, D = (std * (mixed @ circular(rng, (40, n_y, n))) for n in (n_u, dof))
         total = kronecker(np.eye(n_u) * np.ones((40, 1, 1)) + 0j, D @ D.conj().swapaxes(1, 2) / dof, dof)
         where = Configuration("c", np.zeros(n_u))
-        noise = smooth_noise(FrequencyResponse(freq_hz, 9 + E, names[:n_u], names, "acceleration", where, total=total))
+        noise = smooth_noise(Response(freq_hz, 9 + E, names[:n_u], names, "acceleration", where, total=total))
         whiten = whitening(noise)
         z = (whiten @ E.swapaxes(1, 2).reshape(40, -1, 1))[:, :, 0]
         ratios.append(power_over_noise(z, whiten, noise))

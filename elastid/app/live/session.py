@@ -37,7 +37,7 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.places import on_shafts, shaft_couplings
@@ -45,7 +45,7 @@ from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.record import Record
 from elastid.recorded.planned_run import PlannedRun, contradiction
 from elastid.recorded.rig import RecordedRig
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import EXACT
 from elastid.store.artefacts import Stamp, read_stamp
@@ -97,7 +97,7 @@ class Session:
     folder: LiveFolder
     problem: DesignProblem
     records: dict[str, Record] = field(default_factory=dict)
-    responses: dict[int, list[FrequencyResponse]] = field(default_factory=dict)
+    responses: dict[int, list[Response]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Run, asked: Asked) -> Session:
@@ -138,7 +138,7 @@ class Session:
         self.folder.path.mkdir(parents=True, exist_ok=True)
         remove_leftovers(self.folder.path)
         plans: list[Plan] = []
-        result: FitResult | None = None
+        result: Result | None = None
         while True:
             if result is not None:
                 used = self.goal.reached(result)
@@ -162,7 +162,7 @@ class Session:
         with self.run.console.progress(f"live: {title}") as progress:
             yield Execution(self.run.jobs, progress)
 
-    def _at(self, result: FitResult | None) -> DesignProblem:
+    def _at(self, result: Result | None) -> DesignProblem:
         """The problem at the values of a fit."""
         if result is None:
             return self.problem
@@ -181,7 +181,7 @@ class Session:
         level = math.sqrt(np.mean(shares)) if shares else design.noise.distortion
         return replace(design, noise=replace(design.noise, distortion=level))
 
-    def _planned(self, plans: Sequence[Plan], result: FitResult | None) -> Plan | str:
+    def _planned(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
         """The next plan, as it was written or now; a sentence where no further one leads to the goal."""
         step = len(plans) + 1
         path, problem = self.folder.plan(step), self._at(result)
@@ -225,7 +225,7 @@ class Session:
                 f"remove {path.parent} to begin again",
             )
 
-    def _robots(self, result: FitResult | None, step: int) -> tuple[Robot, ...]:
+    def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
         """Robots at the ends of the interval of a fit, or of a data sheet, on which the limits are kept as well."""
         if result is not None:
             doubled = replace(result, covariance=4 * result.covariance)
@@ -234,7 +234,7 @@ class Session:
         ends = [{name: k * factor for name, k in springs.items()} for factor in (1 / FACTOR, FACTOR)] if springs else []
         return tuple(map(self.problem.robot.with_parameters, ends))
 
-    def _refusal(self, proposal: NextExperiment, plans: Sequence[Plan], result: FitResult | None) -> str:
+    def _refusal(self, proposal: NextExperiment, plans: Sequence[Plan], result: Result | None) -> str:
         """Why no further experiment leads to the goal; empty where one may."""
         spent = sum(plan.robot_time_s for plan in plans)
         if math.isinf(proposal.more_s):
@@ -255,7 +255,7 @@ class Session:
             f"{math.ceil(more / 10) * 10}"
         )
 
-    def _measured(self, plan: Plan, before: Sequence[Plan], result: FitResult | None) -> None:
+    def _measured(self, plan: Plan, before: Sequence[Plan], result: Result | None) -> None:
         """Wait for the logs of a plan, or simulate them; DataError for one that contradicts it."""
         step, problem, logs = len(before) + 1, self._at(result), self.folder.path / "logs"
         logs.mkdir(exist_ok=True)
@@ -304,7 +304,7 @@ class Session:
         known = read_stamp(self.folder.fit(len(plans)))
         return known is not None and known.is_of(self._fit_stamp(plans))
 
-    def _fitted(self, plans: Sequence[Plan]) -> FitResult:
+    def _fitted(self, plans: Sequence[Plan]) -> Result:
         """The fit of all logs so far, kept until one of them changes."""
         path = self.folder.fit(len(plans))
         if self._is_fitted(plans):
@@ -319,7 +319,7 @@ class Session:
         write_fit(path, result, self._fit_stamp(plans))
         return result
 
-    def _responses(self, plans: Sequence[Plan], execution: Execution) -> list[FrequencyResponse]:
+    def _responses(self, plans: Sequence[Plan], execution: Execution) -> list[Response]:
         """One of each experiment, the friction of the motors taken out, as the stage `estimate` has them."""
         if len(plans) in self.responses:
             return self.responses[len(plans)]
@@ -348,7 +348,7 @@ class Session:
             f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
         )
 
-    def _report(self, plans: Sequence[Plan], result: FitResult, used: Mapping[str, float]) -> None:
+    def _report(self, plans: Sequence[Plan], result: Result, used: Mapping[str, float]) -> None:
         spent = sum(plan.robot_time_s for plan in plans)
         reached = sum(share <= 1 for share in used.values())
         self.run.console.say(
@@ -370,7 +370,7 @@ class Session:
         )
 
 
-def _contradiction(step: int, result: FitResult) -> str:
+def _contradiction(step: int, result: Result) -> str:
     """Of a fit that cannot be trusted: of the last logs, if it could be trusted before them."""
     before = "" if step == 1 else "contradict those before them, or "
     return (

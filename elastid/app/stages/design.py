@@ -30,7 +30,7 @@ from elastid.frf.spec import Friction
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Configuration, Motion
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp
 from elastid.store.measured import read_responses, write_movement, write_plan, write_torque
@@ -118,7 +118,7 @@ def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configurat
     return reference(plan, carrier, feed_forward_of(model_of(robot.carrying(configuration.carries))), configuration)
 
 
-_Responses: TypeAlias = tuple[FrequencyResponse, ...]
+_Responses: TypeAlias = tuple[Response, ...]
 
 
 def _earlier_measurements(
@@ -127,7 +127,7 @@ def _earlier_measurements(
     """Responses that a design adds to, estimates of their fits by name (the last counts), responses for the noise."""
     if design is None:
         return (), (), ()
-    responses: list[FrequencyResponse] = []
+    responses: list[Response] = []
     values: dict[str, float] = {}
     for name in design.measured:
         file = responses_file(files, name)

@@ -36,7 +36,7 @@ from elastid.nonlinear.take_out import estimate_without_friction, net_records
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming
 from elastid.recorded.responses.reading import link_side_response, read_table
-from elastid.response import FrequencyResponse, in_quantity
+from elastid.response import Response, in_quantity
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, kind_of, read_stamp
 from elastid.store.measured import (
@@ -103,7 +103,7 @@ def estimate_configuration(
     robot: Robot | None,
     stamp: Stamp,
     item: tuple[str, Path | None],
-) -> tuple[FrequencyResponse, set[Note]]:
+) -> tuple[Response, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read.
 
     friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.  item: the name of
@@ -148,7 +148,7 @@ class RecordsOnShafts:
 
 
 def _artefacts(
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     notes: Sequence[Note],
     friction: FrictionTakenOut | None = None,
     net_files: Sequence[Path] = (),
@@ -191,7 +191,7 @@ def friction_line(friction: FrictionTakenOut) -> str:
 
 def imported_responses(
     robot: Robot | None, places: Places, experiment: ExperimentSpec, estimator: EstimatorSpec, base: Path
-) -> Iterator[FrequencyResponse]:
+) -> Iterator[Response]:
     """One response for each file of the experiment, in their order, in the estimator's quantity and band.
 
     Raises StudyError where channels or configuration and file do not fit, DataError where a file cannot be used.
@@ -227,7 +227,7 @@ def imported_responses(
 
 def tool_responses(
     tool: ToolSpec | None, robot: Robot, experiment: ExperimentSpec, estimator: EstimatorSpec, files: Path
-) -> list[FrequencyResponse]:
+) -> list[Response]:
     """The responses by forces at the tool, whatever rig measured the others."""
     if tool is None:
         return []
@@ -236,9 +236,7 @@ def tool_responses(
     return [replace(G, motors=tool.motors, loop=tool.loop) for G in measured]
 
 
-def _of_another_run(
-    path: Path, file: ResponseFileSpec, configuration: Configuration, robot: Robot | None
-) -> FrequencyResponse:
+def _of_another_run(path: Path, file: ResponseFileSpec, configuration: Configuration, robot: Robot | None) -> Response:
     responses = {response.configuration.name: response for response in read_responses(path)}
     name = file.response or configuration.name
     if name not in responses:

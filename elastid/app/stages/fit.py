@@ -19,7 +19,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.load_tests import LoadsSpec
 from elastid.fit.parameter_choice import AT_TOOL
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.solve.solvers import Interrupted
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
@@ -101,7 +101,7 @@ def fit(
 
 
 def fitted_rows(
-    robot: Robot, experiment: ExperimentSpec, spec: FitSpec, result: FitResult, friction: FrictionTakenOut | None
+    robot: Robot, experiment: ExperimentSpec, spec: FitSpec, result: Result, friction: FrictionTakenOut | None
 ) -> tuple[ParameterRow, ...]:
     """A row for each parameter, with its truth where the rig is simulated."""
     true = truth(robot, experiment.simulated, spec.parameters, friction)
@@ -109,7 +109,7 @@ def fitted_rows(
     return parameter_rows(result, true, contained)
 
 
-def current_fit(run: Run) -> FitResult:
+def current_fit(run: Run) -> Result:
     """The fit of a study; StudyError where there is none of its robot, or an outdated one."""
     run.study.as_robot()
     run.require_stage("fit")
@@ -117,7 +117,7 @@ def current_fit(run: Run) -> FitResult:
     return read_fit(run.path("fit"))
 
 
-def warn_of_distrust(run: Run, command: str, result: FitResult) -> None:
+def warn_of_distrust(run: Run, command: str, result: Result) -> None:
     """A warning where the fit that a command works with cannot be trusted."""
     if result.status not in TRUSTED:
         run.console.warn(f"{command}: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
@@ -156,7 +156,7 @@ def conclude(run: Run) -> None:
 
 
 # The answers where the effects of gears explain the misfit of the linear fit, whose residuals say nothing of the rest.
-def _with_gears(result: FitResult, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
+def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
     answer = numbers_answer(result, rows, gears)
     beside = "Yes, those beside the effects of the gears; of the linear fit they are off."
     yield f"Are the numbers good? {beside if answer.startswith('Yes') else answer}"
@@ -164,7 +164,7 @@ def _with_gears(result: FitResult, rows: Sequence[ParameterRow], gears: GearResu
     yield "What next? Take identified_robot.yml, which states the effects."
 
 
-def _answers(run: Run, result: FitResult, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
+def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
     """How good the numbers are, where the model fails, what to do next; a page has the details."""
     judged = read_validation(run.path("validate")).configurations if run.is_current("validate") else ()
     sentence = verdict_sentence(result, rows, judged)
@@ -172,5 +172,5 @@ def _answers(run: Run, result: FitResult, rows: Sequence[ParameterRow], gears: G
     yield f"Where does the model fail? {residual_sentence(result, judged)}"
     step = next_steps(result, rows)[0]
     if step is OPEN_GEARS and "gears" in run.stages:
-        step = replace(step, what="Lay the gears open.", text=f"elastid gears {run.loaded.path}")
+        step = replace(step, what="Lay the gears open.", text=f"elastid run {run.loaded.path} gears")
     yield " ".join(filter(None, ("What next?", step.what, step.gain, step.text and f"`{step.text}`")))

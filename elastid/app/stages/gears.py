@@ -22,7 +22,7 @@ from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
@@ -30,7 +30,7 @@ from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
 from elastid.nonlinear.gear_sheet import open_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.report.content import ParameterRow, gear_line
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.robot.simplified import with_straight_springs
 from elastid.store.kinds import json_value
@@ -82,12 +82,12 @@ def gears(
 
 def on_straight_springs(
     robot: Robot,
-    responses: Sequence[FrequencyResponse],
-    result: FitResult,
+    responses: Sequence[Response],
+    result: Result,
     model: ModelSpec,
     spec: FitSpec,
     execution: Execution,
-) -> tuple[FitResult, Robot]:
+) -> tuple[Result, Robot]:
     """A fit and robot without the laws of springs of the robot's file, which are found from the records, too.
 
     About rest within a gap of the file k would show in no response.  StudyError where a term of a law was fitted: its
@@ -117,7 +117,7 @@ def _summary(path: Path) -> dict[str, object]:
 
 
 def with_gear_section(
-    content: Mapping[str, Any], result: FitResult, rows: Sequence[ParameterRow], gears: GearResult
+    content: Mapping[str, Any], result: Result, rows: Sequence[ParameterRow], gears: GearResult
 ) -> dict[str, Any]:
     """The content of summary.json with the section `gears`, and the parameters found beside the effects.
 

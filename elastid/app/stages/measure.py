@@ -25,7 +25,7 @@ from elastid.linear.loaded import LoadedRobot
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, Record
 from elastid.recorded.rig import RecordedRig
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.robot.robot import with_frames
 from elastid.store.artefacts import Stamp, read_stamp
@@ -103,7 +103,7 @@ def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
 
 
 def tests_of(
-    loads: LoadsSpec | None, robot: Robot, experiment: ExperimentSpec, responses: Sequence[FrequencyResponse], seed: int
+    loads: LoadsSpec | None, robot: Robot, experiment: ExperimentSpec, responses: Sequence[Response], seed: int
 ) -> tuple[PlacedTest, ...]:
     """Of a study, in the configurations of its responses or of its experiment; none without the section.
 

@@ -7,6 +7,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from elastid.app.console import Console
 from elastid.app.identified_robot import contents, truth
 from elastid.app.summaries import modes_of
@@ -50,7 +52,6 @@ def report(
     work: Work,
     design_file: Path | None = None,
     gears_file: Path | None = None,
-    compare: Path | None = None,
 ) -> Artefacts:
     """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
     from elastid.validation.measured_modes import measured_modes  # SciPy's linear algebra
@@ -67,7 +68,7 @@ def report(
         forecast=read_forecast(design_file) if design_file is not None else None,
         limit_use=read_peaks(design_file) if design_file is not None else None,
         robot=robot,
-        comparison=None if compare is None else read_comparison(compare, read_stamp(estimate_file) or Stamp()),
+        comparison=read_comparison(work.parts.with_name("compare.json"), read_stamp(estimate_file) or Stamp()),
         model_std=fitted.response_std,
         dense=dense_models(fitted),
         friction=friction,
@@ -116,12 +117,12 @@ def report_responses(
 ) -> Artefacts:
     """The page, figures, modes.csv and modes.h5 of responses without a robot."""
     # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
-    from elastid.export.csv import write_modes_csv
     from elastid.modal.estimate import modes_of_responses
     from elastid.recorded.responses.universal import geometry_of_files
     from elastid.report.content import ResponsesContent
     from elastid.report.overview import questions_of_responses
     from elastid.report.page.page import write_page_of_responses
+    from elastid.targets.csv import write_modes_csv
 
     responses, friction = read_responses(estimate_file), read_friction(estimate_file)
     modes = modes_of_responses(responses, modal)
@@ -129,7 +130,9 @@ def report_responses(
     if friction is not None and estimator.friction == "auto" and not friction.shapes:
         friction = None
     geometry = modal.geometry or geometry_of_files(experiment.responses, files)
-    content = ResponsesContent(name, responses, modes, text, work.stamp.shown, friction, geometry)
+    of_band = [np.isin(G.freq_hz, own.at_hz) for G, own in zip(responses, modes, strict=True)]
+    shown = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
+    content = ResponsesContent(name, shown, modes, text, work.stamp.shown, friction, geometry)
     lines = []
     for own in modes:
         frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in own.freq_hz)

@@ -27,7 +27,7 @@ from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.nonlinear.places import shaft_couplings
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import net_records
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
 from elastid.store.results import read_fit, read_gears, read_motion, write_validation
@@ -55,7 +55,7 @@ class Validated:
     spec: ValidationSpec
     estimator: EstimatorSpec
     fitted: FittedRobot
-    responses: Sequence[FrequencyResponse]
+    responses: Sequence[Response]
     friction: FrictionTakenOut | None
     gears: GearResult | None = None
 
@@ -161,7 +161,7 @@ def _left_out_predicted(own: Validated) -> tuple[PredictedResponse, ...]:
 
 
 def at_tool_predicted(
-    own: Validated, measured: Sequence[FrequencyResponse], is_fitted: bool = False
+    own: Validated, measured: Sequence[Response], is_fitted: bool = False
 ) -> tuple[PredictedResponse, ...]:
     """Responses at the tool with their predictions; is_fitted: but for configurations that were left out."""
     tool = own.fitted.result.tool
@@ -172,7 +172,7 @@ def at_tool_predicted(
     )
 
 
-def _folds(own: Validated, responses: Sequence[FrequencyResponse], execution: Execution) -> tuple[Fold, ...]:
+def _folds(own: Validated, responses: Sequence[Response], execution: Execution) -> tuple[Fold, ...]:
     parts = divide([r.configuration.name for r in responses], own.spec.folds) if own.spec.folds else ()
     if not parts:
         return ()

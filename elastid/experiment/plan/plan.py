@@ -76,7 +76,7 @@ def torque_spectra(
             raise StudyError(
                 "excitation/power",
                 f"flat: {excitation.flat} with compress: [{', '.join(excitation.compress)}] needs the "
-                "robot's closed-loop response; call make_plan with closed_loop=elastid.closed_loop_of(robot, "
+                "robot's closed-loop response; call make_plan with closed_loop=closed_loop_of(robot, "
                 "experiment.simulated.controller, excitation.rate_hz), or set flat and compress to torque",
                 "excitation",
             )

@@ -15,9 +15,9 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.note import Note
 from elastid.fit.diagnosis.hypothesis import Evidence
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, ROUGH_ITERATIONS, solve
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, Parameters
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Unbound:
     drop: float
 
 
-def at_bound(parameters: ParameterSet, x: FloatArray) -> BoolArray:
+def at_bound(parameters: Parameters, x: FloatArray) -> BoolArray:
     """True for each free parameter (n_x,) that ended at a bound."""
     lower, upper = parameters.x_bounds
     reach = LIMITS.near * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
@@ -63,7 +63,7 @@ def unbound_optimum(evidence: Evidence) -> Unbound | None:
     }
     if not wider:
         return None
-    parameters = ParameterSet(tuple(wider.get(p.name, p) for p in problem.parameters))
+    parameters = Parameters(tuple(wider.get(p.name, p) for p in problem.parameters))
     end = solve(replace(problem, parameters=parameters), result.x, ROUGH, ROUGH_ITERATIONS)
     level = max(1.0, end.cost / max(problem.dof, 1))
     curvature = np.maximum(np.diag(problem.evaluate(end.x).hessian), 1e-300)
@@ -71,7 +71,7 @@ def unbound_optimum(evidence: Evidence) -> Unbound | None:
     return Unbound(end.x, np.sqrt(2 * level / curvature), drop / level)
 
 
-def bound_notes(result: FitResult, unbound: Unbound | None) -> Iterator[Note]:
+def bound_notes(result: Result, unbound: Unbound | None) -> Iterator[Note]:
     """On parameters that ended at a bound, and on bounds at which most starts ended, the best one not among them."""
     for i in np.flatnonzero(result.at_bound):
         parameter, x = result.parameters.free[i], float(result.x[i])

@@ -32,7 +32,7 @@ from elastid.fit.diagnosis.prediction import Reading
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel, HeldResponse
 from elastid.fit.problem.least_squares import error_gain
-from elastid.fit.result import FitResult, ModificationIndex
+from elastid.fit.result import ModificationIndex, Result
 
 Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
 Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Reading]]
@@ -96,7 +96,7 @@ class Hypothesis:
     size: Size | None = None
     is_common: bool = False
     phrase: Callable[[ModificationIndex], str] | None = None
-    advice: str | Callable[[ModificationIndex, FitResult], str] = ""
+    advice: str | Callable[[ModificationIndex, Result], str] = ""
     plausibility: float = 1.0
     is_stated: bool = True
     columns: Columns | None = None
@@ -172,7 +172,7 @@ class Evidence:
     assembly: Assembly
     optimum: RelinearisedOptimum
     uncertainty: Uncertainty
-    result: FitResult
+    result: Result
     hypotheses: tuple[Hypothesis, ...]
     execution: Execution
     scores: Scores | None = None

@@ -25,13 +25,13 @@ from elastid.fit.diagnosis.status import decisive_index, estimate_notes, is_beyo
 from elastid.fit.diagnosis.tool_side import tool_notes
 from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.problem.inertia_barrier import find_border_inertias
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 
 CONSEQUENCES = ("fit/at-bound", "fit/weakly-determined")  # codes of notes
 
 
 def judge(
-    result: FitResult,
+    result: Result,
     assembly: Assembly,
     optimum: RelinearisedOptimum,
     uncertainty: Uncertainty,
@@ -57,7 +57,7 @@ def judge(
     return replace(evidence, result=with_status(evidence))
 
 
-def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
+def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
     """A judged result with notes on causes, estimate and undetectable errors, besides `notes` of data and search."""
     result, optimum, scores = evidence.result, evidence.optimum, evidence.scores
     if scores is not None and result.status in ("converged", "at_bound"):

@@ -39,8 +39,8 @@ from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import factor
-from elastid.parameters import Parameter, ParameterSet, Tie
-from elastid.response import FrequencyResponse
+from elastid.parameters import Parameter, Parameters, Tie
+from elastid.response import Response
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
                 yield _Spring(name, float(k), ratio, end, predicted)
 
 
-def _models(evidence: Evidence, held: HeldModel, responses: Sequence[FrequencyResponse]) -> list[LinearModel]:
+def _models(evidence: Evidence, held: HeldModel, responses: Sequence[Response]) -> list[LinearModel]:
     """The model of each response at the optimum, its rigid coordinates with stiff springs."""
     x, fitted = evidence.optimum.end.x, evidence.assembly.parameters
     count, rigid = len(held.linearisation.model.parameters) + 1, held.rigid
@@ -153,7 +153,7 @@ def _with_spring(
     of_model |= {key: fitted[key] for key in known if key in fitted}
     of_model[name] = Parameter(name, k, "N*m/rad", log=True)
     of_model[damping] = Parameter(damping, 0.0, tie=Tie(name, damping_ratio))
-    parameters = ParameterSet((*of_model.values(), *(p for p in assembly.parameters if not p.is_of_model)))
+    parameters = Parameters((*of_model.values(), *(p for p in assembly.parameters if not p.is_of_model)))
     kernels = (kernel_of(m, parameters, p.kernel.freq_hz) for p, m in zip(fit.parts, models, strict=True))
     parts = tuple(replace(part, kernel=kernel) for part, kernel in zip(fit.parts, kernels, strict=True))
     return ElasticFit(parameters, parts, moved_inertias(parameters, assembly.linearisation.model.robot))

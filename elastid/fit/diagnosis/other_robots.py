@@ -26,7 +26,7 @@ from elastid.fit.diagnosis.scoring import at_file, score
 from elastid.fit.diagnosis.variants import Variant, about, against, best, named, of_robot
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
-from elastid.parameters import Parameter, ParameterSet, Prior
+from elastid.parameters import Parameter, Parameters, Prior
 from elastid.robot import Payload
 
 
@@ -141,7 +141,7 @@ def _carrying(
     file, known = own.parameters, dict(zip(own.parameters.free_names, evidence.result.x.tolist(), strict=True))
     every = {p.name: p for p in (*file, *numbers)}
     in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
-    parameters = ParameterSet((*in_order, *every.values()))
+    parameters = Parameters((*in_order, *every.values()))
     asked = {p.name for p in file.free if not p.tolerated}
     x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
     cost = math.inf

@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from elastid.fit.diagnosis.hypothesis import CHECK_OR_PRIOR, Size, relative
-from elastid.fit.result import FitResult, ModificationIndex
+from elastid.fit.result import ModificationIndex, Result
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
@@ -28,7 +28,7 @@ def gain(index: ModificationIndex) -> str:
     return f"{signals[:-1]} at {where.replace('_', ' ')} that reads {factor}"
 
 
-def gain_advice(index: ModificationIndex, _: FitResult) -> str:
+def gain_advice(index: ModificationIndex, _: Result) -> str:
     """Check of the channels, or a prior of a single one."""
     advice = CHECK_OR_PRIOR.partition(",")[0] if index.name.endswith("*") else CHECK_OR_PRIOR
     usual = (GAIN_U if index.name.startswith("gain_u") else GAIN_Y).usual
@@ -36,7 +36,7 @@ def gain_advice(index: ModificationIndex, _: FitResult) -> str:
     return text.replace("check it", "check torque constants, units and scales of the channels", 1)
 
 
-def inertia_advice(index: ModificationIndex, _: FitResult) -> str:
+def inertia_advice(index: ModificationIndex, _: Result) -> str:
     """Check of a motor's inertia, or a prior of one that is not beyond any."""
     if abs(float(index.steps[0])) > INERTIA.limit:
         return "check its unit and side: the file takes rotor, brake and input of the gear, in kg*m^2 of the motor"
@@ -124,7 +124,7 @@ def late(index: ModificationIndex) -> str:
     return f"a torque that acts {T / 2e-3:.3g} ms late, held for {T / 1e-3:.3g} ms{on}"
 
 
-def late_advice(index: ModificationIndex, result: FitResult) -> str:
+def late_advice(index: ModificationIndex, result: Result) -> str:
     """Keys that give a delay, a hold or a lag to the model, or the filter to check."""
     delay, names = "free delay (fit.parameters: {delay: {}})", (index.name, *index.alike)
     hold = next((i for i in result.indices if i.name == "hold" and i.name in names), None)

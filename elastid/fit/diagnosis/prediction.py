@@ -17,7 +17,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.part import Part
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 
 Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
@@ -89,7 +89,7 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
     return evaluated
 
 
-def start_distance(parameters: ParameterSet, x: FloatArray) -> float:
+def start_distance(parameters: Parameters, x: FloatArray) -> float:
     """-2 ln of the prior of stiffnesses that end at x (n_x,) about where the study starts them, as `ranking` has it."""
     asked = (i for i, p in enumerate(parameters.free) if not p.tolerated and p.log and p.stands_for.startswith("k_"))
     return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STIFFNESS_STD) ** 2) for i in asked)

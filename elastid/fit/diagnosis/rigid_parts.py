@@ -21,7 +21,7 @@ from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import Scores
 from elastid.fit.diagnosis.status import MISFIT
-from elastid.fit.result import FitResult, RigidPart
+from elastid.fit.result import Result, RigidPart
 from elastid.parameters import Parameter
 from elastid.robot import Body, Robot
 
@@ -42,7 +42,7 @@ class _Spring:
     visible: float = math.inf
 
 
-def find_rigid_parts(result: FitResult, scores: Scores, robot: Robot) -> tuple[RigidPart, ...]:
+def find_rigid_parts(result: Result, scores: Scores, robot: Robot) -> tuple[RigidPart, ...]:
     """The base about three axes, then bearings and links of the bodies; those first that take most."""
     asked = result.parameters.asked
     k = {p.name: math.exp(x) for p, x in zip(asked, result.x, strict=False) if p.log and p.name.startswith("k_")}
@@ -58,7 +58,7 @@ def find_rigid_parts(result: FitResult, scores: Scores, robot: Robot) -> tuple[R
     return tuple(sorted(parts, key=lambda part: (not part.is_base, -part.hidden_from / part.stiffness)))
 
 
-def find_elastic_base(result: FitResult) -> tuple[Note, ...]:
+def find_elastic_base(result: Result) -> tuple[Note, ...]:
     """A sentence on the base that takes most, where it would leave an interval."""
     base = next((part for part in result.rigid_parts if part.is_base and part.hidden_from > part.stiffness), None)
     taken = base.most_moved([parameter.name for parameter in result.parameters.asked]) if base else {}

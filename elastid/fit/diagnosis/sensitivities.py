@@ -37,7 +37,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Robot, Spring, gain_name
 
@@ -88,14 +88,14 @@ class HeldModel:
         further = (f"{word}_{joint.name}" for word in ("angle", "loop", "hose") for joint in robot.driven)
         return (*self.linearisation.model.parameters, DELAY, *further, RATE)
 
-    def theta(self, fitted: ParameterSet, x: FloatArray, configuration: str) -> FloatArray:
+    def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
         """The numbers (n,) in SI where x (n_x,) is the estimate."""
         model = self.linearisation.model
         estimates = dict(zip(fitted.names, fitted.expand(x, configuration).tolist(), strict=True))
         nominal = dict(zip(model.parameters, model.theta.tolist(), strict=True))
         return np.array([estimates.get(name, nominal.get(name, 0.0)) for name in self.parameters])
 
-    def at(self, fitted: ParameterSet, measured: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
+    def at(self, fitted: Parameters, measured: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
         """The linear model of a configuration with slopes to all of `parameters`, and theta (n,).
 
         measured: its model in the fit, whose inputs and outputs are those measured.
@@ -259,7 +259,7 @@ class HeldResponse:
 
 def evaluate_held(
     held: HeldModel,
-    fitted: ParameterSet,
+    fitted: Parameters,
     x: FloatArray,
     columns: Sequence[Callable[[HeldResponse], Mapping[str, ComplexArray]]],
     part: Part,

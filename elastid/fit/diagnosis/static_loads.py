@@ -29,10 +29,10 @@ from elastid.base.note import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.static_loads import StaticLoads
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.static_agreement import LoadReading, StaticAgreement
 from elastid.model.kinematics import frame_poses
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class _Comparison:
     """Of the responses alone: residuals r (n,), S^-1 (n, n), J (n, n_x), y (n,) in m and the std (n,) of that."""
 
     loads: StaticLoads
-    parameters: ParameterSet
+    parameters: Parameters
     residual: FloatArray
     weight: FloatArray
     J: FloatArray
@@ -79,7 +79,7 @@ class _Comparison:
         return pull**2 / size, pull / size, size**-0.5
 
 
-def static_agreement(loads: StaticLoads, alone: FitResult, both: FitResult, fit: ElasticFit) -> StaticAgreement:
+def static_agreement(loads: StaticLoads, alone: Result, both: Result, fit: ElasticFit) -> StaticAgreement:
     """Load tests next to the deflections of `alone`, the fit of the responses without them; fit: that of `both`."""
     now = _compared(loads, alone)
     if np.any(now.std > LIMITS.linear * np.abs(now.predicted).max()):
@@ -93,7 +93,7 @@ def static_agreement(loads: StaticLoads, alone: FitResult, both: FitResult, fit:
     return StaticAgreement(_readings(now, alone), ratio, std, now.chi_square, now.dof, cause)
 
 
-def _compared(loads: StaticLoads, alone: FitResult) -> _Comparison:
+def _compared(loads: StaticLoads, alone: Result) -> _Comparison:
     r, J = loads.residual(alone.parameters, alone.x)
     y, slopes = loads.predicted(alone.parameters, alone.x)
     C = alone.covariance.copy()
@@ -107,7 +107,7 @@ def _compared(loads: StaticLoads, alone: FitResult) -> _Comparison:
     return _Comparison(loads, alone.parameters, r, weight, J, y, std, int(known.sum()))
 
 
-def _compared_at_both(loads: StaticLoads, alone: FitResult, both: FitResult, fit: ElasticFit) -> _Comparison:
+def _compared_at_both(loads: StaticLoads, alone: Result, both: Result, fit: ElasticFit) -> _Comparison:
     r, J = loads.residual(both.parameters, both.x)
     y, _ = loads.predicted(both.parameters, both.x)
     A = replace(fit, loads=None, inertias=()).evaluate(both.x).hessian / 2
@@ -124,7 +124,7 @@ def _compared_at_both(loads: StaticLoads, alone: FitResult, both: FitResult, fit
     return _Comparison(loads, both.parameters, left, weight, J, y, np.zeros(len(y)), int(known.sum()))
 
 
-def _readings(now: _Comparison, alone: FitResult) -> tuple[LoadReading, ...]:
+def _readings(now: _Comparison, alone: Result) -> tuple[LoadReading, ...]:
     loads = now.loads
     predicted = loads.predicted(alone.parameters, alone.x)[0]
     std = np.sqrt(np.concatenate([np.diag(test.error_covariance) for test in loads.tests]))
@@ -223,7 +223,7 @@ def contradiction(static: StaticAgreement) -> str:
     return f"static load tests contradict the responses: {static.words}; {static.cause}"
 
 
-def static_notes(result: FitResult) -> tuple[Note, ...]:
+def static_notes(result: Result) -> tuple[Note, ...]:
     """A warning where load tests contradict the responses."""
     if result.static is None or not result.static.disagrees:
         return ()

@@ -33,7 +33,7 @@ from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
 from elastid.fit.diagnosis.static_loads import contradiction
 from elastid.fit.diagnosis.tool_side import tool_contradiction
-from elastid.fit.result import DISTORTED, DOUBTED, FitResult, ModificationIndex, Status, largest_by_chance
+from elastid.fit.result import DISTORTED, DOUBTED, ModificationIndex, Result, Status, largest_by_chance
 from elastid.fit.solve.solvers import DAMPING_UNITS
 from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED
 
@@ -63,7 +63,7 @@ MISFIT = MisfitLimits()
 GOOD, BY_FILE = "good", "depends on the file"  # verdicts on a parameter
 
 
-def with_status(evidence: Evidence) -> FitResult:
+def with_status(evidence: Evidence) -> Result:
     """The result with the worst status that applies, and a sentence with the numbers."""
     result, end, unreached = evidence.result, evidence.optimum.end, evidence.uncertainty.unreached
     free = result.parameters.free_names
@@ -71,7 +71,7 @@ def with_status(evidence: Evidence) -> FitResult:
     share = f"{100 * max(evidence.explained, 0.0):.0f} %"
     held = f" with {listed(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
 
-    def ended(status: Status, message: str) -> FitResult:
+    def ended(status: Status, message: str) -> Result:
         return replace(result, status=status, message=f"{message}; {fit}")
 
     misread = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
@@ -145,7 +145,7 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     return tuple(verdicts)
 
 
-def _in_deviations(effects: FloatArray, result: FitResult) -> FloatArray:
+def _in_deviations(effects: FloatArray, result: Result) -> FloatArray:
     """Changes of the parameters that were asked for (n,), in standard deviations; 0 of those that are too small."""
     n = len(result.parameters.asked)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -153,7 +153,7 @@ def _in_deviations(effects: FloatArray, result: FitResult) -> FloatArray:
     return np.where(_matters(np.abs(effects[:n]), result), deviations, 0.0)
 
 
-def _matters(change: FloatArray, result: FitResult) -> BoolArray:
+def _matters(change: FloatArray, result: Result) -> BoolArray:
     """True for each parameter asked for (n,) that a change of x by so much moves by what a user asks for."""
     asked = result.parameters.asked
     size = [MISFIT.size_of_damping if p.unit in DAMPING_UNITS else MISFIT.size for p in asked]
@@ -174,7 +174,7 @@ def _decides(evidence: Evidence) -> BoolArray:
     return np.array([name in matched or not matched for name in names])
 
 
-def _compared_with_noise(result: FitResult) -> str:
+def _compared_with_noise(result: Result) -> str:
     """The residuals relative to the noise, and how far chance goes."""
     if not result.noise_is_known:
         return "the noise is unknown, so that the residuals cannot be judged and the intervals come from them alone"
@@ -184,7 +184,7 @@ def _compared_with_noise(result: FitResult) -> str:
 
 
 def decisive_index(
-    result: FitResult, uncertainty: Uncertainty, indices: Sequence[ModificationIndex]
+    result: Result, uncertainty: Uncertainty, indices: Sequence[ModificationIndex]
 ) -> ModificationIndex | None:
     """The cause that shows the model to be wrong by more than the intervals, if any does.
 
@@ -211,7 +211,7 @@ def decisive_index(
     return max(equal, key=lambda index: index.drop, default=None if explains_all else largest)
 
 
-def is_beyond_tolerance(result: FitResult, indices: Sequence[ModificationIndex]) -> bool:
+def is_beyond_tolerance(result: Result, indices: Sequence[ModificationIndex]) -> bool:
     """True if the likeliest cause are numbers of the file that the fit has moved beyond their tolerances."""
     moved = {p.name for p in result.parameters.free if p.tolerated}
     return any(i.place == 1 and i.drop > MISFIT.drop and bool(moved & set(i.members)) for i in indices)
@@ -286,7 +286,7 @@ def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
     return (*bounds, *_determination(result, evidence.uncertainty.unreached), *_search(result), *of_error)
 
 
-def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
+def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     """On parameters, pairs of them and the combination that the data constrain too little."""
     names, values = result.parameters.free_names, result.singular_values
     correlation = correlation_of(result.covariance_by_noise)  # a file that is off moves all alike
@@ -316,7 +316,7 @@ def _determination(result: FitResult, unreached: BoolArray) -> Iterator[Note]:
         )
 
 
-def _search(result: FitResult) -> Iterator[Note]:
+def _search(result: Result) -> Iterator[Note]:
     starts = result.starts
     lost = [start.message for start in starts if not math.isfinite(start.cost)]
     if lost:

@@ -27,10 +27,10 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import RESIDUALS, as_real
 from elastid.fit.problem.part import Part, mixed
-from elastid.fit.result import FitResult, largest_by_chance
+from elastid.fit.result import Result, largest_by_chance
 from elastid.fit.static_agreement import ToolAgreement, ToolComparison
 from elastid.record import MOTION_ORDER
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class _Joint:
         return as_real(r).ravel(), as_real(J).reshape(len(J), -1).T
 
 
-def tool_agreement(assembly: Assembly, alone: FitResult) -> ToolAgreement:
+def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     """Responses at the tool, those of `assembly`, next to `alone`, the fit to the motors' responses."""
     now = _joint(assembly.with_floor(alone.floor), alone)
     dof = now.fit.n_residuals
@@ -127,7 +127,7 @@ def tool_agreement(assembly: Assembly, alone: FitResult) -> ToolAgreement:
     return ToolAgreement(compared, 1 + factor, std, T, dof, cause, is_misread)
 
 
-def _joint(assembly: Assembly, alone: FitResult) -> _Joint:
+def _joint(assembly: Assembly, alone: Result) -> _Joint:
     C = alone.covariance.copy()
     unknown = ~np.isfinite(np.diag(C))
     C[unknown] = C[:, unknown] = 0.0
@@ -138,7 +138,7 @@ def _joint(assembly: Assembly, alone: FitResult) -> _Joint:
     return _Joint(replace(assembly, parameters=alone.parameters).at(alone.x, assembly.spec.criterion), alone.x, root)
 
 
-def _compared(response: FrequencyResponse, part: Part, now: _Joint) -> ToolComparison:
+def _compared(response: Response, part: Part, now: _Joint) -> ToolComparison:
     G, used = part.kernel.response(now.fit.theta(part, now.x)), part.gain > 0
     ratio = np.abs(response.G[used]) / np.maximum(np.abs(G[used]), 1e-300)
     rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if used.any() else np.nan
@@ -157,7 +157,7 @@ def _of_spring(i: int) -> Column:
     return lambda G, slopes, s: np.asarray(slopes[i])
 
 
-def _cause(assembly: Assembly, alone: FitResult, now: _Joint, T: float) -> tuple[str, bool]:
+def _cause(assembly: Assembly, alone: Result, now: _Joint, T: float) -> tuple[str, bool]:
     """The likeliest cause, and others that explain as much; whether it is another reading."""
     tried: list[tuple[float, str]] = []
     for responses, words in _readings(assembly.responses):
@@ -179,10 +179,10 @@ def _cause(assembly: Assembly, alone: FitResult, now: _Joint, T: float) -> tuple
     return " or ".join(near[:3]), near[0] in readings
 
 
-def _readings(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[tuple[FrequencyResponse, ...], str]]:
+def _readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
     """All responses at the tool as they would be read otherwise, with words."""
 
-    def turned(sign: float, power: int) -> tuple[FrequencyResponse, ...]:
+    def turned(sign: float, power: int) -> tuple[Response, ...]:
         every = []
         for G in responses:
             s = 2j * np.pi * G.freq_hz[:, None, None]
@@ -204,12 +204,12 @@ def _readings(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[tuple[Fr
             yield other, f"the axes x, y and z of the force are {', '.join(axes)} of the robot's frame"
 
 
-def _lets(responses: Sequence[FrequencyResponse], motors: str) -> bool:
+def _lets(responses: Sequence[Response], motors: str) -> bool:
     """False where motors that are held would be outputs."""
     return motors != "held" or not any(place.startswith("motor ") for G in responses for place in G.outputs)
 
 
-def _along(responses: Sequence[FrequencyResponse], axes: dict[str, str]) -> tuple[FrequencyResponse, ...] | None:
+def _along(responses: Sequence[Response], axes: dict[str, str]) -> tuple[Response, ...] | None:
     """The same with forces along other axes of their frames; None where a force is none along an axis."""
     names = [place.rpartition(" ") for G in responses for place in G.inputs]
     if any(axis not in axes for _, _, axis in names):
@@ -223,7 +223,7 @@ def _along(responses: Sequence[FrequencyResponse], axes: dict[str, str]) -> tupl
     )
 
 
-def _columns(alone: FitResult) -> Iterator[tuple[Column, Callable[[float], str]]]:
+def _columns(alone: Result) -> Iterator[tuple[Column, Callable[[float], str]]]:
     yield _factor, _words_of_factor
     yield _delay, _words_of_delay
     for i, parameter in enumerate(alone.parameters.free):
@@ -254,7 +254,7 @@ def tool_contradiction(tool: ToolAgreement) -> str:
     return f"responses at the tool contradict those of the motors: {tool.words}; {tool.cause}"
 
 
-def tool_notes(result: FitResult) -> tuple[Note, ...]:
+def tool_notes(result: Result) -> tuple[Note, ...]:
     """A warning where responses at the tool contradict those of the motors."""
     if result.tool is None or not result.tool.disagrees:
         return ()

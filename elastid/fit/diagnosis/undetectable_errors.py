@@ -12,7 +12,7 @@ from elastid.base.note import Note
 from elastid.fit.diagnosis.hypothesis import Scores
 from elastid.fit.diagnosis.sensitivities import RATE
 from elastid.fit.diagnosis.status import MISFIT
-from elastid.fit.result import HELD_AS_EXACT, FitResult
+from elastid.fit.result import HELD_AS_EXACT, Result
 
 SAID = 3.0  # standard deviations, by which a number that is held moves one of the fit, and is named
 
@@ -43,7 +43,7 @@ class UndetectableError:
         return f"{size} of {'rate_hz' if self.name == RATE else self.name}"
 
 
-def undetectable_errors(result: FitResult, scores: Scores) -> Iterator[UndetectableError]:
+def undetectable_errors(result: Result, scores: Scores) -> Iterator[UndetectableError]:
     r"""Of every held number, alone or with all of its kind by one factor, whose error moves a parameter.
 
     A gear ratio that is wrong by a little changes the response as stiffness and damping do: free parameters take it up.
@@ -75,7 +75,7 @@ def undetectable_errors(result: FitResult, scores: Scores) -> Iterator[Undetecta
         yield UndetectableError(*of_number, worst, 1 / float(moved[worst]), error)
 
 
-def find_undetectable_errors(result: FitResult, scores: Scores | None) -> tuple[Note, ...]:
+def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Note, ...]:
     """A sentence on the worst of several kinds of numbers, where the intervals are stated as they stand."""
     if scores is None or result.status not in ("converged", "at_bound") or not result.noise_is_known:
         return ()
@@ -101,7 +101,7 @@ def find_undetectable_errors(result: FitResult, scores: Scores | None) -> tuple[
     return (Note(HELD_AS_EXACT, text, severity="information"),)
 
 
-def _stated(place: int, result: FitResult) -> str:
+def _stated(place: int, result: Result) -> str:
     parameter = result.parameters.free[place]
     value, std = result.values[parameter.name], result.std[parameter.name]
     share = f"{100 * std / abs(value):.2g} %" if parameter.log else f"{std:.2g} {parameter.unit}"

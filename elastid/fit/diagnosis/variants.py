@@ -13,7 +13,7 @@ from elastid.base.arrays import FloatArray
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.result import ModificationIndex
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, Parameters
 from elastid.robot import Robot
 
 Variant: TypeAlias = tuple[ModificationIndex, Assembly]
@@ -26,7 +26,7 @@ def named(name: str, family: str) -> ModificationIndex:
     return ModificationIndex(name, family, (), none, (), (), none, math.nan, 0.0, 0.0, none)
 
 
-def about(parameters: ParameterSet, numbers: Mapping[str, float]) -> ParameterSet:
+def about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
     """The same with tolerances about other numbers."""
 
     def moved(p: Parameter) -> Parameter:
@@ -42,7 +42,7 @@ def about(parameters: ParameterSet, numbers: Mapping[str, float]) -> ParameterSe
     return replace(parameters, parameters=tuple(map(moved, parameters)))
 
 
-def of_robot(evidence: Evidence, robot: Robot, parameters: ParameterSet) -> Assembly:
+def of_robot(evidence: Evidence, robot: Robot, parameters: Parameters) -> Assembly:
     """The study with another robot."""
     own = evidence.assembly
     return Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)

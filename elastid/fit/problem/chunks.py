@@ -18,7 +18,7 @@ from elastid.base.execution import Execution
 from elastid.base.placed import Placed
 from elastid.fit.problem.part import Part
 from elastid.linear.response.kernel import Kernel
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 
 # Configurations of a chunk.
 CHUNK = 4
@@ -28,7 +28,7 @@ CHUNK = 4
 class Chunk:
     """Some configurations over one set of parameters."""
 
-    parameters: ParameterSet
+    parameters: Parameters
     parts: tuple[Part, ...]
 
     def sums(self, x: FloatArray, precision: type[np.floating[Any]]) -> tuple[float, FloatArray, FloatArray]:
@@ -66,14 +66,14 @@ class Chunk:
         parts = (replace(part, kernel=replace(part.kernel), compressed=None) for part in self.parts)
         return Chunk(self.parameters, tuple(parts))
 
-    def with_models(self, parameters: ParameterSet, kernels: Sequence[Kernel]) -> Chunk:
+    def with_models(self, parameters: Parameters, kernels: Sequence[Kernel]) -> Chunk:
         """The same data and weights by other models."""
         pairs = zip(self.parts, kernels, strict=True)
         parts = (replace(part, kernel=kernel, compressed=part.normal.residuals) for part, kernel in pairs)
         return Chunk(parameters, tuple(parts))
 
 
-def chunked(parameters: ParameterSet, parts: tuple[Part, ...]) -> tuple[Chunk, ...]:
+def chunked(parameters: Parameters, parts: tuple[Part, ...]) -> tuple[Chunk, ...]:
     """All configurations in chunks of neighbours."""
     return tuple(Chunk(parameters, parts[first : first + CHUNK]) for first in range(0, len(parts), CHUNK))
 
@@ -81,15 +81,15 @@ def chunked(parameters: ParameterSet, parts: tuple[Part, ...]) -> tuple[Chunk, .
 class PlacedChunks:
     """All configurations at workers as long as a fit holds this; to another process it goes as None."""
 
-    def __init__(self, parameters: ParameterSet, parts: tuple[Part, ...], execution: Execution) -> None:
+    def __init__(self, parameters: Parameters, parts: tuple[Part, ...], execution: Execution) -> None:
         self._parameters, self._parts = parameters, parts
         self.items = Placed([chunk.bare for chunk in chunked(parameters, parts)], execution)
 
-    def is_of(self, parameters: ParameterSet, parts: tuple[Part, ...]) -> bool:
+    def is_of(self, parameters: Parameters, parts: tuple[Part, ...]) -> bool:
         """True if these are there."""
         return parameters is self._parameters and parts is self._parts
 
-    def move(self, parameters: ParameterSet, parts: tuple[Part, ...]) -> None:
+    def move(self, parameters: Parameters, parts: tuple[Part, ...]) -> None:
         """Other models of the same data and weights take the place of those that are there."""
         bare = [chunk.bare for chunk in chunked(parameters, parts)]
         kernels = [[part.kernel for part in chunk.parts] for chunk in bare]

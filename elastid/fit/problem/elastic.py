@@ -31,8 +31,8 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.loaded import acted_on, moved_by
 from elastid.linear.moving_posture import effect_of_motion
 from elastid.linear.response.kernel import Kernel
-from elastid.parameters import ParameterSet
-from elastid.response import FrequencyResponse
+from elastid.parameters import Parameters
+from elastid.response import Response
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class ElasticFit:
     placed: where its configurations are at workers.
     """
 
-    parameters: ParameterSet
+    parameters: Parameters
     parts: tuple[Part, ...]
     inertias: tuple[BodyInertia, ...] = ()
     loads: StaticLoads | None = None
@@ -188,10 +188,10 @@ class _Rough:
 
 
 def elastic_fit(
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     models: Sequence[LinearModel],
     weights: Sequence[Weights],
-    parameters: ParameterSet,
+    parameters: Parameters,
     criterion: ResidualKind,
     correlated: bool = True,
 ) -> ElasticFit:
@@ -210,7 +210,7 @@ def elastic_fit(
 
 
 def by_criterion(
-    fit: ElasticFit, responses: Sequence[FrequencyResponse], weights: Sequence[Weights], criterion: ResidualKind
+    fit: ElasticFit, responses: Sequence[Response], weights: Sequence[Weights], criterion: ResidualKind
 ) -> ElasticFit:
     """The fit with the same models by another criterion, element by element."""
     each = zip(fit.parts, responses, weights, strict=True)
@@ -218,7 +218,7 @@ def by_criterion(
     return replace(fit, parts=tuple(parts), placed=None)
 
 
-def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearModel) -> LinearModel:
+def at_measured_places(model: LinearModel, response: Response | LinearModel) -> LinearModel:
     """The model with the inputs and outputs of a response, or of its model, in its order, held and sampled as there."""
     loads = {moved_by(name) for name in response.inputs if is_load(name)}
     known_inputs = (
@@ -239,19 +239,19 @@ def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearM
     return replace(model.with_outputs(outputs), B=model.B[:, inputs], inputs=response.inputs, hold=response.hold)
 
 
-def linear_model(linearisation: Linearisation, response: FrequencyResponse, theta: FloatArray) -> LinearModel:
+def linear_model(linearisation: Linearisation, response: Response, theta: FloatArray) -> LinearModel:
     """The model at theta (n_theta,), which ends with the delay, with the inputs and outputs of a response."""
     model = linearisation.at(response.configuration, theta[:-1], places_of(response), response.quantity)
     return at_measured_places(model, response)
 
 
-def places_of(response: FrequencyResponse | LinearModel) -> tuple[str, ...]:
+def places_of(response: Response | LinearModel) -> tuple[str, ...]:
     """The outputs of a response, and the motions on which its forces at frames work."""
     return tuple(dict.fromkeys((*response.outputs, *(moved_by(name) for name in response.inputs if is_load(name)))))
 
 
 def moved_posture(
-    linearisation: Linearisation, response: FrequencyResponse, theta: FloatArray, share: float
+    linearisation: Linearisation, response: Response, theta: FloatArray, share: float
 ) -> ComplexArray | None:
     """`effect_of_motion` in a response, of the model at theta (n_theta,), which ends with the delay."""
     if response.motion is None:
@@ -259,7 +259,7 @@ def moved_posture(
     return effect_of_motion(linearisation.model, linear_model(linearisation, response, theta), theta, response, share)
 
 
-def kernel_of(model: LinearModel, parameters: ParameterSet, freq_hz: FloatArray) -> Kernel:
+def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -> Kernel:
     """The response of a model on some lines, with derivatives to what x moves there.
 
     Without slopes to anything else: a fraction to carry to other processes.
@@ -273,7 +273,7 @@ def kernel_of(model: LinearModel, parameters: ParameterSet, freq_hz: FloatArray)
     return Kernel(here, freq_hz, moved)
 
 
-def _part(response: FrequencyResponse, kernel: Kernel, weights: Weights, criterion: ResidualKind) -> Part:
+def _part(response: Response, kernel: Kernel, weights: Weights, criterion: ResidualKind) -> Part:
     used = weights.used
     if criterion == "log":
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.

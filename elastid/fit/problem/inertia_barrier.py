@@ -19,7 +19,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.robot import Robot
 
 BARRIER_WEIGHT = 1e-2
@@ -44,11 +44,11 @@ class BodyInertia:
             "the other two); correct the start of its inertias, those in the robot's file included"
         )
 
-    def theta(self, parameters: ParameterSet, x: FloatArray) -> FloatArray:
+    def theta(self, parameters: Parameters, x: FloatArray) -> FloatArray:
         """theta (n_theta,) where the body has this inertia."""
         return parameters.expand(x, self.configuration)
 
-    def slopes(self, parameters: ParameterSet, x: FloatArray) -> FloatArray:
+    def slopes(self, parameters: Parameters, x: FloatArray) -> FloatArray:
         """d entry / d x (n_entries, n_x)."""
         return parameters.jacobian(x, self.configuration)[list(self.places)]
 
@@ -71,7 +71,7 @@ class BodyInertia:
         return np.asarray(0.5 * traces[:, None, None] * np.eye(3) - tensors)
 
 
-def moved_inertias(parameters: ParameterSet, robot: Robot) -> tuple[BodyInertia, ...]:
+def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, ...]:
     """The bodies with a tensor of which the fit moves at least one entry, once for each that configurations have."""
     inertias: list[BodyInertia] = []
     for body in robot.bodies:
@@ -84,13 +84,13 @@ def moved_inertias(parameters: ParameterSet, robot: Robot) -> tuple[BodyInertia,
     return tuple(inertias)
 
 
-def impossible_inertias(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> list[BodyInertia]:
+def impossible_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> list[BodyInertia]:
     """Those that are physically impossible at x (n_x,), beyond the rounding of a plate's moments."""
     return [body for body in inertias if body.roundness(body.theta(parameters, x)) < -1e-9]
 
 
 def barrier(
-    inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray
+    inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray
 ) -> tuple[float, FloatArray, FloatArray]:
     """b, its gradient (n_x,) and its Gauss-Newton Hessian (n_x, n_x); b is infinite outside."""
     b, g, H = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
@@ -111,12 +111,12 @@ def barrier(
     return b, g, H
 
 
-def border_metric(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> FloatArray:
+def border_metric(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> FloatArray:
     """D (n_x, n_x) of Dikin's ellipsoid s^T D s < 1, within which Sigma + dSigma s stays positive definite."""
     return barrier(inertias, parameters, x)[2] / (2 * BARRIER_WEIGHT)
 
 
-def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> FloatArray:
+def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], parameters: Parameters) -> FloatArray:
     """The starts (n, n_x), each drawn towards the given one until its inertias are possible.
 
     Where the given one is at the border itself, as that of a plate or a rod, it first moves off it.
@@ -134,7 +134,7 @@ def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], paramet
     return np.array([drawn_in(start) for start in starts])
 
 
-def _moved_off(x: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> FloatArray:
+def _moved_off(x: FloatArray, inertias: Sequence[BodyInertia], parameters: Parameters) -> FloatArray:
     """x (n_x,) with its free inertias a little rounder where a body is at the border."""
     for body in impossible_inertias(inertias, parameters, x):
         raise StudyError("fit/parameters", body.refusal, "fit.parameters")
@@ -159,12 +159,12 @@ def _moved_off(x: FloatArray, inertias: Sequence[BodyInertia], parameters: Param
     return moved(minimize(off, x[touched], method="Nelder-Mead", options=options).x)
 
 
-def _roundness(x: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> float:
+def _roundness(x: FloatArray, inertias: Sequence[BodyInertia], parameters: Parameters) -> float:
     """The smallest of all bodies at x (n_x,)."""
     return min(body.roundness(body.theta(parameters, x)) for body in inertias)
 
 
-def find_border_inertias(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> tuple[Note, ...]:
+def find_border_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> tuple[Note, ...]:
     """A note on each body whose inertia ended at the border of the possible ones."""
     text = (
         "the data ask for a physically impossible inertia (a principal moment above the sum of the other two); it "

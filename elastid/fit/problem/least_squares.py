@@ -23,7 +23,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class LeastSquares:
     border(x): D (n_x, n_x) such that V is finite at x + s for s^T D s < 1, to first order; None without a barrier in V.
     """
 
-    parameters: ParameterSet
+    parameters: Parameters
     n_residuals: int
     evaluate: Callable[[FloatArray], Evaluation]
     border: Callable[[FloatArray], FloatArray] | None = None

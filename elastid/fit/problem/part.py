@@ -13,7 +13,7 @@ from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind, error_gai
 from elastid.fit.problem.weights import Whitening
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,11 @@ class Part:
         """The name of the configuration."""
         return self.kernel.model.configuration.name
 
-    def theta(self, parameters: ParameterSet, x: FloatArray) -> FloatArray:
+    def theta(self, parameters: Parameters, x: FloatArray) -> FloatArray:
         """theta (n_theta,) in its configuration."""
         return parameters.expand(x, self.configuration)
 
-    def chain(self, parameters: ParameterSet, x: FloatArray) -> FloatArray:
+    def chain(self, parameters: Parameters, x: FloatArray) -> FloatArray:
         """d theta / d x (P, n_x) of the parameters that x moves there: the kernel's order."""
         return parameters.jacobian(x, self.configuration)[self.kernel.places]
 

@@ -6,7 +6,7 @@ r"""Systematic errors of measured responses of which only the size is known, suc
 for motor b in configuration q: factors that all configurations share, and the difference of one of each by itself
 from their mean, which belongs to the parameters that all share. The factors are further unknowns with a prior,
 estimated together with x: generalised least squares with the covariance that such errors have. delta G, delta G':
-`FrequencyResponse.bias`, with the model's response at the end of the fit in place of the measured one: delta G =
+`Response.bias`, with the model's response at the end of the fit in place of the measured one: delta G =
 G e_j z e_j^T G of a noisy G would be correlated with its noise, and the factors with it, a bias many times the noise of
 a few realisations.
 """
@@ -23,12 +23,12 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.problem.part import Part, mixed
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 Factor: TypeAlias = tuple[str, int, str]  # input, index and configuration, "" for all configurations
 
 
-def find_factors(responses: Sequence[FrequencyResponse]) -> tuple[Factor, ...]:
+def find_factors(responses: Sequence[Response]) -> tuple[Factor, ...]:
     """The factors of all responses: of each motor that biases one, shared and in each configuration by itself."""
     factors: dict[Factor, None] = {}
     for response in responses:
@@ -40,7 +40,7 @@ def find_factors(responses: Sequence[FrequencyResponse]) -> tuple[Factor, ...]:
     return tuple(factors)
 
 
-def ratio_errors(part: Part, response: FrequencyResponse, mixing: ComplexArray | None) -> dict[str, ComplexArray]:
+def ratio_errors(part: Part, response: Response, mixing: ComplexArray | None) -> dict[str, ComplexArray]:
     r"""Whitened errors (F, n_y, n_u) of a response by the ratio of each gear, by its input, of one standard deviation.
 
     .. math:: \delta G = \epsilon_j (e_j e_j^T G + G\, e_j e_j^T)
@@ -59,7 +59,7 @@ def ratio_errors(part: Part, response: FrequencyResponse, mixing: ComplexArray |
     return errors
 
 
-def bias_of(response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexArray:
+def bias_of(response: Response, factors: Sequence[Factor]) -> ComplexArray:
     """d Ghat / d c (n_b, F, n_y, n_u) of one response, zero where a factor is not of it."""
     bias = np.zeros((len(factors), *response.G.shape), complex)
     if response.bias is None:
@@ -76,7 +76,7 @@ def bias_of(response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexAr
     return bias
 
 
-def with_modelled_bias(response: FrequencyResponse, G: ComplexArray) -> FrequencyResponse:
+def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
     """The same with the systematic errors that the response G (F, n_y, n_u) of a model would have.
 
     Measured with fewer outputs than inputs it keeps those that it has.
@@ -88,9 +88,7 @@ def with_modelled_bias(response: FrequencyResponse, G: ComplexArray) -> Frequenc
     return replace(response, bias=G @ (inverse @ response.bias) @ (inverse @ G))
 
 
-def bias_slopes(
-    part: Part, response: FrequencyResponse, factors: Sequence[Factor], mixing: ComplexArray | None
-) -> ComplexArray:
+def bias_slopes(part: Part, response: Response, factors: Sequence[Factor], mixing: ComplexArray | None) -> ComplexArray:
     """-dr/dc (n_b, F, n_y, n_u) of whitened residuals r as they change with the factors c, taken out of Ghat.
 
     mixing: that of the part.
@@ -99,7 +97,7 @@ def bias_slopes(
     return -whitened if mixing is None else -mixed(mixing, whitened)
 
 
-def next_factors(fit: ElasticFit, responses: Sequence[FrequencyResponse], x: FloatArray, c: FloatArray) -> FloatArray:
+def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, c: FloatArray) -> FloatArray:
     """c (n_b,) after one Gauss-Newton step in x and c together; fit: of the responses without their errors for c."""
     factors = find_factors(responses)
     distance, slope = fit.priors(x)

@@ -39,7 +39,7 @@ from scipy.special import fdtr, gammainc, gammaincinv
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, kept_beside
 from elastid.record import MOTION_ORDER, Motion
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 MIN_VARIANCE_SHARE = 1e-9  # of an output, in the mean, added to the diagonal: a model of exact data is regular
 
@@ -143,7 +143,7 @@ class SmoothedNoise:
     G: ComplexArray
     width: int
 
-    def is_of(self, response: FrequencyResponse, width: int) -> bool:
+    def is_of(self, response: Response, width: int) -> bool:
         """True if this is what `smooth_noise` finds, the numbers of the response being the very same."""
         is_noise = self.measured is response.total or self.measured is response.noise
         return self.G is response.G and is_noise and self.width == width
@@ -170,7 +170,7 @@ class SmoothedNoise:
         return n_u / self.measured.dof
 
 
-def smooth_noise(response: FrequencyResponse, width: int = 0) -> SmoothedNoise | None:
+def smooth_noise(response: Response, width: int = 0) -> SmoothedNoise | None:
     """The smooth noise of a response: of the total covariance, or of the noise where the total lies below it.
 
     width: lines; 0 chooses it from the degrees of freedom.  None where no uncertainty is known.
@@ -200,7 +200,7 @@ def smooth_noise(response: FrequencyResponse, width: int = 0) -> SmoothedNoise |
     return SmoothedNoise(known, smooth, own_variance, own_matrix, response.G, width)
 
 
-def _model(response: FrequencyResponse, known: Covariance, S: ComplexArray) -> ComplexArray:
+def _model(response: Response, known: Covariance, S: ComplexArray) -> ComplexArray:
     """The model of S: of the outputs in the Kronecker form, else input by input."""
     weakness = None if known.left is None else np.mean(np.einsum("faa->fa", known.left).real, axis=1)
     shapes = NoiseShapes.of(response.freq_hz, response.G, response.quantity, weakness)
@@ -213,7 +213,7 @@ def _model(response: FrequencyResponse, known: Covariance, S: ComplexArray) -> C
     return model
 
 
-def larger(response: FrequencyResponse) -> Covariance | None:
+def larger(response: Response) -> Covariance | None:
     """The total covariance, which holds the noise, or the noise where the total is smaller by more than chance.
 
     Their ratio, the geometric mean over lines and elements, is held against the F distribution of one line: errors of

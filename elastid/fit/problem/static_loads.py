@@ -20,7 +20,7 @@ from elastid.fit.load_tests import LoadTest
 from elastid.linear.loaded import Load, LoadedRobot
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.robot.robot import with_frames
@@ -62,7 +62,7 @@ class StaticLoads:
     whitening: FloatArray
 
     @classmethod
-    def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: ParameterSet) -> StaticLoads:
+    def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> StaticLoads:
         """Of a robot at the start of the parameters; StudyError for an unknown frame, or a posture without rest."""
         loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
         blocks = [np.linalg.inv(np.linalg.cholesky(each.test.error_covariance)) for each in tests]
@@ -83,14 +83,14 @@ class StaticLoads:
         """Number of the test of each reading (n,)."""
         return [i for i, test in enumerate(self.tests) for _ in range(test.n_readings)]
 
-    def predicted(self, parameters: ParameterSet, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def predicted(self, parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Deflections (n,) in m and their slopes (n, n_x) to x (n_x,); LinAlgError where the robot finds no rest."""
         names = [load.configuration.name for load in self.robot.loads]
         deflections, slopes = self.robot.deflections([parameters.expand(x, name)[:-1] for name in names])
         rows = [own @ parameters.jacobian(x, n)[self.robot.moved] for own, n in zip(slopes, names, strict=True)]
         return np.concatenate(deflections), np.vstack(rows)
 
-    def residual(self, parameters: ParameterSet, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def residual(self, parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """r (n,) and dr/dx (n, n_x)."""
         y, slopes = self.predicted(parameters, x)
         return self.whitening @ (self.measured - y), -self.whitening @ slopes
@@ -102,7 +102,7 @@ class StaticLoads:
 
 
 def loaded_robot(
-    tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: ParameterSet, x: FloatArray
+    tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters, x: FloatArray
 ) -> LoadedRobot:
     """The robot at x (n_x,) under the loads of tests, with slopes to what x moves."""
     loads = tuple(load_of(each, robot) for each in tests)

@@ -17,7 +17,7 @@ from elastid.base.names import posture_of
 from elastid.base.note import Note
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, larger, smooth_noise
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec, misnamed
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ MIN_LINES = 20_000
 USUAL_FLOOR = 0.01
 
 
-def floor_of(response: FrequencyResponse, spec: WeightSpec) -> float:
+def floor_of(response: Response, spec: WeightSpec) -> float:
     """The floor that the study gives; without one 0 where all elements have noise, else the usual one."""
     if spec.floor is not None:
         return spec.floor
@@ -88,9 +88,7 @@ def floor_of(response: FrequencyResponse, spec: WeightSpec) -> float:
     return USUAL_FLOOR if known is None or np.any((known.variance == 0) & (response.G != 0)) else 0.0
 
 
-def weighs_correlations(
-    response: FrequencyResponse, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec
-) -> bool:
+def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec) -> bool:
     """True if C~ weighs the elements of a line jointly, False if each element counts by itself.
 
     smooth: the noise.  sigma (F, n_y, n_u): what elements weigh, inf where they are left out.
@@ -113,7 +111,7 @@ def weighs_correlations(
     return not flaw
 
 
-def _flaw(response: FrequencyResponse, C: ComplexArray, sigma: FloatArray) -> str:
+def _flaw(response: Response, C: ComplexArray, sigma: FloatArray) -> str:
     """The flaw of the correlations of the elements that count, empty without one."""
     deviation = np.sqrt(np.einsum("faa->fa", C).real)
     deviation[deviation == 0] = np.inf
@@ -169,7 +167,7 @@ class Weights:
         return scaled
 
 
-def weigh(response: FrequencyResponse, spec: FitSpec, known: SmoothedNoise | None = None) -> Weights:
+def weigh(response: Response, spec: FitSpec, known: SmoothedNoise | None = None) -> Weights:
     """The weights of one measured response under the study's band, floor, smoothing and factors.
 
     known: smooth noise of it or of another response, which is smoothed again if it is not of the same numbers.
@@ -210,7 +208,7 @@ def weigh(response: FrequencyResponse, spec: FitSpec, known: SmoothedNoise | Non
     return Weights(sigma, noise, scale, floor, notes, factor, correlated)
 
 
-def weigh_all(responses: Sequence[FrequencyResponse], spec: FitSpec, execution: Execution) -> tuple[Weights, ...]:
+def weigh_all(responses: Sequence[Response], spec: FitSpec, execution: Execution) -> tuple[Weights, ...]:
     """`weigh` of each response: smoothing the noise of very many lines is worth the work of others."""
     if not (execution.is_shared and sum(response.n_lines for response in responses) >= MIN_LINES):
         return tuple(weigh(response, spec) for response in responses)
@@ -221,7 +219,7 @@ def weigh_all(responses: Sequence[FrequencyResponse], spec: FitSpec, execution: 
     return tuple(map(_of_response, found, responses))
 
 
-def _of_response(weights: Weights, response: FrequencyResponse) -> Weights:
+def _of_response(weights: Weights, response: Response) -> Weights:
     """Weights from another process with the numbers of the response here, and those that all share."""
     each, noise = (weights.factor, weights.scale), weights.noise
     factor, scale = (_ones(part.shape) if np.all(part == 1) else part for part in each)
@@ -246,7 +244,7 @@ def vec(array: FloatArray | ComplexArray) -> Any:
     return np.swapaxes(array, -1, -2).reshape(*array.shape[:-2], -1)
 
 
-def _factors(response: FrequencyResponse, factors: Sequence[FactorSpec]) -> FloatArray:
+def _factors(response: Response, factors: Sequence[FactorSpec]) -> FloatArray:
     """Factors (F, n_y, n_u) of the study on the weights, each where all that it gives is true."""
     if not factors:
         return _ones(response.G.shape)
@@ -285,7 +283,7 @@ def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
     return np.asarray((freq_hz >= band_hz[0]) & (freq_hz <= band_hz[1]))
 
 
-def _no_more_than_noise(response: FrequencyResponse, variance: FloatArray, used: BoolArray) -> BoolArray:
+def _no_more_than_noise(response: Response, variance: FloatArray, used: BoolArray) -> BoolArray:
     """Elements (n_y, n_u) whose lines that count carry less signal than noise, mean |G|^2 / v < 2, or are all zero.
 
     A weak element with a few lines above its noise stays: the weights know how much each line is worth.
@@ -295,7 +293,7 @@ def _no_more_than_noise(response: FrequencyResponse, variance: FloatArray, used:
     return np.asarray(np.where(used, ratio, 0.0).sum(axis=0) < 2 * used.sum(axis=0))
 
 
-def check_factors(responses: Sequence[FrequencyResponse], spec: FitSpec) -> None:
+def check_factors(responses: Sequence[Response], spec: FitSpec) -> None:
     """Refuse a factor that names anything that was not measured; StudyError says what was."""
     measured = {
         "configurations": {r.configuration.name for r in responses},

@@ -30,7 +30,7 @@ from elastid.fit.problem.least_squares import (
 )
 from elastid.fit.solve.ipopt import ipopt
 from elastid.fit.solve.trust_region import CREEPING, trust_region
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 
 SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 
@@ -80,7 +80,7 @@ ROUGH_ITERATIONS = 60
 DAMPING_UNITS = ("N*m*s/rad", "N*s/m")  # of frictions, too
 
 
-def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> FloatArray:
+def spread(parameters: Parameters, starts: int, factor: float, seed: int) -> FloatArray:
     """Starts (starts, n_x) in x: the given one first, then a Latin hypercube, uniform in x, around it.
 
     Logarithmic parameters within `factor` of their start, dampings and frictions, which are known less well, within

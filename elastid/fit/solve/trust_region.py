@@ -32,7 +32,7 @@ from elastid.fit.problem.least_squares import (
     held_by_bounds,
     is_far_from_noise,
 )
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 
 FIRST_RADIUS = np.log(2.0)  # for each variable: a factor of two in all logarithmic parameters
 # V that falls by less than this share of the prediction shrinks the radius, by more than that one doubles it.
@@ -104,7 +104,7 @@ def _creeps(costs: Sequence[float], dof: int) -> bool:
     return costs[-1 - CREEPING_ITERATIONS] - costs[-1] < MIN_PROGRESS * costs[-1]
 
 
-def _units(parameters: ParameterSet, x: FloatArray, now: Evaluation) -> FloatArray:
+def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray:
     """Changes (n_x,) of equal weight: a factor e; of a linear parameter its size, its own step, or its deviation.
 
     The largest of these three, and at most the width of its bounds.
@@ -119,7 +119,7 @@ def _units(parameters: ParameterSet, x: FloatArray, now: Evaluation) -> FloatArr
     return np.where(log, 1.0, np.minimum(size, -np.subtract(*parameters.x_bounds)))
 
 
-def _room(parameters: ParameterSet, x: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _room(parameters: Parameters, x: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The least and the largest steps (n_x,) within the bounds, in units; `_moved` takes them there."""
     lower, upper = parameters.x_bounds
     log = np.array([parameter.log for parameter in parameters.free])
@@ -127,7 +127,7 @@ def _room(parameters: ParameterSet, x: FloatArray, unit: FloatArray) -> tuple[Fl
         return (lower - x) / unit, np.where(log, np.expm1(upper - x), (upper - x) / unit)
 
 
-def _moved(parameters: ParameterSet, x: FloatArray, step: FloatArray) -> FloatArray:
+def _moved(parameters: Parameters, x: FloatArray, step: FloatArray) -> FloatArray:
     """x (n_x,) after a step: x + s, or x + ln(1 + s) for an increase of a logarithmic parameter."""
     up = np.array([parameter.log for parameter in parameters.free]) & (step > 0)
     return np.clip(x + np.where(up, np.log1p(np.where(up, step, 0.0)), step), *parameters.x_bounds)

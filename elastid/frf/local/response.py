@@ -67,7 +67,7 @@ from elastid.frf.quality import left_out_note, local_modes, measured_response, w
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, unit_scale, whole_logs
 from elastid.record import Motion, Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class _Signals:
 
 def local_response(
     records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None, most_lines: int | None = None
-) -> FrequencyResponse:
+) -> Response:
     """G (F, n_y, n_u) of one configuration with its covariances and quality, from one experiment of all inputs or more.
 
     Transients are removed where bins between the excited ones show them, else fitted along; `transient_periods` of the

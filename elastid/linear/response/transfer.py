@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, frozen_value
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
 from elastid.record import MOTION_ORDER
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 def factor(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArray:
@@ -212,10 +212,8 @@ def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
     return lines
 
 
-def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> FrequencyResponse:
+def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> Response:
     """The response as a value like a measured one; arguments as `frequency_response`."""
     G, lines = frequency_response(model, theta, freq_hz), np.atleast_1d(freq_hz)
     places = model.inputs, model.outputs, model.quantity, model.configuration
-    return FrequencyResponse(
-        lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop
-    )
+    return Response(lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop)

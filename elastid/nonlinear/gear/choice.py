@@ -29,11 +29,11 @@ from elastid.nonlinear.gear.levels import (
 )
 from elastid.nonlinear.gear.motion import estimate_motion
 from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.parameters import ParameterSet
-from elastid.response import FrequencyResponse
+from elastid.parameters import Parameters
+from elastid.response import Response
 
 Group: TypeAlias = tuple[GearEffect, ...]
-_Arguments: TypeAlias = tuple[Sequence[PeriodLines], Sequence[FrequencyResponse], Linearisation]
+_Arguments: TypeAlias = tuple[Sequence[PeriodLines], Sequence[Response], Linearisation]
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,9 @@ def _sizes(data: Sequence[PeriodLines], found: Levels, linearisation: Linearisat
 
 def choose_effects(
     data: Sequence[PeriodLines],
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     linearisation: Linearisation,
-    parameters: ParameterSet,
+    parameters: Parameters,
     x: FloatArray,
     bent: Collection[str],
     orders: Sequence[float] = ORDERS,
@@ -282,7 +282,7 @@ def _pruned(arguments: _Arguments, found: Levels) -> Levels:
 
 def _added(
     data: Sequence[PeriodLines],
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     linearisation: Linearisation,
     found: Levels,
     groups: Sequence[Group],
@@ -316,7 +316,7 @@ def _added(
 
 def _sums_with(
     data: Sequence[PeriodLines],
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     linearisation: Linearisation,
     found: Levels,
     candidates: Sequence[GearEffect],

@@ -21,9 +21,9 @@ from elastid.linear.response.transfer import factor
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.nonlinear.gear.effects import Place
 from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +70,8 @@ def elastic_joints(linearisation: Linearisation) -> tuple[str, ...]:
 def drive_lines(
     lines: PeriodLines,
     linearisation: Linearisation,
-    response: FrequencyResponse,
-    parameters: ParameterSet,
+    response: Response,
+    parameters: Parameters,
     x: FloatArray,
 ) -> DriveLines:
     """The model at x (n_x,); response: as fitted, of the same configuration, whose inputs have all their motors."""

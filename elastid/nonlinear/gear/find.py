@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from elastid.base.arrays import IntArray
 from elastid.base.errors import DataError
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
@@ -18,14 +18,14 @@ from elastid.nonlinear.gear.levels import Levels
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
 from elastid.nonlinear.gear.straightness import find_bends
 from elastid.record import Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 
 
 def find_gear_effects(
     measured: Sequence[Iterable[Record]],
-    responses: Sequence[FrequencyResponse],
-    result: FitResult,
+    responses: Sequence[Response],
+    result: Result,
     robot: Robot,
     spec: EstimatorSpec,
     *,
@@ -58,7 +58,7 @@ def find_gear_effects(
     return choose_effects(net, responses, linearisation, result.parameters, result.x, bent, orders)
 
 
-def bent_gears(data: Sequence[PeriodLines], responses: Sequence[FrequencyResponse], robot: Robot) -> set[str]:
+def bent_gears(data: Sequence[PeriodLines], responses: Sequence[Response], robot: Robot) -> set[str]:
     """Joints with gears that are no straight springs, in any configuration."""
     pairs = zip(data, responses, strict=True)
     return {bend.joint for lines, G in pairs for bend in find_bends(lines, G.inputs, robot)}

@@ -23,9 +23,9 @@ from elastid.nonlinear.gear.drive_lines import DriveLines, drive_lines
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.motion import Estimate, estimate_motion, residuals, smoothed_covariance
 from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 _ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation, and
 _OF_SCALES, _OF_TURNING = 5.0, 15.0  # times it a scale, which levels hardly follow, and that of a velocity least
@@ -48,7 +48,7 @@ class Levels:
     others.
     """
 
-    parameters: ParameterSet
+    parameters: Parameters
     effects: tuple[GearEffect, ...]
     x: FloatArray
     levels: FloatArray
@@ -86,7 +86,7 @@ def joints_of(linearisation: Linearisation) -> tuple[tuple[str, ...], FloatArray
 
 def find_levels(
     data: Sequence[PeriodLines],
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     linearisation: Linearisation,
     start: Levels,
     effects: Sequence[GearEffect],
@@ -206,9 +206,9 @@ def _used(lines: PeriodLines) -> slice:
 
 def start_levels(
     data: Sequence[PeriodLines],
-    responses: Sequence[FrequencyResponse],
+    responses: Sequence[Response],
     linearisation: Linearisation,
-    parameters: ParameterSet,
+    parameters: Parameters,
     x: FloatArray,
 ) -> Levels:
     """No effects, at x (n_x,) as it is."""
@@ -261,7 +261,7 @@ def normal_equations(
     return NormalEquations(A, b, c, lack)
 
 
-def priors(parameters: ParameterSet, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
+def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
     mean = np.array([0.0 if p.prior is None else p.to_x(p.prior.mean) for p in parameters.free])
     slope = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free])

@@ -7,7 +7,7 @@ import csv
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -228,7 +228,8 @@ def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tupl
     after = head[text.header_lines :]
     plain = [_fields(line, text) for line in [*after, *reversed(head[: text.header_lines])]]
     comments = [line.lstrip(f" {text.comment}") for line in reversed(head) if text.comment and text.comment in line]
-    for fields in plain + [_fields(line, text) for line in comments]:
+    whole = [_fields(line, replace(text, comment="")) for line in comments]  # a number sign within a heading
+    for fields in plain + [_fields(line, text) for line in comments] + whole:
         if len(fields) == n_columns:
             return tuple(fields)
     return ()

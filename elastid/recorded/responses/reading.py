@@ -1,4 +1,4 @@
-"""A file with a frequency response -> FrequencyResponse on the link side, whatever its format.
+"""A file with a frequency response -> Response on the link side, whatever its format.
 
     G = f_y / (f_u H) (j omega)^k G_file
 
@@ -26,7 +26,7 @@ from elastid.recorded.files.text import TextLog, guess_format
 from elastid.recorded.link_side import MAX_COMPUTABLE, link_side_factor, to_joints
 from elastid.recorded.responses.table import ResponseTable, dataset_table, struct_table, structs_in, text_table
 from elastid.recorded.responses.universal import is_universal_file, uff_contents, uff_table
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 
 def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
@@ -60,7 +60,7 @@ def contents_of(path: Path) -> tuple[str, ...]:
 
 def link_side_response(
     table: ResponseTable, spec: ResponsesSpec, configuration: Configuration, robot: Places, quantity: Motion
-) -> FrequencyResponse:
+) -> Response:
     """The table's channels in SI on the link side, all outputs as `quantity`.
 
     Lines at 0 Hz or below and lines that are not finite are left out with a note.  The variance is the file's, else
@@ -103,7 +103,7 @@ def link_side_response(
     u_places, y_places = (tuple(c.at for c in side) for side in (inputs, outputs))
     # Taken as exact: a file does not hold its degrees of freedom.
     noise = None if variance is None else Covariance(variance, float("inf"))
-    return FrequencyResponse(
+    return Response(
         freq_hz, G, u_places, y_places, quantity, configuration, noise=noise, notes=notes,
         sliding=robot.sliding((*u_places, *y_places)), input_units=input_units(inputs, robot),
         hold=_images(inputs, outputs, spec),

@@ -15,7 +15,7 @@ from elastid.base.escape import file_names
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import fit, friction, responses, validation
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
 
@@ -67,7 +67,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         caption = "Expected information: by configuration and frequency, and by configuration and parameter."
         yield Drawing("information", "plan", caption, partial(fit.information, content.forecast))
     if content.limit_use is not None and np.isfinite(content.limit_use.limit).any():
-        caption = "Largest value of any run in the rehearsal, in % of the motor's limit."
+        caption = "Largest value of any run, rehearsed or far from the limit expected, in % of that of the motor."
         yield Drawing("peaks", "plan", caption, partial(fit.limit_use, content.limit_use))
 
 
@@ -94,7 +94,7 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
 
 
 def response_drawing(
-    file: str, measured: FrequencyResponse, modelled: FrequencyResponse | None, std: FloatArray | None = None
+    file: str, measured: Response, modelled: Response | None, std: FloatArray | None = None
 ) -> Drawing:
     """Magnitude and phase of a response and of a model, on its lines."""
     compared = "" if modelled is None else ", measured and modelled"

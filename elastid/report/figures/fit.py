@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.design.forecast import QUANTITIES, Forecast, LimitUse
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import ARCMIN, GearResult, GearSheet
 from elastid.report.content import ParameterRow
 from elastid.report.figures import style
@@ -79,7 +79,7 @@ def _values(values: FloatArray, at_bound: BoolArray) -> list[Curve]:
     return [*curves, *[truth] * bool(np.isfinite(values[:, 3]).any())]
 
 
-def identifiability(result: FitResult) -> Figure:
+def identifiability(result: Result) -> Figure:
     """Correlations of the estimates, numbers where |r| > 0.9; singular values of the scaled Jacobian."""
     n = len(result.parameters.asked)
     r, s, names = result.correlation[:n, :n], result.singular_values, result.parameters.free_names[:n]

@@ -10,14 +10,14 @@ from matplotlib.figure import Figure
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.report.figures import style
 from elastid.report.figures.style import Curve, Panel, in_db
-from elastid.response import FrequencyResponse, Quality
+from elastid.response import Quality, Response
 from elastid.validation.residual_tests import above_2sigma
 
 if TYPE_CHECKING:
     from elastid.modal.modes import Modes
 
 
-def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
+def configuration_title(measured: Response, left_out: bool) -> str:
     """Name, angles of the driven joints, and if the configuration was fitted; of a structure the name."""
     if not measured.configuration.angles.size:
         return measured.configuration.name
@@ -25,7 +25,7 @@ def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
     return f"{measured.configuration.name} ({angles}), {'left out of the fit' if left_out else 'fitted'}"
 
 
-def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: FloatArray | None) -> Figure:
+def bode(measured: Response, modelled: Response | None, std: FloatArray | None) -> Figure:
     """A pair of panels for each element, inputs across, outputs down; points are grey below 2 sigma.
 
     modelled: with the inputs and outputs of `measured`, on any lines.  std (F, n_y, n_u): of it, a band of 2 std.
@@ -50,7 +50,7 @@ def bode(measured: FrequencyResponse, modelled: FrequencyResponse | None, std: F
     return style.matrix(title, rows, 1.4, 1.2 + 3.4 * n_u, gaps=(0.2, 0.15), sharex=True)
 
 
-def _measured(measured: FrequencyResponse, above: BoolArray, G: ComplexArray) -> tuple[list[Curve], list[Curve]]:
+def _measured(measured: Response, above: BoolArray, G: ComplexArray) -> tuple[list[Curve], list[Curve]]:
     """Magnitude and phase as points."""
     looks = {"ms": 2.4 if len(above) <= 300 else 1.6, "zorder": 2}
     kinds = ((above, "measured", style.MEASURED), (~above, "measured, below 2 sigma", style.WEAK))
@@ -62,7 +62,7 @@ def _measured(measured: FrequencyResponse, above: BoolArray, G: ComplexArray) ->
     return magnitude, phase
 
 
-def _modelled(model: FrequencyResponse, i: int, j: int, std: FloatArray | None) -> tuple[list[Curve], list[Curve]]:
+def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[list[Curve], list[Curve]]:
     """Magnitude with its band, not below a thousandth of it, and phase, which breaks where it wraps."""
     G, f = model.G[:, i, j], model.freq_hz
     size, phase, band = np.abs(G), np.degrees(np.angle(G)), None
@@ -77,7 +77,7 @@ def _modelled(model: FrequencyResponse, i: int, j: int, std: FloatArray | None) 
     return [magnitude], [Curve(np.repeat(f, 2), broken, "model", style.FITTED, looks=looks)]
 
 
-def quality_figure(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
+def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
     """RMS amplitudes in dB of every output, then the unexplained part of all, and singular values of G and inputs.
 
     Levels of an experiment's mean over periods, on excited lines, and of nonlinearities of even and odd order; the

@@ -7,7 +7,7 @@ import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,11 +17,8 @@ from elastid.base.escape import embedded_json
 from elastid.report.figures import style
 from elastid.report.figures.responses import configuration_title
 from elastid.report.modes import ModeDrawing, ModeRow
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.validation.residual_tests import smoothed_std
-
-if TYPE_CHECKING:
-    pass  # brings SciPy's linear algebra
 
 
 def asset(*path: str) -> str:
@@ -40,9 +37,9 @@ def script_policy(scripts: Iterable[str]) -> str:
 
 
 def explorer(
-    pairs: Sequence[tuple[FrequencyResponse, FrequencyResponse | None]],
+    pairs: Sequence[tuple[Response, Response | None]],
     left_out: Sequence[str] = (),
-    models: Sequence[tuple[FrequencyResponse, FloatArray | None]] = (),
+    models: Sequence[tuple[Response, FloatArray | None]] = (),
 ) -> str:
     """Data of the response of every configuration, measured and, where there is a model, modelled, as JSON.
 
@@ -67,7 +64,7 @@ def curve_scripts() -> tuple[str, ...]:
     return asset("uplot", "uPlot.iife.min.js"), *map(asset, own)
 
 
-def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:
+def _quantities(response: Response) -> Mapping[str, Any]:
     measured = _curve("measured", "measured", style.MEASURED, ["G"], points=True, ranged=True)
     fitted = _curve("fitted", "model", style.FITTED, ["model"], width=1.5, ranged=True)
     magnitude = [
@@ -100,7 +97,7 @@ def _curve(key: str, label: str, color: str, needs: Sequence[str], **look: Any) 
 
 
 def _response(
-    measured: FrequencyResponse, model: tuple[FrequencyResponse | None, FloatArray | None], left_out: Sequence[str]
+    measured: Response, model: tuple[Response | None, FloatArray | None], left_out: Sequence[str]
 ) -> Mapping[str, Any]:
     modelled, std = model
     freq = measured.freq_hz if modelled is None else modelled.freq_hz

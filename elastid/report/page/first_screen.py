@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import percent
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.report import overview
 from elastid.report.content import ParameterRow, ReportContent
 from elastid.report.modes import ModeDrawing, spring_names
@@ -105,7 +105,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
     }
 
 
-def correlated(result: FitResult) -> dict[str, tuple[str, float]]:
+def correlated(result: Result) -> dict[str, tuple[str, float]]:
     """Of each free parameter the one whose estimate is most correlated with its own, and how; "" below 0.5."""
     names, partners = result.parameters.free_names, {}
     correlation = np.nan_to_num(result.correlation, nan=0.0) - np.eye(len(names))

@@ -30,7 +30,7 @@ from elastid.report.figures.drawings import Drawing, drawings, drawings_of_respo
 from elastid.report.figures.style import own_style
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.report.page.first_screen import first_screen, row_axis
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 DPI = 110
 
@@ -104,7 +104,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     return render("template.html.j2", content, figures, responses, scripts, **values)
 
 
-def _models(content: ReportContent) -> tuple[tuple[FrequencyResponse, FloatArray | None], ...]:
+def _models(content: ReportContent) -> tuple[tuple[Response, FloatArray | None], ...]:
     """The model of each configuration to draw: on lines of its own, else on the measured ones with its std."""
     if content.dense:
         return content.dense

@@ -276,7 +276,7 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
     for place, path in earlier:
         if not os.path.isfile(responses_file(base, path)):
             problem = (
-                f"no such measurement (looked for {responses_file(base, path)}); `elastid estimate STUDY` makes it"
+                f"no such measurement (looked for {responses_file(base, path)}); `elastid run STUDY estimate` makes it"
             )
             yield Problem(place, problem)
 

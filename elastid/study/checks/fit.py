@@ -10,7 +10,7 @@ from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
 from elastid.fit.spec import FitSpec, misnamed
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.robot import TOOL
 from elastid.study.checks.names import check_names, check_units, list_configurations, list_inputs, list_outputs, unknown
 from elastid.study.messages import Problem
@@ -59,7 +59,7 @@ def _check_groups(study: Study) -> Iterator[Problem]:
         yield Problem(("fit", "robots"), message, at_key=True)
 
 
-def _check_profile(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
+def _check_profile(study: Study, parameters: Parameters) -> Iterator[Problem]:
     if isinstance(study.fit.profile, str):
         return
     from elastid.fit.intervals import match_names  # brings CasADi, which few checks need
@@ -71,7 +71,7 @@ def _check_profile(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
             yield Problem(("fit", "profile", i), str(error).removeprefix("fit.profile: "))
 
 
-def _check_wanted(study: Study, parameters: ParameterSet) -> Iterator[Problem]:
+def _check_wanted(study: Study, parameters: Parameters) -> Iterator[Problem]:
     """Names that no parameter of the fit has, other than the usual ones."""
     names = [parameter.name for parameter in parameters.free]
     for i, key in enumerate(study.fit.wanted):

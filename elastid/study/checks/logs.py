@@ -20,6 +20,7 @@ from elastid.recorded.files.log import Log as OpenLog
 from elastid.recorded.files.text import WRITTEN_OTHERWISE
 from elastid.recorded.periodicity import check_repeat, grid_samples
 from elastid.recorded.repair import Log
+from elastid.store.files import content_hash
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.source import KeyPath
@@ -36,6 +37,13 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
     recorded = study.experiment.recorded
     if recorded is None:
         return
+    seen = set[tuple[object, ...]]()
+    for i, file in enumerate(recorded.files):
+        own = base / file.path
+        samples = content_hash(own) if own.is_file() else file.path, file.samples
+        if samples in seen:
+            yield Problem((*_RECORDED, "files", i, "path"), "the very samples of another one, without scatter")
+        seen.add(samples)
     chosen = np.unique(np.linspace(0, len(recorded.files) - 1, _MAX_LOGS).astype(int))
     problems: dict[KeyPath, Problem] = {}
     for i in map(int, chosen):

@@ -39,8 +39,7 @@ class TunedMove:
     duration, margin_s: of the move, and the time before and after it in which motors wind springs up and unwind them.
     target (N, 3): path of the frame's origin in the base's axes.  planned (N,): error by the model that was planned
     with.  limits: of KINDS (4, n_u), and angles (2, n_u), infinite where there is none.  outcomes: on the twin `judge`.
-    draws: of the fit, on which torques and velocities keep the limits as well; most (n_u,): torque on them; largest:
-    error of their tools with the geometry of the file, to which its tolerances come in the band of the outcomes.
+    draws: of the fit, geometry included, on which torques and velocities keep the limits as well; most (n_u,): torque.
     """
 
     name: str
@@ -64,7 +63,6 @@ class TunedMove:
     outcomes: tuple[Outcome, ...]
     draws: int
     most: FloatArray = labelled("largest torque of each motor on draws", "N*m", "joints")
-    largest: float = labelled("largest error of 95 % of draws with the geometry of the file", "m")
     advice: str = ""
 
     @property
@@ -127,16 +125,12 @@ def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) 
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """A plan that keeps the limits on draws: references, path (N, 3), errors (D, N) and largest torque (n_u,) there.
-
-    placed (D, N): errors where the geometry is the one of the robot that was planned with.
-    """
+    """A plan that keeps the limits on draws: references, path (N, 3), errors (D, N) and largest torque (n_u,) there."""
 
     planned: Planned
     references: References
     target: FloatArray
     errors: FloatArray
-    placed: FloatArray
     most: FloatArray
 
 
@@ -161,18 +155,17 @@ def _within_limits(
         references = sampled(commanded, planned, given.rate_hz, SETTLING_S)
         target = commanded.poses(commanded.rigid(move, references.time_s)[0]).position
         used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
-        errors, placed, most = [], [], np.abs(references.torque).max(axis=0)
+        errors, most = [], np.abs(references.torque).max(axis=0)
         for i, robot in enumerate(given.draws):
             q, torque = own.follow(references, robot)
             errors.append(own.error(q, target, robot))
-            placed.append(own.error(q, target, given.identified))
             most = np.maximum(most, np.abs(torque).max(axis=0))
             velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * given.rate_hz
             used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
             progress(attempt * (n + 1) + i + 1, PASSES * (n + 1))
         used["torque"] = np.maximum(used["torque"], most / limits.torque)
         if all(np.all(part <= 1.0) for part in used.values()):
-            return _Drawn(planned, references, target, np.array(errors), np.array(placed), most)
+            return _Drawn(planned, references, target, np.array(errors), most)
         narrowed = narrowed.narrowed(
             {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
         )
@@ -232,10 +225,9 @@ def _tuned(
         if can is not None:
             advice += f"; it stays within {1e3 * given.error_m:g} mm with --time {can.duration:.3g}"
     joints = commanded.robot.driven
-    largest = np.quantile(drawn.placed, 0.975, axis=0).max() if len(drawn.placed) else 0.0
     return TunedMove(
         name, given.frame, tuple(joint.name for joint in joints), tuple(joint.unit for joint in joints),
         given.judge_name, given.bandwidth_hz, move.duration, margin_s, r.time_s, r.position, r.velocity,
         r.acceleration, r.jerk, r.torque, drawn.target, error, np.array([getattr(limits, kind) for kind in KINDS]),
-        limits.angle.T, outcomes, len(given.draws), drawn.most, float(largest), advice,
+        limits.angle.T, outcomes, len(given.draws), drawn.most, advice,
     )  # fmt: skip

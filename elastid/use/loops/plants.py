@@ -16,7 +16,7 @@ from scipy.linalg import expm
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.posture import Asked, Family
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, torque_elements
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
@@ -85,7 +85,7 @@ class PostureFamily:
     rate_hz: float
 
     @classmethod
-    def of(cls, result: FitResult, postures: Sequence[Configuration], rate_hz: float) -> PostureFamily:
+    def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> PostureFamily:
         """StudyError where a posture has no rest."""
         motors = result.family(Asked()).robot.motor_locations
         family = result.family(Asked(inputs=motors, outputs=motors, motors="free"))
@@ -107,7 +107,7 @@ class PostureFamily:
         """The Q plants of the fitted numbers."""
         return self._plants([self._theta(own) for own in self.linear])
 
-    def draws(self, result: FitResult, count: int, seed: int) -> Plants:
+    def draws(self, result: Result, count: int, seed: int) -> Plants:
         """count times Q plants of robots drawn from the fit (`draw_robots`), the postures of each robot in a row."""
         drawn = draw_robots(result, count, seed)
         late = drawn.names.index(DELAY) if DELAY in drawn.names else None

@@ -12,7 +12,7 @@ from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.statistics import QUANTILE_95
 from elastid.experiment.specs.simulated import ControllerSpec
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
 from elastid.record import Configuration
 from elastid.simulation.controller import Gains, filters_of, gains_of
@@ -98,7 +98,7 @@ class Asked:
 
 
 def design_loops(
-    name: str, result: FitResult, asked: Asked, today: Today | None, measured: Sequence[MeasuredLoops],
+    name: str, result: Result, asked: Asked, today: Today | None, measured: Sequence[MeasuredLoops],
     say: Callable[[str], None] = lambda _: None,
 ) -> Loops:  # fmt: skip
     """FitError where no gains keep the limit in all postures of the fit, StudyError for one without rest."""
@@ -149,6 +149,6 @@ def _sprung(modes: tuple[PlantMode, ...], posture: str) -> tuple[PlantMode, ...]
     return kept
 
 
-def inertias(result: FitResult, configuration: Configuration, rate_hz: float) -> FloatArray:
+def inertias(result: Result, configuration: Configuration, rate_hz: float) -> FloatArray:
     """J (n_u,) of a configuration, by which M_S compares torques."""
     return np.asarray(PostureFamily.of(result, [configuration], rate_hz).inertia[0])

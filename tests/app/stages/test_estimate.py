@@ -9,12 +9,11 @@ import pytest
 from elastid.app.console import Console
 from elastid.app.identified_robot import SLOPE, WITH_COULOMB
 from elastid.app.inspection import described
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.app.stages.estimate import (
     NET_RECORDS,
     net_records_of,
 )
-from elastid.app.stages.fit import conclude
 from elastid.base.display import digits, number
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.measured import read_friction, read_records, read_responses
@@ -27,9 +26,7 @@ def run_of(tiny: Path, friction: str) -> Run:
     coulomb = ["robot.bodies[0].joints[0].motor.coulomb=0.01", "experiment.simulated.substeps=20", "fit.starts=1"]
     options = [*coulomb, "fit.parameters={k_1: {}, fm_1: {}}", f"estimator.friction={friction}", "report.formats=[png]"]
     run = Run(load(tiny, options), tiny.parent / f"run-{friction}", 1, Console(0))
-    for stage in run.stages:
-        run_stage(run, stage)
-    conclude(run)
+    run_all(run)
     return run
 
 
@@ -86,7 +83,7 @@ def validated_from_kept_records(run: Run) -> None:
         if other is not None:
             kept.write_bytes(other)
         assert net_records_of(run.path("estimate")) is None
-        run_stage(run, "validate")
+        run_all(run, ["validate"])
         assert judged.read_bytes() == before
         kept.write_bytes(content)
     for record, net in zip(read_records(run.path("measure")), read_records(kept), strict=True):

@@ -33,7 +33,7 @@ def test_a_fit_ends_with_the_meaning_of_its_status(
     options = [part for override in overrides for part in ("--set", override)]
 
     def ended(command: str) -> int:
-        return cli.run_command([command, str(study), "--run", str(run.folder), "--jobs", "1", *options])
+        return cli.run_command(["run", str(study), command, "--run", str(run.folder), "--jobs", "1", *options])
 
     assert ended("fit") == code
     streams = capfd.readouterr()

@@ -17,14 +17,14 @@ from elastid.app import cli
 from elastid.app.stages.gears import on_straight_springs
 from elastid.base.execution import Execution
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.formulation import EXACT
 from elastid.nonlinear.gear_sheet import open_gears
 from elastid.nonlinear.spec import GearsSpec
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, Parameters
 from elastid.robot import Robot
 from elastid.robot.simplified import with_joints
 from elastid.store.results import read_gears
@@ -148,12 +148,12 @@ def test_exports_say_what_they_leave_out(folder: Path, capfd: pytest.CaptureFixt
 def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """summary.json is the linear fit's until the gears are laid open again; without the section it stays so."""
     arguments = [str(STUDY), "--run", str(folder), "-q"]
-    cli.run_command(["fit", *arguments])
+    cli.run_command(["run", *arguments, "fit"])
     assert "gears" not in summary(folder)
     assert not (folder / "gears.h5").exists()
-    assert cli.run_command(["validate", *arguments]) == 2
-    assert "elastid gears" in capfd.readouterr().err
-    assert cli.run_command(["gears", *arguments]) == 0
+    assert cli.run_command(["run", *arguments, "validate"]) == 2
+    assert "gears` first" in capfd.readouterr().err
+    assert cli.run_command(["run", *arguments, "gears"]) == 0
     assert "gears" in summary(folder)
     assert cli.run_command(["inspect", str(folder / "gears.h5")]) == 0
     assert "N*m/arcmin" in capfd.readouterr().out
@@ -178,9 +178,9 @@ def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already() -> No
 def test_a_term_of_a_spring_is_not_fitted_and_found() -> None:
     """Its number would act twice; a robot of straight springs goes through as it is."""
     hard, fit = with_spring(cubic=1e9), FitSpec()
-    free = ParameterSet((Parameter("k_1", 2e5, log=True), Parameter("k3_1", 1e9)))
+    free = Parameters((Parameter("k_1", 2e5, log=True), Parameter("k3_1", 1e9)))
     none = np.zeros(2, bool)
-    result = FitResult(free, free.x, np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
+    result = Result(free, free.x, np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
     with refused("fit/parameters"):
         on_straight_springs(hard, [], result, EXACT, fit, Execution())
     straight = robot(Gear())

@@ -58,7 +58,7 @@ def _write(folder: Path, periods: int) -> int:
 # Peak memory counts what a process had before it became another one, as a copy of this one has: a small one starts it.
 START = """
 import resource, subprocess, sys
-subprocess.run([sys.executable, "-m", "elastid", "measure", "study.yml", "--jobs", "1", "-q"], check=True)
+subprocess.run([sys.executable, "-m", "elastid", "run", "study.yml", "measure", "--jobs", "1", "-q"], check=True)
 print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 """
 

@@ -132,7 +132,7 @@ def test_responses_from_elsewhere_need_no_robot(
     np.testing.assert_allclose([float(row["frequency"]) for row in rows], true_modes()[0] / (2 * np.pi), rtol=1e-3)
     for target in ("uff", "matlab", "csv", "control"):
         assert run_command(["export", str(study), *run, "--to", target]) == 0
-    assert run_command(["measure", str(study), *run]) == 2
+    assert run_command(["run", str(study), "measure", *run]) == 2
     assert "its stages are estimate and report" in capsys.readouterr().err
 
 

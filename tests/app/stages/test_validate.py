@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_all, run_stage
+from elastid.app.run import Run, run_all
 from elastid.app.summaries import modes_of, validation_summary
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.store.measured import read_responses
@@ -81,9 +81,9 @@ def test_a_validation_is_whole_and_never_that_of_another_fit(finished, tmp_path)
     assert not run.is_current("validate")
     run_all(run)
     assert (folder / "run" / "validation.json").read_bytes() == summary_json
-    run_stage(run, "fit")
+    run_all(run, ["fit"])
     assert run.is_current("validate")
-    run_stage(run_of(folder / "study.yml", folder / "run", "fit.starts=3"), "fit")
+    run_all(run_of(folder / "study.yml", folder / "run", "fit.starts=3"), ["fit"])
     assert not (folder / "run" / "validation.json").exists()
 
 

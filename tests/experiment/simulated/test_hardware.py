@@ -338,12 +338,12 @@ def test_identification_finds_the_chain_of_the_simulated_rig(chain: Chain) -> No
     np.testing.assert_allclose(G, linear(truth, freq_hz), rtol=0.02)
     start = truth.with_parameters({name: value / 2, "k_1": 3e4})
     parameters = choose(FitSpec(parameters={n: ParameterSpec() for n in (name, "k_1", "d_1")}), start)
-    from elastid.response import Covariance, FrequencyResponse
+    from elastid.response import Covariance, Response
 
     model = serial(start)
     point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "position")
     level = Covariance((0.01 * np.abs(G[:, None, None])) ** 2, math.inf)
-    measured = FrequencyResponse(
+    measured = Response(
         freq_hz, G[:, None, None], ("motor 1",), ("motor 1",), "position", point.configuration, total=level
     )
     problem = elastic_fit([measured], [point], [weigh(measured, FitSpec())], parameters, "log").problem

@@ -8,7 +8,7 @@ from plants.elastic_arm import measure, pendulum
 from elastid.fit.diagnosis.bounds import bound_notes
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 
 
 def test_an_estimate_at_its_bound_says_so():
@@ -20,6 +20,6 @@ def test_an_estimate_at_its_bound_says_so():
     np.testing.assert_array_equal(result.at_bound, [True, False])
     assert any(note.code == "fit/at-bound" and "k_1 " in note.text and " 95 " in note.text for note in result.notes)
     assert result.model_error > 1.5
-    of_file = ParameterSet(tuple(replace(parameter, tolerated=True) for parameter in result.parameters))
+    of_file = Parameters(tuple(replace(parameter, tolerated=True) for parameter in result.parameters))
     (note,) = bound_notes(replace(result, parameters=of_file), None)
     assert "far outside its tolerance: the model lacks something" in note.text

@@ -13,7 +13,7 @@ from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Hypothesis, Size, hypothesis_of
 from elastid.fit.diagnosis.sensitivities import HeldResponse
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 
 SHARE = 0.04
 FIRST_ON_SECOND = np.array([[0.0, 0.0], [1.0, 0.0]])
@@ -34,7 +34,7 @@ CROSSTALK = Hypothesis(
 )
 
 
-def fitted(case: Case, hypotheses: tuple[Hypothesis, ...] = (CROSSTALK, *HYPOTHESES)) -> FitResult:
+def fitted(case: Case, hypotheses: tuple[Hypothesis, ...] = (CROSSTALK, *HYPOTHESES)) -> Result:
     return identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC, hypotheses=hypotheses)
 
 

@@ -12,11 +12,11 @@ from plants.faults import FAULTS, SPEC, drawn, true_case
 
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 
 
 @cache
-def fitted(fault: str, seed: int = 0) -> FitResult:
+def fitted(fault: str, seed: int = 0) -> Result:
     case = FAULTS[fault](true_case())
     return identify(drawn(case, np.random.default_rng(seed)), case.robot, SPEC)
 

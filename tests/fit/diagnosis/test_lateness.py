@@ -16,7 +16,7 @@ from plants.three_mass import plant as three_mass
 from elastid.fit.diagnosis.lateness import Factor, Late, LatenessSearch, delay, hold, low_pass
 from elastid.fit.diagnosis.prediction import evaluate
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.parameters import Parameter
@@ -26,11 +26,11 @@ FREE = {name: ParameterSpec() for name in ("k_1", "d_1", "fm_1")}
 SPEC = FitSpec(parameters=FREE, starts=2, start_factor=1.3, seed=1, weights=WeightSpec(floor=0.0), profile=())
 
 
-def fitted(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order") -> FitResult:
+def fitted(folder: Path, seed: int, hold: Hold, acts: Hold = "zero-order") -> Result:
     return identify([measured(folder, seed, hold, acts)], plant(80.0), SPEC)
 
 
-def deviation(result: FitResult) -> float:
+def deviation(result: Result) -> float:
     """ln k over its truth, in claimed standard deviations."""
     place = result.parameters.free_names.index("k_1")
     return float((result.x[place] - np.log(100.0)) / np.sqrt(result.covariance[place, place]))

@@ -19,7 +19,7 @@ from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import ModificationIndex
 from elastid.fit.spec import FitSpec
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Robot, Tolerances
 
 
@@ -28,11 +28,11 @@ def readings(evaluated: Sequence[Evaluated], costs: FloatArray) -> list[Reading]
     return [reading for each in READINGS if each.changes is not None for reading in each.changes(evaluated, costs)]
 
 
-def assembled(data: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec) -> Assembly:
+def assembled(data: Sequence[Response], robot: Robot, spec: FitSpec) -> Assembly:
     return Assembly.of(data, robot, spec, choose(spec, robot, [G.configuration.name for G in data]))
 
 
-def misread(name: str, data: Sequence[FrequencyResponse]) -> list[FrequencyResponse]:
+def misread(name: str, data: Sequence[Response]) -> list[Response]:
     """Responses as a laboratory would have them that took one thing for another."""
     if "exchanged" in name:
         first, second, *others = data

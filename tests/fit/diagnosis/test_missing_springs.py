@@ -11,7 +11,7 @@ from plants.faults import FAULTS, SPEC, Case, drawn, true_case
 
 from elastid.fit.diagnosis.missing_springs import released
 from elastid.fit.identify import fit_parameters
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import to_response
@@ -19,7 +19,7 @@ from elastid.model.formulation import serial
 from elastid.record import Configuration
 
 
-def fitted(case: Case, noise: float, floor: float = 0.0) -> FitResult:
+def fitted(case: Case, noise: float, floor: float = 0.0) -> Result:
     return fit_parameters(
         drawn(case, np.random.default_rng(0), noise), case.robot, replace(SPEC, weights=WeightSpec(floor=floor))
     )

@@ -9,10 +9,10 @@ import pytest
 from plants.faults import SPEC, drawn, true_case
 
 from elastid.fit.identify import identify
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 
-def at_stated_rate(response: FrequencyResponse, e: float) -> FrequencyResponse:
+def at_stated_rate(response: Response, e: float) -> Response:
     """As it is read from logs of positions whose rate is e times the stated one."""
     assert response.total is not None
     total = Covariance(response.total.variance / e**4, response.total.dof)

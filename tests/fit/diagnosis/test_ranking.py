@@ -12,12 +12,12 @@ from plants.faults import FAULTS, SPEC, Case, drawn, exact, true_case
 
 from elastid.fit.diagnosis.ranking import RANKING, single_occam
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.robot import Tolerances
 
 
 @cache
-def fitted(fault: str) -> FitResult:
+def fitted(fault: str) -> Result:
     case = FAULTS[fault](true_case())
     return identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC)
 

@@ -16,7 +16,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.diagnosis.response_columns import gear_ratios
 from elastid.fit.diagnosis.sensitivities import HeldResponse
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -25,7 +25,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.linear.statespace import state_space
 from elastid.model.formulation import serial
 from elastid.record import Configuration, HeldTorque, zero_order_hold
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 from elastid.robot import Chain, Robot
 
 HOSE, LOSS, SOFT = 1e-3, 0.05, 0.95
@@ -121,7 +121,7 @@ def test_the_slope_to_a_ratio_is_that_between_robots_of_two_ratios(carrier: str)
     )
 
 
-def of_samples(of: str, rate_hz: float, freq_hz: FloatArray, place: str = "body load z") -> FrequencyResponse:
+def of_samples(of: str, rate_hz: float, freq_hz: FloatArray, place: str = "body load z") -> Response:
     """Of samples of a motion under a held torque: exact, by the discrete system of the hold."""
     robot, configuration = plant(), Configuration("c1", [0.0])
     model = serial(robot)
@@ -143,10 +143,10 @@ def of_samples(of: str, rate_hz: float, freq_hz: FloatArray, place: str = "body 
     places = ("motor 1",), (place,)
     hold = HeldTorque((rate_hz,), (False,))
     noise = Covariance(std**2, np.inf)
-    return FrequencyResponse(freq_hz, G, *places, "acceleration", configuration, noise=noise, hold=hold)
+    return Response(freq_hz, G, *places, "acceleration", configuration, noise=noise, hold=hold)
 
 
-def fit_of_samples(response: FrequencyResponse, robot: Robot | None = None) -> FitResult:
+def fit_of_samples(response: Response, robot: Robot | None = None) -> Result:
     """The fit of the response with its noise."""
     rng = np.random.default_rng(0)
     assert response.noise is not None
@@ -155,7 +155,7 @@ def fit_of_samples(response: FrequencyResponse, robot: Robot | None = None) -> F
     return identify([replace(response, G=response.G + noise)], robot or plant(), spec)
 
 
-def causes_of(result: FitResult) -> list[str]:
+def causes_of(result: Result) -> list[str]:
     """Sentences on causes."""
     return [note.text for note in result.notes if note.code == "fit/likely-cause"]
 

@@ -12,7 +12,7 @@ from plants.data_sheet_arm import SPEC, arm, measure
 from elastid.base.arrays import ComplexArray
 from elastid.fit.diagnosis.sensitivities import _with_torsions
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
@@ -29,7 +29,7 @@ def on_a_pedestal(stiffness: float) -> Robot:
     return Robot("arm on a post", (post, replace(upper, parent="post"), fore))
 
 
-def fitted(robot: Robot) -> FitResult:
+def fitted(robot: Robot) -> Result:
     """A robot identified as if it were the arm on the ground."""
     return identify(measure(robot, np.random.default_rng(4), 2e-3), arm(), SPEC)
 

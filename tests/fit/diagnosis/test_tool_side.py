@@ -12,7 +12,10 @@ from plants.weighed_arm import nominal, outside
 import elastid as ei
 from elastid.fit.checks import check_responses
 from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.record import JointLoop
+from elastid.response import Covariance
+from elastid.study import load_robot
 
 
 @pytest.mark.slow
@@ -49,20 +52,20 @@ def test_a_sensor_that_was_not_plugged_in_says_nothing(tiny: Path) -> None:
     """Zeros at the tool: a warning, the motors' numbers as they are, and no disagreement."""
     file, where = tiny.with_name("robot.yml"), ei.Configuration("a", np.zeros(1))
     file.write_text(file.read_text() + "frames: [{name: tool, body: load, placement: {xyz: [0.4, 0, 0]}}]\n")
-    robot = ei.load_robot(file)
+    robot = load_robot(file)
     f = np.linspace(5, 80, 30)
     s = (2j * np.pi * f)[:, None, None]
     inertia, spring = 1e-3 * s**2, 0.01 * s + 60
     G = s**2 * (inertia + spring) / ((inertia + 1e-3 * s + spring) * (inertia + spring) - spring**2)
-    of_motor = ei.FrequencyResponse(
-        f, G, ("motor 1",), ("motor 1",), "acceleration", where, noise=ei.Covariance(1e-4 * np.abs(G) ** 2, 1e4)
+    of_motor = ei.Response(
+        f, G, ("motor 1",), ("motor 1",), "acceleration", where, noise=Covariance(1e-4 * np.abs(G) ** 2, 1e4)
     )
     tool = ("force tool y",), ("frame tool y",)
-    silent = ei.FrequencyResponse(
+    silent = ei.Response(
         f, 0 * G, *tool, "acceleration", ei.Configuration("a at the tool", np.zeros(1)),
-        noise=ei.Covariance(0 * np.abs(G), 1e4), motors="held",
+        noise=Covariance(0 * np.abs(G), 1e4), motors="held",
     )  # fmt: skip
-    result = identify([of_motor, silent], robot, ei.FitSpec(parameters={"k_1": ei.ParameterSpec()}, starts=1))
+    result = identify([of_motor, silent], robot, FitSpec(parameters={"k_1": ParameterSpec()}, starts=1))
     assert result.tool is not None
     assert not result.tool.disagrees
     assert "none is more than noise" in result.tool.words

@@ -12,15 +12,15 @@ from elastid.base.note import Note
 from elastid.fit.diagnosis import judge
 from elastid.fit.diagnosis.undetectable_errors import UndetectableError, undetectable_errors
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
 
 
-def fitted(case: Case, noise: float = 0.005, seed: int = 0) -> FitResult:
+def fitted(case: Case, noise: float = 0.005, seed: int = 0) -> Result:
     return identify(drawn(case, np.random.default_rng(seed), noise), case.robot, SPEC)
 
 
-def exactness(result: FitResult) -> list[Note]:
+def exactness(result: Result) -> list[Note]:
     return [note for note in result.notes if note.code == "fit/held-as-exact"]
 
 

@@ -15,14 +15,14 @@ from elastid.fit.problem.weights import check_factors, weigh
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 FULL = FitSpec(weights=WeightSpec(floor=0.0, covariance="full"))
 DIAGONAL = FitSpec(weights=WeightSpec(floor=0.0, covariance="diagonal"))
 OUTPUTS, INPUTS = (0, 1, 2), (0, 2)
 
 
-def correlated(rng: np.random.Generator, form: str = "full", dof: float = np.inf) -> FrequencyResponse:
+def correlated(rng: np.random.Generator, form: str = "full", dof: float = np.inf) -> Response:
     """A disturbing torque at the gear moves all outputs at once, beside a tenth of it in each of them alone."""
     model = plant(OUTPUTS, INPUTS)
     exact = measured(model, np.array([1.0]))

@@ -17,7 +17,7 @@ from elastid.fit.problem.least_squares import LocalOptimum, as_real
 from elastid.fit.problem.shared_bias import bias_slopes, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.weights import weigh
 from elastid.linear.response.transfer import frequency_response
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 
 X = parameters().x
 NOISE = noise_of("relative", plant())
@@ -29,14 +29,14 @@ def by_a_mass(size: float) -> np.ndarray:
     return np.asarray(-(2j * np.pi * FREQ[:, None, None]) * 0.0059 * size * G**2)
 
 
-def data(seed: int, size: float, factor: float) -> FrequencyResponse:
+def data(seed: int, size: float, factor: float) -> Response:
     """Measured with noise, and with the systematic error times a factor."""
     clean = measured(plant(), NOISE, np.random.default_rng(seed))
     error = by_a_mass(size)
     return replace(clean, G=clean.G + factor * error, bias=np.stack([error, np.zeros_like(error)])[:, None])
 
 
-def solved(response: FrequencyResponse) -> tuple[np.ndarray, np.ndarray, float]:
+def solved(response: Response) -> tuple[np.ndarray, np.ndarray, float]:
     """x and its covariance by Gauss-Newton steps, and the factor."""
     x, c, weights = X, np.zeros(1), [weigh(response, NO_FLOOR)]
     assert response.bias is not None

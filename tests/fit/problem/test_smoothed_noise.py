@@ -10,7 +10,7 @@ from elastid.fit.problem.smoothed_noise import smooth_noise
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 MODEL = plant((0, 2), (0, 2))
 G = frequency_response(MODEL, MODEL.theta_ref, FREQ)
@@ -25,12 +25,12 @@ def sampled(rng, C, dof):
     return z @ z.conj().transpose(0, 2, 1) / dof
 
 
-def response(rng, C, dof) -> FrequencyResponse:
+def response(rng, C, dof) -> Response:
     """A response with noise C of every column, whose covariance was estimated from so many degrees of freedom."""
     right, left = sampled(rng, C, dof), np.broadcast_to(np.eye(2), G.shape)
     known = Covariance(np.einsum("faa->fa", right).real[:, :, None] * np.ones((1, 1, 2)), dof, left, right)
     noisy = G + 0.01 * np.linalg.cholesky(C) @ circular(rng, G.shape)
-    return FrequencyResponse(FREQ, noisy, MODEL.inputs, MODEL.outputs, "velocity", MODEL.configuration, noise=known)
+    return Response(FREQ, noisy, MODEL.inputs, MODEL.outputs, "velocity", MODEL.configuration, noise=known)
 
 
 def loss(found, C):

@@ -11,7 +11,7 @@ from elastid.fit.problem.smoothed_noise import smooth_variance
 from elastid.fit.problem.weights import check_factors, weigh
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
 from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, Response
 
 F = 200
 FREQ = np.linspace(1.0, 40.0, F)
@@ -24,10 +24,10 @@ def leaving_out(factor, **keys) -> FitSpec:
     return FitSpec(weights=WeightSpec(factors=(factor,)), **keys)
 
 
-def response(variance, dof=np.inf, outputs=("motor 1",), values=G, **known) -> FrequencyResponse:
+def response(variance, dof=np.inf, outputs=("motor 1",), values=G, **known) -> Response:
     G_matrix = np.broadcast_to(values[:, None, None], (F, len(outputs), 1))
     covariance = Covariance(np.broadcast_to(np.reshape(variance, (-1, 1, 1)), G_matrix.shape), dof)
-    response = FrequencyResponse(
+    response = Response(
         FREQ, G_matrix, ("motor 1",), outputs, "acceleration", Configuration("c1", [0.0]), noise=covariance
     )
     return replace(response, **known)

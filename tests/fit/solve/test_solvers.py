@@ -15,7 +15,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.execution import Execution
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.solve.solvers import FINE, SolverName, multistart, solve, spread
-from elastid.parameters import Parameter, ParameterSet
+from elastid.parameters import Parameter, Parameters
 
 T = np.linspace(0, 1, 50)
 DATA = 2 * np.exp(-3 * T) + 0.01 * np.random.default_rng(1).standard_normal(50)
@@ -28,7 +28,7 @@ def amplitude(lower=0.1, upper=100.0) -> Parameter:
 RATE = Parameter("b", 10.0, lower=0.1, upper=100.0, log=True)
 
 
-def problem(parameters: ParameterSet, residual: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> LeastSquares:
+def problem(parameters: Parameters, residual: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> LeastSquares:
     def evaluate(x: FloatArray) -> Evaluation:
         r, J = residual(x)
         return Evaluation(float(r @ r), 2 * J.T @ r, 2 * J.T @ J)
@@ -36,7 +36,7 @@ def problem(parameters: ParameterSet, residual: Callable[[FloatArray], tuple[Flo
     return LeastSquares(parameters, len(residual(parameters.x)[0]), evaluate)
 
 
-def decayed(parameters: ParameterSet, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+def decayed(parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The residuals of a exp(-b t) from DATA, whose noise is 0.01, and their slopes."""
     a, b = parameters.expand(x)
     model = a * np.exp(-b * T)
@@ -44,12 +44,12 @@ def decayed(parameters: ParameterSet, x: FloatArray) -> tuple[FloatArray, FloatA
     return (model - DATA) / 0.01, slopes / 0.01
 
 
-def decay(parameters: ParameterSet) -> LeastSquares:
+def decay(parameters: Parameters) -> LeastSquares:
     """a exp(-b t) fitted to DATA."""
     return problem(parameters, lambda x: decayed(parameters, x))
 
 
-DECAY = decay(ParameterSet((amplitude(), RATE)))
+DECAY = decay(Parameters((amplitude(), RATE)))
 
 both_solvers = pytest.mark.parametrize("method", ["trust_region", "ipopt"])
 
@@ -69,7 +69,7 @@ def test_the_optimum_is_that_of_an_independent_solver(method: SolverName):
 @both_solvers
 def test_a_bound_holds_and_the_rest_is_still_optimal(method: SolverName):
     """With a <= 1.5 the estimate is a = 1.5 and the b that is best there."""
-    end = solve(decay(ParameterSet((amplitude(upper=1.5), RATE))), DECAY.parameters.x, method=method)
+    end = solve(decay(Parameters((amplitude(upper=1.5), RATE))), DECAY.parameters.x, method=method)
     reference = least_squares(
         lambda b: decayed(DECAY.parameters, np.array([math.log(1.5), b[0]]))[0],
         [math.log(3.0)],
@@ -87,7 +87,7 @@ def test_many_bounds_hold_at_once(seed: int):
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((12, 8)) * 10 ** rng.uniform(-1.5, 1.5, 8) @ (np.eye(8) + rng.standard_normal((8, 8)))
     b = 30 * np.abs(A).max() * rng.standard_normal(12)
-    parameters = ParameterSet(tuple(Parameter(f"p{i}", 0.1, lower=-1, upper=1) for i in range(8)))
+    parameters = Parameters(tuple(Parameter(f"p{i}", 0.1, lower=-1, upper=1) for i in range(8)))
     end = solve(problem(parameters, lambda x: (A @ x - b, A)), parameters.x)
     reference = lsq_linear(A, b, (-1, 1), method="bvls", tol=1e-12)
     assert end.converged
@@ -98,9 +98,7 @@ def test_many_bounds_hold_at_once(seed: int):
 @both_solvers
 def test_variables_of_very_different_size_are_solved_alike(method: SolverName):
     """A delay of 1e-4 s and a gain of 1e6, both linear, both from far off."""
-    parameters = ParameterSet(
-        (Parameter("gain", 1e5, lower=0, upper=1e7), Parameter("delay", 5e-3, lower=0, upper=1e-2))
-    )
+    parameters = Parameters((Parameter("gain", 1e5, lower=0, upper=1e7), Parameter("delay", 5e-3, lower=0, upper=1e-2)))
     w = np.linspace(10, 300, 40)
 
     def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -188,7 +186,7 @@ def test_an_exhausted_solve_does_not_call_itself_converged(method: SolverName, s
 
 def test_a_damping_that_hardly_acts_is_not_overshot():
     """r = p - 1 from p = 1e-4: a whole Gauss-Newton step in ln p would be to e^9999, or to its bound 1e8."""
-    parameters = ParameterSet((Parameter("p", 1e-4, lower=1e-9, upper=1e8, log=True),))
+    parameters = Parameters((Parameter("p", 1e-4, lower=1e-9, upper=1e8, log=True),))
     seen = []
 
     def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -205,7 +203,7 @@ def test_a_damping_that_hardly_acts_is_not_overshot():
 
 def test_a_narrow_curved_valley_is_followed():
     """Rosenbrock's, scaled so that its floor is as flat beside its sides as a weak parameter beside a strong one."""
-    parameters = ParameterSet((Parameter("x", -1.2, lower=-9, upper=9), Parameter("y", 1.0, lower=-9, upper=9)))
+    parameters = Parameters((Parameter("x", -1.2, lower=-9, upper=9), Parameter("y", 1.0, lower=-9, upper=9)))
 
     def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.array([100 * (x[1] - x[0] ** 2), 1 - x[0], 1.0]), np.array([[-200 * x[0], 100], [-1, 0], [0, 0]])
@@ -218,7 +216,7 @@ def test_a_narrow_curved_valley_is_followed():
 
 def test_starts_spread_evenly_within_their_factor_and_bounds():
     """The first is the given one; ln k fills its range in strata, a damping spreads over the factor squared."""
-    parameters = ParameterSet(
+    parameters = Parameters(
         (
             Parameter("k", 100.0, "N*m/rad", 1.0, 1e4, log=True),
             Parameter("d", 1.0, "N*m*s/rad", 0.5, 1e4, log=True),
@@ -244,7 +242,7 @@ def test_starts_spread_evenly_within_their_factor_and_bounds():
 
 def wavy() -> LeastSquares:
     """sin(w t) fitted over its frequency alone: an optimum at w = 20 and many beside it."""
-    parameters = ParameterSet((Parameter("w", 20.0, lower=1.0, upper=100.0, log=True),))
+    parameters = Parameters((Parameter("w", 20.0, lower=1.0, upper=100.0, log=True),))
 
     def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         w = parameters.expand(x)[0]

@@ -14,7 +14,7 @@ from plants.noise_record import noise_record
 from plants.refusals import refused
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_stage
+from elastid.app.run import Run, run_all
 from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.local.response import local_response, merge_repeats, settled_spectra
@@ -318,8 +318,7 @@ def test_a_study_started_from_rest_finds_its_spring(tiny: Path, tmp_path: Path, 
     """estimator.method in study.yml, no period to settle: the true stiffness of 60 N*m/rad to 1 %."""
     overrides = (f"estimator.method={method}", "experiment.transient_periods=0")
     run = Run(load(tiny, overrides), tmp_path / "run", 1, Console(-1))
-    for stage in ("design", "measure", "estimate", "fit"):
-        run_stage(run, stage)
+    run_all(run, ("design", "measure", "estimate", "fit"))
     result = read_fit(run.path("fit"))
     k_1 = result.values["k_1"]
     assert k_1 == pytest.approx(60.0, rel=0.01)

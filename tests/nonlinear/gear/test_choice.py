@@ -17,7 +17,7 @@ from elastid.nonlinear.gear.levels import Levels, start_levels
 from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.nonlinear.gear_notes import rigid_gears
 from elastid.record import Configuration, Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from tests.nonlinear.gear.test_levels import SPEC, linear_fit
 from tests.plants.geared_arms import measure, parallel_linkage
@@ -107,7 +107,7 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
         for i in range(4)
     ]
     lines, none = gather_lines(noise, SPEC, LINES), np.zeros((len(LINES), 2, 2), complex)
-    G = FrequencyResponse(LINES * 0.5, none, places, places, "acceleration", posture)
+    G = Response(LINES * 0.5, none, places, places, "acceleration", posture)
     known = start_levels([lines], [G], linearisation, parameters, parameters.x)
     groups = candidate_groups([lines], known, linearisation, bent=("1", "2"))
     assert {effect.kind for group in groups for effect in group if effect.joint == "2"} == {"friction"}

@@ -8,7 +8,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.gear.drive_lines import drive_lines, elastic_joints
 from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from tests.plants.two_mass_gear import POSTURE, RATE_HZ, SAMPLES, Gear, robot
 
 GEAR = Gear()
@@ -24,7 +24,7 @@ def test_forces_at_motor_gear_and_link_move_two_masses_as_they_must() -> None:
         np.zeros(1, np.int64), np.zeros((0, 1, 1), complex), np.ones(1, bool), np.zeros(1),
     )  # fmt: skip
     places = ("motor 1",)
-    response = FrequencyResponse(lines.freq_hz, none, places, places, "acceleration", POSTURE)
+    response = Response(lines.freq_hz, none, places, places, "acceleration", POSTURE)
     drive = drive_lines(lines, linearisation, response, parameters, parameters.x)
     s, g = lines.s, GEAR
     motor, link, spring = g.J_m * s**2 + g.f * s, g.J_l * s**2, g.k + g.d * s

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -16,13 +16,13 @@ from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import MOVE, Levels, find_levels, scale_priors, scales_of, start_levels
 from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.record import Record
-from elastid.response import FrequencyResponse
+from elastid.response import Response
 from tests.plants.two_mass_gear import LINES, Gear, records, robot
 
 SPEC = EstimatorSpec(friction="none", transient_periods=0)
 
 
-def linear_fit(gear: Gear, measured: tuple[Record, ...]) -> tuple[FrequencyResponse, FitResult]:
+def linear_fit(gear: Gear, measured: tuple[Record, ...]) -> tuple[Response, Result]:
     """The fit of a linear model from numbers a quarter off."""
     response = estimate(measured, SPEC, LINES)
     wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
@@ -31,7 +31,7 @@ def linear_fit(gear: Gear, measured: tuple[Record, ...]) -> tuple[FrequencyRespo
 
 
 @cache
-def hardening() -> tuple[tuple[Record, ...], FrequencyResponse, FitResult]:
+def hardening() -> tuple[tuple[Record, ...], Response, Result]:
     """Records of two experiments, k + 30 % at the peak of the torque, and the linear fit."""
     measured = records(Gear(k_3=4e9), experiments=2)
     return measured, *linear_fit(Gear(k_3=4e9), measured)

@@ -18,14 +18,14 @@ from scipy.io import loadmat, savemat
 
 from elastid.app.console import Console
 from elastid.app.inspection import described
-from elastid.app.run import Run, run_all, run_stage
+from elastid.app.run import Run, run_all
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.record import Configuration, Motion
 from elastid.recorded.responses.reading import link_side_response, read_table
-from elastid.response import Covariance, FrequencyResponse, in_quantity
+from elastid.response import Covariance, Response, in_quantity
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.store.measured import read_responses
 from elastid.study import load
@@ -69,7 +69,7 @@ def _spec(path: str, **changes: Any) -> ResponsesSpec:
     return ResponsesSpec(**({"files": (ResponseFileSpec(path, "home"),), "channels": CHANNELS} | changes))
 
 
-def _read(base: Path, spec: ResponsesSpec, quantity: Motion = "acceleration") -> FrequencyResponse:
+def _read(base: Path, spec: ResponsesSpec, quantity: Motion = "acceleration") -> Response:
     file = spec.files[0]
     return link_side_response(read_table(base / file.path, spec, file.response), spec, HOME, ROBOT, quantity)
 
@@ -211,9 +211,7 @@ def test_conversion_of_the_quantity_and_back_is_the_identity_with_its_covariance
     )
     variance = np.einsum("fyy,fuu->fyu", right, left).real
     places = ("motor 1", "motor 2")
-    a = FrequencyResponse(
-        FREQ_HZ, plant(FREQ_HZ), places, places, "position", HOME, total=Covariance(variance, 3, left, right)
-    )
+    a = Response(FREQ_HZ, plant(FREQ_HZ), places, places, "position", HOME, total=Covariance(variance, 3, left, right))
     b = in_quantity(a, "acceleration")
     assert a.total is not None
     assert b.total is not None
@@ -362,11 +360,11 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
     assert not (folder / "records.h5").exists()
     assert Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
     with pytest.raises(StudyError, match="there is nothing to measure; the first stage is `estimate`"):
-        run_stage(run, "measure")
+        run_all(run, ["measure"])
     again = elsewhere.with_name("again.yml")
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b.mat", "run/frf.h5")
     again.write_text(text[: text.index("    relative")] + text[text.index("    files") :])
-    run_stage(Run(load(again), folder / "again", 1, Console(-1)), "estimate")
+    run_all(Run(load(again), folder / "again", 1, Console(-1)), ["estimate"])
     for old, same in zip(read_responses(folder / "frf.h5"), read_responses(folder / "again/frf.h5"), strict=True):
         np.testing.assert_array_equal(old.G, same.G)
         assert old.noise is not None
@@ -421,11 +419,11 @@ def test_a_study_that_contradicts_its_files_is_refused_by_check(
 def test_a_response_measured_at_other_angles_is_refused(elsewhere: Path) -> None:
     """frf.h5 of elastid knows its configuration."""
     folder = elsewhere.parent / "run"
-    run_stage(Run(load(elsewhere), folder, 1, Console(-1)), "estimate")
+    run_all(Run(load(elsewhere), folder, 1, Console(-1)), ["estimate"])
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b: [30 deg]", "b: [40 deg]").replace("b.mat", "run/frf.h5")
     elsewhere.write_text(text)
     with pytest.raises(StudyError, match=r"b was measured at .* the study's b is at"):
-        run_stage(Run(load(elsewhere), folder / "again", 1, Console(-1)), "estimate")
+        run_all(Run(load(elsewhere), folder / "again", 1, Console(-1)), ["estimate"])
 
 
 @pytest.mark.parametrize(

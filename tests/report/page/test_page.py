@@ -15,7 +15,7 @@ from plants.report_values import PARAMETERS, TRUTH, bars_of, fit_result, pair, r
 from elastid.base.display import number
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.parameters import ParameterSet
+from elastid.parameters import Parameters
 from elastid.report.content import parameter_rows
 from elastid.report.figures.validation import fleet_parameter
 from elastid.report.page.page import (
@@ -87,7 +87,7 @@ def test_the_page_needs_nothing_from_outside(report_folder):
 def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
     """HTML, a formula, a path and a letter that the font lacks, as names: text on the page, files in the folder."""
     evil, formula = "<script>alert(1)</script>", r"$\frac{"
-    parameters = ParameterSet(
+    parameters = Parameters(
         tuple(replace(p, name=new) for p, new in zip(PARAMETERS.free, (evil, formula, "度", 'a"b'), strict=True))
     )
     frf = (pair(1, name="../../" + evil), pair(1, name=".. .. script-alert-1-script-"), pair(1, name=formula + "度"))

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import elastid as ei
 from elastid.app.cli import run_command
+from elastid.store.measured import read_responses
+from elastid.store.results import read_fit
 
 ROBOT = """\
 name: two elastic joints
@@ -108,8 +109,8 @@ def opened(browser: Any, folder: Path) -> Iterator[Any]:
 
 def expected(folder: Path, name: str) -> dict[str, Any]:
     """Of each curve its values on the measured lines, from frf.h5 and fit.h5, by output and input."""
-    measured = next(G for G in ei.read_responses(folder / "frf.h5") if G.configuration.name == name)
-    model = ei.read_fit(folder / "fit.h5").model(name).response(measured.freq_hz, sampled=True).G
+    measured = next(G for G in read_responses(folder / "frf.h5") if G.configuration.name == name)
+    model = read_fit(folder / "fit.h5").model(name).response(measured.freq_hz, sampled=True).G
     with np.errstate(divide="ignore"):
         return {
             "magnitude": {
@@ -183,7 +184,7 @@ def test_the_table_holds_the_numbers_of_the_csv_file(opened, folder):
     """Estimate and interval of every identified number, sorted by either; the copied text has a row for each."""
     with (folder / "export" / "csv" / "parameters.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    result = ei.read_fit(folder / "fit.h5")
+    result = read_fit(folder / "fit.h5")
     known = {row["parameter"]: float(row["value"]) for row in rows}
     names = opened.locator("#numbers-table tbody td:first-child b").all_inner_texts()
     assert names == list(result.parameters.free_names)
@@ -200,7 +201,7 @@ def test_the_table_holds_the_numbers_of_the_csv_file(opened, folder):
 
 def test_the_modes_of_the_chosen_configuration_are_those_of_the_fit(opened, folder):
     """One drawing at a time, of the configuration whose tab is chosen; Hz as `result.model` has them."""
-    result = ei.read_fit(folder / "fit.h5")
+    result = read_fit(folder / "fit.h5")
     for tab in range(2):
         opened.locator("#mode-tabs [role=tab]").nth(tab).click()
         name = opened.locator("#mode-tabs [role=tab]").nth(tab).inner_text()

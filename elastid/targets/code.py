@@ -1,0 +1,145 @@
+r"""Export of the nonlinear equations: CasADi functions in one file each, and C code without dependencies.
+
+.. math:: M(q)\, \ddot q + f(q, \dot q) + \Phi^T \lambda = B u, \qquad \varphi(q) = 0
+
+with the fitted numbers inserted, and where the robot rests in the postures of the study. Conventions of sign and side:
+`elastid.model.elastic`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.escape import c_comment, one_line
+from elastid.base.files import replacing
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.linear.equilibrium import equilibrium
+from elastid.store.files import write_text
+from elastid.targets.numbers import interval_lines
+
+
+def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
+    """mass(q) -> M, force(q, v) -> f, damping(q) -> D, stiffness(q) -> K, input_matrix() -> B, at the fitted numbers.
+
+    damping and stiffness are the Hessians of dissipation and potential: the linear model at an equilibrium q. Where
+    loops are closed by constraints, also constraint(q) -> phi and constraint_jacobian(q) -> Phi, and stiffness(q,
+    lambda_) is the Hessian of V + lambda^T phi.  equilibria() -> q, lambda_ and torques u of the motors at rest, a
+    column for each posture of the study; StudyError where one has no rest.
+    """
+    m, theta = model.model, model.theta[:-1]
+    q, v, multipliers = ca.SX.sym("q", m.n_q), ca.SX.sym("v", m.n_q), ca.SX.sym("lambda_", m.n_c)
+    given = {"q": q, "v": v, "lambda_": multipliers}
+
+    def function(name: str, inputs: tuple[str, ...], output: str, value: ca.SX) -> ca.Function:
+        return ca.Function(name, [given[each] for each in inputs], [value], list(inputs), [output], {"cse": True})
+
+    closing = (
+        function("constraint", ("q",), "phi", m.constraint(q, theta)),
+        function("constraint_jacobian", ("q",), "Phi", m.constraint_jacobian(q, theta)),
+    )
+    return (
+        function("mass", ("q",), "M", m.mass(q, theta)),
+        function("force", ("q", "v"), "f", m.force(q, v, theta)),
+        function("damping", ("q",), "D", m.damping(q, theta)),
+        function("stiffness", ("q", "lambda_") if m.n_c else ("q",), "K", m.stiffness(q, multipliers, theta)),
+        function("input_matrix", (), "B", ca.SX(ca.DM(m.B))),
+        _equilibria(model),
+        *(closing if m.n_c else ()),
+    )
+
+
+def _equilibria(model: FittedRobot) -> ca.Function:
+    points = [
+        equilibrium(model.model, model.theta_of(G.configuration.name)[:-1], G.configuration) for G in model.linear
+    ]
+    columns = [np.stack([getattr(point, name) for point in points], axis=1) for name in ("q", "lambda_", "u")]
+    names = ["q", "lambda_", "u"] if model.model.n_c else ["q", "u"]
+    kept = columns if model.model.n_c else [columns[0], columns[2]]
+    return ca.Function("equilibria", [], [ca.SX(ca.DM(each)) for each in kept], [], names)
+
+
+def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
+    """mass.casadi, force.casadi and so on, a file for each function, for casadi.Function.load; and coordinates.txt."""
+    built = {folder / f"{function.name()}.casadi": function for function in functions(model)}
+    for path, function in built.items():
+        with replacing(path) as temporary:
+            function.save(str(temporary))
+    return (*built, _coordinates(folder, model))
+
+
+def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
+    """robot.c and robot.h: the same functions as `int robot_mass(const double** arg, double** res, ...)`.
+
+    Matrices are dense, column by column. Compile with `cc -O2 -shared -fPIC robot.c -lm`. The head of robot.h has
+    arguments, results, coordinates and units.
+    """
+    prefixed = [_prefixed(function) for function in functions(model)]
+    sources = c_sources("robot", prefixed)
+    source, header = folder / "robot.c", folder / "robot.h"
+    write_text(source, sources["robot.c"])
+    write_text(header, _layout(model, prefixed) + sources["robot.h"])
+    return source, header, _coordinates(folder, model)
+
+
+def c_sources(name: str, functions: Iterable[ca.Function]) -> dict[str, str]:
+    """The texts of <name>.c and <name>.h with these functions."""
+    generator = ca.CodeGenerator(f"{name}.c", {"with_header": True})
+    for function in functions:
+        generator.add(function)
+    with tempfile.TemporaryDirectory() as temporary:
+        generator.generate(f"{temporary}/")
+        return {path.name: path.read_text("utf-8") for path in sorted(Path(temporary).iterdir())}
+
+
+def dense(name: str, given: list[ca.SX], results: Iterable[ca.SX]) -> ca.Function:
+    """A function whose results have no structural zeros."""
+    return ca.Function(name, given, [ca.densify(result) for result in results], {"cse": True})
+
+
+def _prefixed(function: ca.Function) -> ca.Function:
+    results = [ca.densify(part) for part in function.call(function.sx_in())]
+    name = f"robot_{function.name()}"
+    return ca.Function(name, function.sx_in(), results, function.name_in(), function.name_out(), {"cse": True})
+
+
+def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
+    units = {joint.name: ("m, m/s, N" if joint.slides else "rad, rad/s, N*m") for joint in model.robot.joints}
+    lines = [f"{_equation(model)}, on the link side.", ""]
+    for function in prefixed:
+        given = ", ".join(f"arg[{i}] {_sized(function, i, is_in=True)}" for i in range(function.n_in()))
+        results = ", ".join(f"res[{i}] {_sized(function, i, is_in=False)}" for i in range(function.n_out()))
+        lines.append(f"{function.name()}: {given or 'no arguments'} -> {results}")
+    lines += ["", *interval_lines(model), "", *_postures(model), ""]
+    lines += ["Matrices are dense, column by column. Each function returns 0. Entries:"]
+    for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
+        lines += [f"  {letter}[{i}]  {name} ({units.get(name.split(' ', 1)[1], 'SI')})" for i, name in enumerate(names)]
+    return c_comment(lines)
+
+
+def _postures(model: FittedRobot) -> list[str]:
+    """The columns of equilibria."""
+    return [f"column {i} of equilibria: {linear.configuration.name}" for i, linear in enumerate(model.linear)]
+
+
+def _sized(function: ca.Function, i: int, *, is_in: bool) -> str:
+    name, size = (function.name_in(i), function.size_in(i)) if is_in else (function.name_out(i), function.size_out(i))
+    return f"{name} ({size[0]}{f' x {size[1]}' if size[1] > 1 else ''})"
+
+
+def _equation(model: FittedRobot) -> str:
+    closing = " + Phi(q)^T lambda = B u, phi(q) = 0" if model.model.n_c else " = B u"
+    return f"{model.name}: M(q) q'' + f(q, q'){closing}"
+
+
+def _coordinates(folder: Path, model: FittedRobot) -> Path:
+    """coordinates.txt: the names of the entries of q and u, and the intervals of the numbers inside."""
+    path, lines = folder / "coordinates.txt", [f"{_equation(model)}, link side, SI"]
+    for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
+        lines += [f"{letter}[{i}]  {name}" for i, name in enumerate(names)]
+    write_text(path, "".join(f"{one_line(line)}\n" for line in (*lines, *_postures(model), *interval_lines(model))))
+    return path

@@ -1,0 +1,62 @@
+"""Export to python-control: the state space of every configuration in one .npz without pickles, and how to load it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from elastid.base.escape import docstring
+from elastid.base.files import from_template, replacing
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.response import Response
+from elastid.store.files import write_text
+from elastid.targets.numbers import known_numbers
+
+
+def write_responses_control(folder: Path, name: str, responses: Sequence[Response]) -> tuple[Path, ...]:
+    """responses.npz and load_responses.py; arrays <configuration>/freq_hz, G (F, n_y, n_u), std, inputs, outputs."""
+    arrays: dict[str, np.ndarray] = {"configurations": np.array([G.configuration.name for G in responses])}
+    for G in responses:
+        place = G.configuration.name
+        arrays |= _measured(G) | {f"{place}/inputs": np.array(G.inputs), f"{place}/outputs": np.array(G.outputs)}
+    return _written(folder / "responses.npz", arrays, folder / "load_responses.py", name, responses[0])
+
+
+def _measured(G: Response) -> dict[str, np.ndarray]:
+    place = G.configuration.name
+    std = {} if G.uncertainty is None else {f"{place}/std": np.sqrt(G.uncertainty.variance)}
+    return {f"{place}/freq_hz": G.freq_hz, f"{place}/G": G.G} | std
+
+
+def _written(data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str, first: Response) -> tuple[Path, Path]:
+    with replacing(data) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
+    example = docstring(repr(first.configuration.name))
+    known = {"npz": data.name, "name": docstring(name), "first": example}
+    write_text(
+        loader, from_template(f"targets/templates/{loader.name}.txt", **known, quantity=first.quantity, unit=first.unit)
+    )
+    return data, loader
+
+
+def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
+    """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std.
+
+    parameters, units (p,) and known (p, 6) of each, SI: value, std, the ends of the 95 % interval, and the parts of std
+    by noise and by the tolerances of the robot's file.
+    """
+    systems = model.state_spaces
+    first, numbers = systems[0], known_numbers(model)
+    arrays = {"configurations": np.array([system.configuration.name for system in systems])}
+    arrays |= {name: np.array(getattr(first, name)) for name in ("inputs", "outputs", "quantity")}
+    arrays |= {"parameters": np.array([n.name for n in numbers]), "units": np.array([n.unit for n in numbers])}
+    arrays |= {"known": np.array([(n.value, n.std, n.low, n.high, n.by_noise, n.by_file) for n in numbers])}
+    for system in systems:
+        name = system.configuration.name
+        arrays |= {f"{name}/{matrix}": getattr(system, matrix) for matrix in "ABCD"}
+        arrays |= {f"{name}/delay": np.array(system.delay), f"{name}/angles": system.configuration.angles}
+    for G in model.measured:
+        arrays |= _measured(G)
+    return _written(folder / "model.npz", arrays, folder / "load_model.py", model.name, model.measured[0])

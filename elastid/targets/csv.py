@@ -1,0 +1,123 @@
+"""Export to CSV: parameters, modes of a model or of measured responses, a frequency response for each configuration.
+
+The responses can be read back as `experiment.responses` of a study: columns freq_hz, re_<y>_<u>, im_<y>_<u>.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.escape import file_name
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.friction_study.result import FrictionResult
+from elastid.linear.modes import modes
+from elastid.linear.response.transfer import frequency_response
+from elastid.modal.modes import Modes
+from elastid.response import Response
+from elastid.store.files import write_rows
+from elastid.targets.numbers import known_numbers
+
+
+def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
+    """One row for each mode of each response; frequencies in Hz, or in units of an unknown sampling rate.
+
+    Shapes, the largest entry 1, as re_<place>, im_<place> and std_<place>; empty where another response has it.
+    """
+    return _table(path, _measured_modes(modes))
+
+
+def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
+    places = list(dict.fromkeys(place for own in modes for place in own.places))
+    columns = "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "phase_collinearity"
+    yield "configuration", *columns, *(f"{part}_{place}" for place in places for part in ("re", "im", "std"))
+    for own in modes:
+        shapes, std = own.place_shapes
+        numbers = zip(own.freq_hz, own.freq_std, own.zeta, own.zeta_std, own.collinearity, strict=True)
+        for r, row in enumerate(numbers):
+            entries: list[Any] = []
+            for place in places:
+                if place in own.places:
+                    i = own.places.index(place)
+                    entries += [shapes[i, r].real, shapes[i, r].imag, std[i, r]]
+                else:
+                    entries += ["", "", ""]
+            yield own.configuration, *row, *entries
+
+
+def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
+    """parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
+    paths = [_table(folder / "parameters.csv", _parameters(model)), _table(folder / "modes.csv", _modes(model))]
+    for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True):
+        fitted = frequency_response(linear, model.theta, G.freq_hz)
+        name = G.configuration.name
+        paths.append(_table(folder / f"{file_name(name)}-fitted.csv", _response(G, fitted, std**2)))
+        paths.append(_measured(folder, G))
+    return tuple(paths)
+
+
+def write_responses_csv(
+    folder: Path, name: str, responses: Sequence[Response], modes: Sequence[Modes] = ()
+) -> tuple[Path, ...]:
+    """<configuration>-measured.csv for each response, and modes.csv."""
+    return (*(_measured(folder, G) for G in responses), write_modes_csv(folder / "modes.csv", modes))
+
+
+def write_friction_csv(folder: Path, result: FrictionResult) -> tuple[Path, ...]:
+    """parameters.csv of friction, and base_parameters.csv of each rigid body.
+
+    Its columns after the numbers: how much of each other number of the regressor a base parameter contains.
+    """
+    rows = [(each.name, each.unit, each.value, each.std, each.low, each.high) for each in result.numbers]
+    head = "parameter", "unit", "value", "std"
+    paths = [_table(folder / "parameters.csv", [(*head, "lower_95", "upper_95"), *rows])]
+    for i, body in enumerate(result.rigid_bodies, start=1):
+        numbers = (body.values.tolist(), body.std.tolist(), body.predicting.tolist(), body.regrouped.tolist())
+        base = [(name, unit, *n, *r) for name, unit, *n, r in zip(body.names, body.units, *numbers, strict=True)]
+        path = folder / f"base_parameters{f'_{i}' if i > 1 else ''}.csv"
+        paths.append(_table(path, [(*head, "predicting", *body.columns), *base]))
+    return tuple(paths)
+
+
+def _measured(folder: Path, G: Response) -> Path:
+    variance = None if G.uncertainty is None else G.uncertainty.variance
+    return _table(folder / f"{file_name(G.configuration.name)}-measured.csv", _response(G, G.G, variance))
+
+
+def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
+    yield "parameter", "unit", "value", "std", "lower_95", "upper_95", "std_by_noise", "std_by_file"
+    for number in known_numbers(model):  # a number that was held has no std, not one of 0
+        stds = (number.std, number.low, number.high, number.by_noise, number.by_file)
+        yield number.name, number.unit, number.value, *("" if math.isnan(std) else std for std in stds)
+
+
+def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
+    yield "configuration", "mode", "frequency_hz", "damping_ratio", "frequency_std", "damping_ratio_std"
+    for linear, sure in zip(model.linear, model.uncertain_modes, strict=True):
+        modal = modes(linear, model.theta)
+        columns = (each.tolist() for each in (modal.freq_hz, modal.zeta, sure.freq_std, sure.zeta_std))
+        for i, (*values, freq_std, zeta_std) in enumerate(zip(*columns, strict=True), start=1):
+            # A mode of held numbers alone has no std.
+            yield linear.configuration.name, i, *values, freq_std or "", zeta_std or ""
+
+
+def _response(measured: Response, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:
+    elements = [(a, b, f"{y}_{u}") for a, y in enumerate(measured.outputs) for b, u in enumerate(measured.inputs)]
+    names = [f"{part}_{name}" for part in ("re", "im") for _, _, name in elements]
+    names += [f"std_{name}" for _, _, name in elements] if variance is not None else []
+    yield "freq_hz", *names
+    rows, columns = [a for a, _, _ in elements], [b for _, b, _ in elements]
+    for line, frequency in enumerate(measured.freq_hz):
+        g = G[line, rows, columns]
+        std = [] if variance is None else np.sqrt(variance[line, rows, columns]).tolist()
+        yield float(frequency), *g.real.tolist(), *g.imag.tolist(), *std
+
+
+def _table(path: Path, rows: Iterable[Sequence[Any]]) -> Path:
+    write_rows(path, rows)
+    return path

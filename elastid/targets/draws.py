@@ -1,0 +1,49 @@
+"""Robots drawn from a fit, for Monte Carlo elsewhere: robot files, MJCF where it can carry them, a table of numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from elastid.base.errors import StudyError
+from elastid.model.closed_posture import assembled
+from elastid.store.files import write_rows
+from elastid.store.kinds import text_of
+from elastid.targets.mujoco import NO_RODS, mjcf, rod_poses
+from elastid.use.draws import DrawnRobots
+
+
+def write_draws(folder: Path, draws: DrawnRobots, name: str) -> tuple[tuple[Path, ...], str]:
+    """draws.csv, robots/*.yml and mujoco/*.xml; the table and folders, and why there is no MJCF, where there is none.
+
+    The robot files are YAML in its JSON form, which is written and read a hundred times as fast.
+    """
+    digits = len(str(len(draws.robots)))
+    names = [f"{i:0{digits}d}" for i in range(1, len(draws.robots) + 1)]
+    rows = ([number, *values] for number, values in zip(names, draws.values.tolist(), strict=True))
+    write_rows(folder / "draws.csv", [["draw", *draws.names], *rows])
+    robots, engine = folder / "robots", folder / "mujoco"
+    robots.mkdir(parents=True, exist_ok=True)
+    head = f"# Robot of study {name}, draw "
+    # Plain writes: to have each of thousands of files on the disk before the next takes minutes.
+    for number, robot in zip(names, draws.robots, strict=True):
+        (robots / f"robot_{number}.yml").write_text(f"{head}{number}\n{text_of(robot, 1)}\n", encoding="utf-8")
+    start = draws.robots[0]  # the posture in which rods are drawn; the engine closes the loops of the others
+    try:
+        rods = (
+            rod_poses(start, assembled(start, np.array([joint.start for joint in start.driven])))
+            if start.loops
+            else NO_RODS
+        )
+        first = mjcf(start, rods)
+    except StudyError as refused:
+        return (folder / "draws.csv", robots), str(refused)
+    engine.mkdir(exist_ok=True)
+    for number, robot in zip(names, draws.robots, strict=True):
+        root = first if robot is start else mjcf(robot, rods)
+        ET.indent(root)
+        text = ET.tostring(root, encoding="unicode")
+        (engine / f"robot_{number}.xml").write_text(f"{text}\n", encoding="utf-8")
+    return (folder / "draws.csv", robots, engine), ""

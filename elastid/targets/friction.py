@@ -1,0 +1,184 @@
+r"""C code of friction: a function for each joint that follows it, and its compensation at a velocity.
+
+A sample is one call: states and covariance are replaced, nothing else is kept, no memory is asked for. Numbers of the
+joint and of the noise are inside; all torques and angles are on the link side, SI.
+
+The compensation is the torque of each motor's friction at a velocity, as C and as a table,
+
+.. math:: u_f(v) = g(v) \tanh(v / v_s) + \alpha_3 v |v| + \alpha_2 v
+
+the identified law in steady sliding with viscous friction, turning around over v_s = 0.01 rad/s so that noise of a
+velocity near 0 does not reverse the torque. Link side, SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.escape import c_comment, c_identifiers
+from elastid.base.statistics import QUANTILE_95
+from elastid.friction.robot_friction import frictions
+from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, filter_step, first_estimate
+from elastid.robot import Robot
+from elastid.store.files import write_rows, write_text
+from elastid.targets.code import c_sources, dense
+from elastid.targets.numbers import c_row
+from elastid.use.command.equations import SLIDING
+
+
+@dataclass(frozen=True)
+class Observer:
+    """The filter of a joint at a rate, with its noise."""
+
+    joint: FollowedJoint
+    noise: FilterNoise
+    rate_hz: float
+
+
+def write_observers(folder: Path, observers: Mapping[str, Observer]) -> tuple[Path, ...]:
+    """observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
+    identifiers = c_identifiers(observers)
+    steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
+    equations = c_sources("equations", steps.values())["equations.c"]
+    source, header = folder / "observer.c", folder / "observer.h"
+    functions = (_functions(identifiers[name], observer, steps[name]) for name, observer in observers.items())
+    write_text(source, "".join([equations, '\n#include "observer.h"\n', *functions]))
+    write_text(header, _header(observers, identifiers))
+    return source, header
+
+
+def _step(name: str, observer: Observer) -> ca.Function:
+    """(x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
+    step = filter_step(observer.joint, observer.rate_hz)
+    x, P, u, g, y = step.sx_in()[:5]
+    results = step(x, P, u, g, y, observer.noise.vector(observer.joint, observer.rate_hz))
+    return dense(f"{name}_step", [x, P, u, g, y], results)
+
+
+def _functions(name: str, observer: Observer, step: ca.Function) -> str:
+    start = first_estimate(observer.joint, 0.0)
+    n, size = len(start.x), start.P.size
+    angles = [i for i, state in enumerate(observer.joint.states) if state.startswith("q_")]
+    spring = f" - load / {observer.joint.stiffness!r}" if observer.joint.is_elastic else ""
+    moved = "".join(f"  x[{i}] = angle{spring if observer.joint.states[i] == 'q_l' else ''};\n" for i in angles)
+    return f"""
+void {name}_start(double x[{n}], double P[{size}], double angle, double load) {{
+  static const double x_start[{n}] = {c_row(start.x)};
+  static const double P_start[{size}] = {c_row(start.P.ravel(order="F"))};
+  for (int i = 0; i < {n}; i++) x[i] = x_start[i];
+  for (int i = 0; i < {size}; i++) P[i] = P_start[i];
+  (void)load;
+{moved}}}
+
+void {name}_follow(double x[{n}], double P[{size}], double torque, double load, double angle, double *innovation,
+                   double *variance) {{
+  double x_next[{n}], P_next[{size}], w[{step.sz_w()} + 1];
+  casadi_int iw[{step.sz_iw()} + 1];
+  const double *arg[{step.sz_arg()}] = {{x, P, &torque, &load, &angle}};
+  double *res[{step.sz_res()}] = {{x_next, P_next, innovation, variance}};
+  {name}_step(arg, res, iw, w, 0);
+  for (int i = 0; i < {n}; i++) x[i] = x_next[i];
+  for (int i = 0; i < {size}; i++) P[i] = P_next[i];
+}}
+"""
+
+
+def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -> str:
+    lines = ["Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"]
+    lines += ["torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"]
+    lines += ["say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
+    lines += ["logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]) of n states. It has the errors of numbers"]
+    lines += ["that are held: P ends with the n cross covariances of each of them, over its std.", "", "States:", ""]
+    declared = []
+    for name, observer in observers.items():
+        states, key = observer.joint.states, identifiers[name]
+        n, size = len(states), len(states) * (len(states) + len(observer.joint.held))
+        meanings = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
+        lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
+        held = [f"{name} {observer.joint.tolerances[name]:.2g}" for name in observer.joint.held]
+        lines.append(f"  holds, with relative std: {', '.join(held) or 'nothing'}")
+        lines.append(f"  starts with 95 % bands {_starts(observer.joint)}")
+        declared.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")
+        declared.append(
+            f"void {key}_follow(double x[{n}], double P[{size}], double torque, double load, double angle,\n"
+            f"{' ' * (len(key) + 13)}double *innovation, double *variance);"
+        )
+    guard = ["#ifndef OBSERVER_H", "#define OBSERVER_H"]
+    return c_comment(lines) + "\n".join([*guard, *declared, "#endif"]) + "\n"
+
+
+def _starts(joint: FollowedJoint) -> str:
+    start, bands = first_estimate(joint, 0.0), []
+    std = np.sqrt(np.diag(start.P))
+    for i, state in enumerate(joint.states):
+        if state in joint.followed:
+            ends = start.x[i] + QUANTILE_95 * std[i] * np.array([-1, 1])
+            low, high = ends if state == "offset" else np.exp(ends)
+            bands.append(f"{state} {low:.4g} to {high:.4g}")
+    return ", ".join(bands)
+
+
+def compensation(robot: Robot) -> ca.Function:
+    """v (n_u,) -> u_f (n_u,): what the motors need beside the torque of the robot without friction."""
+    v = ca.SX.sym("v", len(robot.driven))
+    laws = {law.place: law for law in frictions(robot)}
+    torques = []
+    for i, joint in enumerate(robot.driven):
+        viscous = joint.viscous if joint not in robot.flexible else 0.0
+        if joint.motor is not None:
+            viscous += joint.motor.viscous * joint.motor.ratio**2
+        places = [f"motor {joint.name}", *([] if joint in robot.flexible else [f"joint {joint.name}"])]
+        total = viscous * v[i]
+        for law in (laws[place] for place in places if place in laws):
+            curve = law.symbols(law.curve().tolist())
+            total += curve.level(v[i]) * ca.tanh(v[i] / SLIDING) + curve.growing(v[i])
+        torques.append(total)
+    return dense("friction", [v], [ca.vertcat(*torques)])
+
+
+def write_compensation(folder: Path, robot: Robot, name: str, known: Iterable[str]) -> tuple[Path, ...]:
+    """friction.c, friction.h: `friction_torque(v, u)`; friction.csv: the same over velocity.
+
+    known: lines on the intervals of the numbers.
+    """
+    function, m = compensation(robot), len(robot.driven)
+    entries = ", ".join(f"[{i}] motor {joint.name}" for i, joint in enumerate(robot.driven))
+    lines = [f"{name}: friction_torque, the torque u of the motors' friction at velocities v, link side, SI.", entries]
+    comment = c_comment([*lines, *known])
+    equations = c_sources("equations", [function])["equations.c"]
+    call = f"""
+#include "friction.h"
+
+void friction_torque(const double v[{m}], double u[{m}]) {{
+  double w[{function.sz_w()} + 1];
+  casadi_int iw[{function.sz_iw()} + 1];
+  const double *arg[{function.sz_arg()} + 1] = {{v}};
+  double *res[{function.sz_res()} + 1] = {{u}};
+  friction(arg, res, iw, w, 0);
+}}
+"""
+    header = (
+        f"#ifndef FRICTION_H\n#define FRICTION_H\nvoid friction_torque(const double v[{m}], double u[{m}]);\n#endif\n"
+    )
+    source, declared, table = (folder / f"friction.{end}" for end in ("c", "h", "csv"))
+    write_text(source, comment + equations + call)
+    write_text(declared, comment + header)
+    write_rows(table, [("motor", "velocity", "torque"), *_rows(robot, function)])
+    return source, declared, table
+
+
+def _rows(robot: Robot, function: ca.Function) -> Iterable[tuple[str, float, float]]:
+    # The table of a joint without a limit of velocity goes to 3 rad/s (m/s).
+    fastest = [joint.limits.velocity if np.isfinite(joint.limits.velocity) else 3.0 for joint in robot.driven]
+    # Denser about standstill, where friction turns around.
+    share = np.sinh(np.linspace(-6, 6, 201)) / np.sinh(6)
+    v: FloatArray = np.outer(fastest, share)
+    u = function.map(v.shape[1])(v).full()
+    for joint, speeds, torques in zip(robot.driven, v.tolist(), u.tolist(), strict=True):
+        yield from ((joint.name, speed, torque) for speed, torque in zip(speeds, torques, strict=True))

@@ -1,0 +1,126 @@
+"""Export to MATLAB: a .mat with every configuration's matrices and responses, and a script that loads them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import savemat
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.base.escape import one_line
+from elastid.base.files import from_template, write_whole
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.fit.posture import Asked, default_frame
+from elastid.linear.response.transfer import frequency_response
+from elastid.response import Response
+from elastid.robot import FRAME_AXES
+from elastid.store.files import write_text
+from elastid.targets.numbers import known_numbers
+
+# A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
+HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
+
+
+def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
+    """model.mat (version 5), struct arrays `model`, `measured`, `fitted`, `parameters` and `tool`, and load_model.m.
+
+    measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit,
+    CovarianceData; that of fitted is due to the parameters. tool has A, B, C, D (.., .., Q) from forces and torques at
+    the frame to its motion, motors held, in the Q postures. The script runs in MATLAB and in Octave, and without
+    toolboxes as far as they go.
+    """
+    fitted = [
+        _response(frequency_response(linear, model.theta, G.freq_hz), G, std**2)
+        for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True)
+    ]
+    numbers = [
+        {
+            "name": p.name, "value": p.value, "std": p.std, "lower_95": p.low, "upper_95": p.high,
+            "std_by_noise": p.by_noise, "std_by_file": p.by_file, "unit": p.unit,
+        }
+        for p in known_numbers(model)
+    ]  # fmt: skip
+    measured, systems = list(map(_measured, model.measured)), list(map(_system, model.state_spaces))
+    content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers, "tool": [_tool(model)]}
+    data, script = folder / "model.mat", folder / "load_model.m"
+    return _written(data, content, script, model.name, model.measured[0])
+
+
+def write_responses_matlab(folder: Path, name: str, responses: Sequence[Response]) -> tuple[Path, ...]:
+    """responses.mat (version 5) with the struct array `measured`, as in model.mat, and load_responses.m."""
+    data, script = folder / "responses.mat", folder / "load_responses.m"
+    return _written(data, {"measured": list(map(_measured, responses))}, script, name, responses[0])
+
+
+def _written(
+    data: Path, content: dict[str, list[dict[str, Any]]], script: Path, name: str, first: Response
+) -> tuple[Path, Path]:
+    written = io.BytesIO()
+    savemat(written, {key: _structs(rows) for key, rows in content.items()}, do_compression=True)
+    write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
+    known = {"mat": data.name, "name": one_line(name), "quantity": first.quantity, "unit": first.unit}
+    write_text(script, from_template(f"targets/templates/{script.name}", **known))
+    return data, script
+
+
+def _measured(G: Response) -> dict[str, Any]:
+    return _response(G.G, G, None if G.uncertainty is None else G.uncertainty.variance)
+
+
+def _system(system: Any) -> dict[str, Any]:
+    return {
+        "configuration": system.configuration.name,
+        "angles": system.configuration.angles,
+        **{name: getattr(system, name) for name in "ABCD"},
+        "InputDelay": system.delay,
+        "InputName": np.array(system.inputs, dtype=object),
+        "OutputName": np.array(system.outputs, dtype=object),
+        "quantity": system.quantity,
+    }
+
+
+def _tool(model: FittedRobot) -> dict[str, Any]:
+    """The robot at a frame with its motors held, in all postures; the names alone of one that cannot bend."""
+    configurations = [linear.configuration for linear in model.linear]
+    named: dict[str, Any] = {"configurations": np.array([each.name for each in configurations], dtype=object)}
+    frame = default_frame(model.robot)
+    ports = tuple(f"{kind} {frame} {axis}" for kind in ("force", "torque") for axis in "xyz")
+    asked = Asked(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
+    try:
+        systems = [model.result.family(asked, each.name).at(each).state_space() for each in configurations]
+    except StudyError:
+        return named
+    stacks = {name: np.stack([getattr(each, name) for each in systems], axis=2) for name in "ABCD"}
+    first = systems[0]
+    return named | stacks | {
+        "frame": frame,
+        "InputName": np.array(first.inputs, dtype=object),
+        "OutputName": np.array(first.outputs, dtype=object),
+    }  # fmt: skip
+
+
+def _response(G: Any, measured: Response, variance: FloatArray | None) -> dict[str, Any]:
+    """The fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
+    half = None if variance is None else np.moveaxis(variance, 0, 2) / 2
+    return {
+        "configuration": measured.configuration.name,
+        "ResponseData": np.moveaxis(G, 0, 2),
+        "Frequency": measured.freq_hz,
+        "FrequencyUnit": "Hz",
+        "InputName": np.array(measured.inputs, dtype=object),
+        "OutputName": np.array(measured.outputs, dtype=object),
+        "Ts": 0.0,
+        "CovarianceData": np.zeros((0, 0)) if half is None else half[..., None, None] * np.eye(2),
+    }
+
+
+def _structs(rows: list[dict[str, Any]]) -> Any:
+    array = np.empty((len(rows), 1), dtype=[(key, object) for key in rows[0]])
+    for i, row in enumerate(rows):
+        array[i, 0] = tuple(row.values())
+    return array

@@ -1,0 +1,111 @@
+"""Export of a tuned move: tables with their interpolation in C, a ROS 2 JointTrajectory as YAML, a MAT-file.
+
+All on the link side, in SI, over time from the first sample, at rest before and after.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from scipy.io import savemat
+
+from elastid.base.arrays import FloatArray
+from elastid.base.escape import c_comment, one_line
+from elastid.base.files import from_template, write_whole
+from elastid.store.files import write_text
+from elastid.targets.matlab import HEADING
+from elastid.targets.numbers import c_row
+from elastid.use.command.tune import TunedMove
+
+
+def interpolated(tuned: TunedMove, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, velocity, torque (N, n_u) at times (N,) from the first sample, as `move_at` in C has them.
+
+    Position by cubic Hermite polynomials, velocity their derivative, torque held from sample to sample.
+    """
+    step = float(np.diff(tuned.time_s).mean())
+    cells = len(tuned.time_s) - 1
+    x = np.clip(t / step, 0.0, cells)
+    k, held = np.minimum(x.astype(int), cells - 1), (x + 1e-6).astype(int)
+    x = (x - k)[:, None]
+    a, b = tuned.position[k], tuned.position[k + 1]
+    c, d = step * tuned.velocity[k], step * tuned.velocity[k + 1]
+    e = b - a
+    q = a + x * (c + x * (3 * e - 2 * c - d + x * (c + d - 2 * e)))
+    v = (c + x * (2 * (3 * e - 2 * c - d) + 3 * x * (c + d - 2 * e))) / step
+    return q, v, tuned.torque[held]
+
+
+def write_move_c(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
+    """move.c and move.h: `move_at(t, q, v, u)`, which returns 1 from the last sample on."""
+    texts = move_sources(tuned)
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return tuple(folder / name for name in texts)
+
+
+def move_sources(tuned: TunedMove) -> dict[str, str]:
+    """The text of move.c and move.h."""
+    n, m, step = len(tuned.time_s), len(tuned.joints), float(np.diff(tuned.time_s).mean())
+    lines = [f"{tuned.name}: a move of {tuned.duration:.6g} s, link side, SI, t in s from its first sample.", ""]
+    motors = enumerate(zip(tuned.joints, tuned.units, strict=True))
+    lines += [f"Entries: {', '.join(f'[{i}] motor {name} ({unit})' for i, (name, unit) in motors)}"]
+    lines += ["move_at: position q, velocity v, feedforward torque u at t; returns 1 once the move is over."]
+    lines += ["Torque on the motor's side is u over the gear ratio, position and velocity times it."]
+    comment = c_comment(lines)
+    rows = {
+        name: "".join(f"  {c_row(row)},\n" for row in getattr(tuned, name))
+        for name in ("position", "velocity", "torque")
+    }
+    source = from_template(
+        "targets/templates/move.c", comment=comment, n=n, m=m, step=repr(step), last=float(n - 1), cells=n - 1, **rows
+    )
+    return {
+        "move.c": source,
+        "move.h": from_template("targets/templates/move.h", comment=comment, m=m, duration=float(step * (n - 1))),
+    }
+
+
+def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
+    """A trajectory_msgs/msg/JointTrajectory in YAML, effort the torque, as `ros2 topic pub` takes it."""
+    from ruamel.yaml import YAML
+
+    def listed(values: FloatArray) -> list[float]:
+        return [float(value) for value in values]
+
+    nanoseconds = np.rint((tuned.time_s - tuned.time_s[0]) * 1e9).astype(np.int64).tolist()
+    points = [
+        {
+            "positions": listed(tuned.position[i]), "velocities": listed(tuned.velocity[i]),
+            "accelerations": listed(tuned.acceleration[i]), "effort": listed(tuned.torque[i]),
+            "time_from_start": {"sec": time // 10**9, "nanosec": time % 10**9},
+        }
+        for i, time in enumerate(nanoseconds)
+    ]  # fmt: skip
+    head = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    text = io.StringIO()
+    yaml = YAML(typ="safe")
+    yaml.default_flow_style = None
+    yaml.width = 4096
+    yaml.dump({"header": head, "joint_names": list(tuned.joints), "points": points}, text)
+    write_text(folder / "trajectory.yaml", text.getvalue())
+    return (folder / "trajectory.yaml",)
+
+
+def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
+    """move.mat (version 5) with time, position, velocity, acceleration, torque, joints, and load_move.m."""
+    content = {name: getattr(tuned, name) for name in ("position", "velocity", "acceleration", "torque")}
+    content |= {"time": (tuned.time_s - tuned.time_s[0])[:, None], "path": tuned.target}
+    written = io.BytesIO()
+    savemat(written, {**content, "joints": np.array(tuned.joints, dtype=object)}, do_compression=True)
+    data, script = folder / "move.mat", folder / "load_move.m"
+    write_whole(data, HEADING + written.getvalue()[len(HEADING) :])
+    write_text(script, from_template("targets/templates/load_move.m", name=one_line(tuned.name)))
+    return data, script
+
+
+def write_move(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
+    """The move for C, ROS 2 and MATLAB; `export.fmu` has it in a robot."""
+    return (*write_move_c(folder, tuned), *write_move_ros2(folder, tuned), *write_move_matlab(folder, tuned))

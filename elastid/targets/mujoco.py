@@ -1,0 +1,408 @@
+r"""Export to MuJoCo: the fitted robot as MJCF, elasticity and rotors included, a keyframe for each configuration.
+
+A flexible joint becomes two hinges (or slides) of one axis on one body, motor angle and twist of the gear, so that
+q_a = q_m + twist:
+
+.. math:: V = \tfrac12 k\, twist^2, \quad R = \tfrac12 d\, \dot{twist}^2 + \tfrac12 f_m \dot q_m^2
+          + \tfrac12 f (\dot q_m + \dot{twist})^2, \quad T_m = \tfrac12 J_m \dot q_m^2
+
+Rotors are armatures, named frames sites, viscous friction of the arm a damped tendon. Everything is on the link side:
+an actuator exerts link-side torque. The keyframes are the equilibria, controls included.
+
+Rods of loops are bodies on ball joints, closed by equality constraints between sites. A rod that stretches evenly has
+its mass in two points, one at its first end and one at the part f of its length, which moves with the part f of its
+elongation s:
+
+.. math:: f = a + \frac{I}{m a L^2}, \qquad m_f = m a / f, \qquad m_0 = m - m_f
+
+so that mass, centre, inertia across it and all terms of s in T are those of the rod itself,
+:math:`T = \tfrac12 m |(1-a) \dot p_1 + a \dot p_2|^2 + \tfrac12 (I / L^2) |\dot p_2 - \dot p_1|^2`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.model.kinematics import frame_poses
+from elastid.robot import BASE, Body, Joint, Loop, Placement, Robot, Rod, unit_axis
+from elastid.store.files import write_text
+from elastid.targets.numbers import in_full, known_numbers
+
+# MuJoCo refuses a moving body without mass or without inertia: negligible kg and kg m^2 of any robot.
+MIN_INERTIA = 1e-12
+# Bodies that may be given an element for a joint: the element, and the body's axes in it.
+Elements = Mapping[str, tuple[ET.Element, Placement]]
+# A constraint that is closed within two steps of 0.5 ms, and as hard as the engine takes it.
+_HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
+# Of a robot without loops.
+NO_RODS: Mapping[str, RodPose] = MappingProxyType({})
+
+
+def write_mujoco(folder: Path, model: FittedRobot, found: Robot | None = None) -> tuple[Path, ...]:
+    """robot.xml; Coulomb friction of `found` is frictionloss. StudyError where MJCF cannot represent the robot."""
+    _check(model.robot)
+    rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
+    start = rod_poses(model.robot, rest[0].q[: len(model.robot.joints)])
+    root = mjcf(model.robot, start)
+    if found is not None:
+        _rub(root, found)
+    _intervals(root, model)
+    _keyframes(root, model, rest, start)
+    ET.indent(root)
+    path = folder / "robot.xml"
+    write_text(path, ET.tostring(root, encoding="unicode") + "\n")
+    return (path,)
+
+
+def mjcf(robot: Robot, rods: Mapping[str, RodPose] = NO_RODS) -> ET.Element:
+    """The robot without keyframes; StudyError where MJCF cannot represent it.  rods: the poses they are drawn in."""
+    _check(robot)
+    root = ET.Element("mujoco", model=robot.name)
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
+    # An implicit step keeps stiff gears stable; MuJoCo's default would not.
+    ET.SubElement(root, "option", gravity=in_full(robot.gravity), integrator="implicit", timestep="0.0005")
+    elements = _bodies(ET.SubElement(root, "worldbody"), robot)
+    add_loops(root, elements, robot, rods)
+    _tendons(root, robot)
+    add_rod_springs(root, elements, robot)
+    actuators = ET.SubElement(root, "actuator")
+    for joint in robot.driven:
+        ET.SubElement(actuators, "motor", name=f"motor {joint.name}", joint=f"motor {joint.name}", gear="1")
+    _check_names(root, robot)
+    return root
+
+
+def _check(robot: Robot) -> None:
+    instead = "export to casadi or c instead"
+    nonlinear = [f"spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
+    nonlinear += [f"compensator {compensator.name}" for compensator in robot.compensators]
+    if nonlinear:
+        lost = f"MJCF has linear joint springs only, and the {', '.join(nonlinear)} would be lost"
+        raise StudyError("export/not-representable", f"{lost}; {instead}", f"robot {robot.name}")
+    armature = f"which MJCF's armature cannot represent; {instead}"
+    for joint in robot.driven:
+        if joint.motor is not None and (joint.motor.on or joint.motor.spring is not None):
+            cause = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
+            raise StudyError(
+                "export/not-representable",
+                f"the motor of joint {joint.name} {cause}, {armature}",
+                f"robot {robot.name}",
+            )
+    if robot.gears:
+        raise StudyError("export/not-representable", f"gears couple the axes of robot {robot.name}, {armature}")
+
+
+def _check_names(root: ET.Element, robot: Robot) -> None:
+    """StudyError where two elements of a kind have one name: of a loop's rod and of a body, for example."""
+    kinds = {"body": "worldbody//body", "site": "worldbody//site", "tendon": "tendon/*", "equality": "equality/*"}
+    for kind, path in kinds.items():
+        names = ["world"] if kind == "body" else []
+        for name in (element.get("name", "") for element in root.findall(path)):
+            if name in names:
+                two = f"MJCF would have two elements of the kind {kind} called '{name}'"
+                raise StudyError(
+                    "export/not-representable",
+                    f"{two}; give the body, frame or loop another name",
+                    f"robot {robot.name}",
+                )
+            names.append(name)
+
+
+def _bodies(world: ET.Element, robot: Robot) -> Elements:
+    elements = {BASE: (world, Placement())}
+    for body in robot.all_bodies:
+        parent, mounted = elements[body.parent]
+        element = ET.SubElement(parent, "body", {"name": body.name} | _seat(mounted, body.placement))
+        if body.mass or np.any(body.inertia_matrix):
+            _inertial(element, body)
+        for joint in body.joints:
+            _hinges(element, joint)
+        elements[body.name] = element, body.mounting
+    for frame in robot.frames:
+        parent, mounted = elements[frame.body]
+        ET.SubElement(parent, "site", {"name": frame.name} | _seat(mounted, frame.placement))
+    return elements
+
+
+def _seat(first: Placement, second: Placement) -> dict[str, str]:
+    R = first.rotation
+    position = np.array(first.xyz) + R @ second.xyz
+    return {"pos": in_full(position), "quat": in_full(quaternion(R @ second.rotation))}
+
+
+def _inertial(element: ET.Element, body: Body) -> None:
+    R = body.mounting.rotation
+    I = R @ body.inertia_matrix @ R.T  # noqa: E741
+    I = I + max(0.0, MIN_INERTIA - np.linalg.eigvalsh(I)[0]) * np.eye(3)  # noqa: E741
+    entries = in_full((I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]))
+    center, mass = np.array(body.mounting.xyz) + R @ body.center_of_mass, float(max(body.mass, MIN_INERTIA))
+    ET.SubElement(element, "inertial", pos=in_full(center), mass=repr(mass), fullinertia=entries)
+
+
+def _hinges(element: ET.Element, joint: Joint) -> None:
+    axis = {"axis": in_full(unit_axis(joint.axis)), "type": "slide" if joint.slides else "hinge"}
+    axis |= {"pos": in_full(joint.point)} if any(joint.point) else {}
+    motor = joint.motor
+    armature, friction = (
+        (0.0, 0.0) if motor is None else (motor.ratio**2 * motor.inertia, motor.ratio**2 * motor.viscous)
+    )
+    if joint.spring is None:
+        _hinge(element, _driven(joint), axis, armature=armature, damping=friction + joint.viscous)
+    elif joint.motor is None:
+        k, d = joint.spring.stiffness, joint.spring.damping
+        _hinge(element, f"joint {joint.name}", axis, stiffness=k, damping=d + joint.viscous)
+    else:
+        _hinge(element, f"motor {joint.name}", axis, armature=armature, damping=friction)
+        _hinge(element, f"twist {joint.name}", axis, stiffness=joint.spring.stiffness, damping=joint.spring.damping)
+
+
+def _hinge(element: ET.Element, name: str, axis: dict[str, str], **numbers: float) -> None:
+    ET.SubElement(element, "joint", {"name": name} | axis | {key: repr(float(n)) for key, n in numbers.items()})
+
+
+def _driven(joint: Joint) -> str:
+    return f"joint {joint.name}" if joint.motor is None else f"motor {joint.name}"
+
+
+def _tendons(root: ET.Element, robot: Robot) -> None:
+    """Viscous friction across a flexible joint acts on motor angle and twist together."""
+    rough = [joint for joint in robot.flexible if joint.viscous]
+    if not rough:
+        return
+    tendons = ET.SubElement(root, "tendon")
+    for joint in rough:
+        fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}", damping=repr(float(joint.viscous)))
+        for part in ("motor", "twist"):
+            ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
+
+
+def _rub(root: ET.Element, found: Robot) -> None:
+    """Coulomb friction of motors, and of joints that turn with motor angle and twist together."""
+    hinges = {element.get("name"): element for element in root.iter("joint") if element.get("name")}
+    for joint in found.driven:
+        if joint.motor is not None and joint.motor.dry_friction is not None:
+            level = abs(joint.motor.ratio) * joint.motor.dry_friction.coulomb
+            hinges[f"motor {joint.name}"].set("frictionloss", repr(float(level)))
+        if joint.friction is None or joint not in found.flexible:
+            continue
+        tendons = root.find("tendon")
+        tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
+        fixed = next((each for each in tendons if each.get("name") == f"joint {joint.name}"), None)
+        if fixed is None:
+            fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}")
+            for part in ("motor", "twist"):
+                ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
+        fixed.set("frictionloss", repr(float(joint.friction.coulomb)))
+
+
+def _intervals(root: ET.Element, model: FittedRobot) -> None:
+    custom = ET.SubElement(root, "custom")
+    legend = "of each number that was identified: value, standard deviation, ends of the 95 % interval; SI"
+    if model.result.has_tolerances:
+        legend += "; then the parts of the deviation by noise and by the tolerances of the robot's file"
+    ET.SubElement(custom, "text", name="numeric", data=legend)
+    for known in known_numbers(model):
+        if math.isfinite(known.std):
+            parts = (part for part in (known.by_noise, known.by_file) if math.isfinite(part))
+            row = in_full((known.value, known.std, known.low, known.high, *parts))
+            ET.SubElement(custom, "numeric", name=known.name, data=row)
+
+
+def _keyframes(
+    root: ET.Element, model: FittedRobot, rest: Sequence[OperatingPoint], start: Mapping[str, RodPose]
+) -> None:
+    """Rest in every configuration, the joints in the order of the file, which is the engine's."""
+    keys = ET.SubElement(root, "keyframe")
+    joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
+    for point in rest:
+        now = rod_poses(model.robot, point.q[: len(model.robot.joints)])
+        positions = _positions(model, point) | rod_positions(start, now, model.robot)
+        q = [value for joint in joints for value in positions[joint]]
+        ET.SubElement(keys, "key", name=point.configuration.name, qpos=in_full(q), ctrl=in_full(point.u))
+
+
+def _positions(model: FittedRobot, point: OperatingPoint) -> dict[str, list[float]]:
+    angles = dict(zip(model.model.coordinates, point.q.tolist(), strict=True))
+    positions: dict[str, list[float]] = {}
+    for joint in model.robot.joints:
+        angle = angles[f"joint {joint.name}"]
+        if joint.is_flexible:
+            motor = angles[f"motor {joint.name}"]
+            positions |= {f"motor {joint.name}": [motor], f"twist {joint.name}": [angle - motor]}
+        else:
+            positions[_driven(joint) if joint.spring is None else f"joint {joint.name}"] = [angle]
+    return positions
+
+
+@dataclass(frozen=True)
+class RodPose:
+    """A rod in a posture: its direction (3,) in the axes of its first body, and its elongation."""
+
+    direction: FloatArray
+    elongation: float
+
+
+def rod_poses(robot: Robot, q: FloatArray) -> dict[str, RodPose]:
+    """By loop, with the joints at q (n_l,)."""
+    return {loop.name: _rod_pose(robot, loop, loop.rod, q) for loop in robot.loops if loop.rod is not None}
+
+
+def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping[str, RodPose]) -> None:
+    """Rods below their first bodies, sites at the ends, and the constraints.  start: poses in which rods are drawn."""
+    if not robot.loops:
+        return
+    equality = ET.SubElement(root, "equality")
+    for loop in robot.loops:
+        if loop.rod is not None:
+            _add_rod(equality, elements, loop, loop.rod, start[loop.name].direction)
+        else:
+            for i, shift in enumerate(_closed_points(loop)):
+                for end, by in enumerate(shift):
+                    _site(*elements[loop.ends[end].body], f"{loop.name} end {end + 1}{i}", loop.ends[end].point, by)
+                _connect(equality, f"{loop.name} {i}", f"{loop.name} end 1{i}", f"{loop.name} end 2{i}")
+
+
+def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> dict[str, list[float]]:
+    """Positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
+    positions: dict[str, list[float]] = {}
+    for loop in robot.loops:
+        if loop.rod is None:
+            continue
+        drawn = _aligned(start[loop.name].direction)
+        turn = drawn.T @ _turn(start[loop.name].direction, now[loop.name].direction) @ drawn
+        positions[f"turn {loop.name}"] = quaternion(turn).tolist()
+        if loop.rod.is_elastic:
+            s = now[loop.name].elongation
+            positions |= {f"stretch {loop.name}": [s], f"part {loop.name}": [_part(loop.rod) * s]}
+    return positions
+
+
+def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, direction: FloatArray) -> None:
+    parent, mounted = elements[loop.ends[0].body]
+    R = mounted.rotation
+    seat = np.array(mounted.xyz) + R @ np.array(loop.ends[0].point)
+    pose = {"pos": in_full(seat), "quat": in_full(quaternion(R @ _aligned(direction)))}
+    body = ET.SubElement(parent, "body", {"name": f"rod {loop.name}"} | pose)
+    part = _part(rod)
+    moving = rod.mass * rod.center / part if part > 0 else 0.0
+    _point_mass(body, rod.mass - moving, 0.0)
+    ET.SubElement(body, "joint", name=f"turn {loop.name}", type="ball")
+    middle = ET.SubElement(body, "body", name=f"rod {loop.name} middle")
+    _point_mass(middle, moving, part * rod.length)
+    end = ET.SubElement(body, "body", name=f"rod {loop.name} end")
+    _point_mass(end, 0.0, rod.length)
+    if rod.is_elastic:
+        slide = {"type": "slide", "axis": "1 0 0"}
+        ET.SubElement(middle, "joint", {"name": f"part {loop.name}"} | slide)
+        ET.SubElement(end, "joint", {"name": f"stretch {loop.name}"} | slide)
+        coupled = {"joint1": f"part {loop.name}", "joint2": f"stretch {loop.name}", "polycoef": f"0 {part!r} 0 0 0"}
+        ET.SubElement(equality, "joint", {"name": f"{loop.name} stretch"} | coupled | _HARD)
+    ET.SubElement(end, "site", name=f"{loop.name} end 1", pos=in_full((rod.length, 0.0, 0.0)))
+    _site(*elements[loop.ends[1].body], f"{loop.name} end 2", loop.ends[1].point, np.zeros(3))
+    _connect(equality, loop.name, f"{loop.name} end 1", f"{loop.name} end 2")
+
+
+def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
+    """The springs of elastic rods as tendons between their two bodies.
+
+    A spring in the rod's own slide would act on its massless end, and time steps do not take such a spring implicitly.
+    """
+    for loop in robot.loops:
+        if loop.rod is None or not loop.rod.is_elastic:
+            continue
+        _site(*elements[loop.ends[0].body], f"{loop.name} start", loop.ends[0].point, np.zeros(3))
+        tendons = root.find("tendon")
+        tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
+        spring = {"stiffness": loop.rod.stiffness or 0.0, "damping": loop.rod.damping, "springlength": loop.rod.length}
+        spatial = ET.SubElement(
+            tendons, "spatial", {"name": loop.name} | {key: repr(float(n)) for key, n in spring.items()}
+        )
+        for site in (f"{loop.name} start", f"{loop.name} end 2"):
+            ET.SubElement(spatial, "site", site=site)
+
+
+def _part(rod: Rod) -> float:
+    """f, where the moving part of a rod's mass is; 1 where it has none."""
+    return rod.center + rod.inertia / (rod.mass * rod.center * rod.length**2) if rod.mass * rod.center > 0 else 1.0
+
+
+def _point_mass(body: ET.Element, mass: float, x: float) -> None:
+    """A mass at a distance along the rod; the engine refuses none at all."""
+    # The massless end of a rod and its spin: time steps need more of them (kg, kg m^2) than the response.
+    least, inertia = max(mass, 1e-3), in_full([1e-4] * 3)
+    ET.SubElement(body, "inertial", pos=in_full((x, 0.0, 0.0)), mass=repr(float(least)), diaginertia=inertia)
+
+
+def _closed_points(loop: Loop) -> list[tuple[FloatArray, FloatArray]]:
+    """Of both ends, the shifts of the points that a loop without a rod joins: one, or two along the axis of a pin."""
+    points = [(np.zeros(3), np.zeros(3))]
+    if loop.pin is not None and not loop.pin.planar:
+        axes = loop.pin.axis, loop.pin.axis if loop.pin.other_axis is None else loop.pin.other_axis
+        # The axis of a pin is closed by two points 0.1 m apart.
+        points.append((0.1 * unit_axis(axes[0]), 0.1 * unit_axis(axes[1])))
+    return points
+
+
+def _site(element: ET.Element, mounted: Placement, name: str, point: tuple[float, ...], shift: FloatArray) -> None:
+    place = np.array(mounted.xyz) + mounted.rotation @ (np.array(point) + shift)
+    ET.SubElement(element, "site", name=name, pos=in_full(place))
+
+
+def _connect(equality: ET.Element, name: str, first: str, second: str) -> None:
+    ET.SubElement(equality, "connect", {"name": name, "site1": first, "site2": second} | _HARD)
+
+
+def _rod_pose(robot: Robot, loop: Loop, rod: Rod, q: FloatArray) -> RodPose:
+    (R, p), (R_2, p_2) = (_frame(robot, q, end.body) for end in loop.ends)
+    gap = p_2 + R_2 @ np.array(loop.ends[1].point) - p - R @ np.array(loop.ends[0].point)
+    length = float(np.linalg.norm(gap))
+    return RodPose(np.asarray(R.T @ gap / length), length - rod.length)
+
+
+def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:
+    """Rotation (3, 3) and origin (3,) of a body, the base included, with the joints at q."""
+    if body == BASE:
+        return np.eye(3), np.zeros(3)
+    poses = frame_poses(robot, q[None], body)
+    return np.asarray(poses.rotation[0]), np.asarray(poses.position[0])
+
+
+def _aligned(direction: FloatArray) -> FloatArray:
+    """A rotation (3, 3) whose x axis is a direction."""
+    across = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    y = np.cross(across, direction)
+    y /= np.linalg.norm(y)
+    return np.stack([direction, y, np.cross(direction, y)], axis=1)
+
+
+def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
+    """The smallest rotation (3, 3) that takes one direction to another, less than half a turn (Rodrigues)."""
+    v, c = np.cross(first, second), float(first @ second)
+    V = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.asarray(np.eye(3) + V + V @ V / (1 + c))
+
+
+def quaternion(R: FloatArray) -> FloatArray:
+    """(w, x, y, z) of a rotation matrix: the eigenvector of Bar-Itzhack's symmetric matrix, with w >= 0."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
+    K = np.array(
+        [
+            [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+            [zy - yz, xx - yy - zz, yx + xy, zx + xz],
+            [xz - zx, yx + xy, yy - xx - zz, zy + yz],
+            [yx - xy, zx + xz, zy + yz, zz - xx - yy],
+        ]
+    )
+    q = np.linalg.eigh(K)[1][:, -1]
+    return q if q[0] >= 0 else -q

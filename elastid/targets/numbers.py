@@ -1,0 +1,77 @@
+"""Numbers as exported files carry them: in full, those of a fit with their intervals; a held number has no std."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from elastid.fit.fitted_robot import FittedRobot, parameters_of
+from elastid.fit.result import Result
+from elastid.parameters import Parameter
+
+HELD = "held, not identified"
+
+
+def in_full(values: Iterable[float], separator: str = " ") -> str:
+    """Numbers as they are read back, one behind the other."""
+    return separator.join(repr(float(value)) for value in values)
+
+
+def c_row(values: Iterable[float]) -> str:
+    """Numbers as the initial value of an array in C."""
+    return "{" + in_full(values, ", ") + "}"
+
+
+@dataclass(frozen=True)
+class KnownNumber:
+    """A number of the model in SI with its std and 95 % interval, NaN where it was held or tied.
+
+    name: of the number in the model.  by_noise, by_file: the parts of std, NaN where the robot's file is exact.
+    words: its interval, or why there is none.
+    """
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    low: float
+    high: float
+    words: str
+    by_noise: float = math.nan
+    by_file: float = math.nan
+
+
+def known_numbers(model: FittedRobot) -> tuple[KnownNumber, ...]:
+    """Of every parameter of a fitted model, in the order of the fit."""
+    return tuple(_known(model.result, parameter) for parameter in model.parameters)
+
+
+def interval_lines(model: FittedRobot) -> tuple[str, ...]:
+    """`lines_of` a fitted model."""
+    return lines_of(model.result, model.measured[0].configuration.name)
+
+
+def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
+    """A line for each parameter that was not held, under one that says how the fit ended; for the head of a file."""
+    every = [_known(result, parameter) for parameter in parameters_of(result, configuration)]
+    numbers = [number for number in every if number.words != HELD]
+    ended = result.status.replace("_", " ")
+    head = f"Numbers of the fit ({ended}), SI, with standard deviation and 95 % interval; all others were held:"
+    return head, *(f"  {number.name} = {number.value:.9g} {number.unit}, {number.words}" for number in numbers)
+
+
+def _known(result: Result, parameter: Parameter) -> KnownNumber:
+    name, unit, value = parameter.stands_for, parameter.unit, result.values[parameter.name]
+    if not parameter.is_free:
+        tie = parameter.tie
+        words = HELD if tie is None else f"tied to {tie.to}{f' and {tie.by}' if tie.by else ''}"
+        return KnownNumber(name, unit, value, math.nan, math.nan, math.nan, words)
+    std, (low, high) = result.std[parameter.name], result.interval(parameter.name)
+    words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"
+    if parameter.tolerated:
+        return KnownNumber(name, unit, value, std, low, high, f"within its tolerance, {words}")
+    if not result.has_tolerances:
+        return KnownNumber(name, unit, value, std, low, high, words)
+    noise, file = result.std_by_noise[parameter.name], result.std_by_file[parameter.name]
+    return KnownNumber(name, unit, value, std, low, high, f"{words} (noise {noise:.3g}, file {file:.3g})", noise, file)

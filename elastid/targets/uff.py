@@ -1,0 +1,178 @@
+"""Export to universal files, by pyuff (the extra `uff`): responses as data sets 58, their modes as data sets 55, and
+where points are known the units (164), nodes (15) and trace lines (82), by which shapes move.
+
+A data set has room for ten letters of a name, so places become nodes: `3z` (or `tip 3z`) is node 3 along z, `tip x` the
+next free node, that of `tip y` as well, along x, any other name the next free one, without a direction. A geometry says
+at which point and along which direction a place is. nodes.csv lists them.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.base.errors import StudyError
+from elastid.base.escape import file_name, uff_text
+from elastid.base.files import replacing
+from elastid.modal.modes import Modes
+from elastid.modal.spec import GeometrySpec
+from elastid.record import Motion
+from elastid.response import Response
+from elastid.store.files import write_rows
+
+_DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
+# Types of ordinate of data set 58, by quantity and by the unit of an input; 0 is unknown.
+_ORDINATES: dict[Motion, int] = {"position": 8, "velocity": 11, "acceleration": 12}
+_FORCE, _UNKNOWN = 13, 0
+# Of data set 55: structural, complex eigenvalues of first order, translations.
+_STRUCTURAL, _COMPLEX_MODES, _TRANSLATIONS = 1, 3, 2
+_FREQUENCY, _FREQUENCY_RESPONSE, _COMPLEX_DOUBLE = 18, 4, 6
+
+
+def write_uff(
+    folder: Path,
+    name: str,
+    responses: Sequence[Response],
+    modes: Sequence[Modes] = (),
+    geometry: GeometrySpec | None = None,
+) -> tuple[Path, ...]:
+    """<configuration>.uff for each response, with its modes where given, and nodes.csv; StudyError without pyuff.
+
+    geometry: points and lines of the structure, which each file gets.
+    """
+    try:
+        import pyuff
+    except ImportError:
+        missing = "universal files are written by pyuff, which is not installed"
+        raise StudyError("install/missing-package", "pip install 'elastid[uff]', or export to csv", missing) from None
+    places = dict.fromkeys(place for response in responses for place in (*response.outputs, *response.inputs))
+    nodes, points = _located(list(places), geometry)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths, own_modes = [], {own.configuration: own for own in modes}
+    for response in responses:
+        path = folder / f"{file_name(response.configuration.name)}.uff"
+        with replacing(path) as temporary, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # Written as text: pyuff overwrites binary files with headers alone.
+            sets = [*_geometry_sets(geometry, points), *_sets(name, response, nodes)]
+            if response.configuration.name in own_modes:
+                sets += _mode_sets(name, own_modes[response.configuration.name], nodes)
+            pyuff.UFF(str(temporary)).write_sets(sets, "overwrite")
+        paths.append(path)
+    table = folder / "nodes.csv"
+    rows = [(place, node, "-" * (code < 0) + _DIRECTIONS[abs(code)]) for place, (node, code) in nodes.items()]
+    write_rows(table, [("place", "node", "direction"), *rows])
+    return (*paths, table)
+
+
+def numbered(places: Iterable[str]) -> dict[str, tuple[int, int]]:
+    """Node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them) of each place, all different."""
+    names = list(dict.fromkeys(places))
+    matches = {name: re.fullmatch(r"(?:.*\D)?(\d{1,9})(r?[xyz])", name) for name in names}
+    nodes = {name: (int(m[1]), _DIRECTIONS.index(m[2])) for name, m in matches.items() if m}
+    nodes = {name: node for i, (name, node) in enumerate(nodes.items()) if node not in list(nodes.values())[:i]}
+    first = 1 + max((node for node, _ in nodes.values()), default=0)
+    points: dict[str, int] = {}
+    for name in (name for name in names if name not in nodes):
+        point, _, direction = name.rpartition(" ")
+        is_directed = direction in _DIRECTIONS and bool(point)
+        node = points.setdefault(point if is_directed else name, first + len(points))
+        nodes[name] = (node, _DIRECTIONS.index(direction) if is_directed else 0)
+    return nodes
+
+
+def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[dict[str, tuple[int, int]], dict[str, int]]:
+    """Node and direction of each place, negative against an axis, and the node of each point of the geometry."""
+    if geometry is None:
+        return numbered(places), {}
+
+    def at(point: str, direction: str) -> str:
+        return f"{point}{direction}" if point.isdigit() else f"{point} {direction}"
+
+    where = {place: found for place in places if (found := geometry.direction_of(place)) is not None}
+    names = {place: at(point, direction.lstrip("+-")) for place, (point, direction) in where.items()}
+    nodes = numbered((*(names.get(place, place) for place in places), *(at(point, "x") for point in geometry.points)))
+    signs = {place: -1 if direction.startswith("-") else 1 for place, (_, direction) in where.items()}
+    located = {place: nodes[names.get(place, place)] for place in places}
+    signed = {place: (node, signs.get(place, 1) * code) for place, (node, code) in located.items()}
+    return signed, {point: nodes[at(point, "x")][0] for point in geometry.points}
+
+
+def _geometry_sets(geometry: GeometrySpec | None, points: dict[str, int]) -> Iterable[dict[str, Any]]:
+    """Units, nodes and trace lines."""
+    if geometry is None:
+        return
+    yield {
+        "type": 164, "units_code": 1, "units_description": "SI: m, N", "temp_mode": 1,
+        "length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,
+    }  # fmt: skip
+    coordinates = np.array([geometry.points[point] for point in points], dtype=float)
+    x, y, z = coordinates.T
+    yield {"type": 15, "node_nums": list(points.values()), "x": x, "y": y, "z": z}
+    for i, (first, last) in enumerate(geometry.lines or pairwise(points), start=1):
+        nodes = np.array([points[first], points[last]])
+        yield {"type": 82, "trace_num": i, "n_nodes": 2, "id": f"line {i}", "nodes": nodes}
+
+
+def _sets(name: str, response: Response, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
+    for i, output in enumerate(response.outputs):
+        for j, input_ in enumerate(response.inputs):
+            unit = response.units_of_inputs[j]
+            yield {
+                "type": 58,
+                "binary": 0,
+                "func_type": _FREQUENCY_RESPONSE,
+                "id1": uff_text(f"{output} to {input_}"),
+                "id2": uff_text(name),
+                "id3": "NONE",
+                "id4": uff_text(response.configuration.name),
+                "id5": uff_text(response.unit),
+                "rsp_ent_name": "NONE",
+                "ref_ent_name": "NONE",
+                "rsp_node": nodes[output][0],
+                "rsp_dir": nodes[output][1],
+                "ref_node": nodes[input_][0],
+                "ref_dir": nodes[input_][1],
+                "abscissa_spec_data_type": _FREQUENCY,
+                "ordinate_spec_data_type": _ORDINATES[response.quantity],
+                "orddenom_spec_data_type": _FORCE if unit in ("N", "N*m") else _UNKNOWN,
+                "ord_data_type": _COMPLEX_DOUBLE,
+                "abscissa_spacing": 0,
+                "abscissa_min": float(response.freq_hz[0]),
+                "abscissa_inc": 0.0,
+                "data": np.asarray(response.G[:, i, j]),
+                "x": np.asarray(response.freq_hz),
+            }
+
+
+def _mode_sets(name: str, modes: Modes, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
+    """Shapes along x, y and z of the nodes, those of rotations and of places without a direction left out."""
+    translating = [(i, *nodes[place]) for i, place in enumerate(modes.places) if 1 <= abs(nodes[place][1]) <= 3]
+    numbers = sorted({node for _, node, _ in translating})
+    for r in range(modes.n_modes if numbers else 0):
+        shape = np.zeros((3, len(numbers)), complex)
+        for i, node, direction in translating:
+            shape[abs(direction) - 1, numbers.index(node)] = np.sign(direction) * modes.place_shapes[0][i, r]
+        yield {
+            "type": 55,
+            "id1": uff_text(name),
+            "id4": uff_text(modes.configuration),
+            "id5": uff_text(f"{modes.freq_hz[r]:.6g} Hz, damping ratio {modes.zeta[r]:.5g}"),
+            "model_type": _STRUCTURAL,
+            "analysis_type": _COMPLEX_MODES,
+            "data_ch": _TRANSLATIONS,
+            "spec_data_type": _ORDINATES["position"],
+            "data_type": 5,
+            "n_data_per_node": 3,
+            "load_case": 1,
+            "mode_n": r + 1,
+            "eig": complex(modes.poles[r]),
+            "node_nums": numbers,
+            **{f"r{axis + 1}": shape[axis] for axis in range(3)},
+        }

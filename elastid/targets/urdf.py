@@ -1,0 +1,151 @@
+"""Export to URDF: the rigid part of the fitted robot, which is all that the format can carry.
+
+Driven and passive joints with their axes, limits, viscous and Coulomb friction (link side), bodies with mass, centre
+and inertia, named frames. Springs, elastic joints (rigid here), rotors and gears are not of the format: the head of the
+file names them, with the targets that carry them.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.base.escape import unused, xml_comment
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.friction.robot_friction import frictions
+from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
+from elastid.store.files import write_text
+from elastid.targets.numbers import in_full, interval_lines
+
+
+def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
+    """robot.urdf; StudyError where the robot has loops, since a URDF is a tree."""
+    root = urdf(model.robot)
+    ET.indent(root)
+    path = folder / "robot.urdf"
+    comment = xml_comment("\n".join([_left_out(model.robot), *interval_lines(model)]))
+    head = f'<?xml version="1.0"?>\n<!-- {comment} -->\n'
+    write_text(path, f"{head}{ET.tostring(root, encoding='unicode')}\n")
+    return (path,)
+
+
+def urdf(robot: Robot) -> ET.Element:
+    """The rigid robot; StudyError where it has loops."""
+    if robot.loops:
+        raise StudyError(
+            "export/not-representable",
+            f"robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), and a URDF is a tree; "
+            "export to mujoco, fmu, casadi or c instead",
+        )
+    root = ET.Element("robot", name=robot.name)
+    ET.SubElement(root, "link", name=BASE)
+    # Of each body the link that has it, and the pose of the body's axes in that link.
+    seats = {BASE: (BASE, np.eye(4))}
+    for body in robot.all_bodies:
+        seats[body.name] = _body(root, robot, body, *seats[body.parent])
+    for frame in robot.frames:
+        link, pose = seats[frame.body]
+        name = _link_name(root, robot, frame.name)
+        ET.SubElement(root, "link", name=name)
+        _fixed(root, name, link, name, pose @ _matrix(frame.placement))
+    return root
+
+
+def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatArray) -> tuple[str, FloatArray]:
+    """The joints that lead to a body and its link; each further joint has an empty link before it.
+
+    pose: of the parent body in the parent's link.  Returns the link and the body's pose in it.
+    """
+    axis_pose = pose @ _matrix(body.placement)
+    # Those that are elastic alone are rigid here.
+    joints = [joint for joint in body.joints if joint.motor is not None or joint.is_passive]
+    names = [_link_name(root, robot, f"{body.name} before {joint.name}") for joint in joints[1:]] + [body.name]
+    for joint, name in zip(joints, names, strict=bool(joints)):
+        to_axis = _shift(np.array(joint.point, dtype=float))
+        _joint(root, robot, joint, parent, name, axis_pose @ to_axis)
+        ET.SubElement(root, "link", name=name)
+        parent, axis_pose = name, _shift(-to_axis[:3, 3])
+    if not joints:
+        ET.SubElement(root, "link", name=body.name)
+        _fixed(root, body.name, parent, body.name, axis_pose)
+        parent, axis_pose = body.name, np.eye(4)
+    own = axis_pose @ _matrix(body.mounting)
+    if body.mass or np.any(body.inertia_matrix):
+        _inertial(next(link for link in root.iter("link") if link.get("name") == parent), body, own)
+    return parent, own
+
+
+def _link_name(root: ET.Element, robot: Robot, name: str) -> str:
+    """A name for a link that is no body, unlike all others: a body and a frame may share one, two links may not."""
+    bodies = [BASE, *(body.name for body in robot.all_bodies)]
+    return unused(name, [*bodies, *(link.get("name", "") for link in root.iter("link"))])
+
+
+def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str, pose: FloatArray) -> None:
+    low, high = joint.limits.angle
+    is_limited = joint.slides or math.isfinite(low) or math.isfinite(high)
+    kind = "prismatic" if joint.slides else "revolute" if is_limited else "continuous"
+    element = _joint_element(root, joint.name, kind, parent, child, pose)
+    ET.SubElement(element, "axis", xyz=in_full(unit_axis(joint.axis)))
+    limits = {"effort": joint.limits.torque, "velocity": joint.limits.velocity}
+    limits |= {"lower": low, "upper": high} if is_limited else {}
+    # The format asks for limits where a robot's file has none.
+    finite = {key: math.copysign(min(abs(value), 1e6), value) for key, value in limits.items()}
+    ET.SubElement(element, "limit", {key: repr(value) for key, value in finite.items()})
+    viscous = joint.viscous + (0.0 if joint.motor is None else joint.motor.ratio**2 * joint.motor.viscous)
+    places = (f"motor {joint.name}", f"joint {joint.name}")
+    coulomb = sum(float(law.curve()[0]) for law in frictions(robot) if law.place in places)
+    ET.SubElement(element, "dynamics", damping=repr(float(viscous)), friction=repr(float(coulomb)))
+
+
+def _fixed(root: ET.Element, name: str, parent: str, child: str, pose: FloatArray) -> None:
+    taken = [joint.get("name", "") for joint in root.iter("joint")]
+    _joint_element(root, unused(f"{name} fixed", taken), "fixed", parent, child, pose)
+
+
+def _joint_element(root: ET.Element, name: str, kind: str, parent: str, child: str, pose: FloatArray) -> ET.Element:
+    element = ET.SubElement(root, "joint", name=name, type=kind)
+    _pose(element, pose)
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=child)
+    return element
+
+
+def _inertial(link: ET.Element, body: Body, pose: FloatArray) -> None:
+    element = ET.SubElement(link, "inertial")
+    _pose(element, pose @ _shift(np.array(body.center_of_mass, dtype=float)))
+    ET.SubElement(element, "mass", value=repr(float(body.mass)))
+    I = body.inertia_matrix  # noqa: E741
+    entries = {
+        f"i{a}{b}": repr(float(I["xyz".index(a), "xyz".index(b)])) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+    }
+    ET.SubElement(element, "inertia", entries)
+
+
+def _pose(element: ET.Element, pose: FloatArray) -> None:
+    placement = Placement.of(pose[:3, :3], pose[:3, 3])
+    ET.SubElement(element, "origin", xyz=in_full(placement.xyz), rpy=in_full(placement.rpy))
+
+
+def _matrix(placement: Placement) -> FloatArray:
+    pose = _shift(np.array(placement.xyz, dtype=float))
+    pose[:3, :3] = placement.rotation
+    return pose
+
+
+def _shift(by: FloatArray) -> FloatArray:
+    pose = np.eye(4)
+    pose[:3, 3] = by
+    return pose
+
+
+def _left_out(robot: Robot) -> str:
+    springs = [joint.name for joint in robot.joints if joint.spring is not None]
+    parts = [f"springs of the joints {', '.join(springs)}" if springs else "", "rotors, gears and their ripple"]
+    parts += ["compensators"] if robot.compensators else []
+    return f"{robot.name}, rigid. Left out: {'; '.join(filter(None, parts))}. Targets mujoco, fmu, casadi, c have them."

@@ -1,0 +1,135 @@
+"""How time and memory of estimate, identify and map grow: slopes in log-log over records, lines, coordinates and more.
+
+    python scripts/benchmarks/growth.py [--quick]
+
+Every size in a process of its own: CPU time of a second run, and the peak of memory in the first, with the data and
+without what is loaded. Records: 6 x 6, 4 periods. Fits: the arm of fit.py, its first joints for fewer coordinates, one
+start, no profiles; the number of iterations is in their time, too. A slope of 1 is proportional growth; slopes are
+those of the line through all sizes. Linux only. The last line is one JSON object with them.
+
+Measured (CPU time; memory at its peak): `estimate` grows with the power 0.8 (estimate_records_cpu) of its records in
+time and 0.9 (estimate_records_memory) in memory, 0.7 (estimate_samples_cpu) and 0.8 (estimate_samples_memory) of the
+samples of a period, 0.4 (estimate_lines_cpu) and 0.3 (estimate_lines_memory) of its lines; `identify` with 0.6
+(identify_configurations_cpu) and 0.0 (identify_configurations_memory) of the configurations, 0.3 (identify_lines_cpu)
+and 0.2 (identify_lines_memory) of their lines, 1.9 (identify_coordinates_cpu) and 2.5 (identify_coordinates_memory)
+of the coordinates; `map` with 1.0 (map_postures_cpu) and 0.0 (map_postures_memory) of the postures.
+"""
+
+# One BLAS thread must be asked for before NumPy is loaded.
+# ruff: noqa: E402
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from fit import IDENTIFIED, NOISE, build_robot
+from frf import simulated
+from timing import machine
+
+from elastid.fit.identify import identify
+from elastid.fit.result import Result
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import serial
+from elastid.record import Configuration
+from elastid.response import Covariance
+from elastid.use.compliance import Cut
+from elastid.use.map import family_of_map, map_family
+from elastid.use.postures import random_postures
+
+# What is measured over which sizes: records of a configuration, its lines, samples of a period; configurations, their
+# lines, coordinates of the robot; postures.
+SIZES = {
+    "estimate": {"records": (12, 24, 48, 96), "lines": (256, 512, 1024, 2047), "samples": (4096, 8192, 16384, 32768)},
+    "identify": {"configurations": (8, 16, 32, 64), "lines": (50, 100, 200, 400), "coordinates": (9, 12, 15, 18)},
+    "map": {"postures": (1000, 2000, 4000, 8000)},
+}
+USUAL = {"records": 24, "samples": 4096, "configurations": 8, "coordinates": 18, "postures": 1000}
+LINES = {"estimate": 512, "identify": 100, "map": 100}
+
+
+def of_estimate(records: int, lines: int, samples: int) -> Callable[[], object]:
+    """A response from records of six experiments each realisation."""
+    chosen = np.arange(1, lines + 1)
+    measured = simulated(chosen, samples, 4, records // 6, 6)
+    return lambda: estimate(measured, EstimatorSpec(), chosen)
+
+
+def of_identify(configurations: int, lines: int, coordinates: int) -> Callable[[], Result]:
+    """A fit of responses with noise."""
+    whole, rng = build_robot(), np.random.default_rng(0)
+    robot = replace(whole, bodies=whole.bodies[: coordinates // 3])
+    model = serial(robot)
+    linearisation, freq_hz, responses = Linearisation.of(model), np.linspace(2.0, 100.0, lines), []
+    for i in range(configurations):
+        posture = Configuration(f"{i + 1}", rng.uniform(-1.2, 1.2, model.n_u))
+        linear = linearisation.at(posture, model.theta, robot.motor_locations, "acceleration")
+        exact = to_response(linear, np.append(model.theta, 0.0), freq_hz)
+        std = NOISE * np.abs(exact.G) + 1e-3 * NOISE * np.abs(exact.G).max(axis=0)
+        noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
+        responses.append(replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf)))
+    names = {name: ParameterSpec() for name in IDENTIFIED if name[:2] in ("k_", "d_", "fm")}
+    spec = FitSpec(parameters=names, starts=1, seed=1, profile=())
+    return lambda: identify(responses, robot, spec)
+
+
+def of_map(postures: int, **fit: int) -> Callable[[], object]:
+    """Compliance, modes and stability with their intervals at random postures."""
+    family = family_of_map(of_identify(**fit)(), "6")
+    angles = random_postures(family.robot, postures, 1)
+    return lambda: map_family(family, angles, Cut(), None, "arm")
+
+
+def memory_mb(name: str) -> float:
+    """VmRSS, what of this process is in memory, or VmHWM, the most since the mark was set back."""
+    status = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return float(next(line for line in status if line.startswith(name)).split()[1]) / 1024
+
+
+def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
+    """CPU seconds and MB of one size: of its second run, and at the peak of its first with its data."""
+    name, size = task
+    before = memory_mb("VmRSS")
+    work = {"estimate": of_estimate, "identify": of_identify, "map": of_map}[name](**size)
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    work()
+    peak, begin = memory_mb("VmHWM"), time.process_time()
+    work()
+    return time.process_time() - begin, peak - before
+
+
+def main() -> None:
+    """A line for each size, then the slopes."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="two sizes of one thing each, to see that it runs")
+    is_quick, slopes = parser.parse_args().quick, dict[str, float]()
+    print(machine())
+    for name, over in SIZES.items():
+        known = {key: USUAL[key] for key in (*over, *(SIZES["identify"] if name == "map" else ())) if key != "lines"}
+        known["lines"] = LINES[name]
+        for key, sizes in [*over.items()][: 1 if is_quick else None]:
+            used = sizes[:2] if is_quick else sizes
+            tasks = [(name, known | {key: size}) for size in used]
+            with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
+                found = np.array(pool.map(point, tasks, chunksize=1))
+            print(f"{name} over {key} {used}: CPU s, MB\n{found.round(2)}", flush=True)
+            for kind, values in zip(("cpu", "memory"), found.T, strict=True):
+                slope = np.polyfit(np.log(used), np.log(np.maximum(values, 1e-3)), 1)[0]
+                slopes[f"{name}_{key}_{kind}"] = round(float(slope), 2)
+    print(json.dumps(slopes))
+
+
+if __name__ == "__main__":
+    main()

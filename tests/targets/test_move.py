@@ -1,0 +1,98 @@
+"""The move in C, ROS 2 and MATLAB is that of Python; friction compensation in C is the robot's law."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.commanded_arm import arm
+from ruamel.yaml import YAML
+from scipy.io import loadmat
+
+from elastid.friction.robot_friction import frictions
+from elastid.targets.friction import write_compensation
+from elastid.targets.move import interpolated, write_move, write_move_c
+from elastid.use.command.replay import Outcome
+from elastid.use.command.tune import TunedMove
+
+C = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
+
+
+def tuned() -> TunedMove:
+    """A smooth motion of two joints; figures that no export reads are zero."""
+    t = np.arange(-20, 121) / 100
+    phase = np.pi * np.clip(t, 0, 1)[:, None] * [1.0, 2.0]
+    q, v, a = np.cos(phase), -np.sin(phase) * np.pi * [1.0, 2.0], -np.cos(phase) * (np.pi * np.array([1.0, 2.0])) ** 2
+    inside = ((t >= 0) & (t <= 1))[:, None]
+    zero, outcome = np.zeros(len(t)), Outcome("none", np.zeros(len(t)), None, None, 0, 0, 0, 0, np.zeros(2))
+    return TunedMove(
+        "a */ move", "tool", ("1", "axis: 2"), ("rad", "m"), "twin", 4.0, 1.0, 0.2, t, q, v * inside, a * inside,
+        0 * a, 100 * a * inside, np.zeros((len(t), 3)), zero, np.full((4, 2), np.inf), np.zeros((2, 2)), (outcome,),
+        0, np.zeros(2),
+    )  # fmt: skip
+
+
+def library(folder: Path, source: Path) -> ctypes.CDLL:
+    built = folder / "built.so"
+    flags = ["-std=c99", "-O2", "-Wall", "-Werror", "-shared", "-fPIC"]
+    subprocess.run(["cc", *flags, source, "-o", built, "-lm"], check=True)
+    return ctypes.CDLL(str(built))
+
+
+@C
+def test_c_interpolates_as_python_does(tmp_path: Path) -> None:
+    """Before, within, on the samples, and after the move, to rounding; it says when it is over."""
+    move = tuned()
+    source, _ = write_move_c(tmp_path, move)
+    c = library(tmp_path, source)
+    last = float(np.diff(move.time_s).mean()) * (len(move.time_s) - 1)
+    times = np.r_[-1.0, 0.0, np.random.default_rng(0).uniform(0, last, 50), 0.005, last, last + 1]
+    expected = interpolated(move, times)
+    buffers = [(ctypes.c_double * 2)() for _ in range(3)]
+    for i, t in enumerate(times.tolist()):
+        over = c.move_at(ctypes.c_double(t), *buffers)
+        assert over == (t >= last)
+        for own, value in zip(buffers, expected, strict=True):
+            np.testing.assert_allclose(np.array(own), value[i], rtol=1e-12, atol=1e-12)
+    q, v, u = interpolated(move, move.time_s - move.time_s[0])
+    np.testing.assert_allclose(q, move.position, atol=1e-12)
+    np.testing.assert_allclose(v, move.velocity, atol=1e-9)
+    np.testing.assert_allclose(u, move.torque)
+
+
+def test_a_trajectory_of_ros_and_a_mat_file_hold_the_samples(tmp_path: Path) -> None:
+    """Times from the first sample, rising; names as they are."""
+    move = tuned()
+    write_move(tmp_path, move)
+    message = YAML(typ="safe").load(tmp_path / "trajectory.yaml")
+    assert message["joint_names"] == ["1", "axis: 2"]
+    points = message["points"]
+    for key, values in (("positions", move.position), ("velocities", move.velocity), ("effort", move.torque)):
+        np.testing.assert_array_equal([point[key] for point in points], values)
+    since = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
+    np.testing.assert_allclose(since, move.time_s - move.time_s[0], atol=1e-9)
+    held = loadmat(tmp_path / "move.mat")
+    np.testing.assert_array_equal(held["position"], move.position)
+    np.testing.assert_array_equal(held["torque"], move.torque)
+
+
+@C
+def test_friction_compensation_in_c_is_the_law_of_the_robot(tmp_path: Path) -> None:
+    """Coulomb and viscous friction of each motor, link side, opposite for opposite velocities."""
+    robot = arm(friction=0.2)
+    source, _, table = write_compensation(tmp_path, robot, "arm", ())
+    c = library(tmp_path, source)
+    u = (ctypes.c_double * 2)()
+    laws = {law.place: law for law in frictions(robot)}
+    for speed in (-2.0, -0.1, 0.5, 3.0):
+        c.friction_torque((ctypes.c_double * 2)(speed, -speed), u)
+        level = laws["motor 1"].sliding(abs(speed)) + 1e-3 * 100**2 * abs(speed)
+        np.testing.assert_allclose(np.array(u), [np.sign(speed) * level, -np.sign(speed) * level], rtol=1e-7)
+    rows = [line.split(",") for line in table.read_text(encoding="utf-8").splitlines()[1:]]
+    assert len(rows) == 402
+    fastest = max(float(speed) for _, speed, _ in rows)
+    assert fastest == pytest.approx(robot.driven[0].limits.velocity)

@@ -1,0 +1,154 @@
+"""MuJoCo, given what is exported to it, has the response of the linear model."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from plants.fitted_models import close, responses_of
+from plants.refusals import refused
+from scipy.linalg import null_space
+
+from elastid.base.arrays import FloatArray
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.robot import Anchor, CoilSpring, Compensator, Friction, Joint
+from elastid.robot.simplified import with_joints
+from elastid.targets.mujoco import write_mujoco
+
+
+def slopes(f: Callable[[FloatArray], FloatArray], n: int, step: float = 1e-3) -> FloatArray:
+    """The Jacobian (n, n) at 0, by central differences of sixth order."""
+    weights = (0.75, -0.15, 1 / 60)
+    odd = [[w * (f(i * h) - f(-i * h)) for i, w in enumerate(weights, 1)] for h in step * np.eye(n)]
+    return np.asarray(np.sum(odd, axis=1).T / step)
+
+
+def test_mujoco_has_the_response(serial_model: FittedRobot, tmp_path: Path) -> None:
+    """M from the engine, K and D by differences of its forces about the keyframe; rotor angles are measured."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    (path,) = write_mujoco(tmp_path, serial_model)
+    engine = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(engine)
+    for i in range(2):
+        mujoco.mj_resetDataKeyframe(engine, data, i)
+        q0, v0 = data.qpos.copy(), np.zeros(engine.nv)
+
+        def force(q: FloatArray, v: FloatArray) -> FloatArray:
+            data.qpos[:], data.qvel[:] = q, v
+            mujoco.mj_forward(engine, data)
+            return np.array(data.qfrc_bias - data.qfrc_passive)
+
+        rest = force(q0, v0)
+        M = np.zeros((engine.nv, engine.nv))
+        mujoco.mj_fullM(engine, data, M)
+        B = np.zeros((engine.nv, engine.nu))
+        for u in range(engine.nu):
+            B[engine.jnt_dofadr[engine.actuator_trnid[u, 0]], u] = 1
+        # The keyframe is an equilibrium: its controls hold it.
+        assert rest == pytest.approx(B @ data.ctrl, abs=1e-6 * max(1.0, np.abs(rest).max()))
+        K = slopes(lambda h: force(q0 + h, v0), engine.nv)  # noqa: B023
+        D = slopes(lambda h: force(q0, h), engine.nv)  # noqa: B023
+        s = 2j * np.pi * serial_model.measured[i].freq_hz[:, None, None]
+        delay = np.exp(-s * serial_model.theta[-1])
+        G = s**2 * (B.T @ np.linalg.solve(s**2 * M + s * D + K, B.astype(complex))) * delay
+        assert close(np.asarray(G), responses_of(serial_model, i), 1e-9)
+
+
+def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, serial_model: FittedRobot) -> None:
+    """A cubic gear or a compensator has no place in MJCF: refused by name."""
+    body = next(body for body in serial_model.robot.bodies if any(j.spring is not None for j in body.joints))
+    joints = tuple(replace(j, spring=replace(j.spring, cubic=1.0)) if j.spring is not None else j for j in body.joints)
+    bodies = tuple(replace(b, joints=joints) if b.name == body.name else b for b in serial_model.robot.bodies)
+    ends = (Anchor("base"), Anchor(body.name, (0.0, 0.0, 0.1)))
+    bent = replace(serial_model.robot, bodies=bodies, compensators=(Compensator("c", ends, coil=CoilSpring(1.0)),))
+    with refused("export/not-representable"):
+        write_mujoco(tmp_path, replace(serial_model, model=replace(serial_model.model, robot=bent)))
+
+
+class Linearised:
+    """The engine about one of its keyframes: forces and constraint rows at displaced postures."""
+
+    def __init__(self, mujoco: Any, engine: Any, key: int) -> None:
+        self.mujoco, self.engine, self.data = mujoco, engine, mujoco.MjData(engine)
+        mujoco.mj_resetDataKeyframe(engine, self.data, key)
+        self.q0, self.held, self.n = self.data.qpos.copy(), self.data.ctrl.copy(), engine.nv
+
+    def force(self, dq: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """f (n,) and the rows J of the constraints."""
+        self.data.qpos[:], self.data.qvel[:] = self.q0, v
+        self.mujoco.mj_integratePos(self.engine, self.data.qpos, dq, 1.0)
+        self.mujoco.mj_forward(self.engine, self.data)
+        rows = np.array(self.data.efc_J).reshape(-1, self.n)[: self.data.nefc]
+        return np.array(self.data.qfrc_bias - self.data.qfrc_passive), rows
+
+
+@pytest.mark.parametrize("key", [0, 1])
+@pytest.mark.parametrize("accuracy", [2e-4, 1e-6], ids=["as written", "without the gram"])
+def test_mujoco_closes_loops(looped_model: FittedRobot, tmp_path: Path, key: int, accuracy: float) -> None:
+    """The response along the motions that its constraints leave; keyframes are equilibria.
+
+    Within 1e-6 but for 1 g and 1e-4 kg m^2 at the end of a rod, which the engine's time steps need (`LEAST_MASS`).
+    """
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    (path,) = write_mujoco(tmp_path, looped_model)
+    engine = mujoco.MjModel.from_xml_path(str(path))
+    if accuracy == 1e-6:
+        rods = [i for i in range(engine.nbody) if engine.body(i).name.startswith("rod ")]
+        engine.body_inertia[rods] *= 1e-4
+        engine.body_mass[[i for i in rods if engine.body(i).name.endswith(" end")]] *= 1e-4
+        mujoco.mj_setConst(engine, mujoco.MjData(engine))
+    at = Linearised(mujoco, engine, key)
+    zero = np.zeros(at.n)
+    rest, J = at.force(zero, zero)
+    assert np.abs(at.data.efc_pos).max() < 1e-8
+    M, B = np.zeros((at.n, at.n)), np.zeros((at.n, engine.nu))
+    mujoco.mj_fullM(engine, at.data, M)
+    for u in range(engine.nu):
+        B[engine.jnt_dofadr[engine.actuator_trnid[u, 0]], u] = 1
+    multipliers = np.linalg.lstsq(J.T, B @ at.held - rest, rcond=None)[0]
+    assert np.abs(rest + J.T @ multipliers - B @ at.held).max() < 1e-4 * np.abs(at.held).max()
+
+    def pulled(dq: FloatArray) -> FloatArray:
+        f, J = at.force(dq, zero)
+        return f + J.T @ multipliers
+
+    K, D = slopes(pulled, at.n), slopes(lambda v: at.force(zero, v)[0], at.n)
+    Z = null_space(J, rcond=1e-9)
+    M, D, K, B = Z.T @ M @ Z, Z.T @ D @ Z, Z.T @ K @ Z, Z.T @ B
+    s = 2j * np.pi * looped_model.measured[key].freq_hz[:, None, None]
+    G = s**2 * (B.T @ np.linalg.solve(s**2 * M + s * D + K, B.astype(complex))) * np.exp(-s * looped_model.theta[-1])
+    assert close(np.asarray(G), responses_of(looped_model, key), accuracy)
+
+
+def test_mujoco_stays_where_its_controls_hold_a_linkage(looped_model: FittedRobot, tmp_path: Path) -> None:
+    """Half a second of the engine's own time steps moves no joint by more than a tenth of a millirad."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    engine = mujoco.MjModel.from_xml_path(str(write_mujoco(tmp_path, looped_model)[0]))
+    data = mujoco.MjData(engine)
+    mujoco.mj_resetDataKeyframe(engine, data, 0)
+    start = data.qpos.copy()
+    for _ in range(1000):
+        mujoco.mj_step(engine, data)
+    hinges = engine.jnt_qposadr[engine.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
+    assert np.abs(data.qpos - start)[hinges].max() < 1e-4
+
+
+def test_coulomb_friction_that_was_found_is_frictionloss(serial_model: FittedRobot, tmp_path: Path) -> None:
+    """At the motor on the link side; behind the gear, where motor angle and twist turn together, in a tendon."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+
+    def rubbed(joint: Joint) -> Joint:
+        if joint.motor is None:
+            return joint
+        return replace(joint, motor=replace(joint.motor, coulomb=0.1, friction=None), friction=Friction(7.0))
+
+    found = with_joints(serial_model.robot, rubbed)
+    (path,) = write_mujoco(tmp_path, serial_model, found)
+    engine = mujoco.MjModel.from_xml_path(str(path))
+    first = found.flexible[0]
+    assert first.motor is not None
+    hinge = engine.joint(f"motor {first.name}")
+    assert engine.dof_frictionloss[hinge.dofadr[0]] == pytest.approx(0.1 * abs(first.motor.ratio))
+    assert engine.tendon_frictionloss == pytest.approx(np.full(len(found.flexible), 7.0))
