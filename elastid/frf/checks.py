@@ -41,7 +41,7 @@ class Limits:
     power_ratio: float = 1e-12  # of the weakest to the strongest combination of inputs, below which rounding decides
     # Power of a record's errors over that of the others, at the median line; 2.0 at most in 44 clean sets.
     unlike: float = 4.0
-    phase_difference: float = 0.2  # of the inputs of two realisations, relative, below which they have the same phases
+    difference: float = 0.2  # of the inputs of two records, relative, below which they are repeats of each other
     lines: int = 1000  # evenly taken, that show phases and signs as well as all
     highest_share: float = 1 / 3  # of the lines, from the highest down, that is above the resonances
     relative_gain: float = 0.7  # of each element that an exchange of channels puts on the diagonal, at least
@@ -157,7 +157,7 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
     notes = []
     for m in range(1, len(blocks)):
         a, b = (block.U[:: -(-len(block.U) // LIMITS.lines)] for block in (blocks[m - 1], blocks[m]))
-        if a.shape == b.shape and np.linalg.norm(a - b) < LIMITS.phase_difference * np.linalg.norm(a):
+        if a.shape == b.shape and np.linalg.norm(a - b) < LIMITS.difference * np.linalg.norm(a):
             text = (
                 f"realisations {groups[m - 1][0].realisation} and {groups[m][0].realisation} have the same phases, "
                 "so the total variance misses the nonlinear distortion; draw new phases for every realisation"

@@ -55,7 +55,7 @@ from elastid.frf.welch import welch_response
 from elastid.record import Record
 from elastid.response import Response
 
-WELCH = ("h1", "h2", "hv")
+WELCH = ("h1", "h2")
 LOCAL = ("local_polynomial", "local_rational")
 LEVEL_LINES = 1024  # of which `level_lines` are found
 
@@ -72,6 +72,11 @@ def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntA
     together or do not suffice, the experiments do not separate the inputs, or no line is excited.
     """
     refuse_mismatch(records)
+    n_y, n_u = len(records[0].outputs), len(records[0].inputs)
+    if spec.method == "h2" and n_y != n_u:
+        raise StudyError(
+            "frf/method", f"estimator.method h2 needs as many outputs as inputs, here {n_y} and {n_u}; take h1 or auto"
+        )
     if records[0].is_periodic:
         groups: dict[int, list[Record]] = {}
         for record in sorted(records, key=lambda record: (record.realisation, record.experiment)):
@@ -114,7 +119,7 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
     """StudyError for a method, lines or a transient that only records with a period have."""
     if spec.method not in ("auto", *LOCAL, *WELCH):
         why = (
-            f"which estimator.method {spec.method} needs; take auto, local_rational, local_polynomial, h1, h2 or hv, "
+            f"which estimator.method {spec.method} needs; take auto, local_rational, local_polynomial, h1 or h2, "
             "or state the period of the record where it has one"
         )
     elif spec.lines in ("odd", "excited"):

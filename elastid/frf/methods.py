@@ -5,8 +5,8 @@ C_Z in one period, and returns G with its weights W_m and their share s, so that
 
 .. math:: \hat G - G = s \sum_m V_m W_m, \quad s \sum_m U_m W_m = 1
 
-(Wernholt and Moberg, LiTH-ISY-R-2827, 2008; Guillaume, Pintelon and Schoukens, IEEE TIM 41(6), 1992; for H2 and Hv
-Maia and Silva, Theoretical and Experimental Modal Analysis, 1997.)
+(Wernholt and Moberg, LiTH-ISY-R-2827, 2008; Guillaume, Pintelon and Schoukens, IEEE TIM 41(6), 1992; for H2 Maia and
+Silva, Theoretical and Experimental Modal Analysis, 1997.)
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError
 from elastid.frf.experiment_blocks import MeanSpectra
-from elastid.frf.matrices import added_cross_products, added_products, adjoint, total_least_squares, transposed
+from elastid.frf.matrices import added_cross_products, added_products, adjoint, transposed
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,6 @@ def h1(data: MeanSpectra) -> Estimate:
 
 def h2(data: MeanSpectra) -> Estimate:
     """G = (sum Y Y^H)(sum U Y^H)^-1, for n_y = n_u: all noise on the inputs."""
-    n_y, n_u = data.Y[0].shape[1], data.U[0].shape[1]
-    if n_y != n_u:
-        raise StudyError(
-            "frf/method",
-            f"estimator.method h2 needs as many outputs as inputs, here {n_y} and {n_u}; take arithmetic",
-        )
     return _instrumental(data, data.Y)
 
 
@@ -72,14 +66,6 @@ def joint(data: MeanSpectra) -> Estimate:
             "frf/method", "estimator.method joint needs the injected torque r of every record; take arithmetic"
         )
     return _instrumental(data, R)
-
-
-def hv(data: MeanSpectra) -> Estimate:
-    """Total least squares of each output: as much noise on it as on every input, in their units."""
-    Y, U = data.every.Y, data.every.U
-    Z = [np.concatenate([Y[:, i : i + 1], U], axis=1) for i in range(Y.shape[1])]
-    rows = [total_least_squares(each @ adjoint(each)) for each in Z]
-    return replace(h1(data), G=np.stack(rows, axis=1))
 
 
 def errors_in_variables(data: MeanSpectra) -> Estimate:
@@ -102,9 +88,7 @@ def errors_in_variables(data: MeanSpectra) -> Estimate:
     return replace(h1(data), G=Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:]))
 
 
-METHODS: dict[str, Estimator] = {
-    method.__name__: method for method in (arithmetic, h1, h2, hv, joint, errors_in_variables)
-}
+METHODS: dict[str, Estimator] = {method.__name__: method for method in (arithmetic, h1, h2, joint, errors_in_variables)}
 
 
 def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Estimate:
