@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -12,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.execution import Execution
 from elastid.base.note import Note, Severity
-from elastid.base.statistics import QUANTILE_95, chi_square_limit
+from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.nonlinear.choice import (
@@ -78,7 +77,7 @@ def find_friction(
         if not number and is_settled:
             break
     if len(found.choice.taken):
-        result = _with_dependence(found.result, found.data, found.choice.motor_of, spec.quantity)
+        result = _with_dependence(found.result, found.data, found.choice.motor_of)
     return replace(result, notes=(*result.notes, *survey.limits))
 
 
@@ -296,7 +295,7 @@ def _near_standstill(result: FrictionTakenOut, place: str, unit: str) -> str:
 
 
 def _with_dependence(
-    result: FrictionTakenOut, data: Sequence[ConfigurationSpectra], motor_of: IntArray, quantity: Quantity
+    result: FrictionTakenOut, data: Sequence[ConfigurationSpectra], motor_of: IntArray
 ) -> FrictionTakenOut:
     """The same with levels that are uncertain by their scatter over configurations, where it is more than chance's.
 
@@ -305,7 +304,7 @@ def _with_dependence(
     (DerSimonian and Laird, Controlled Clinical Trials 7, 1986.)
     """
     factors, stds = levels_by_configuration(data, result.levels, motor_of)
-    loads, C = _gear_loads(result, data, motor_of, quantity), result.covariance.copy()
+    C = result.covariance.copy()
     notes = list[Note]()
     for i, place in enumerate(result.places):
         if len(data) < 2 or place not in result.taken_places():
@@ -315,60 +314,16 @@ def _with_dependence(
         if chi_square_limit(len(data) - 1, LIMITS.dependence_by_chance) < Q:
             own = np.where(motor_of == i, result.levels, 0.0)
             C += (Q - len(data) + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(own, own)
-            level, unit = result.sliding_level(place)[0], result.place_units[i]
-            text = _dependence(level * factor, level * stds[:, i], loads[:, i], unit, result.configurations)
-            notes.append(Note("nonlinear/friction-differs", f"{place}: {text.format(level=level)}"))
+            level, low, high = result.sliding_level(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
+            text = (
+                f"{place}: friction is {level * factor[high]:.4g} {result.place_units[i]} in "
+                f"{result.configurations[high]} and {level * factor[low]:.4g} in {result.configurations[low]}, and "
+                f"{level:.4g} was taken out of all: it depends on the angle, the temperature or the gear's load, and "
+                "this level holds for these postures alone; a study of friction with `loads` says on which"
+            )
+            notes.append(Note("nonlinear/friction-differs", text))
     result = replace(result, covariance=C)
     return replace(result, notes=(*_notes(result), *notes))
-
-
-def _dependence(
-    levels: FloatArray, stds: FloatArray, loads: FloatArray, unit: str, configurations: Sequence[str]
-) -> str:
-    """Levels that differ (C,), and the friction per load of a gear that they are, where one line through them is."""
-    low, high = int(np.argmin(levels)), int(np.argmax(levels))
-    text = (
-        f"friction is {levels[high]:.4g} {unit} in {configurations[high]} and {levels[low]:.4g} in "
-        f"{configurations[low]}, and {{level:.4g}} was taken out of all: "
-    )
-    X = np.stack([np.ones_like(loads), loads], axis=1) / stds[:, None]
-    covariance = np.linalg.pinv(X.T @ X)
-    f_0, per_load = line = covariance @ X.T @ (levels / stds)
-    is_line = len(levels) == 2 or np.sum((levels / stds - X @ line) ** 2) < chi_square_limit(
-        len(levels) - 2, LIMITS.dependence_by_chance
-    )
-    if is_line and per_load > QUANTILE_95 * math.sqrt(covariance[1, 1]) and f_0 > -QUANTILE_95 * stds.max():
-        text += (
-            f"as {f_0:.3g} +- {math.sqrt(covariance[0, 0]):.2g} {unit} and {100 * per_load:.2g} +- "
-            f"{100 * math.sqrt(covariance[1, 1]):.1g} % of the torque that its gear carries ({loads[high]:.3g} and "
-            f"{loads[low]:.3g} {unit} in the mean) would be; angle or temperature may do the same"
-        )
-    else:
-        text += "it depends on the angle, the temperature or the gear's load"
-    return f"{text}, so that this level holds for these postures alone; a study of friction with loads says on which"
-
-
-def _gear_loads(
-    result: FrictionTakenOut, data: Sequence[ConfigurationSpectra], motor_of: IntArray, quantity: Quantity
-) -> FloatArray:
-    """Mean (C, n_m) of the torque's size that each motor's gear carries: what moves the robot, and what holds it up.
-
-    The first is normal about the second, of the deviation sigma of U - f - J a at the excited lines.
-    """
-    loads = []
-    for spectra in data:
-        on = np.flatnonzero(spectra.excited)
-        omega = 2 * np.pi * spectra.freq_hz[on, None, None]
-        acceleration = spectra.Y[on] * (1j * omega) ** (2 - MOTION_ORDER[quantity])
-        torque = spectra.U[on] - taken(result.levels, spectra.Phi[on], motor_of, spectra.U.shape[1])
-        known = result.accelerance > 0
-        torque -= acceleration * np.where(known, 1 / np.where(known, result.accelerance, 1.0), 0.0)[:, None]
-        sigma = np.sqrt(np.sum(np.abs(torque) ** 2, axis=0).mean(axis=1) / 2 * spectra.n_excited / len(on))
-        x = np.abs(spectra.mean_torque) / np.maximum(math.sqrt(2) * sigma, 1e-300)
-        loads.append(
-            sigma * math.sqrt(2 / math.pi) * np.exp(-(x**2)) + np.abs(spectra.mean_torque) * [math.erf(v) for v in x]
-        )
-    return np.array(loads)
 
 
 def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
