@@ -42,7 +42,7 @@ class Limits:
     # Power of a record's errors over that of the others, at the median line; 2.0 at most in 44 clean sets.
     unlike: float = 4.0
     difference: float = 0.2  # of the inputs of two records, relative, below which they are repeats of each other
-    lines: int = 1000  # evenly taken, that show phases and signs as well as all
+    lines: int = 300  # evenly taken, that show phases and signs as well as all
     highest_share: float = 1 / 3  # of the lines, from the highest down, that is above the resonances
     relative_gain: float = 0.7  # of each element that an exchange of channels puts on the diagonal, at least
     mean_gain: float = 0.5  # of these elements by the exchange, in the mean, at least
