@@ -121,7 +121,6 @@ def test_records_that_are_not_settled_are_refused() -> None:
     assert "differ by up to 20 % of the motion" in apart[0.2].words
     assert apart[0.02].words == ""
     (note,) = unsettled_notes(apart[0.02].data)
-    assert "differ by 2 % of the motion" in note.text
     assert unsettled_notes(good.data) == []
     noisy = replace(good.data[0], scatter=good.data[0].scatter + motion.mean(), noise=np.array([motion.mean()]))
     assert difference(noisy) < 1e-3  # of an encoder, at all lines alike
@@ -133,7 +132,6 @@ def test_an_encoder_that_hides_the_deflection_is_named() -> None:
     bent = np.abs(good.data[0].Y[good.data[0].excited]).mean()
     (note,) = coarse_encoders(case(noise=3 * bent).data, good.drives, ["1"])
     assert note.place == "motor 1"
-    assert "rad of noise at the excited lines" in note.text
 
 
 def test_counts_that_are_not_small_against_the_deflection_leave_the_fit_as_it_is() -> None:

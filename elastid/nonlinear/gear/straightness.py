@@ -207,7 +207,7 @@ class _Problem:
     def on_arm(self, robot: Robot, at: Configuration) -> _Problem:
         """With the arm's torques."""
         torques = geometric_torques(robot, at, self.motion, self.lines.s[: len(self.motion)])
-        return replace(self, arm=torques[self.used])
+        return replace(self, arm=torques[1 + self.used])
 
     def bend(self, i: int, joint: str) -> Bend | None:
         """The shape of gear i that explains most; None where its spring is straight."""
