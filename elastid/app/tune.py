@@ -108,8 +108,8 @@ def answer(tuned: TunedMove) -> Answer:
         f"move is {number(rigid.residual / max(own.residual, 1e-12), 3)} times smaller."
     )
     on_draws = (
-        f"On {tuned.draws} robots drawn from the fit the largest error is at most "
-        f"{number(1e3 * float(own.high.max()), 3)} mm (95 %), and torques take at most "
+        f"On {tuned.draws} robots drawn from the fit, lengths and zeros within their tolerances, the largest error is "
+        f"at most {number(1e3 * float(own.high.max()), 3)} mm (95 %), and torques take at most "
         f"{100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
         if own.high is not None and drawn
         else ""

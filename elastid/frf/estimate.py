@@ -14,7 +14,14 @@ from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
 from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation
-from elastid.frf.checks import channel_notes, refuse_few, refuse_mismatch, same_phases_notes, separated_lines
+from elastid.frf.checks import (
+    channel_notes,
+    refuse_few,
+    refuse_mismatch,
+    same_phases_notes,
+    separated_lines,
+    unlike_notes,
+)
 from elastid.frf.covariance import (
     distortion_covariance,
     equation_error,
@@ -48,7 +55,7 @@ from elastid.frf.welch import welch_response
 from elastid.record import Record
 from elastid.response import Response
 
-WELCH = ("h1", "h2", "hv")
+WELCH = ("h1", "h2")
 LOCAL = ("local_polynomial", "local_rational")
 LEVEL_LINES = 1024  # of which `level_lines` are found
 
@@ -65,6 +72,11 @@ def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntA
     together or do not suffice, the experiments do not separate the inputs, or no line is excited.
     """
     refuse_mismatch(records)
+    n_y, n_u = len(records[0].outputs), len(records[0].inputs)
+    if spec.method == "h2" and n_y != n_u:
+        raise StudyError(
+            "frf/method", f"estimator.method h2 needs as many outputs as inputs, here {n_y} and {n_u}; take h1 or auto"
+        )
     if records[0].is_periodic:
         groups: dict[int, list[Record]] = {}
         for record in sorted(records, key=lambda record: (record.realisation, record.experiment)):
@@ -107,7 +119,7 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
     """StudyError for a method, lines or a transient that only records with a period have."""
     if spec.method not in ("auto", *LOCAL, *WELCH):
         why = (
-            f"which estimator.method {spec.method} needs; take auto, local_rational, local_polynomial, h1, h2 or hv, "
+            f"which estimator.method {spec.method} needs; take auto, local_rational, local_polynomial, h1 or h2, "
             "or state the period of the record where it has one"
         )
     elif spec.lines in ("odd", "excited"):
@@ -170,7 +182,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
             "to inputs"
         )
         notes.append(left_out_note(lines[~usable], first, why))
-    notes += same_phases_notes(data.blocks, groups)
+    notes += [*same_phases_notes(data.blocks, groups), *unlike_notes(data.blocks, groups)]
     lines = lines[usable]
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     quality = measured_quality(freq_hz, data, fitted.G)
@@ -232,8 +244,7 @@ def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Me
             "over all realisations together, since a single one has fewer experiments than inputs and so no response "
             "to be averaged, and h1 is biased by the noise and friction that feedback brings into u",
         )
-    # It pairs torque and motion of each realisation, while noise and friction in the loop bias h1; the harmonic mean
-    # fails where friction sticks.
+    # It pairs torque and motion of each realisation, while noise and friction in the loop bias h1.
     return "arithmetic", ()
 
 

@@ -95,17 +95,6 @@ def inverse(A: ComplexArray) -> ComplexArray:
     return inverses
 
 
-def total_least_squares(S: ComplexArray) -> ComplexArray:
-    """G (F, n_u) of one output y by the weakest direction v of z = [y; u], v^H z = 0, from its S (F, 1 + n_u, 1 + n_u).
-
-    Raises LinAlgError where that direction has no part of y.
-    """
-    v = np.linalg.eigh(S)[1][:, :, 0].conj()
-    if not v[:, 0].all():
-        raise np.linalg.LinAlgError("the weakest direction has no part of the output")
-    return np.asarray(-v[:, 1:] / v[:, :1])
-
-
 def singular_values(A: ComplexArray) -> FloatArray:
     """Singular values (F, min(n, m)) of each matrix, largest first."""
     F, n, m = A.shape

@@ -5,8 +5,8 @@ C_Z in one period, and returns G with its weights W_m and their share s, so that
 
 .. math:: \hat G - G = s \sum_m V_m W_m, \quad s \sum_m U_m W_m = 1
 
-(Wernholt and Moberg, LiTH-ISY-R-2827, 2008; Guillaume, Pintelon and Schoukens, IEEE TIM 41(6), 1992; for H2 and Hv
-Maia and Silva, Theoretical and Experimental Modal Analysis, 1997.)
+(Wernholt and Moberg, LiTH-ISY-R-2827, 2008; Guillaume, Pintelon and Schoukens, IEEE TIM 41(6), 1992; for H2 Maia and
+Silva, Theoretical and Experimental Modal Analysis, 1997.)
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray
-from elastid.base.errors import DataError, StudyError
-from elastid.frf.experiment_blocks import Block, MeanSpectra
-from elastid.frf.matrices import added_cross_products, added_products, adjoint, total_least_squares, transposed
+from elastid.base.errors import DataError
+from elastid.frf.experiment_blocks import MeanSpectra
+from elastid.frf.matrices import added_cross_products, added_products, adjoint, transposed
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,6 @@ def arithmetic(data: MeanSpectra) -> Estimate:
     return Estimate(share * added_products(data.Y, W), W, share=share)
 
 
-def harmonic(data: MeanSpectra) -> Estimate:
-    """G = [(1/M) sum_m G_m^-1]^-1, for n_y = n_u."""
-    _refuse_oblong(data, "harmonic")
-    return replace(arithmetic(data), G=harmonic_mean(_each(data.blocks)))
-
-
 def h1(data: MeanSpectra) -> Estimate:
     """G = (sum Y U^H)(sum U U^H)^-1: least squares with all noise on the outputs; biased by noise in the loop."""
     return _instrumental(data, data.U)
@@ -61,7 +55,6 @@ def h1(data: MeanSpectra) -> Estimate:
 
 def h2(data: MeanSpectra) -> Estimate:
     """G = (sum Y Y^H)(sum U Y^H)^-1, for n_y = n_u: all noise on the inputs."""
-    _refuse_oblong(data, "h2")
     return _instrumental(data, data.Y)
 
 
@@ -73,14 +66,6 @@ def joint(data: MeanSpectra) -> Estimate:
             "frf/method", "estimator.method joint needs the injected torque r of every record; take arithmetic"
         )
     return _instrumental(data, R)
-
-
-def hv(data: MeanSpectra) -> Estimate:
-    """Total least squares of each output: as much noise on it as on every input, in their units."""
-    Y, U = data.every.Y, data.every.U
-    Z = [np.concatenate([Y[:, i : i + 1], U], axis=1) for i in range(Y.shape[1])]
-    rows = [total_least_squares(each @ adjoint(each)) for each in Z]
-    return replace(h1(data), G=np.stack(rows, axis=1))
 
 
 def errors_in_variables(data: MeanSpectra) -> Estimate:
@@ -103,18 +88,7 @@ def errors_in_variables(data: MeanSpectra) -> Estimate:
     return replace(h1(data), G=Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:]))
 
 
-AVERAGED: dict[str, Estimator] = {"arithmetic": arithmetic, "harmonic": harmonic}
-METHODS = AVERAGED | {method.__name__: method for method in (h1, h2, hv, joint, errors_in_variables)}
-
-
-def harmonic_mean(G: ComplexArray) -> ComplexArray:
-    """[(1/M) sum_m G_m^-1]^-1 of G (M, F, n, n)."""
-    return np.asarray(np.linalg.inv(np.linalg.inv(G).mean(axis=0)))
-
-
-def _each(blocks: Sequence[Block]) -> ComplexArray:
-    """G_m (M, F, n_y, n_u) of every realisation."""
-    return np.stack([block.Y @ block.W for block in blocks])
+METHODS: dict[str, Estimator] = {method.__name__: method for method in (arithmetic, h1, h2, joint, errors_in_variables)}
 
 
 def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Estimate:
@@ -123,12 +97,3 @@ def _instrumental(data: MeanSpectra, instruments: Sequence[ComplexArray]) -> Est
     W = tuple(adjoint(A) @ of_inputs for A in instruments)
     G: ComplexArray = np.sum([Y @ W_m for Y, W_m in zip(data.Y, W, strict=True)], axis=0)
     return Estimate(G, W)
-
-
-def _refuse_oblong(data: MeanSpectra, method: str) -> None:
-    n_y, n_u = data.Y[0].shape[1], data.U[0].shape[1]
-    if n_y != n_u:
-        raise StudyError(
-            "frf/method",
-            f"estimator.method {method} needs as many outputs as inputs, here {n_y} and {n_u}; take arithmetic",
-        )

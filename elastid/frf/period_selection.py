@@ -335,18 +335,7 @@ def _leading(
         return leading, ()
     note = _note(spectra, np.flatnonzero(leading), measured, "a transient")
     note = replace(note, code=TRANSIENT_LEFT_OUT, severity="information")
-    ends = [log[n:] for n, half, log in zip(lengths, halves, logs, strict=True) if 0 < n == len(half)]
-    if any(_still_decays(spectra, end[0], end[-1]) for end in ends):
-        note = replace(note, text=f"{note.text}; it may last longer than half of the record: measure more periods")
     return leading, (note,)
-
-
-def _still_decays(spectra: PeriodSpectra, first: int, last: int) -> bool:
-    """True if two periods that are left differ as the end of a transient does."""
-    record, L = spectra.record, spectra.record.repeat_samples
-    signals = np.concatenate([record.u, record.y], axis=1)
-    one, other = (signals[p * L : (p + 1) * L] for p in (spectra.periods[first], spectra.periods[last]))
-    return any(map(_decays, (one - other).T, signals.std(axis=0)))
 
 
 def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, reason: str) -> Note:

@@ -12,10 +12,8 @@ from elastid.record import Motion
 Method: TypeAlias = Literal[
     "auto",
     "arithmetic",
-    "harmonic",
     "h1",
     "h2",
-    "hv",
     "joint",
     "errors_in_variables",
     "local_polynomial",
@@ -26,7 +24,6 @@ Window: TypeAlias = Literal["hann", "hamming", "blackman", "blackmanharris", "fl
 
 Friction: TypeAlias = Literal["none", "coulomb", "curve", "auto"]
 
-_MEANS = ("arithmetic", "harmonic")
 _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 
 
@@ -34,14 +31,14 @@ _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 class EstimatorSpec:
     """Estimation of frequency responses from records.
 
-    Records without a period take `h1`, `h2` or `hv` by Welch's method, a local method, or `auto`, which compares `h1`
+    Records without a period take `h1` or `h2` by Welch's method, a local method, or `auto`, which compares `h1`
     with `local_rational`; their lines are `full`.
     """
 
     # fmt: off
-    method: Annotated[Method, Key("Method of estimation: `arithmetic` or `harmonic` mean of the "
+    method: Annotated[Method, Key("Method of estimation: `arithmetic` mean of the "
         "realisations' responses, each from as many experiments as inputs; or of all experiments together `h1`, `h2`, "
-        "`hv`, `joint` (input-output, by the injected torque) or `errors_in_variables`; or `local_polynomial` or "
+        "`joint` (input-output, by the injected torque) or `errors_in_variables`; or `local_polynomial` or "
         "`local_rational` (where windows are wider than resonances), from one experiment of all inputs or more, "
         "started from rest or not; `auto` takes the `arithmetic` mean where periods and experiments allow, else the "
         "candidate with the smallest stated error, and reports the errors.", "`arithmetic` has the least bias in "
@@ -106,4 +103,4 @@ class EstimatorSpec:
         """Experiments of each realisation that are needed to separate n_u inputs."""
         if self.method in _BY_NEIGHBOURS:
             return 1
-        return n_u if self.method in _MEANS else math.ceil(n_u / realisations)
+        return n_u if self.method == "arithmetic" else math.ceil(n_u / realisations)

@@ -1,10 +1,10 @@
-r"""Welch's H1, H2 and Hv: responses of records without a period, from windowed segments that overlap.
+r"""Welch's H1 and H2: responses of records without a period, from windowed segments that overlap.
 
 Every segment of every record of a configuration is a realisation. With the cross spectra of all K of them,
 
 .. math:: S_{yu} = \sum_k Y_k U_k^H, \quad H_1 = S_{yu} S_{uu}^{-1}, \quad H_2 = S_{yy} S_{uy}^{-1}
 
-and Hv by total least squares of each output.  The residual gives the covariance; for one input it is that by coherence,
+The residual gives the covariance; for one input it is that by coherence,
 
 .. math:: cov(vec\, H) = S_{uu}^{-T} \otimes \frac{S_{vv}}{K_e - n_u}, \quad S_{vv} = \sum_k V_k V_k^H, \qquad
           \sigma^2_H = |H|^2 \frac{1 - \gamma^2}{\gamma^2 (K_e - 1)}
@@ -43,12 +43,13 @@ from numpy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release
 from elastid.base.display import percent
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.excitation.grids import grid_lines, line_frequencies
+from elastid.frf.checks import LIMITS as CHECKS
 from elastid.frf.covariance import kronecker
 from elastid.frf.local.fitted_response import local_mean
-from elastid.frf.matrices import adjoint, power, total_least_squares, transposed
+from elastid.frf.matrices import adjoint, power, transposed
 from elastid.frf.quality import coherences, local_modes, measured_response, segment_notes, together_notes
 from elastid.frf.segments import Segments, make_segments
 from elastid.frf.spec import EstimatorSpec
@@ -56,7 +57,6 @@ from elastid.frf.spectra import refuse_uncomputable, unit_scale
 from elastid.record import Record
 from elastid.response import Covariance, Levels, Quality, Response
 
-_DIFFERENCE = 0.2  # of inputs, relative, below which records are repeats
 _LEAST_DOF = 0.4  # 1 - sum h^2 / n_u at least: of a line that is in one segment alone nothing is known
 # A sweep that ends with its record is cut there: where this part of a segment at the end has this share of a line's
 # power, the line's error is that of the cut.
@@ -186,13 +186,13 @@ def _are_repeats(first: Record, other: Record) -> bool:
         return False
     for begin in range(0, n, 1 << 20):
         u, v = (np.asarray(record.u[begin : min(begin + (1 << 20), n)]) for record in (first, other))
-        if np.sum((u - v) ** 2) > _DIFFERENCE**2 * np.sum((u - u.mean(axis=0)) ** 2):
+        if np.sum((u - v) ** 2) > CHECKS.difference**2 * np.sum((u - u.mean(axis=0)) ** 2):
             return False
     return True
 
 
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
-    """G (F, n_y, n_u) of one configuration by h1, h2 or hv, with coherences, from all segments of its records.
+    """G (F, n_y, n_u) of one configuration by h1 or h2, with coherences, from all segments of its records.
 
     noise: with distortion, which segments do not separate.  total: with the leakage of windows.  Lines are those of a
     segment.
@@ -253,27 +253,10 @@ def _is_cut(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, 
 
 
 def _response(data: CrossSpectra, method: str) -> ComplexArray:
-    """G (F, n_y, n_u) by H1, H2 or Hv; StudyError and DataError where the outputs do not allow the latter."""
-    n_y, n_u = data.n_y, data.uu.shape[1]
+    """G (F, n_y, n_u) by H1 or H2, whose response of an output that does not move is 0."""
     if method == "h1":
         return data.yu @ np.linalg.inv(data.uu)
-    if method == "h2" and n_y != n_u:
-        raise StudyError(
-            "frf/method",
-            f"estimator.method h2 needs as many outputs as inputs, here {n_y} and {n_u}; take h1 or local_rational",
-        )
-    try:
-        if method == "h2":
-            return np.asarray(data.yy @ np.linalg.inv(adjoint(data.yu)))
-        rows = [np.array([i, *range(n_y, n_y + n_u)]) for i in range(n_y)]
-        return np.stack([total_least_squares(data.S[:, row[:, None], row]) for row in rows], axis=1)
-    except np.linalg.LinAlgError as error:
-        why = (
-            "h2 finds a singular matrix at some line: an output does not move"
-            if method == "h2"
-            else "hv: an input has no power at some line of its own"
-        )
-        raise DataError("frf/method", f"estimator.method {why}; take h1") from error
+    return np.asarray(data.yy @ np.linalg.pinv(adjoint(data.yu)))
 
 
 def _covariances(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -12,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.execution import Execution
 from elastid.base.note import Note, Severity
-from elastid.base.statistics import QUANTILE_95, chi_square_limit
+from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.nonlinear.choice import (
@@ -43,9 +42,8 @@ from elastid.record import Motion as Quantity
 # in all.
 _CHOICE_RECORDS = 24
 # Friction moves the motor that it is found along. Where noise hides that motion F_c is found up to a half too small at
-# first, and the next passes mend it; a first one that leaves it the same to this part is the last, and so is one that
-# leaves more than this part of the power that the one before has left. At most so many.
-_SAME_LEVEL, _LESS, _PASSES = 0.02, 0.97, 10
+# first, and passes mend it, at most so many, while each leaves less than this part of the power that was left before.
+_LESS, _PASSES = 0.97, 10
 
 
 def find_friction(
@@ -56,30 +54,59 @@ def find_friction(
 ) -> FrictionTakenOut:
     """Friction in the records of all configurations, each of which is gone through, or read, several times.
 
-    Shapes are chosen along the motion that samples show, levels are found along that between the samples. Where it
-    cannot be found nothing is taken out, and a note says why.  execution: of the configurations; the result does not
-    depend on it.
+    Shapes are chosen along the motion that samples show; levels are found along that between the samples, too, where it
+    moves them. Where friction cannot be found nothing is taken out, and a note says why.  execution: of the
+    configurations; the result does not depend on it.
     Raises DataError and StudyError as `estimate` does.
     """
     execution = execution or Execution()
     survey = _survey(measured, spec, planned, execution)
     if isinstance(survey, FrictionTakenOut):
         return survey
+    gather = partial(gather_configuration, spec=spec, planned=planned)
+    found = _along_samples(survey, spec)
+    if not len(survey.choice.taken):
+        return replace(found.result, notes=(*found.result.notes, *survey.limits))
+    few = _few(survey.data[0].U.shape[2])
+    if few >= len(measured) or not _is_near(few, survey, spec, gather, measured, execution):
+        for number in range(_PASSES):
+            noisy = partial(gather, noise=number > 0)
+            further = _along_its_motion(found, survey, spec, noisy, measured, execution)
+            if number and not further.explains_more_than(found):
+                break
+            is_settled, found = further.agrees_with(found), further
+            if not number and is_settled:
+                break
+    result = _with_dependence(found.result, found.data, found.choice.motor_of)
+    return replace(result, notes=(*result.notes, *survey.limits))
+
+
+def _is_near(
+    few: int,
+    survey: _Survey,
+    spec: EstimatorSpec,
+    gather: Callable[..., ConfigurationSpectra],
+    measured: Sequence[Iterable[Record]],
+    execution: Execution,
+) -> bool:
+    """True if the samples' motion gives the levels, in the first configurations, as near as shapes are known."""
+    part = replace(survey, data=survey.data[:few], names=survey.names[:few])
+    sampled = _along_samples(part, spec)
+    between = _along_its_motion(sampled, part, spec, gather, measured[:few], execution)
+    return between.agrees_with(sampled)
+
+
+def _few(records: int) -> int:
+    """Configurations, of so many records, in which shapes are chosen."""
+    return -(-_CHOICE_RECORDS // records)
+
+
+def _along_samples(survey: _Survey, spec: EstimatorSpec) -> _Found:
+    """Friction along the motion that the samples show."""
     levels, equations = find_levels(survey.data, survey.choice.motor_of, survey.choice.taken)
     accelerance = upper_accelerance(survey.data, levels, survey.choice.motor_of, spec.quantity)
     result = _result(survey, survey.choice, levels, accelerance, equations)
-    found = _Found(result, survey.choice, levels, survey.data)
-    for number in range(_PASSES if len(survey.choice.taken) else 0):
-        gather = partial(gather_configuration, spec=spec, planned=planned, noise=number > 0)
-        further = _along_its_motion(found, survey, spec, gather, measured, execution)
-        if number and not further.explains_more_than(found):
-            break
-        is_settled, found = further.agrees_with(found), further
-        if not number and is_settled:
-            break
-    if len(found.choice.taken):
-        result = _with_dependence(found.result, found.data, found.choice.motor_of, spec.quantity)
-    return replace(result, notes=(*result.notes, *survey.limits))
+    return _Found(result, survey.choice, levels, survey.data)
 
 
 @dataclass(frozen=True)
@@ -92,9 +119,9 @@ class _Found:
     data: Sequence[ConfigurationSpectra]
 
     def agrees_with(self, before: _Found) -> bool:
-        """True if F_c of every motor is as before."""
+        """True if F_c of every motor is as before, to what shapes are known."""
         pairs = [[found.result.sliding_level(place)[0] for found in (self, before)] for place in self.result.places]
-        return all(abs(level - other) <= _SAME_LEVEL * level for level, other in pairs)
+        return all(abs(level - other) <= LIMITS.sign_error * level for level, other in pairs)
 
     def explains_more_than(self, before: _Found) -> bool:
         """True if it leaves less power in other realisations."""
@@ -183,16 +210,16 @@ def _survey(
         of_motors = any(place.startswith("motor ") for place in first.inputs)
         return _nothing(first, refused if of_motors or spec.friction != "auto" else "", spec.friction)
     shapes = candidate_shapes(records, spec.friction == "coulomb")
-    few = -(-_CHOICE_RECORDS // len(records))
+    few = _few(len(records))
     surveyed = execution.ordered(partial(_surveyed, shapes, first.inputs, spec, planned), measured[:few])
-    if refused := _refused(surveyed):
+    if refused := next(filter(None, (configuration.refusal for configuration in surveyed)), ""):
         return _nothing(first, refused, spec.friction)
     spectra = [configuration.data for configuration in surveyed if configuration.data is not None]
     choice, picked, rates = choose(spectra, shapes, first.inputs, spec.friction == "auto")
     data = [configuration.with_shapes(picked, rates) for configuration in spectra]
     shapes = tuple(shapes[i] for i in picked)
     later = execution.ordered(partial(_surveyed, shapes, first.inputs, spec, planned), measured[few:])
-    if refused := _refused(later):
+    if refused := next(filter(None, (configuration.refusal for configuration in later)), ""):
         return _nothing(first, refused, spec.friction)
     every = np.arange(len(shapes))
     data += [configuration.data.with_shapes(every, rates) for configuration in later if configuration.data is not None]
@@ -232,11 +259,6 @@ def _surveyed(
     return _Configuration(name, refused, limits_of(records), data)
 
 
-def _refused(surveyed: Sequence[_Configuration]) -> str:
-    """Why friction cannot be found in the first configuration of which that is so."""
-    return next(filter(None, (configuration.refusal for configuration in surveyed)), "")
-
-
 def _result(
     survey: _Survey,
     choice: Choice,
@@ -269,10 +291,9 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
         if place in result.taken_places():
             level, std = result.sliding_level(place)
             text = (
-                f"{place}: friction of {level:.4g} +- {std:.2g} {unit} in sliding"
-                f"{_near_standstill(result, place, unit)} (link side, at the loads and temperatures of these records) "
-                "was found in the records and taken out of the torque; "
-                f"{share:.2g} % of the power of distortion and noise is left"
+                f"{place}: friction of {level:.4g} +- {std:.2g} {unit} in sliding "
+                "(link side, at the loads and temperatures of these records) was found in them and taken out of the "
+                f"torque; {share:.2g} % of the power of distortion and noise is left"
             )
             notes.append(Note("nonlinear/friction-taken-out", text, severity="information"))
         else:
@@ -285,18 +306,8 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def _near_standstill(result: FrictionTakenOut, place: str, unit: str) -> str:
-    """By how much slow motion has more friction, and below which velocity; empty without a Stribeck curve."""
-    curves = [(shape.threshold, more) for shape, more in result.taken_shapes(place) if shape.kind == "stribeck"]
-    if not curves:
-        return ""
-    total = sum(more for _, more in curves)
-    v_s = sum(velocity * more for velocity, more in curves) / total
-    return f", {total:.3g} {unit} more near standstill (Stribeck, over {v_s:.2g} {'m' if unit == 'N' else 'rad'}/s)"
-
-
 def _with_dependence(
-    result: FrictionTakenOut, data: Sequence[ConfigurationSpectra], motor_of: IntArray, quantity: Quantity
+    result: FrictionTakenOut, data: Sequence[ConfigurationSpectra], motor_of: IntArray
 ) -> FrictionTakenOut:
     """The same with levels that are uncertain by their scatter over configurations, where it is more than chance's.
 
@@ -305,7 +316,7 @@ def _with_dependence(
     (DerSimonian and Laird, Controlled Clinical Trials 7, 1986.)
     """
     factors, stds = levels_by_configuration(data, result.levels, motor_of)
-    loads, C = _gear_loads(result, data, motor_of, quantity), result.covariance.copy()
+    C = result.covariance.copy()
     notes = list[Note]()
     for i, place in enumerate(result.places):
         if len(data) < 2 or place not in result.taken_places():
@@ -315,60 +326,16 @@ def _with_dependence(
         if chi_square_limit(len(data) - 1, LIMITS.dependence_by_chance) < Q:
             own = np.where(motor_of == i, result.levels, 0.0)
             C += (Q - len(data) + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(own, own)
-            level, unit = result.sliding_level(place)[0], result.place_units[i]
-            text = _dependence(level * factor, level * stds[:, i], loads[:, i], unit, result.configurations)
-            notes.append(Note("nonlinear/friction-differs", f"{place}: {text.format(level=level)}"))
+            level, low, high = result.sliding_level(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
+            text = (
+                f"{place}: friction is {level * factor[high]:.4g} {result.place_units[i]} in "
+                f"{result.configurations[high]} and {level * factor[low]:.4g} in {result.configurations[low]}, and "
+                f"{level:.4g} was taken out of all: it depends on the angle, the temperature or the gear's load, and "
+                "this level holds for these postures alone; a study of friction with `loads` says on which"
+            )
+            notes.append(Note("nonlinear/friction-differs", text))
     result = replace(result, covariance=C)
     return replace(result, notes=(*_notes(result), *notes))
-
-
-def _dependence(
-    levels: FloatArray, stds: FloatArray, loads: FloatArray, unit: str, configurations: Sequence[str]
-) -> str:
-    """Levels that differ (C,), and the friction per load of a gear that they are, where one line through them is."""
-    low, high = int(np.argmin(levels)), int(np.argmax(levels))
-    text = (
-        f"friction is {levels[high]:.4g} {unit} in {configurations[high]} and {levels[low]:.4g} in "
-        f"{configurations[low]}, and {{level:.4g}} was taken out of all: "
-    )
-    X = np.stack([np.ones_like(loads), loads], axis=1) / stds[:, None]
-    covariance = np.linalg.pinv(X.T @ X)
-    f_0, per_load = line = covariance @ X.T @ (levels / stds)
-    is_line = len(levels) == 2 or np.sum((levels / stds - X @ line) ** 2) < chi_square_limit(
-        len(levels) - 2, LIMITS.dependence_by_chance
-    )
-    if is_line and per_load > QUANTILE_95 * math.sqrt(covariance[1, 1]) and f_0 > -QUANTILE_95 * stds.max():
-        text += (
-            f"as {f_0:.3g} +- {math.sqrt(covariance[0, 0]):.2g} {unit} and {100 * per_load:.2g} +- "
-            f"{100 * math.sqrt(covariance[1, 1]):.1g} % of the torque that its gear carries ({loads[high]:.3g} and "
-            f"{loads[low]:.3g} {unit} in the mean) would be; angle or temperature may do the same"
-        )
-    else:
-        text += "it depends on the angle, the temperature or the gear's load"
-    return f"{text}, so that this level holds for these postures alone; a study of friction with loads says on which"
-
-
-def _gear_loads(
-    result: FrictionTakenOut, data: Sequence[ConfigurationSpectra], motor_of: IntArray, quantity: Quantity
-) -> FloatArray:
-    """Mean (C, n_m) of the torque's size that each motor's gear carries: what moves the robot, and what holds it up.
-
-    The first is normal about the second, of the deviation sigma of U - f - J a at the excited lines.
-    """
-    loads = []
-    for spectra in data:
-        on = np.flatnonzero(spectra.excited)
-        omega = 2 * np.pi * spectra.freq_hz[on, None, None]
-        acceleration = spectra.Y[on] * (1j * omega) ** (2 - MOTION_ORDER[quantity])
-        torque = spectra.U[on] - taken(result.levels, spectra.Phi[on], motor_of, spectra.U.shape[1])
-        known = result.accelerance > 0
-        torque -= acceleration * np.where(known, 1 / np.where(known, result.accelerance, 1.0), 0.0)[:, None]
-        sigma = np.sqrt(np.sum(np.abs(torque) ** 2, axis=0).mean(axis=1) / 2 * spectra.n_excited / len(on))
-        x = np.abs(spectra.mean_torque) / np.maximum(math.sqrt(2) * sigma, 1e-300)
-        loads.append(
-            sigma * math.sqrt(2 / math.pi) * np.exp(-(x**2)) + np.abs(spectra.mean_torque) * [math.erf(v) for v in x]
-        )
-    return np.array(loads)
 
 
 def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:

@@ -10,7 +10,6 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.fit.result import Result
-from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
 from elastid.nonlinear.gear.drive_lines import DriveLines, drive_lines, elastic_joints
@@ -74,9 +73,8 @@ def refusal(
             "one that acts, and effects of gears would follow the difference; give the robot's chain its torque_lag, "
             f"or free the delay; {LOST}"
         )
-    by_note = [G.configuration.name for G in responses if any(_is_unsettled(note) for note in G.notes)]
     apart = {lines.configuration.name: difference(lines) for lines in data}
-    if moving := [name for name, share in apart.items() if name in by_note or share > UNSETTLED]:
+    if moving := [name for name, share in apart.items() if share > UNSETTLED]:
         return (
             f"the records of {', '.join(moving)} are not settled, or disturbed: their periods differ by up to "
             f"{100 * max(apart[name] for name in moving):.2g} % of the motion, and effects of gears are found between "
@@ -108,10 +106,6 @@ def unsettled_notes(data: Sequence[PeriodLines]) -> list[Note]:
         for name, share in shares.items()
         if share > DIFFERS
     ]
-
-
-def _is_unsettled(note: Note) -> bool:
-    return note.code == TRANSIENT_LEFT_OUT and "longer than half" in note.text
 
 
 def difference(lines: PeriodLines) -> float:

@@ -97,37 +97,15 @@ def find_levels(
 
 
 def solve(A: FloatArray, b: FloatArray) -> FloatArray:
-    """The f (n,) >= 0 that minimises f^T A f - 2 b^T f.
+    """The f (n,) >= 0 that minimises f^T A f - 2 b^T f."""
+    from scipy.optimize import nnls  # slow to load, for records without friction
 
-    By active sets, as SciPy's nnls, whose package takes longer to load than most responses to estimate. (Lawson and
-    Hanson, Solving Least Squares Problems, 1974, ch. 23.)
-    """
     if not len(b):
         return b
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    # A small ridge: shapes may be the same in all that was measured.
-    A, b = A / np.outer(size, size) + 1e-9 * np.eye(len(b)), b / size
-    f, free = np.zeros(len(b)), np.zeros(len(b), bool)
-    for _ in range(3 * len(b)):  # rounding might free and hold the same level for ever
-        pull = np.where(free, 0.0, b - A @ f)
-        if pull.max() <= 1e-12 * np.abs(b).max():
-            break
-        free[np.argmax(pull)] = True
-        f, free = _moved_within(A, b, f, free)
-    return np.asarray(f / size)
-
-
-def _moved_within(A: FloatArray, b: FloatArray, f: FloatArray, free: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """The least of the quadratic over the free numbers (n,) from f >= 0 on; those that would fall below stay at 0."""
-    while True:
-        target = np.zeros(len(b))
-        target[free] = np.linalg.solve(A[np.ix_(free, free)], b[free])
-        falling = free & (target <= 0)
-        if not falling.any():
-            return target, free
-        f = f + np.min(f[falling] / (f[falling] - target[falling])) * (target - f)
-        free = free & ~(falling & (f <= 1e-12 * np.abs(f).max()))
-        f = np.where(free, f, 0.0)
+    power, V = np.linalg.eigh(A / np.outer(size, size))
+    root = np.sqrt(np.maximum(power, 0.0) + 1e-9)  # a small ridge: shapes may be the same in all that was measured
+    return np.asarray(nnls(root[:, None] * V.T, V.T @ (b / size) / root)[0] / size)
 
 
 def covariance(equations: NormalEquations, chosen: IntArray) -> FloatArray:

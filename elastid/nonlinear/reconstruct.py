@@ -45,7 +45,7 @@ from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import friction_means, spectrum
 from elastid.record import Record
 
-_ROUNDS = 3  # of motion and friction by each other
+_ROUNDS = 2  # of motion and friction by each other
 
 
 def motion_under(record: Record, place: str, friction: FrictionTakenOut) -> Motion:
@@ -59,15 +59,15 @@ def motion_under(record: Record, place: str, friction: FrictionTakenOut) -> Moti
     half = slice(0, len(Y))
     is_above = s.imag[half] > 2 * np.pi * friction.highest_hz.max()
     by_inertia = np.divide(a, s[half] ** 2, out=np.zeros(len(Y), complex), where=is_above)
-    torque = hold_of(record)[:, channel] * rfft(held)
+    torque, steps = hold_of(record)[:, channel] * rfft(held), rfft(np.repeat(held, CELLS))
     for _ in range(_ROUNDS):
-        means = friction_means(record, motion, taken)
-        above = a * _above(held[:, None] - means, record.rate_hz)
+        means = rfft(friction_means(record, motion, taken).ravel())
+        above = a * _above(steps - means, n, record.rate_hz)
         sampled = Y - _folded(above, n)
         kept, noise = filtered(record, sampled, 0, noise_of_line)
         share = np.divide((kept * sampled.conj()).real, np.abs(sampled) ** 2, out=np.ones(len(Y)), where=sampled != 0)
         velocity = above
-        velocity[half] = kept + (1 - share) * by_inertia * (torque - spectrum(means))
+        velocity[half] = kept + (1 - share) * by_inertia * (torque - spectrum(means, n, CELLS))
         velocity *= s
         velocity[0] = gain * record.rate_hz
         x = irfft(velocity, n * CELLS) * CELLS
@@ -75,13 +75,11 @@ def motion_under(record: Record, place: str, friction: FrictionTakenOut) -> Moti
     return motion
 
 
-def _above(torque: FloatArray, rate_hz: float) -> ComplexArray:
-    """The second integral of a torque, steady in each of its cells (n, cells), 0 up to half the rate of the samples."""
-    n, cells = torque.shape
-    X = rfft(torque.ravel())
-    X[: n // 2 + 1] = 0
-    X[n // 2 + 1 :] *= _second_integral(n, cells, rate_hz)[n // 2 + 1 :]
-    return X
+def _above(X: ComplexArray, n: int, rate_hz: float) -> ComplexArray:
+    """The second integral of a torque that is steady in cells of n samples, by its DFT X, above half their rate."""
+    above = np.zeros_like(X)
+    above[n // 2 + 1 :] = X[n // 2 + 1 :] * _second_integral(n, 2 * (len(X) - 1) // n, rate_hz)[n // 2 + 1 :]
+    return above
 
 
 @lru_cache(maxsize=8)
@@ -113,14 +111,14 @@ def net_samples(
     Each (n,), along the motion under it; the second is 0 where a motor shows no images.
     """
     n, a = whole_samples(record), friction.accelerance[friction.places.index(place)]
-    means = friction_means(record, motion, friction.taken_shapes(place))
-    low = spectrum(means)
+    means = rfft(friction_means(record, motion, friction.taken_shapes(place)).ravel())
+    low = spectrum(means, n, motion.cells)
     H = hold_of(record)[:, record.inputs.index(place)]
     # Near a zero of the hold the torque's samples do not determine the torque.
     held = irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
     if a == 0 or not _shows_images(record, place):
         return held, np.zeros(n)
-    return held, irfft(a * _folded(_above(means - held[:, None], record.rate_hz), n), n)
+    return held, irfft(a * _folded(_above(means - rfft(np.repeat(held, motion.cells)), n, record.rate_hz), n), n)
 
 
 def _shows_images(record: Record, place: str) -> bool:

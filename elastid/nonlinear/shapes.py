@@ -133,10 +133,9 @@ def friction_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, 
     return means
 
 
-def spectrum(means: FloatArray) -> ComplexArray:
-    """Transform (n // 2 + 1,) of a torque at lines of n samples, in samples, by its means (n, cells)."""
-    n, cells = means.shape
-    return rfft(means.ravel())[: n // 2 + 1] * _between_cells(n, cells, n // 2 + 1)
+def spectrum(means: ComplexArray, n: int, cells: int) -> ComplexArray:
+    """Transform (n // 2 + 1,) of a torque at lines of n samples, in samples, by the DFT of its means in their cells."""
+    return means[: n // 2 + 1] * _between_cells(n, cells, n // 2 + 1)
 
 
 def reach(taken: Sequence[tuple[Shape, float]]) -> float:

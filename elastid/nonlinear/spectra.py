@@ -46,9 +46,7 @@ class ConfigurationSpectra:
     U_noise, Y_noise, Phi_noise: a draw of the noise of these means, by the difference between the periods of even and
     odd number; 0 of a single period.
     excited (F,): where G = Y / U is found; at the other lines G is interpolated.  realisation (K,): of each experiment.
-    freq_hz (F,).  mean_torque (n_m,): of U over all samples, which holds the robot up.  velocity_noise (n_m,): standard
-    deviation of the noise in the motion that the shapes are along.  n_excited: excited lines of the records, some of
-    which are left out where they are many.
+    freq_hz (F,).  velocity_noise (n_m,): standard deviation of the noise in the motion that the shapes are along.
     """
 
     lines: IntArray
@@ -61,9 +59,7 @@ class ConfigurationSpectra:
     Y_noise: ComplexArray
     Phi_noise: ComplexArray
     realisation: IntArray
-    mean_torque: FloatArray
     velocity_noise: FloatArray
-    n_excited: int
 
     @property
     def has_noise(self) -> bool:
@@ -149,7 +145,7 @@ def gather_configuration(
     spectra = spectra_of(records, spec, planned)
     excited = analysed_lines(spectra, spec, planned)
     everywhere = np.arange(excited[0], excited[-1] + 1, 2 if first.half_wave else 1)
-    lines = np.union1d(_some(excited), _some(np.setdiff1d(everywhere, excited)))
+    lines = np.union1d(some(excited, 400), some(np.setdiff1d(everywhere, excited), 400))
     is_excited = np.isin(lines, excited)
     columns = [first.outputs.index(place) for place in first.inputs]
     U, Y, Phi = list[ComplexArray](), list[ComplexArray](), list[ComplexArray]()
@@ -178,11 +174,10 @@ def gather_configuration(
             Phi[-1][: len(sums), :, own] = of_place.swapaxes(1, 2)
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     realisation = np.array([record.realisation for record in records])
-    mean_torque = np.mean([record.u.mean(axis=0) for record in records], axis=0)
     (torques, U_noise), (angles, Y_noise), (of_shapes, Phi_noise) = (np.stack(part, axis=3) for part in (U, Y, Phi))
     return ConfigurationSpectra(
-        lines, freq_hz, is_excited, torques, angles, of_shapes, U_noise, Y_noise, Phi_noise, realisation, mean_torque,
-        np.sqrt(np.mean(velocity_noise**2, axis=0)), len(excited),
+        lines, freq_hz, is_excited, torques, angles, of_shapes, U_noise, Y_noise, Phi_noise, realisation,
+        np.sqrt(np.mean(velocity_noise**2, axis=0)),
     )  # fmt: skip
 
 
@@ -223,11 +218,9 @@ def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -
     return torque
 
 
-def _some(lines: IntArray) -> IntArray:
-    """At most 400 of the lines, which give the levels as well as all, evenly taken, with the first and the last."""
-    if len(lines) <= 400:
-        return lines
-    return lines[np.linspace(0, len(lines) - 1, 400).round().astype(np.int64)]
+def some(lines: IntArray, most: int) -> IntArray:
+    """At most so many of the lines, which show a level as well as all, evenly taken, with the first and the last."""
+    return lines[np.linspace(0, len(lines) - 1, min(len(lines), most)).round().astype(np.int64)]
 
 
 def _smooth(wanted: IntArray, lines: IntArray, G: ComplexArray) -> BoolArray:

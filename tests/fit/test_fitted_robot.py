@@ -59,7 +59,7 @@ def test_the_result_has_the_model_of_each_configuration(measured, result) -> Non
 def test_an_interval_of_what_was_not_identified_names_what_was(result) -> None:
     """A number that is held, and a name that does not exist."""
     held = next(p.name for p in result.parameters if not p.free)
-    with pytest.raises(KeyError, match=f"{held} is held or tied; identified are k_1"):
+    with pytest.raises(KeyError, match=f"{held} is held or tied"):
         result.interval(held)
-    with pytest.raises(KeyError, match="k_99 is no parameter of this fit; identified are k_1"):
+    with pytest.raises(KeyError, match=r"k_99 .*k_1"):
         result.interval("k_99")

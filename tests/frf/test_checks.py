@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.frf.checks import channel_notes, separated_lines
+from elastid.base.arrays import ComplexArray
+from elastid.frf.checks import channel_notes, separated_lines, unlike_notes
 from elastid.frf.experiment_blocks import Block, MeanSpectra
-from elastid.record import Configuration
+from elastid.record import Configuration, Record
 from elastid.response import Covariance, Response
 
 FREQ_HZ = np.linspace(1.0, 60.0, 60)
@@ -84,3 +85,22 @@ def test_an_exchange_is_named_whatever_the_units_of_a_channel(size: float) -> No
     assert note.code == "frf/exchanged-channels"
     assert "motor 2" in note.text
     assert "motor 3" in note.text
+
+
+def test_a_record_that_the_other_realisations_contradict_is_named() -> None:
+    """A torque that is 5 % off in one of six experiments; without it nothing is said."""
+    rng, F, M = np.random.default_rng(2), 40, 3
+    G = rng.normal(size=(F, 2, 2)) + 1j * rng.normal(size=(F, 2, 2))
+    U = rng.normal(size=(M, F, 2, 2)) + 1j * rng.normal(size=(M, F, 2, 2))
+    Y = G @ U + 0.01 * (rng.normal(size=U.shape) + 1j * rng.normal(size=U.shape))
+    record = Record("", Configuration("b", np.zeros(2)), 0, 0, 1.0, 4, *2 * (MOTORS[:2],), ("position",) * 2,
+                    np.zeros((4, 2)), np.zeros((4, 2)))  # fmt: skip
+    groups = [[replace(record, name=f"{m}-{e}", realisation=m, experiment=e) for e in range(2)] for m in range(M)]
+
+    def places(U: ComplexArray) -> list[str]:
+        blocks = [Block(U[m], Y[m], None, np.ones(2), np.zeros((F, 2)), 1) for m in range(M)]
+        return [note.place for note in unlike_notes(blocks, groups)]
+
+    assert places(U) == []
+    U[2, :, 0, 1] *= 1.05
+    assert places(U) == ["record 2-1"]

@@ -267,7 +267,7 @@ def test_a_record_without_a_period_is_estimated_by_methods_that_need_none() -> N
     spec = EstimatorSpec(quantity="velocity", band_hz=(5.0, 80.0))
     assert "frf/method" in [note.code for note in estimate([record], spec).notes]
     with refused("frf/periods"):
-        estimate([record], replace(spec, method="harmonic"))
+        estimate([record], replace(spec, method="arithmetic"))
 
 
 def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:

@@ -7,7 +7,7 @@ from plants.three_mass import circular
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.kernels import is_compiled
 from elastid.frf import matrices
-from elastid.frf.matrices import adjoint, total_least_squares, transposed
+from elastid.frf.matrices import adjoint, transposed
 
 # One line and incomplete batches, odd sizes, and many lines.
 SHAPES = [(1, 1, 1), (7, 2, 3), (37, 5, 4), (16, 3, 6), (300, 6, 6), (600, 7, 7)]
@@ -99,15 +99,3 @@ def test_the_kernels_refuse_numbers_of_another_size() -> None:
         pytest.skip("the kernels in C are not built")
     with pytest.raises(TypeError, match="complex128, not float64"):
         matrices.inverse(np.ones((5000, 6, 6)))  # type: ignore[arg-type]
-
-
-def test_total_least_squares_is_the_row_that_the_spectra_hold_and_is_refused_without_an_output() -> None:
-    """y = G u exactly; and with as much noise on y as on each u, which biases plain least squares."""
-    rng = np.random.default_rng(3)
-    u = rng.normal(size=(5, 3, 8)) + 1j * rng.normal(size=(5, 3, 8))
-    G = rng.normal(size=(5, 1, 3)) + 1j * rng.normal(size=(5, 1, 3))
-    z = np.concatenate([G @ u, u], axis=1)
-    for S in (z @ adjoint(z), z @ adjoint(z) + 0.5 * np.eye(4)):
-        assert off(total_least_squares(S), G[:, 0]) < 1e-12
-    with pytest.raises(np.linalg.LinAlgError, match="no part of the output"):
-        total_least_squares(np.array([np.diag([1.0, 0.0])], dtype=np.complex128))

@@ -1,4 +1,4 @@
-"""Records without a period: Welch's H1, H2 and Hv against SciPy, closed forms and Monte Carlo."""
+"""Records without a period: Welch's H1 and H2 against SciPy, closed forms and Monte Carlo."""
 
 from __future__ import annotations
 

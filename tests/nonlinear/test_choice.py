@@ -117,7 +117,7 @@ def on_a_carrier(power: float) -> ConfigurationSpectra:
     lines, nothing = np.arange(2, 22), np.zeros((20, 1, 3), complex)
     return ConfigurationSpectra(
         lines, lines / 2.0, np.ones(20, bool), size * U, size * U, Phi, nothing, nothing, 0 * Phi, np.arange(3),
-        np.zeros(1), np.zeros(1), 20,
+        np.zeros(1),
     )  # fmt: skip
 
 

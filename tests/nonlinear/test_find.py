@@ -10,7 +10,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.nonlinear import find
-from elastid.nonlinear.find import _dependence, find_friction
+from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.reconstruct import motion_under
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import friction_means, spectrum
@@ -77,8 +77,7 @@ def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(sign
     result = find_friction([tuple(spoilt)], AUTO, lines)
     assert result.shapes == ()
     (note,) = result.notes
-    assert "are not independent in all" in note.text
-    assert "check for a file listed twice" in note.text
+    assert note.code == "nonlinear/friction-left"
 
 
 def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
@@ -90,7 +89,8 @@ def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
         for each in (record, net_record(record, found))
     )
     for i, place in enumerate(record.inputs):
-        torque = spectrum(friction_means(record, motion_under(record, place, found), found.taken_shapes(place)))
+        means = friction_means(record, motion_under(record, place, found), found.taken_shapes(place))
+        torque = spectrum(np.fft.rfft(means.ravel()), *means.shape)
         at_lines = torque[lines * record.n_periods] * 2 / (record.n_periods * record.period_samples)
         np.testing.assert_allclose((raw - net)[:, i], at_lines, atol=1e-12)
 
@@ -158,10 +158,15 @@ def test_shapes_may_be_chosen_in_the_first_configuration_alone(
     np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], coulomb, rtol=0.02)
 
 
-def test_levels_that_a_line_through_the_loads_explains_are_said_to_be_friction_by_load() -> None:
-    """Of three postures: 10 Nm and 5 % of the load, to its deviation; another order of the same levels has no line."""
-    loads, stds, names = np.array([10.0, 100.0, 200.0]), np.full(3, 0.1), ("a", "b", "c")
-    levels = 10 + 0.05 * loads + np.array([0.05, -0.1, 0.05])
-    text = _dependence(levels, stds, loads, "N*m", names)
-    assert "as 10 +- 0.096 N*m and 5 +- 0.07 % of the torque that its gear carries (200 and 10 N*m in the mean)" in text
-    assert "it depends on the angle" in _dependence(levels[[1, 0, 2]], stds, loads, "N*m", names)
+@pytest.mark.slow
+def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval() -> None:
+    """Half as much friction in the second: the level is between both, and each is within its 95 % interval."""
+    (one, _), lines = measured()
+    (_, other), _ = measured((COULOMB[0] / 2, COULOMB[1]))
+    result = find_friction((one, other), AUTO, lines)
+    (note,) = [note for note in result.notes if note.code == "nonlinear/friction-differs"]
+    assert note.text.startswith("motor 1")
+    level, std = result.sliding_level("motor 1")
+    assert COULOMB[0] / 2 < level < COULOMB[0]
+    assert std > COULOMB[0] / 8
+    assert result.sliding_level("motor 2")[1] < 0.02 * COULOMB[1]

@@ -45,6 +45,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
+from elastid.frf.checks import LIMITS as CHECKS
 from elastid.frf.lines import analysed_lines
 from elastid.frf.local.fitted_response import (
     Experiments,
@@ -78,7 +79,6 @@ class Limits:
     margin_dof: int = 2  # beyond the number of outputs
     input_snr: float = 10.0  # power of an excited input over its noise (10 dB),
     excited_share: float = 0.05  # at this part of the lines at least
-    difference: float = 0.2  # of inputs, after the best gain, relative, below which they are repeats
     correlation: float = 0.5  # of two inputs in a window, from which on they are one excitation; random phases: 0.3
 
 
@@ -356,7 +356,7 @@ def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
     if power == 0 or own == 0:
         return None
     c = float(np.sum(R.conj() * R_other).real / power)
-    return c if np.sum(np.abs(R_other - c * R) ** 2) < LIMITS.difference**2 * own else None
+    return c if np.sum(np.abs(R_other - c * R) ** 2) < CHECKS.difference**2 * own else None
 
 
 def _merged(group: Sequence[SettledSpectra], closed: bool) -> SettledSpectra:

@@ -90,7 +90,9 @@ def candidate_groups(
             groups += [(GearEffect("range", joint, part * deflection),) for part in (0.5, 1.0, 1.5)]
             groups += [(GearEffect("gap", joint, part * deflection),) for part in (0.1, 0.3)]
         groups += [
-            (GearEffect(kind, joint, part * deflection),) for kind in ("stop", "bristle") for part in (0.1, 0.3, 1.0)
+            (GearEffect(kind, joint, part * deflection),)
+            for kind in ("stop", "bristle")
+            for part in (0.03, 0.1, 0.3, 1.0)
         ]
         turns = travelled_turns(data, linearisation, found, j)
         for order in (order for order in orders if order * turns > LIMITS.period):
@@ -154,8 +156,7 @@ def choose_effects(
         if _kinds(found.effects) == before:  # none of those that were added stays
             break
     estimates = tuple(estimate.on(lines) for estimate, lines in zip(found.estimates, fine, strict=True))
-    settled = _settled((fine, responses, linearisation), replace(found, estimates=estimates))
-    return _with_better_edges((fine, responses, linearisation), settled)
+    return _settled((fine, responses, linearisation), replace(found, estimates=estimates))
 
 
 def _settled(arguments: _Arguments, found: Levels) -> Levels:
@@ -163,18 +164,6 @@ def _settled(arguments: _Arguments, found: Levels) -> Levels:
     found = find_levels(*arguments, found, found.effects)
     pruned = _pruned(arguments, found)
     return found if pruned is found else _settled(arguments, pruned)
-
-
-def _with_better_edges(arguments: _Arguments, found: Levels) -> Levels:
-    """With the other edge of a gear's loops, sharp or smooth, where it explains more: a coarse search takes either."""
-    other = dict(zip(_LOOPS, reversed(_LOOPS), strict=True))
-    for joint in dict.fromkeys(effect.joint for effect in found.effects if effect.kind in other):
-        pairs = ((e, other.get(e.kind) if e.joint == joint else None) for e in found.effects)
-        effects = tuple(replace(e, kind=kind) if kind else e for e, kind in pairs)
-        trial = find_levels(*arguments, found, effects, _TRIAL, settled=_ROUGH)
-        if trial.lack < found.lack:
-            found = find_levels(*arguments, trial, trial.effects)
-    return found
 
 
 def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:

@@ -42,7 +42,7 @@ _STEPS, _CLOSED = 8, 1e-12  # of Newton's method; gap of a loop, m, which second
 def geometric_torques(
     robot: Robot, at: Configuration, motion: ComplexArray, s: ComplexArray, joints: Sequence[Joint] = ()
 ) -> ComplexArray:
-    """tau_g (F, n, M) of joints, or else the driven ones, on lines s (F,), by amplitudes of their motion (F, n, M).
+    """tau_g (F + 1, n, M) of joints, or else the driven ones, its mean and lines s (F,), by their motion (F, n, M).
 
     Masses and lengths are those of the robot's file.  DataError where its loops do not close along the motion.
     """
@@ -53,12 +53,13 @@ def geometric_torques(
         return arm.torques(*(part * x for x in states))
 
     first = (tau(_SMALL) - tau(-_SMALL)) / (2 * _SMALL)
-    beyond = (tau(1.0) - first).reshape(n, -1, M)  # tau(0) is at line 0 alone
-    return np.asarray(rfft(beyond, axis=1)[:, 1 : F + 1].swapaxes(0, 1) * (2 / beyond.shape[1]))
+    beyond = (tau(1.0) - first - tau(0.0)).reshape(n, -1, M)
+    of_lines = np.where(np.arange(F + 1) == 0, 1, 2)[:, None, None] / beyond.shape[1]
+    return np.asarray(rfft(beyond, axis=1)[:, : F + 1].swapaxes(0, 1) * of_lines)
 
 
 def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLines:
-    """The lines with the motion by tau_g taken out of their angles.
+    """The lines with tau_g, and with the motion by it taken out of their angles.
 
     The motion of the joints is that of the model `drive` under tau_g, and such torques at the motors as make the rest
     of the measured angles.
@@ -67,13 +68,13 @@ def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLi
     reach = min(REACH * top, len(lines.s))
     H, links, sensor = drive.H[:reach], drive.places["link"], drive.sensor[:reach, :, None]
     of_angles = links @ H @ drive.B @ np.linalg.inv(drive.C @ H @ drive.B)
-    Y, tau = lines.Y.copy(), np.zeros((reach, len(links), lines.Y.shape[2]), complex)
+    Y, arm = lines.Y.copy(), np.zeros((len(lines.s) + 1, len(links), lines.Y.shape[2]), complex)
     for _ in range(_PASSES):
-        motion = of_angles @ (Y[:reach] / sensor) - links @ H @ links.T @ tau
+        motion = of_angles @ (Y[:reach] / sensor) - links @ H @ links.T @ arm[1 : reach + 1]
         motion[top:] = 0.0
-        tau = geometric_torques(robot, lines.configuration, motion, lines.s[:reach])
-        Y[:reach] = lines.Y[:reach] + sensor * (drive.C @ H @ links.T @ tau)
-    return replace(lines, Y=Y)
+        arm[: reach + 1] = geometric_torques(robot, lines.configuration, motion, lines.s[:reach])
+        Y[:reach] = lines.Y[:reach] + sensor * (drive.C @ H @ links.T @ arm[1 : reach + 1])
+    return replace(lines, Y=Y, arm=arm)
 
 
 def arm_distortion(lines: PeriodLines, inputs: Sequence[str], robot: Robot) -> ComplexArray:
@@ -89,7 +90,7 @@ def arm_distortion(lines: PeriodLines, inputs: Sequence[str], robot: Robot) -> C
     H, joints = np.linalg.inv(s**2 * linear.M + s * linear.D + linear.K), Z[moving]
     of_motors = H @ linear.B[:, order]
     motion = joints @ of_motors @ np.linalg.inv(C @ of_motors) @ lines.Y[:top]
-    tau = geometric_torques(robot, lines.configuration, motion, lines.s[:top], [robot.joints[i] for i in moving])
+    tau = geometric_torques(robot, lines.configuration, motion, lines.s[:top], [robot.joints[i] for i in moving])[1:]
     return np.asarray(-C @ H @ joints.T @ tau, np.complex128)
 
 

@@ -23,7 +23,6 @@ from functools import cached_property, partial
 
 import numpy as np
 from numpy.fft import irfft, rfft
-from scipy.signal import resample
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
@@ -70,8 +69,10 @@ class Estimate:
         """The same on a grid of more points and with more lines above."""
         above = np.zeros((len(lines.above), *self.above.shape[1:]), complex)
         above[: len(self.above)] = self.above
-        unknowns = tuple(resample(x, lines.points, axis=1) if x.size else x for x in self.unknowns)
-        return replace(self, above=above, unknowns=unknowns, loads=resample(self.loads, lines.points, axis=2))
+        more = lines.points / self.loads.shape[2]
+        unknowns, loads = ([irfft(rfft(x), lines.points) * more if x.size else x for x in signals]
+                           for signals in (self.unknowns, self.loads))  # fmt: skip
+        return replace(self, above=above, unknowns=tuple(unknowns), loads=np.array(loads))
 
     def of(self, own: Sequence[int]) -> Estimate:
         """The same of effects by their places, without forces of those at -1."""
@@ -151,6 +152,8 @@ def estimate_motion(
     base = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U) - given)
     y = (lines.Y - drive.images @ lines.U) / drive.sensor[:, :, None] + np.tensordot(before.folded, levels, axes=1)
     base = base + gain @ (y - drive.C @ base)
+    if lines.arm is not None:  # springs bend under it, too
+        base = base - drive.H @ (drive.places["link"].T @ lines.arm[1:])
     base = np.concatenate([base, drive.moved_above - drive.H_above @ before.above])
     after, unknowns = Estimate.start(lines, drive, len(effects)), []
     problem = _Problem(lines, drive, tuple(joints), ratios, tuple(effects), levels, of_force, before.loads, near)
@@ -214,7 +217,7 @@ class _Problem:
         lines, rows = self.lines, self._rows
         if not self.signals:
             return base, *(np.zeros((0, 0)),) * 3
-        x_0 = lines.fine((self._powers * (base @ rows.T)).T) + self._at_rest[:, None] + self._errors(base, m)
+        x_0 = lines.fine((self._powers * (base @ rows.T)).T) + self._unmoved(base, m)
         known = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
         start = np.array([known.get(signal, of_0) for signal, of_0 in zip(self.signals, x_0, strict=True)])
         x, force, slope = newton(partial(self._law, m), self.linear, x_0, start, self.near)
@@ -249,18 +252,17 @@ class _Problem:
         force[self.signals.index((effect.place, self.joints.index(effect.joint)))] = phi
         return slope * _moved(self.linear, slope, np.std(x, axis=1)[:, None] + 1e-300, -self.linear(force), _FOLLOWED)
 
-    @property
-    def _at_rest(self) -> FloatArray:
-        """The unknowns (n_x,) at rest under gravity."""
-        return np.array([self.drive.torque[j] / self.drive.k[j] if place == "gear" else 0.0
-                         for place, j in self.signals])  # fmt: skip
+    def _rest(self, m: int) -> FloatArray:
+        """Deflections (n_j,) of the gears in the mean of an experiment, under gravity along its motion."""
+        moved = 0.0 if self.lines.arm is None else self.lines.arm[0, :, m].real
+        return np.asarray((self.drive.torque + moved) / self.drive.k)
 
-    def _errors(self, base: ComplexArray, m: int) -> FloatArray:
-        """Transmission errors (n_x, n) in the unknown deflections."""
-        total = np.zeros((len(self.signals), self.lines.points))
+    def _unmoved(self, base: ComplexArray, m: int) -> FloatArray:
+        """The unknown deflections (n_x, n) at rest and by transmission errors; 0 of velocities."""
+        total, rest = np.zeros((len(self.signals), self.lines.points)), self._rest(m)
         for i, (place, j) in enumerate(self.signals):
             if place == "gear":
-                total[i] = self._error(base, j, m)
+                total[i] = rest[j] + self._error(base, j, m)
         return total
 
     def _error(self, q: ComplexArray, j: int, m: int) -> FloatArray:
@@ -298,7 +300,7 @@ class _Problem:
         lines, drive, signals = self.lines, self.drive, self.signals
         motor, gear, link = (q @ drive.directions(place, j) for place in ("motor", "gear", "link"))
         error = self._error(q, j, m)
-        deflection = lines.fine(gear[None])[0] + drive.torque[j] / drive.k[j] + error
+        deflection = lines.fine(gear[None])[0] + self._rest(m)[j] + error
         if ("gear", j) in signals:
             deflection = x[signals.index(("gear", j))]
         velocity, link_velocity = lines.fine(np.stack([self.s * motor, self.s * link]))

@@ -39,7 +39,8 @@ class PeriodLines:
     over the periods, of Y.  excited (F,).  samples: of a period.
     above (L, n_u, M): torques at lines F + 1 to F + L, beyond half the rate as they are held.  sampled (n_u,): whether
     Y is an angle as it was sampled, in which motion beyond half the rate is folded.  count (n_u,): its smallest step.
-    cells: of the fine grid in a sample.
+    cells: of the fine grid in a sample.  arm (F + 1, n_j, M): torques of the links, and their mean first, whose
+    motion is taken out of Y; 0 if none.
     """
 
     configuration: Configuration
@@ -57,6 +58,7 @@ class PeriodLines:
     sampled: BoolArray
     count: FloatArray
     cells: int = CELLS
+    arm: ComplexArray | None = None
 
     @property
     def points(self) -> int:

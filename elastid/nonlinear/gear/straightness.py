@@ -30,6 +30,7 @@ from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.nonlinear.gear.effects import GearEffect, Kind, implicit_law
 from elastid.nonlinear.gear.geometry import geometric_torques
 from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
+from elastid.nonlinear.spectra import some
 from elastid.record import Configuration, Record
 from elastid.response import BENT, NOT_STRAIGHT
 from elastid.robot import Robot
@@ -189,6 +190,7 @@ class _Problem:
         used = np.arange(on[0], on[-1] + 1)  # X is known between its lines, not beyond them
         if n >= M:  # one X explains any experiments there
             used = used[~lines.excited[used]]
+        used = some(used, 100)
         if len(used) < LIMITS.lines or len(on) < 2:
             return None
         back = np.linalg.inv(drives.rows)
@@ -205,7 +207,7 @@ class _Problem:
     def on_arm(self, robot: Robot, at: Configuration) -> _Problem:
         """With the arm's torques."""
         torques = geometric_torques(robot, at, self.motion, self.lines.s[: len(self.motion)])
-        return replace(self, arm=torques[self.used])
+        return replace(self, arm=torques[1 + self.used])
 
     def bend(self, i: int, joint: str) -> Bend | None:
         """The shape of gear i that explains most; None where its spring is straight."""
@@ -333,10 +335,10 @@ def _compliance(s2X: ComplexArray, s: ComplexArray, of_file: FloatArray) -> Floa
 def _power(e: ComplexArray, dof: IntArray, on: BoolArray) -> FloatArray:
     """Mean square (K,) of residuals (K, M) over neighbouring lines, excited or not."""
     S, half = np.zeros(len(e)), LIMITS.lines // 2
-    for some in (on, ~on):
-        if some.any():
-            power = np.pad(np.sum(np.abs(e[some]) ** 2, axis=1) / dof[some], half, mode="edge")
-            S[some] = np.convolve(power, np.ones(LIMITS.lines) / LIMITS.lines, "valid")
+    for part in (on, ~on):
+        if part.any():
+            power = np.pad(np.sum(np.abs(e[part]) ** 2, axis=1) / dof[part], half, mode="edge")
+            S[part] = np.convolve(power, np.ones(LIMITS.lines) / LIMITS.lines, "valid")
     return np.asarray(np.maximum(S, 1e-20 * S.max() + 1e-300))
 
 

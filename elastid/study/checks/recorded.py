@@ -17,7 +17,7 @@ from elastid.study.sections import Study
 from elastid.study.source import KeyPath
 
 # Methods that need no period.
-WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1", "h2", "hv")
+WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1", "h2")
 _RECORDED: KeyPath = ("experiment", "recorded")
 
 

@@ -118,9 +118,9 @@ class TwinLoop:
             raise DataError("experiment/diverged", f"{error}; {advice}") from error
         return moved.q, moved.u
 
-    def error(self, q: FloatArray, target: FloatArray) -> FloatArray:
-        """Distance (N,) of the tool at q (N, n_q) from where it should be (N, 3)."""
-        at = frame_poses(self.robot, q[:, : len(self.robot.joints)], self.frame).position
+    def error(self, q: FloatArray, target: FloatArray, robot: Robot) -> FloatArray:
+        """Distance (N,) of the tool of a robot of this kind at q (N, n_q) from where it should be (N, 3)."""
+        at = frame_poses(robot, q[:, : len(robot.joints)], self.frame).position
         return np.asarray(np.linalg.norm(at - target, axis=1))
 
     def outcome(

@@ -39,7 +39,7 @@ class TunedMove:
     duration, margin_s: of the move, and the time before and after it in which motors wind springs up and unwind them.
     target (N, 3): path of the frame's origin in the base's axes.  planned (N,): error by the model that was planned
     with.  limits: of KINDS (4, n_u), and angles (2, n_u), infinite where there is none.  outcomes: on the twin `judge`.
-    draws: of the fit, on which torques and velocities keep the limits as well; most (4, n_u): of KINDS on them.
+    draws: of the fit, geometry included, on which torques and velocities keep the limits as well; most (n_u,): torque.
     """
 
     name: str
@@ -158,7 +158,7 @@ def _within_limits(
         errors, most = [], np.abs(references.torque).max(axis=0)
         for i, robot in enumerate(given.draws):
             q, torque = own.follow(references, robot)
-            errors.append(own.error(q, target))
+            errors.append(own.error(q, target, robot))
             most = np.maximum(most, np.abs(torque).max(axis=0))
             velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * given.rate_hz
             used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
