@@ -67,8 +67,8 @@ class RestPoint:
     damping_std: float
 
 
-# Std of the logarithms of stiffness and damping of the joint's spring in a robot's file, whatever they are.
-SPRING = (1.0, 1.0)
+# Std of the logarithms of the inertias of motor and link in a robot's file, and of stiffness and damping of its spring.
+OF_FILE = np.array([0.05, 0.1, 1.0, 1.0])
 # Relative, of the inertia, by slip in the response of a spring and a damper: 0.2 to 1.4 % were seen in four joints.
 INERTIA_ERROR = 1e-2
 
@@ -97,15 +97,14 @@ def fit_at_rest(
     responses: Sequence[RestResponse],
     joint: ElasticJoint | None = None,
     viscous: tuple[float, float] = (0.0, 0.0),
-    tolerances: tuple[float, float] = (0.0, 0.0),
 ) -> AtRest:
     """Bristles from responses of one amplitude or more; joint: None for a rigid one, whose inertia is found.
 
-    viscous: alpha_2 of sliding with its std, Nms/rad.  tolerances: relative, of the inertias of motor and link; its
-    spring and damper are unknown.  A single amplitude does not show Maxwell slip.
+    viscous: alpha_2 of sliding with its std, Nms/rad.  An elastic joint is near that of the robot's file, `OF_FILE`.
+    A single amplitude does not show Maxwell slip.
     Raises FitError where the responses do not identify all unknowns.
     """
-    model = _Model(tuple(responses), joint, viscous[0], () if joint is None else (*tolerances, *SPRING))
+    model = _Model(tuple(responses), joint, viscous[0])
     shared = model.fit(model.start(), place)
     n = model.n_common
     own = model.fit(np.concatenate([shared.x[:n], np.tile(shared.x[n:], len(responses))]), place)
@@ -125,29 +124,25 @@ def fit_at_rest(
 
 @dataclass(frozen=True)
 class _Model:
-    """Unknowns x: ln J of a rigid joint, or ln of inertias, stiffness, damping of an elastic one over those of its file.
+    """Unknowns x: ln J of a rigid joint, or ln of inertias, stiffness, damping of an elastic one over those of a file.
 
-    Then (ln sigma_0, s_q / z_s, sigma_1 / unit), once or at each amplitude.  tolerances (4,): std of these logarithms,
-    none of a rigid joint.
+    Then (ln sigma_0, s_q / z_s, sigma_1 / unit), once or at each amplitude.
     """
 
     responses: tuple[RestResponse, ...]
     joint: ElasticJoint | None
     viscous: float
-    tolerances: tuple[float, ...]
 
     @property
     def n_common(self) -> int:
         """Unknowns that amplitudes share in any case."""
-        return 1 if self.joint is None else int(np.count_nonzero(self.tolerances))
+        return 1 if self.joint is None else len(OF_FILE)
 
     def reaction(self, x: FloatArray, omega: FloatArray) -> ComplexArray:
         """Torque per angle (F,) of the inertias."""
         if self.joint is None:
             return np.asarray(-(omega**2) * np.exp(x[0]) + 0j)
-        factors = np.ones(len(self.tolerances))
-        factors[np.array(self.tolerances) > 0] = np.exp(x[: self.n_common])
-        return reaction(omega, ElasticJoint(*(factors * astuple(self.joint)).tolist()))
+        return reaction(omega, ElasticJoint(*(np.exp(x[: self.n_common]) * astuple(self.joint)).tolist()))
 
     @property
     def damping_unit(self) -> float:
@@ -230,7 +225,7 @@ class _Model:
 
     def _of_file(self, x: FloatArray) -> FloatArray:
         """What is known of the joint's numbers beforehand (n_common,), over its std; empty of a rigid one."""
-        return x[: self.n_common] / [std for std in self.tolerances if std > 0] if self.tolerances else x[:0]
+        return x[:0] if self.joint is None else x[: self.n_common] / OF_FILE
 
 
 def expansion_variance(response: RestResponse) -> FloatArray:

@@ -39,7 +39,6 @@ class FilterThresholds:
     max_correlation: float = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
     least_moving: float = 0.1  # of the samples: below, innovations at standstill count for correlation too
     max_std_ratio: float = 0.9  # of a number's std over that without the log: above, the log does not identify it
-    weak_std_ratio: float = 0.5  # the same of a direction that is weakly identified
     distinct_correlation: float = 0.9  # of two numbers: above, they cannot be distinguished
     lags_s: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which a followed number is compared with itself
     max_movement: float = 0.2  # mean square, over the variances of both ends; 1 of errors that do not depend

@@ -13,7 +13,7 @@ that is correlated in time (ripple, cogging, cables): taken for white, it makes 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -34,32 +34,6 @@ from elastid.friction_study.extended_kalman_filter import (
 )
 from elastid.friction_study.filter_consistency import FILTER, Consistency, consistency
 from elastid.friction_study.result import JointFriction
-
-
-@dataclass(frozen=True)
-class Direction:
-    """A combination of followed numbers: weights by name, and its std over that before the log."""
-
-    weights: dict[str, float]
-    ratio: float
-
-    @property
-    def words(self) -> str:
-        """The names that matter in it, as "Fc against offset"."""
-        largest = max(self.weights.values(), key=abs)
-        parts = {name: weight / largest for name, weight in self.weights.items() if abs(weight) > 0.3 * abs(largest)}
-        together = [name for name, weight in parts.items() if weight > 0]
-        against = [name for name, weight in parts.items() if weight < 0]
-        return " with ".join(together) + (" against " + " with ".join(against) if against else "")
-
-
-def weakest_direction(track: Track, prior_std: FloatArray) -> Direction:
-    """The combination of followed numbers that the log constrains least; prior_std (p,): of each before the log."""
-    names = track.joint.followed
-    scaled = track.followed_covariance[-1] / np.outer(prior_std, prior_std)
-    values, vectors = np.linalg.eigh(scaled)
-    weights = dict(zip(names, vectors[:, -1].tolist(), strict=True))
-    return Direction(weights, float(np.sqrt(values[-1])))
 
 
 def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
@@ -142,7 +116,6 @@ class FollowedFriction:
     unknown: BoolArray
     nis: FloatArray
     consistency: Consistency
-    weakest: Direction
     noise: FilterNoise
     filtered: FollowedJoint
     rate_hz: float
@@ -194,15 +167,14 @@ def follow(
     tracks = _tracks(kalman, motions, noise, start)
     track = _joined(tracks)
     judged, prior = consistency(track, settle_s, LAGS), np.sqrt(np.diag(start.P))[-len(joint.followed) :]
-    weakest = weakest_direction(track, prior)
     values, low, high, mean_nis, instants = _shown(track, [len(each.innovation) for each in tracks])
     times = np.concatenate([m.start_s + np.arange(1, len(m.samples.angle) + 1) / rate_hz for m in motions])[instants]
     place = f"joint {name}"
     # Warnings to be read before the bands of a filter are believed.
-    notes = (*_excitation(place, track, weakest, prior), *_divergence(place, track, prior), *_noise(place, judged))
+    notes = (*_excitation(place, track, prior), *_divergence(place, track, prior), *_noise(place, judged))
     return FollowedFriction(
         name, slides, joint.followed, times, values, low, high, unknown(track, prior)[instants], mean_nis, judged,
-        weakest, noise, joint, rate_hz, notes,
+        noise, joint, rate_hz, notes,
     )  # fmt: skip
 
 
@@ -280,7 +252,7 @@ def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray
     return values, low, high, nis, last
 
 
-def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray) -> Iterator[Note]:
+def _excitation(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
     names, P = track.joint.followed, track.followed_covariance[-1]
     never = np.all(unknown(track, prior), axis=0).tolist()
     held = [name for name, is_unknown in zip(names, never, strict=True) if is_unknown]
@@ -290,9 +262,6 @@ def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray)
     correlation = float(correlations[i, j])  # the largest; 0 for a single number
     if held:
         text = f"the motion does not identify {', '.join(held)}, held where it began: move both ways, at several speeds"
-        yield Note("filter/not-excited", text, place)
-    elif weakest.ratio > FILTER.weak_std_ratio:
-        text = f"{weakest.words} is known to {weakest.ratio:.0%} of what it was before: {REVERSALS}"
         yield Note("filter/not-excited", text, place)
     if abs(correlation) > FILTER.distinct_correlation:
         text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation:.2f}): {REVERSALS}"

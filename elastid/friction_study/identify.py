@@ -13,9 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.errors import DataError, FitError
-from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
-from elastid.fit.tolerances import tolerances_of
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.motion import MotionFriction
@@ -39,7 +37,7 @@ from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, le
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Directions, Friction, LoadDependence, LuGre, MeasuredRange, Robot, TemperatureDependence
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
-from elastid.simulation.elastic_joint import ElasticJoint, held_inertias, held_joint
+from elastid.simulation.elastic_joint import ElasticJoint, held_joint
 
 
 def identify_friction(
@@ -247,8 +245,7 @@ def _at_rest(
         viscous = static.viscous, float(np.sqrt(static.covariance[i, i]))
     try:
         spring = held_spring(robot, records[0])
-        tolerances = (0.0, 0.0) if spring is None else inertia_tolerances(robot, joint, _angles(robot, records[0]))
-        return fit_at_rest(f"joint {joint}", rest_responses(records), spring, viscous, tolerances)
+        return fit_at_rest(f"joint {joint}", rest_responses(records), spring, viscous)
     except (DataError, FitError) as error:
         notes.append(Note("friction/at-rest", str(error), f"record {records[0].name}"))
         return None
@@ -256,23 +253,5 @@ def _at_rest(
 
 def held_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
     """The joint with its spring, the others held; None for a rigid one."""
-    return held_joint(robot, record.joint, _angles(robot, record))
-
-
-def _angles(robot: Robot, record: FrictionRecord) -> FloatArray:
-    return np.zeros(len(robot.driven)) if record.configuration is None else record.configuration.angles
-
-
-def inertia_tolerances(robot: Robot, joint: str, angles: FloatArray) -> tuple[float, float]:
-    """Relative std of the inertias of motor and link of a held joint by the tolerances of the robot's file."""
-    inertias, table = held_inertias(robot, joint, angles), robot.parameters()
-    names, theta = list(table), np.array([value for value, _ in table.values()])
-    moved = dict[str, FloatArray]()
-    for own in tolerances_of(robot):
-        if own.name in table:
-            i = names.index(own.name)
-            step = own.std if own.kind == "center_of_mass" else own.std * theta[i]
-            moved.setdefault(own.factor or own.name, theta.copy())[i] += step
-    changes = np.array([np.log(inertias(each) / inertias(theta)) for each in moved.values()]).reshape(-1, 2)
-    motor, link = np.linalg.norm(changes, axis=0).tolist()
-    return motor, link
+    angles = np.zeros(len(robot.driven)) if record.configuration is None else record.configuration.angles
+    return held_joint(robot, record.joint, angles)

@@ -215,7 +215,8 @@ def _waves(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: M
     for motion, each in zip(motions, signals, strict=True):
         columns = columns_of(motion, each, terms)
         left.append((each.filtered(each.torque) - sum(fit[name] * columns[name] for name in columns))[each.used])
-        waves.append(each.filtered(turn_waves(each.position, each.direction, motion.turn))[each.used])
+        of_turn = turn_waves(each.position, each.direction, motion.turn)
+        waves.append((each.filtered(of_turn.real) + 1j * each.filtered(of_turn.imag))[each.used])
     peaks = tuple(np.flatnonzero(harmonic_peaks(np.concatenate(left), np.concatenate(waves))).tolist())
     if not peaks:
         return ()

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -192,7 +193,7 @@ def gravity_names(load: str) -> tuple[str, str]:
 def turn_waves(
     position: FloatArray, direction: FloatArray | float, turn: float, chosen: Iterable[int] = range(N_WAVES)
 ) -> ComplexArray:
-    """exp(j h N q) (n, n_h) of the chosen waves of the motor's turns: of ripple, then s times these, of dry friction."""
+    """exp(j h N q) (n, n_h), chosen waves of the motor's turns: of ripple, then s times these, of dry friction."""
     waves = [np.exp(2j * np.pi / turn * (i % MAX_HARMONIC + 1) * position) for i in chosen]
     signs = [1.0 if i < MAX_HARMONIC else direction for i in chosen]
     own = [sign * wave for sign, wave in zip(signs, waves, strict=True)]
@@ -205,10 +206,10 @@ def wave_names(wave: int) -> tuple[str, str]:
     return f"{name}c", f"{name}s"
 
 
-def _means(x: FloatArray, step: int) -> FloatArray:
+def _means(x: Any, step: int) -> Any:
     """Means of every `step` rows of x (n,) or (n, m); an incomplete end is dropped."""
     n = len(x) // step
-    return np.asarray(x[: n * step].reshape(n, step, *x.shape[1:]).mean(axis=1))
+    return x[: n * step].reshape(n, step, *x.shape[1:]).mean(axis=1)
 
 
 SMOOTHED_HZ = 60.0  # above, before a position is differentiated: speeds and ripple of a pass are slower

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,17 +40,12 @@ def held_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | N
     compliance = sum(1 / (scale * spring.stiffness) for spring, scale in springs if spring is not None)
     # Of two springs in series the softer one damps.
     damping = min(scale * spring.damping for spring, scale in springs if spring is not None)
-    motor, link = held_inertias(robot, joint, angles)(np.array([value for value, _ in robot.parameters().values()]))
-    return ElasticJoint(float(motor), float(link), 1 / compliance, damping)
-
-
-def held_inertias(robot: Robot, joint: str, angles: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Inertias of motor and link (2,), link side, by the numbers theta of the robot; angles: as of `held_joint`."""
     model = formulate(robot)
     q = np.zeros(model.n_q)
     q[[model.index(f"joint {driven.name}") for driven in robot.driven]] = angles
     for driven, angle in zip(robot.driven, angles, strict=True):
         if driven in robot.flexible:
             q[model.index(f"motor {driven.name}")] = angle
-    places = [model.index(f"{part} {joint}") for part in ("motor", "joint")]
-    return lambda theta: np.diag(np.asarray(model.mass(q, theta)))[places]
+    inertia = np.diag(np.asarray(model.mass(q, model.theta)))
+    motor, link = (float(inertia[model.index(f"{part} {joint}")]) for part in ("motor", "joint"))
+    return ElasticJoint(motor, link, 1 / compliance, damping)

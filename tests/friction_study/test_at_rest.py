@@ -65,20 +65,15 @@ def test_sigma_0_to_four_thousandths_at_a_tenth_of_break_away() -> None:
     assert not found.notes
 
 
-@pytest.mark.parametrize(
-    ("of_file", "tolerances"),
-    [(JOINT, (0.0, 0.0)), (replace(JOINT, link_inertia=0.0175, motor_inertia=0.0105), (0.05, 0.1))],
-)
+@pytest.mark.parametrize("of_file", [JOINT, replace(JOINT, link_inertia=0.0175, motor_inertia=0.0105)])
 @pytest.mark.parametrize("stiffness", [640.0, 800.0, 960.0])
-def test_noise_and_counts_leave_the_numbers_inside_their_intervals(
-    of_file: ElasticJoint, tolerances: tuple[float, float], stiffness: float
-) -> None:
+def test_noise_and_counts_leave_the_numbers_inside_their_intervals(of_file: ElasticJoint, stiffness: float) -> None:
     """16 bit, torque noise of a seventh of the torque, a spring of the file that is off, or inertias as well."""
     joint = replace(of_file, stiffness=stiffness)
-    found = fit_at_rest("joint 1", noisy_responses(), joint, (TRUTH["viscous"], 0.0), tolerances)
+    found = fit_at_rest("joint 1", noisy_responses(), joint, (TRUTH["viscous"], 0.0))
     std = np.sqrt(np.diag(found.covariance)) / [300, 0.5]
     assert np.all(np.abs(errors(found)) < 3 * std)
-    assert std[0] < (0.006 if any(tolerances) else 0.004)
+    assert std[0] < 0.006
 
 
 @cache
@@ -98,10 +93,10 @@ def noisy(rms: float, seed: int) -> FrictionRecord:
 
 
 def test_noise_without_a_period_leaves_the_numbers_inside_their_intervals() -> None:
-    """By Welch's method where the torque has power: sigma_0 to 0.15 %, sigma_1 to 1 %."""
+    """By Welch's method where the torque has power: sigma_0 to 0.2 %, sigma_1 to 1 %."""
     found = fit_at_rest("joint 1", rest_responses([noisy(0.05, 1), noisy(0.1, 2)]), JOINT, (TRUTH["viscous"], 0.0))
     std = np.sqrt(np.diag(found.covariance)) / [300, 0.5]
-    assert np.all(std < [0.0015, 0.01])
+    assert np.all(std < [0.002, 0.01])
     assert np.all(np.abs(errors(found)) < 3 * std)
     assert found.break_away == pytest.approx(1.5, rel=0.1)
 

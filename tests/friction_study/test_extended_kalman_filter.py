@@ -16,7 +16,7 @@ from elastid.friction_study.extended_kalman_filter import (
     Track,
     first_estimate,
 )
-from elastid.friction_study.follow import consistency, estimate_noise, unknown, weakest_direction
+from elastid.friction_study.follow import consistency, estimate_noise
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
 
 DRIFT = {"Fc": 6e-3, "f": 25e-3, "offset": 1e-3}
@@ -82,19 +82,6 @@ def test_pieces_of_a_log_give_the_track_of_the_whole(kalman: KalmanFilter) -> No
         part = kalman.run(JointSamples(s.torque[a:b], s.load[a:b], s.angle[a:b]), NOISE, estimate)
         parts, estimate = [*parts, part.x], part.last
     np.testing.assert_array_equal(np.concatenate(parts), whole.x)
-
-
-def test_constant_speed_cannot_tell_friction_from_an_error_of_gravity(kalman: KalmanFilter) -> None:
-    """The weakest direction is named; reversals determine it."""
-    run = simulate(np.concatenate([np.linspace(0, 40, 500), np.full(7500, 40.0)]), seed=4)
-    track = followed(kalman, run)
-    first = first_estimate(FOLLOWED, 0.0)
-    prior = np.sqrt(np.diag(first.P))[-3:]
-    weakest = weakest_direction(track, prior)
-    assert weakest.words == "Fc against offset"
-    moving = followed(kalman, simulate(rich(8), seed=4))
-    assert weakest_direction(moving, prior).ratio < 0.3 * weakest.ratio
-    assert not unknown(moving, prior)[-1].any()
 
 
 @pytest.mark.slow

@@ -9,7 +9,6 @@ from elastid.friction_study.extended_kalman_filter import Estimate, FilterNoise,
 from elastid.friction_study.follow import (
     FollowedFriction,
     Motion,
-    _moving,
     _noise,
     consistency,
     follow,
@@ -27,24 +26,21 @@ def followed(run: WarmRun, joint: FollowedJoint = FOLLOWED, noise: FilterNoise =
     return follow("1", False, joint, [Motion(run.samples, 0.0)], RATE_HZ, noise, 5.0, find_noise=False)
 
 
-def notes(found: FollowedFriction) -> dict[str, str]:
-    """Their texts by code."""
-    codes = {note.code for note in found.notes}
-    return {code: "; ".join(note.text for note in found.notes if note.code == code) for code in codes}
+def codes(found: FollowedFriction) -> set[str]:
+    return {note.code for note in found.notes}
 
 
 def test_constant_speed_says_what_it_cannot_know() -> None:
     """Coulomb friction and an offset are distinguished by reversals."""
-    said = notes(followed(simulate(np.concatenate([np.linspace(0, 40, 500), np.full(6500, 40.0)]), 4)))
-    assert "Fc and offset cannot be distinguished (correlation -0.9" in said["filter/not-excited"]
-    assert "reversals distinguish Coulomb friction from an offset" in said["filter/not-excited"]
-    assert not {"filter/not-excited", "filter/inconsistent"} & set(notes(followed(simulate(rich(7), 4))))
+    constant = followed(simulate(np.concatenate([np.linspace(0, 40, 500), np.full(6500, 40.0)]), 4))
+    assert "filter/not-excited" in codes(constant)
+    assert not {"filter/not-excited", "filter/inconsistent"} & codes(followed(simulate(rich(7), 4)))
 
 
 def test_a_filter_that_has_lost_the_log_says_so() -> None:
     """Viscous friction a thousand times too large to begin with."""
-    lost = notes(followed(simulate(rich(7), 4), replace(FOLLOWED, viscous=1e3 * FOLLOWED.viscous)))
-    assert "5 standard deviations from its prior" in lost["filter/inconsistent"]
+    lost = followed(simulate(rich(7), 4), replace(FOLLOWED, viscous=1e3 * FOLLOWED.viscous))
+    assert "filter/inconsistent" in codes(lost)
 
 
 @pytest.mark.slow
@@ -87,14 +83,6 @@ def test_a_band_holds_stiction_that_falls_with_warmth() -> None:
         held[name] = float(np.mean(inside[found.time_s > 5]))
     assert held["held"] > 0.95
     assert held["exact"] < 0.5
-
-
-def test_noise_is_judged_where_the_rounded_angle_moves() -> None:
-    """Half of the samples move by 0.3 counts; all count where less than a tenth moves."""
-    angle = np.concatenate([np.zeros(100), np.arange(100) * 0.3])
-    samples = JointSamples(np.zeros(200), np.zeros(200), angle)
-    assert np.array_equal(np.flatnonzero(_moving(samples, 1.0))[[0, -1]], [102, 194])
-    assert _moving(samples, 10.0).all()
 
 
 def test_what_a_study_has_identified_narrows_the_bands() -> None:

@@ -50,17 +50,6 @@ def test_a_payload_on_and_off_gives_the_gain_with_its_interval(gain: float, tmp_
     assert symbols["F_c"] == pytest.approx(gain * COULOMB, rel=0.05)
 
 
-def test_the_note_says_what_to_do(tmp_path: Path) -> None:
-    """The scale that it names makes the gain 1."""
-    wrong = identified(tmp_path, 1.15, ("empty", "full"))
-    (note,) = [note for note in wrong.joints[0].notes if note.code == "friction/drive-gain"]
-    assert note.severity == "warning"
-    scale = float(note.text.split("role u by ")[1].split(",")[0])
-    right = identified(tmp_path, 1.15 * scale, ("empty", "full"))
-    (note,) = [note for note in right.joints[0].notes if note.code == "friction/drive-gain"]
-    assert "the torque constant is right" in note.text
-
-
 @pytest.mark.parametrize("loads", [("empty", "empty"), ("full", "full")])
 def test_without_a_difference_no_gain_is_known(loads: tuple[str, ...], tmp_path: Path) -> None:
     assert not any(number.name.startswith("gain") for number in identified(tmp_path, 1.1, loads).numbers)

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.friction_logs import INERTIA, RATIO, ROBOT
+from plants.refusals import refused
 
-from elastid.base.errors import DataError
 from elastid.friction_study.joint_levels import check_sides, joint_inertia
 from elastid.friction_study.levels import PassLevels, find_levels
 from elastid.friction_study.passes import Pass
@@ -49,21 +49,13 @@ def test_a_clipped_pass_does_not_count() -> None:
     spoilt = [replace(each, torque=np.minimum(each.torque, limit)) for each in clean]
     levels = find_levels(spoilt, True)
     assert codes(levels) == ["friction/passes"]
-    assert "of its torques stand at the limit of" in str(levels.notes[0])
     assert levels.levels.speed == pytest.approx([0.1, 0.5])
 
 
-@pytest.mark.parametrize(
-    ("factor", "word"),
-    [
-        (1 / RATIO, r"either torque or angle is of the motor: give the channel side: motor"),
-        (1 / RATIO**2, r"torque and angle are of the motor"),
-        (RATIO, r"of the joint, but marked side: motor"),
-    ],
-)
-def test_mixed_sides_of_a_gear_are_refused(factor: float, word: str) -> None:
+@pytest.mark.parametrize("factor", [1 / RATIO, 1 / RATIO**2, RATIO])
+def test_mixed_sides_of_a_gear_are_refused(factor: float) -> None:
     (joint,) = ROBOT.joints
-    with pytest.raises(DataError, match=word):
+    with refused("friction/rigid-body"):
         check_sides(ROBOT, joint, INERTIA * factor, 1e-3 * INERTIA * factor, None, "log.csv")
 
 

@@ -2,8 +2,6 @@
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -11,9 +9,8 @@ from plants.friction_study import at_rest, motion
 
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels
-from elastid.friction_study.result import JointFriction, numbers_of_heat, numbers_of_law, true_numbers
+from elastid.friction_study.result import JointFriction, numbers_of_law, true_numbers
 from elastid.friction_study.spec import LawSpec
-from elastid.friction_study.warm_up import ThermalModel, WarmUp
 from elastid.robot import Body, Friction, Joint, LoadDependence, Motor, Robot, TemperatureDependence
 
 
@@ -43,19 +40,6 @@ def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> 
     assert (forwards.value, backwards.value) == (pytest.approx(24.0, abs=0.1), pytest.approx(20.0, abs=0.1))
     for row in (forwards, backwards):
         assert (row.high - row.value) / row.std == pytest.approx((mean.high - mean.value) / mean.std)
-
-
-def test_the_interval_of_a_time_constant_is_symmetric_in_its_logarithm() -> None:
-    """value^2 = low high, and 1.96 std of the logarithm to each end."""
-    one = np.ones(1)
-    model = ThermalModel(
-        "relative", 1200 * one, one, np.nan, np.array([0.2, 0.1]), 1.0, 9, one, np.ones((1, 3)), 1.0, one
-    )
-    tests = SimpleNamespace(readings=np.zeros(0), time_s=np.array([0.0, 3600.0]), level=np.zeros(5))
-    (row,) = numbers_of_heat("1", model, cast(WarmUp, tests))
-    assert (row.value, row.std) == (1200.0, pytest.approx(120.0))
-    assert row.low * row.high == pytest.approx(row.value**2)
-    assert math.log(row.high / row.value) == pytest.approx(1.96 * 0.1, rel=1e-3)
 
 
 def test_the_inertia_at_rest_counts_where_it_is_known_better_than_that_of_a_motion() -> None:

@@ -185,7 +185,6 @@ def _of_filter(followed: FollowedFriction) -> Named:
     caption = (
         f"friction followed by a Kalman filter over the motions, with 95 % bands{with_errors}. "
         "Below: innovations squared over the variance that the filter expects (NIS), and their autocorrelation. "
-        f"{followed.verdict.capitalize()}. "
-        f"Weakest: {followed.weakest.words}, known to {followed.weakest.ratio:.0%} of what it was before."
+        f"{followed.verdict.capitalize()}."
     )
     return "filter", caption, partial(friction_records.friction_filter, followed)
