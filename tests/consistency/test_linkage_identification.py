@@ -118,7 +118,7 @@ def run(study: str, folder: Path, commands: Sequence[str], *options: str) -> tup
 @pytest.mark.parametrize(
     ("study", "seed", "commands"),
     [
-        pytest.param("linkage_arm.yml", 2, ["run"], marks=pytest.mark.slow),
+        pytest.param("linkage_arm.yml", 2, [], marks=pytest.mark.slow),
         pytest.param("irb4400_linkage.yml", 1, UP_TO_FIT, marks=pytest.mark.slow),
     ],
 )
