@@ -98,7 +98,6 @@ class Uncertainty:
     unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone;
     cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
     share (Q, n_x): of each configuration in the information; informing_hz (n_x, 2): the middle half of it.
-    weakest (n_x,): the least determined direction, of length one, in x scaled by the length of the columns of J.
     disagreement: T of the blocks, 1 for a true
     model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise, ratios of gears and
     declared floor alone.
@@ -113,7 +112,6 @@ class Uncertainty:
     cost_dof: float
     share: FloatArray
     informing_hz: FloatArray
-    weakest: FloatArray
     disagreement: float
     shift: FloatArray
     repeated: FloatArray
@@ -146,7 +144,7 @@ def estimate_uncertainty(
     pairs = list(zip(fit.parts, responses, strict=True))
     for own in work.in_turn(partial(triangle, bare, x, factors), pairs):  # R of the stacked J = Q R
         R = np.asarray(np.linalg.qr(np.vstack([R, own]), mode="r"))
-    half, singular_values, unreached, weakest = inverse_information(R)
+    half, singular_values, unreached = inverse_information(R)
     parts, floor_pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
     for sums in work.in_turn(partial(sum_lines, bare, x, factors, half), configurations):
         for key, pull in sums.floor_pull.items():
@@ -187,7 +185,7 @@ def estimate_uncertainty(
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
     share, band_hz = information_shares(power, [part.freq_hz for part in parts], by_loads)
     kept = slice(n_x)  # the factors are no part of the result
-    by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept], weakest[kept])
+    by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept])
     parted = disagreement([part.disagreement for part in parts], len(half))
     estimate = covariance[kept, kept], singular_values, unreached[kept]
     return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept], lasting[kept])
@@ -210,11 +208,10 @@ def _static(fit: ElasticFit, x: FloatArray, n_factors: int) -> tuple[FloatArray,
     return r, np.pad(J, ((0, 0), (0, n_factors)))
 
 
-def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
+def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """H (n, n_x), singular values, and which parameters lie outside the directions that the data reach.
 
-    A^-1 = H^T H, A = R^T R, over the n directions that they reach.  Last the weakest direction (n_x,), of length
-    one, its largest entry positive.
+    A^-1 = H^T H, A = R^T R, over the n directions that they reach.
 
     The data do not reach directions whose scaled singular value is below 1e-8 of the largest; a parameter lies outside
     if its part in one of these, of length one, exceeds 1e-3.  From R and not from A, whose condition number is the
@@ -225,8 +222,7 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
     _, singular_values, Vt = np.linalg.svd(R / length)
     reached = singular_values > 1e-8 * max(singular_values[0], 1e-300)
     half = (Vt[reached] / singular_values[reached, None]) / length
-    weakest = Vt[-1] * np.sign(Vt[-1][np.argmax(np.abs(Vt[-1]))])
-    return half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0), weakest
+    return half, singular_values, np.any(np.abs(Vt[~reached]) > 1e-3, axis=0)
 
 
 def _noise(

@@ -308,7 +308,6 @@ def _estimate(
         configurations=tuple(part.configuration for part in fit.parts),
         share=uncertainty.share,
         informing_hz=uncertainty.informing_hz,
-        weakest=uncertainty.weakest,
         linear=tuple(part.kernel.model for part in fit.parts if part.kernel.model.is_delayed),
         repeated=uncertainty.repeated,
         lasting=uncertainty.lasting,

@@ -39,7 +39,6 @@ def test_three_postures_declared_as_one_are_reported() -> None:
     (note,) = find_contradictions(responses, {})
     assert note.severity == "warning"
     assert "differ: c and cc, c and ccc, cc and ccc, by up to 1" in note.text
-    assert "correct the angles under experiment.configurations" in note.text
     result = identify(responses, arm(), FitSpec(starts=1, seed=0))
     assert note.text in said(result.notes)
 
@@ -50,7 +49,6 @@ def test_amplitudes_of_a_posture_that_differ_are_no_two_robots() -> None:
     responses = [measured(arm(), POSTURES[0], "one"), measured(arm(k_1=9e4), POSTURES[0], "one level 2")]
     assert find_contradictions(responses, {}) == ()
     (note,) = find_dependence_on_amplitude(responses)
-    assert "the responses of one and one level 2 differ with their amplitude" in note.text
     notes = said(identify(responses, arm(), FitSpec(starts=1, seed=0)).notes)
     assert note.text in notes
     for wrong in ("two robots", "under two names", "correct the angles"):

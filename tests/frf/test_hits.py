@@ -46,9 +46,6 @@ def test_a_double_hit_is_named_with_its_dips() -> None:
     (note,) = hit_notes([record(u, y)])
     assert note.code == "frf/hits"
     assert "1 of 3 hits of hammer are double" in note.text
-    assert "one 2.2 s into the record" in note.text
-    assert "25 ms later and 50 % as strong" in note.text
-    assert "dips every 40 Hz" in note.text
 
 
 @pytest.mark.parametrize(

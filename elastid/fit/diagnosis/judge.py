@@ -21,7 +21,7 @@ from elastid.fit.diagnosis.ranking import modification_indices
 from elastid.fit.diagnosis.rigid_parts import find_elastic_base, find_rigid_parts
 from elastid.fit.diagnosis.scoring import score
 from elastid.fit.diagnosis.static_loads import static_notes
-from elastid.fit.diagnosis.status import decisive_index, estimate_notes, is_beyond_tolerance, with_status
+from elastid.fit.diagnosis.status import decisive_index, estimate_notes, friction_note, is_beyond_tolerance, with_status
 from elastid.fit.diagnosis.tool_side import tool_notes
 from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.problem.inertia_barrier import find_border_inertias
@@ -74,4 +74,7 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
     undetectable = (*undetectable, *find_missing_gravity(evidence))
     static = (*static_notes(result), *tool_notes(result))
     of_families = (note for family_notes in by_family.values() for note in family_notes)
-    return replace(result, notes=(*of_families, *causes, *apart, *static, *notes, *inertias, *estimate, *undetectable))
+    first = friction_note(evidence)
+    return replace(
+        result, notes=(*first, *of_families, *causes, *apart, *static, *notes, *inertias, *estimate, *undetectable)
+    )

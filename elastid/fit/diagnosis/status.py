@@ -266,8 +266,6 @@ class Limits:
 
     interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
     correlation: float = 0.99  # beyond which two parameters cannot be distinguished
-    singular_value: float = 1e-3  # the least, as a share of the largest
-    part_of_direction: float = 0.2  # of a parameter in the least determined direction
     model_error: float = 1.5  # residuals over the noise, also without the line that is furthest off
     # Of the responses, below which a model does not describe the robot, unless small residuals alone are far beyond a
     # still smaller noise.
@@ -284,6 +282,20 @@ def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
     of_error = _model_error(evidence)
     bounds = bound_notes(result, unbound_optimum(evidence))
     return (*bounds, *_determination(result, evidence.uncertainty.unreached), *_search(result), *of_error)
+
+
+def friction_note(evidence: Evidence) -> tuple[Note, ...]:
+    """What to do first where a model fails on responses of motors that hold friction: as many experiments as inputs."""
+    responses = evidence.assembly.responses
+    of_motors = all(place.startswith("motor ") for G in responses for place in G.inputs)
+    is_alone = of_motors and all(G.noise is not None and G.total is None for G in responses)
+    if evidence.result.status not in ("misfit", "model_error") or not is_alone:
+        return ()
+    text = (
+        "each configuration has as many experiments as inputs, so that friction of the motors could not be found and "
+        "is in the responses: measure a further realisation of other phases before anything else is looked for"
+    )
+    return (Note("nonlinear/friction-left", text),)
 
 
 def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
@@ -305,15 +317,6 @@ def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     for i, j in np.argwhere(np.triu(np.abs(correlation) > LIMITS.correlation, 1)):
         text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})"
         yield Note("fit/correlated", text)
-    is_judged = len(result.weakest) and len(values) > 1 and not result.has_tolerances
-    if is_judged and 1e-8 * values[0] <= values[-1] <= LIMITS.singular_value * values[0]:
-        places = [i for i in np.argsort(-np.abs(result.weakest)) if abs(result.weakest[i]) > LIMITS.part_of_direction]
-        terms = " ".join(f"{result.weakest[i]:+.2f} {names[i]}" for i in places)
-        yield Note(
-            "fit/undetermined",
-            f"the combination {terms} (of relative effects) is the least determined: singular value "
-            f"{values[-1] / values[0]:.1e} of the largest; measure where their effects differ, or tie them",
-        )
 
 
 def _search(result: Result) -> Iterator[Note]:
