@@ -1,12 +1,4 @@
-r"""The design of an experiment: configurations chosen if the study asks for it, a plan within limits, its forecast.
-
-.. math:: k_{eq} = E[\tau'(\Delta_0 + \sigma \xi)], \quad \xi \sim N(0, 1), \qquad
-          k_{eq} - k_t = 3 k_3 \sigma^2 \text{ of a cubic spring}
-
-Delta_0: the deflection under gravity, k_t = tau'(Delta_0): the stiffness in the model, sigma: rms deflection by the
-multisine, k_eq: the best linear approximation of the spring alone under normal excitation (Bussgang 1952; Pintelon and
-Schoukens 2012, ch. 3). Responses contain k_eq instead of k_t, to second order of which the fit knows.
-"""
+"""The design of an experiment: configurations chosen if the study asks for it, a plan within limits, its forecast."""
 
 from __future__ import annotations
 
@@ -15,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
@@ -36,51 +27,9 @@ from elastid.fit.assembly import posture_notes
 from elastid.fit.problem.least_squares import moved_in_std
 from elastid.fit.tolerances import with_tolerances
 from elastid.friction.robot_friction import coulomb_levels
-from elastid.linear.equilibrium import equilibrium, preloads
 from elastid.linear.moving_posture import effect_of_motion
-from elastid.model.drivetrain import deflections
-from elastid.model.drivetrain import tangents as tangent_stiffness
-from elastid.model.elastic import ElasticModel
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
-
-
-def _stiffening(
-    prospect: Prospect, configuration: Configuration, x: FloatArray
-) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """The sprung joints, sigma (n_s,) in the run that has most, and k_eq / k_t - 1; StudyError without equilibrium."""
-    model = prospect.linearisation.model
-    theta = prospect.parameters.expand(x)[:-1]
-    (load,) = preloads(model, theta, [equilibrium(model, theta, configuration)])
-    X = prospect.motion(configuration, x) @ _rows(model, load.joints).T
-    sigma = np.sqrt(np.sum(np.abs(X) ** 2, axis=1) / 2).max(axis=0)
-    # Gauss-Hermite quadrature: exact for polynomials, within a few percent at the flanks of a gap.
-    nodes, weights = np.polynomial.hermite_e.hermegauss(41)
-    tangent = _tangents(model, load.joints)
-    at_nodes = np.array([tangent(load.deflection + sigma * node, theta).full()[:, 0] for node in nodes])
-    return load.joints, sigma, weights @ at_nodes / weights.sum() / load.tangent - 1
-
-
-def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configuration], x: FloatArray) -> tuple[Note, ...]:
-    """A note for each spring that the planned amplitude changes by more than LIMITS.stiffness_change; x (n_x,)."""
-    units = {joint.name: joint.unit for joint in prospects[0].robot.joints}
-    if all(joint.spring is None or joint.spring.is_linear for joint in prospects[0].robot.joints):
-        return ()
-    springs = [_stiffening(prospect, point, x) for prospect, point in zip(prospects, points, strict=True)]
-    notes = []
-    for i, joint in enumerate(springs[0][0]):
-        q = max(range(len(points)), key=lambda q: abs(springs[q][2][i]))
-        sigma, change = float(springs[q][1][i]), float(springs[q][2][i])
-        if abs(change) <= LIMITS.stiffness_change:
-            continue
-        text = (
-            f"the multisine deflects its spring by {sigma:.2g} {units[joint]} rms in {points[q].name}, which makes it "
-            f"{abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the tangent at rest of the model; the fit "
-            "takes that out to second order in the motion; lower excitation.torque_rms of its motors by a factor of "
-            f"{np.sqrt(abs(change) / LIMITS.stiffness_change):.1f} or more"
-        )
-        notes.append(Note("design/forecast", text, f"joint {joint}"))
-    return tuple(notes)
 
 
 def moved_posture_notes(
@@ -123,22 +72,6 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
     return tuple(notes)
 
 
-def _rows(model: ElasticModel, joints: Sequence[str]) -> FloatArray:
-    """z (n_s, n_q): springs are deflected by z q."""
-    q = ca.SX.sym("q", model.n_q)
-    deflection = deflections(model.robot, q)
-    jacobian = ca.jacobian(ca.vertcat(*(deflection[name] for name in joints)), q)
-    return np.asarray(ca.DM(ca.evalf(jacobian)).full())
-
-
-def _tangents(model: ElasticModel, joints: Sequence[str]) -> ca.Function:
-    """Tangent stiffness (n_s,) at deflections (n_s,) and parameters (n_theta,)."""
-    deflection, theta = ca.SX.sym("deflection", len(joints)), ca.SX.sym("theta", len(model.parameters))
-    named = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
-    values = tangent_stiffness(dict(zip(joints, ca.vertsplit(deflection), strict=True)), named)
-    return ca.Function("tangents", [deflection, theta], [ca.vertcat(*values.values())])
-
-
 @dataclass(frozen=True)
 class Design:
     """A plan within the robot's limits, its forecast, and its use of the limits."""
@@ -166,7 +99,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     plan = problem.plan(experiment, chosen, spectra)
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
-    x, fitted = settled.parameters.x, settled.fitted(plan)
+    fitted = settled.fitted(plan)
     known = with_tolerances(settled.parameters, settled.robot, settled.fit)
     within = [(replace(prospect, parameters=known), c, realisations) for prospect, c, realisations in fitted]
     responses = [prospect.expected(c, known.x, M) for prospect, c, M in within]
@@ -179,7 +112,6 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
         *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,
         *_shared_lines(plan),
-        *stiffening_notes([prospect for prospect, _, _ in fitted], [c for _, c, _ in fitted], x),
         *moved_posture_notes(within, responses, known.x),
         *at_tool,
     )

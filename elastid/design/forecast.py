@@ -34,7 +34,6 @@ class ForecastLimits:
     direction_std: float = 1.0  # of an undetermined direction, in ln p or parts of a linear parameter's range
     component: float = 0.2  # of an undetermined direction, from which on a parameter is named
     correlation: float = 0.95  # of a pair that is reported
-    stiffness_change: float = 0.02  # relative, of a tangent stiffness by the planned amplitude
     coulomb_ratio: float = 1 / 3  # to the rms torque: a multisine of peaks of three rms still slides
 
 
