@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,35 +16,15 @@ from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
-from elastid.design.prospect import ExpectedResponse, Prospect, expected_fit
+from elastid.design.prospect import Prospect, expected_fit
 from elastid.design.spec import DesignSpec, robot_time_refusal, room
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.fit.assembly import posture_notes
-from elastid.fit.problem.least_squares import moved_in_std
 from elastid.fit.tolerances import with_tolerances
 from elastid.friction.robot_friction import coulomb_levels
-from elastid.linear.moving_posture import effect_of_motion
 from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
-
-
-def moved_posture_notes(
-    within: Sequence[tuple[Prospect, Configuration, int]], expected: Sequence[ExpectedResponse], x: FloatArray
-) -> tuple[Note, ...]:
-    """A note where the planned motion, left in the responses, would move a parameter by more than its deviation."""
-    moved, moving = [], []
-    for (prospect, configuration, _), each in zip(within, expected, strict=True):
-        response = replace(each.response, motion=prospect.motor_motion(configuration, x))
-        theta = prospect.parameters.expand(x)
-        effect = effect_of_motion(prospect.linearisation.model, each.model, theta, response, share=0.5)
-        moving.append(response)
-        moved.append(each if effect is None else replace(each, response=replace(response, G=response.G + effect)))
-    if expected[0].fit.criterion != "complex" or all(map(operator.is_, moved, expected)):
-        return ()
-    shift = moved_in_std(*(expected_fit(each).evaluate(x) for each in (moved, expected)))
-    return posture_notes(expected[0].parameters, moving, shift)
 
 
 def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
@@ -112,7 +90,6 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
         *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,
         *_shared_lines(plan),
-        *moved_posture_notes(within, responses, known.x),
         *at_tool,
     )
     expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)

@@ -39,7 +39,7 @@ from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
-from elastid.response import Covariance, MotorMotion, Response
+from elastid.response import Covariance, Response
 from elastid.robot import Robot
 from elastid.simulation.controller import filters_of, gains_of
 
@@ -201,23 +201,6 @@ class Prospect:
         n_u = len(motors)
         G = frequency_response(both, theta, self.plan.freq_hz)
         return both.with_outputs(range(n_u, len(both.outputs))), G[:, n_u:], G[:, :n_u]
-
-    def motor_motion(self, configuration: Configuration, x: FloatArray) -> MotorMotion:
-        """Of the motors under multisine and carrier, as its records will show it."""
-        motion = self._local(configuration, x)[2]
-        s = 2j * np.pi * self.plan.freq_hz
-        _, U = self._torques(configuration, motion)
-        q = np.einsum("fij,mefj->mefi", motion / s[:, None, None] ** MOTION_ORDER[self.quantity], U)
-        power = np.einsum("mefi,mefj->fij", q, q.conj()) / (2 * U.shape[0] * U.shape[1])
-        N = self.plan.period_samples
-        swing = np.fft.rfft(self.carrier_velocity, axis=0)[1 : N // 2] * (2 / N)
-        omega = 2 * np.pi * self.plan.rate_hz / N * np.arange(1, N // 2)
-        slow = np.flatnonzero(np.abs(swing).max(axis=1) > 1e-3 * np.abs(swing).max(initial=0.0))
-        swing, freq_hz = swing[slow] / omega[slow, None], np.append(omega[slow] / (2 * np.pi), self.plan.freq_hz)
-        power = np.concatenate([np.einsum("ki,kj->kij", swing, swing.conj()) / 2, power])
-        k_p, k_d, k_i = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.simulated.controller)
-        feedback = np.stack([np.diag(each) for each in (k_p * k_i, k_p + k_d * k_i, k_d)])
-        return MotorMotion(self.robot.motor_locations, freq_hz, power, configuration.angles, feedback)
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
         """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""

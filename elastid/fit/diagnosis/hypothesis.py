@@ -154,7 +154,7 @@ class Scores:
         """V of all residuals after the step of the free parameters."""
         return self.excess / self.lines + self.noise
 
-    @property
+    @cached_property
     def significant(self) -> dict[int, float]:
         """The drop that one of all candidates has by the noise alone at the false-alarm rate, by its directions."""
         counts = {4, *(candidate.directions.shape[1] for candidate in self.candidates)}

@@ -147,6 +147,9 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = RANKING.
 def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatArray, float, float]:
     """Steps (n_m,) of a candidate, the drop of V, and what Occam's factor and the prior of its size take of 2 ln O."""
     tau2 = temper(scores)
+    # Less than that is neither significant nor like what is.
+    if test.most(candidate) < RANKING.equal_drop * min(scores.significant.values()):
+        return np.zeros(len(candidate.places)), 0.0, 0.0
     if candidate.name.startswith("payload_"):
         load = find_load(test, candidate, scores.level, max(scores.significant[4], RANKING.load_share * scores.excess))
         if load is None:

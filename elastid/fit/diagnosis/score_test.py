@@ -97,6 +97,11 @@ class ScoreTest:
         drop = -steps @ (2 * self.g[places] + self.S[np.ix_(places, places)] @ steps)
         return steps, max(float(drop), 0.0)
 
+    def most(self, candidate: Candidate) -> float:
+        """The drop of V by the best step of a candidate, plausible or not."""
+        S, g = self._along(candidate)
+        return float(g @ np.linalg.pinv(S, hermitian=True) @ g)
+
     def std(self, candidate: Candidate) -> float:
         """The standard deviation of the first number's step, for residuals of unit variance."""
         S, D = self._along(candidate)[0], candidate.directions
