@@ -32,7 +32,7 @@ from elastid.base.note import Note
 from elastid.friction.static import Conditions
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
-from elastid.friction_study.passes import Pass, alike_speeds, passes_of
+from elastid.friction_study.passes import Pass, PassRegression, alike_speeds, passes_of
 from elastid.record import FrictionRecord, WarmUpLog
 
 # Level(speed (m,), temperature (m,)) of a law, Nm.
@@ -327,10 +327,10 @@ def _kelvin(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float
 
 
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
-    """The log with the level of each test pass: half the difference of both ways over angles that both cover."""
-    pairs = [sorted(passes_of(record), key=lambda each: -each.direction) for record in tests]
-    speeds = [(forth.velocity.mean() - back.velocity.mean()) / 2 for forth, back in pairs]
-    levels = np.array([_level(*pair) for pair in pairs]).reshape(-1, 2)
+    """The log with the level of each test pass."""
+    pairs = [passes_of(record) for record in tests]
+    speeds = [float(np.mean([abs(each.velocity.mean()) for each in pair])) for pair in pairs]
+    levels = np.array([_level(pair) for pair in pairs]).reshape(-1, 2)
     samples = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
     return WarmUp(
         log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
@@ -339,19 +339,7 @@ def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     )  # fmt: skip
 
 
-def _level(forth: Pass, back: Pass) -> tuple[float, float]:
-    """Level and its std, from means over the same angles, in which gravity and ripple are the same both ways."""
-    low, high = max(forth.position.min(), back.position.min()), min(forth.position.max(), back.position.max())
-    if high <= low:
-        stds = [each.torque.std() / np.sqrt(len(each.torque)) for each in (forth, back)]
-        return float(forth.torque.mean() - back.torque.mean()) / 2, float(np.hypot(*stds)) / 2
-    edges = np.linspace(low, high, 1 + max(2, min(40, min(len(forth.position), len(back.position)) // 4)))
-    sums, counts = (
-        np.array(
-            [np.histogram(each.position, edges, weights=w)[0] for each, w in zip((forth, back), weights, strict=True)]
-        )
-        for weights in ((forth.torque, back.torque), (None, None))
-    )
-    covered = counts.min(axis=0) > 0
-    half = np.array([0.5, -0.5]) @ (sums[:, covered] / counts[:, covered])
-    return float(half.mean()), float(half.std(ddof=1) / np.sqrt(len(half)))
+def _level(passes: Sequence[Pass]) -> tuple[float, float]:
+    """Level and its std of one pair."""
+    values, covariance, _ = PassRegression.of(passes, {passes[0].pair: list(passes)}, True, 0.0).solve()
+    return float(values[0]), float(np.sqrt(covariance[0, 0]))

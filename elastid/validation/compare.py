@@ -34,7 +34,8 @@ from elastid.model.spec import ModelSpec
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.validation.agreement import agreement
-from elastid.validation.comparison import ComparedModel, Comparison, LeftOut, Refit
+from elastid.validation.comparison import ComparedModel, Comparison, Refit
+from elastid.validation.results import Fold
 
 
 @dataclass(frozen=True)
@@ -132,18 +133,18 @@ def _factors(factors: Sequence[FactorSpec], names: Sequence[str]) -> tuple[Facto
     return tuple(replace(factor, configurations=some) for factor, some in own if some or not factor.configurations)
 
 
-def _score(measured: Response, modelled: Response, spec: FitSpec) -> LeftOut:
+def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:
     weights = weigh(measured, spec)
     used = weights.used
     error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]
     off = agreement(measured, modelled, left_out=True, peaks=False)
     misfit = float(np.mean(error**2)) if error.size else math.nan
-    return LeftOut(misfit, off.overall_rms_log_db, off.overall_phase_rms_deg)
+    return Fold(off.configuration, misfit, off.overall_rms_log_db, off.overall_phase_rms_deg)
 
 
 def _compared(name: str, refits: Sequence[Refit], criterion: float, configurations: Sequence[str]) -> ComparedModel:
     full, scores = refits[0], {c: score for each in refits[1:] for c, score in each.left_out.items()}
-    nothing = LeftOut(math.nan, math.nan, math.nan)
+    nothing = Fold("", math.nan, math.nan, math.nan)
     by_configuration = [scores.get(c, nothing) for c in configurations] if len(refits) > 1 else []
     notes = [f"fit to all: {full.message}"] if full.status == "failed" else []
     failed = [each for each in refits[1:] if each.status == "failed"]

@@ -33,15 +33,6 @@ Elastic: TypeAlias = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """Errors of a model on a configuration that it was not fitted to: misfit m_c, magnitude and phase."""
-
-    misfit: float
-    rms_log_db: float
-    phase_rms_deg: float
-
-
-@dataclass(frozen=True)
 class Refit:
     """How a fit without some configurations ended.  cost, n_free and dof: of the fit; left_out: by configuration.
 
@@ -53,7 +44,12 @@ class Refit:
     n_free: int
     cost: float
     dof: int
-    left_out: dict[str, LeftOut]
+    left_out: dict[str, Fold]
+
+    def fold(self, configuration: str) -> Fold:
+        """Of a configuration left out."""
+        unknown = Fold(configuration, math.nan, math.nan, math.nan, self.message)
+        return self.left_out.get(configuration, unknown)
 
 
 @frozen_value
@@ -138,14 +134,8 @@ def divide(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
 
 def gather_folds(parts: Sequence[Sequence[str]], refits: Sequence[Refit]) -> tuple[Fold, ...]:
     """One fold for each configuration; parts: the configurations left out of each of the refits."""
-    folds = []
-    for part, refit in zip(parts, refits, strict=True):
-        for name in part:
-            score, message = refit.left_out.get(name), ""
-            if score is None:
-                score, message = LeftOut(math.nan, math.nan, math.nan), refit.message
-            folds.append(Fold(name, score.misfit, score.rms_log_db, score.phase_rms_deg, message))
-    return tuple(folds)
+    pairs = zip(parts, refits, strict=True)
+    return tuple(refit.fold(name) for part, refit in pairs for name in part)
 
 
 def describe_folds(folds: Sequence[Fold], fitted: Sequence[Agreement]) -> str:

@@ -18,7 +18,8 @@ from elastid.response import Covariance, Response
 from elastid.robot import Robot
 from elastid.study import load_robot
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit
-from elastid.validation.comparison import Comparison, LeftOut, Refit
+from elastid.validation.comparison import Comparison, Refit
+from elastid.validation.results import Fold
 
 CONFIGURATIONS = ("a", "b", "c", "d")
 
@@ -37,7 +38,7 @@ def compared(robot: Robot, **models: tuple[int, float, tuple[float, ...]]) -> Co
         [
             Refit("converged", "", n, cost, 1000 - n, {}),
             *(
-                Refit("converged", "", n, cost, 700, {c: LeftOut(m, m, m)})
+                Refit("converged", "", n, cost, 700, {c: Fold(c, m, m, m)})
                 for c, m in zip("abcd", misfit, strict=False)
             ),
         ]
@@ -73,7 +74,7 @@ def test_a_model_within_the_standard_error_cannot_be_distinguished_and_the_simpl
 def test_failed_fits_are_last_and_their_reason_is_noted(robot: Robot) -> None:
     """One that failed on all, one that failed without a configuration, one that did not converge."""
     failed = Refit("failed", "every start failed", 0, math.inf, 0, {})
-    fine = [Refit("converged", "", 3, 100.0, 100, {c: LeftOut(1.0, 1.0, 1.0)}) for c in ("", *CONFIGURATIONS)]
+    fine = [Refit("converged", "", 3, 100.0, 100, {c: Fold(c, 1.0, 1.0, 1.0)}) for c in ("", *CONFIGURATIONS)]
     slow = [replace(each, status="not_converged") for each in fine]
     variants = [ComparedVariant(name, robot, FitSpec(), EXACT) for name in ("none", "some", "slow", "fine")]
     found = rank(CONFIGURATIONS, variants, [[failed] * 5, [*fine[:-1], failed], slow, fine])

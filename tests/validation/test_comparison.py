@@ -12,7 +12,6 @@ from plants.two_mass import FREQ_HZ, response, two_mass
 from elastid.validation.agreement import agreement
 from elastid.validation.comparison import (
     ComparedModel,
-    LeftOut,
     Refit,
     describe_folds,
     describe_search,
@@ -44,7 +43,7 @@ def test_a_single_configuration_is_never_left_out():
 
 def test_every_configuration_has_the_fold_of_the_fit_without_it():
     """Its errors, or the reason why there are none."""
-    scores = {name: LeftOut(1.0 + i, 0.5 + i, 2.0 + i) for i, name in enumerate(("c1", "c3"))}
+    scores = {name: Fold(name, 1.0 + i, 0.5 + i, 2.0 + i) for i, name in enumerate(("c1", "c3"))}
     refits = [Refit("converged", "", 2, 1.0, 10, scores), Refit("failed", "every start failed", 0, math.inf, 0, {})]
     good, other, failed = gather_folds([("c1", "c3"), ("c2",)], refits)
     assert (good, other) == (FINE, Fold("c3", 2.0, 1.5, 3.0))
