@@ -98,19 +98,16 @@ def best_powers(
         return best
     room = 1 - least * _used(cost, even)
     share, price, bound = (1 - least) * even, np.full(room.shape, 1 / room.size), np.inf
-    weight = np.full(len(known), 1 / len(known))
     for update in range(MAX_UPDATES):
         P = least * even + share
         M = _information(groups, P, known)
-        phi, gradient = _weighed(criterion, M, weight)
-        value = float(phi.mean() if criterion.over == "mean" else phi.min())
-        if value > best.value:
-            best = replace(best, P=P, value=value)
-        g = _gains(groups, P, gradient)
+        slope = criterion.slope(M)
+        if slope.value > best.value:
+            best = replace(best, P=P, value=slope.value)
+        g = _gains(groups, P, slope.gradient)
         ratio = g / np.einsum("ko,kofl->kfl", price, cost)
-        # phi is bounded by the log of Tr(gradient M), which is 1 but for the soft minimum of the eigenvalues.
-        reach = float(np.sum(gradient * M) + ratio.max() * np.sum(price * room) - np.sum(g * share))
-        bound = min(bound, float(weight @ phi) + float(np.log(reach)))
+        reach = float(1 + ratio.max() * np.sum(price * room) - np.sum(g * share))  # Tr(gradient M) is 1
+        bound = min(bound, slope.value + float(np.log(reach)))
         if bound - best.value <= tolerance:
             break
         exponent = (1 + update / 50) ** -0.5
@@ -119,9 +116,6 @@ def best_powers(
         price = np.maximum(price * (used / used.max()) ** exponent, MIN_PRICE)
         price /= np.sum(price * room)
         share = share / used.max(axis=1)[:, None, None]
-        if criterion.over == "worst":
-            weight = np.maximum(weight * np.exp(exponent * (phi.min() - phi)), MIN_PRICE)
-            weight /= weight.sum()
     P = _filled(cost, best.P)
     value = max(best.value, float(criterion.value(_information(groups, P, known))))
     return Powers(P, value, max(bound - value, 0.0))
@@ -135,16 +129,6 @@ def _filled(cost: FloatArray, P: FloatArray) -> FloatArray:
         growth = np.divide(left, mine, out=np.full(mine.shape, np.inf), where=mine > 0).min(axis=1)
         P = P * np.where(np.arange(P.shape[2]) == i, 1 + growth[:, None], 1.0)[:, None, :]
     return P
-
-
-def _weighed(criterion: DesignCriterion, M: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """phi (S,) of every guess, and the gradient (S, n_x, n_x) of their sum weighed with weight (S,).
-
-    Whatever the weights, the weighed sum of the best is a bound for the worst.
-    """
-    slope = replace(criterion, over="mean").slope(M)
-    phi = replace(criterion, over="mean").value(M[None])
-    return phi, slope.gradient * (len(M) * weight)[:, None, None]
 
 
 def even_powers(cost: FloatArray) -> FloatArray:

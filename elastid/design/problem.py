@@ -105,8 +105,7 @@ class DesignProblem:
         design, names = self.design, self.parameters.free_names
         if design is None:
             return DesignCriterion("D", interest(names, ()))
-        over = "mean" if design.robust is None else design.robust.over
-        return DesignCriterion(design.criterion, interest(names, design.parameters), over)
+        return DesignCriterion(design.criterion, interest(names, design.parameters))
 
     def candidates(self, design: DesignSpec) -> Candidates:
         """The admissible configurations, with room for the carrier and the margin of the limits."""

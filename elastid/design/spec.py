@@ -84,14 +84,11 @@ class GuessSpec:
     """Robustness against a wrong nominal robot: the choice must be good for other guesses of the parameters as well."""
 
     # fmt: off
-    guesses: Annotated[int, Key("Number of guesses that are drawn about the nominal one, log-normal.", "20 where the "
-        "worst of them decides; the time of `design` grows with it. 8 know the mean to a third of the spread between "
-        "guesses.")] = 8
+    guesses: Annotated[int, Key("Number of guesses that are drawn about the nominal one, log-normal; the mean of "
+        "the criterion over them counts.", "more where the time of `design`, which grows with it, does not matter; "
+        "8 know the mean to a third of the spread between guesses.")] = 8
     factor: Annotated[float, Key("One standard deviation of a guess, as a factor.", "1.2 after an earlier fit, 2 where "
         "the numbers come from a robot of another type. 1.5 is what stiffnesses of catalogues are off by.")] = 1.5
-    over: Annotated[Literal["mean", "worst"], Key("Summary over the guesses: `mean` of the criterion, or the `worst` "
-        "of them.", "`worst` where the measurement cannot be repeated; the mean accepts a bad case for better ones "
-        "elsewhere.")] = "mean"
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -137,10 +134,9 @@ class DesignSpec:
         "limits, many short ones where friction does.")] = ()
     candidates: Annotated[CandidateSpec, Key("Configurations to choose from.", "more, or given ones, where the robot "
         "stands in a cell; the choice is only as good as what it may choose from.")] = CandidateSpec()
-    criterion: Annotated[Literal["D", "A", "E"], Key("Criterion of optimality: D (volume of the confidence ellipsoid), "
-        "A (mean variance) or E (worst direction) of the relative errors; E where no combination may stay badly known.",
-        "E where no combination may stay badly known, A where each interval counts by itself; D does not depend on how "
-        "the parameters are scaled or combined, and so is the default.")] = "D"
+    criterion: Annotated[Literal["D", "A"], Key("Criterion of optimality of the relative errors: D (volume of the "
+        "confidence ellipsoid) or A (mean variance).", "A where each interval counts by itself; D does not depend on "
+        "how the parameters are scaled or combined, and so is the default.")] = "D"
     parameters: Annotated[tuple[str, ...], Key("Names or patterns such as k_* of the parameters that count (default: "
         "all that the fit identifies).", "`k_*` where dampings and friction do not matter; the others are still "
         "unknowns, and cost what they cost.")] = ()

@@ -198,13 +198,10 @@ def test_what_was_measured_before_counts() -> None:
 
 @pytest.mark.slow
 def test_robust_choices_hang_on_the_seed_alone_and_differ_from_the_nominal_one() -> None:
-    """Averaged over guesses, and judged by the worst."""
-    one, again, worst = (
-        design(_with(robust=GuessSpec(4, 2.0, over))).plan.configurations for over in ("mean", "mean", "worst")
-    )
+    """Averaged over guesses."""
+    one, again = (design(_with(robust=GuessSpec(4, 2.0))).plan.configurations for _ in range(2))
     for a, b in zip(one, again, strict=True):
         np.testing.assert_array_equal(a.angles, b.angles)
-    assert len(worst) >= 1
 
 
 @pytest.mark.slow

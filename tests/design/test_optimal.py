@@ -10,19 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.base.arrays import FloatArray
-from elastid.design import optimal
 from elastid.design.optimal import (
     DesignCriterion,
     Letter,
-    Over,
-    bounded_shares,
     pack,
     relaxed_design,
     unpack,
     whole_experiments,
 )
 
-LETTERS: tuple[Letter, ...] = ("D", "A", "E")
+LETTERS: tuple[Letter, ...] = ("D", "A")
 
 
 def random_information(seed: int, S: int = 1, Q: int = 30, d: int = 4, rank: int = 2) -> FloatArray:
@@ -39,42 +36,26 @@ def _quadratic() -> tuple[FloatArray, FloatArray]:
 
 
 @settings(max_examples=40, deadline=None)
-@given(
-    letter=st.sampled_from(LETTERS),
-    over=st.sampled_from(["mean", "worst"]),
-    softness=st.sampled_from([2.0, 8.0, 40.0, np.inf]),
-    s=st.integers(1, 3),
-    seed=st.integers(0, 1000),
-)
-def test_criteria_are_those_of_the_covariance_and_have_their_gradients(
-    letter: Letter, over: Over, softness: float, s: int, seed: int
-) -> None:
-    """ln det, trace, largest eigenvalue or a mean of their powers of K^T M^-1 K; slopes by differences."""
+@given(letter=st.sampled_from(LETTERS), s=st.integers(1, 3), seed=st.integers(0, 1000))
+def test_criteria_are_those_of_the_covariance_and_have_their_gradients(letter: Letter, s: int, seed: int) -> None:
+    """ln det or trace of K^T M^-1 K, the mean over guesses; slopes by differences."""
     rng = np.random.default_rng(seed)
     M, K = random_information(seed, S=2, Q=8).sum(axis=1), np.eye(4)[:, :s]
-    criterion = DesignCriterion(letter, K, over, softness)
-    eigenvalues = np.linalg.eigvalsh(K.T @ np.linalg.inv(M) @ K)
-    power = {"D": 0.0, "A": 1.0, "E": softness}[letter]
-    if power == 0:
-        phi = -np.mean(np.log(eigenvalues), axis=1)
-    else:
-        phi = -np.log(np.linalg.norm(eigenvalues, power, axis=1) / (s ** (1 / power) if power < np.inf else 1))
-    expected = phi.mean() if over == "mean" else phi.min()
-    found = criterion.slope(M)
-    assert float(criterion.value(M)) == pytest.approx(expected, rel=1e-9, abs=1e-9)
-    assert found.value == pytest.approx(expected, rel=1e-9, abs=1e-9)
-    if letter == "E" and softness > 30:
-        return
+    criterion, C = DesignCriterion(letter, K), K.T @ np.linalg.inv(M) @ K
+    phi = -np.linalg.slogdet(C)[1] / s if letter == "D" else -np.log(np.trace(C, axis1=1, axis2=2) / s)
+    slope = criterion.slope(M)
+    assert float(criterion.value(M)) == pytest.approx(phi.mean(), rel=1e-9, abs=1e-9)
+    assert slope.value == pytest.approx(phi.mean(), rel=1e-9, abs=1e-9)
     step = rng.standard_normal(M.shape)
     step = 1e-6 * (step + np.swapaxes(step, 1, 2))
-    change = criterion.slope(M + step).searched - criterion.slope(M - step).searched
-    assert np.sum(found.gradient * step) == pytest.approx(change / 2, rel=1e-3, abs=1e-9)
+    change = criterion.slope(M + step).value - criterion.slope(M - step).value
+    assert np.sum(slope.gradient * step) == pytest.approx(change / 2, rel=1e-3, abs=1e-9)
 
 
-@pytest.mark.parametrize(("letter", "ends"), [("D", 1 / 3), ("A", 1 / 4), ("E", 1 / 5)])
+@pytest.mark.parametrize(("letter", "ends"), [("D", 1 / 3), ("A", 1 / 4)])
 @pytest.mark.slow
 def test_quadratic_regression_puts_its_textbook_weights_at_the_ends_and_the_middle(letter: Letter, ends: float) -> None:
-    """1, x, x^2 on [-1, 1]: 1/3, 1/3, 1/3 for D; 1/4, 1/2, 1/4 for A; 1/5, 3/5, 1/5 for E (Pukelsheim, chapter 9)."""
+    """1, x, x^2 on [-1, 1]: 1/3, 1/3, 1/3 for D; 1/4, 1/2, 1/4 for A (Pukelsheim, chapter 9)."""
     x, H = _quadratic()
     found = relaxed_design(H, DesignCriterion(letter, np.eye(3)), tolerance=1e-5)
     assert found.weights[x == -1] == pytest.approx(ends, abs=2e-3)
@@ -87,16 +68,13 @@ def test_quadratic_regression_puts_its_textbook_weights_at_the_ends_and_the_midd
 @given(
     seed=st.integers(0, 10**6),
     letter=st.sampled_from(LETTERS),
-    over=st.sampled_from(("mean", "worst")),
     guesses=st.integers(1, 3),
     wanted=st.integers(1, 4),
 )
-def test_no_design_exceeds_the_certified_bound(
-    seed: int, letter: Letter, over: Over, guesses: int, wanted: int
-) -> None:
+def test_no_design_exceeds_the_certified_bound(seed: int, letter: Letter, guesses: int, wanted: int) -> None:
     """Random shares, sparse and dense, on any criterion, subset and number of guesses."""
     H = random_information(seed, guesses)
-    criterion = DesignCriterion(letter, np.eye(4)[:, :wanted], over)
+    criterion = DesignCriterion(letter, np.eye(4)[:, :wanted])
     found = relaxed_design(H, criterion)
     rng = np.random.default_rng(seed + 1)
     for concentration in (0.03, 0.1, 1.0):
@@ -105,7 +83,7 @@ def test_no_design_exceeds_the_certified_bound(
         assert max(values) <= found.bound + 1e-6
     assert found.value <= found.bound + 1e-12
     assert found.weights.sum() == pytest.approx(1)
-    assert found.gap <= (1e-3 if letter == "E" else 0.08)
+    assert found.gap <= 1e-3
 
 
 @pytest.mark.parametrize("rank", [3, 12])
@@ -142,51 +120,8 @@ def test_what_is_known_already_is_not_measured_again() -> None:
     assert whole_experiments(H, relaxed_design(H, criterion, known / 2).weights, 2, criterion, known).tolist() == [0, 2]
 
 
-def test_the_worst_guess_fares_better_where_the_worst_counts() -> None:
-    """At the price of the mean."""
-    H = random_information(2, S=3, Q=40)
-    H[1] *= np.array([1.0, 1.0, 0.05, 0.05])[:, None] * np.array([1.0, 1.0, 0.05, 0.05])
-    mean, worst = DesignCriterion("D", np.eye(4)), DesignCriterion("D", np.eye(4), "worst")
-    by_mean, by_worst = (np.einsum("q,sqij->sij", relaxed_design(H, c).weights, H) for c in (mean, worst))
-    assert worst.value(by_worst) >= worst.value(by_mean)
-    assert mean.value(by_worst) <= mean.value(by_mean) + 1e-3
-
-
 def test_packed_matrices_have_the_product_of_the_trace() -> None:
     """Tr(A B), and back."""
     A, B = random_information(7, Q=2)[0]
     assert pack(A) @ pack(B) == pytest.approx(np.trace(A @ B), rel=1e-12)
     np.testing.assert_allclose(unpack(pack(A)), A, rtol=1e-15)
-
-
-@pytest.mark.parametrize("over", ["mean", "worst"])
-def test_bound_is_reached_whatever_the_units_of_the_parameters(over: Over) -> None:
-    """Parameters in units from 1e-4 to 1e4: shares and bound agree to a millionth of the logarithm."""
-    H, scale = random_information(3, S=2), np.diag([1e-4, 1.0, 1e4, 10.0])
-    K = np.eye(4)
-    for D in (np.eye(4), scale):
-        packed = pack(D @ H @ D)
-        shares = bounded_shares(packed, D @ K, over == "worst", 1e-3)
-        assert shares is not None
-        weights, bound = shares
-        assert bound - DesignCriterion("E", D @ K, over).value(unpack(weights @ packed)) == pytest.approx(0, abs=1e-5)
-
-
-@pytest.mark.parametrize("over", ["mean", "worst"])
-def test_smallest_eigenvalue_over_guesses_is_certified_to_a_thousandth(over: Over) -> None:
-    """Three guesses, of which one is poor in two of the parameters."""
-    H = random_information(2, S=3, Q=300, d=6)
-    H[1, :, :2] *= 0.3
-    H[1, :, :, :2] *= 0.3
-    assert relaxed_design(H, DesignCriterion("E", np.eye(6), over)).gap <= 1e-3
-
-
-def test_smallest_eigenvalue_of_a_program_too_large_is_softened(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The climb's bound holds too: it is never below the best value."""
-    H, criterion = random_information(4), DesignCriterion("E", np.eye(4))
-    best = relaxed_design(H, criterion, tolerance=1e-6)
-    monkeypatch.setattr(optimal, "MAX_UNKNOWNS", 1)
-    climbed = relaxed_design(H, criterion)
-    assert climbed.value <= best.bound
-    assert climbed.bound >= best.value
-    assert 1e-3 < climbed.gap < 0.08

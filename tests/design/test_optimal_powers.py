@@ -90,17 +90,17 @@ def test_an_independent_solver_finds_the_same(letter: Letter, seed: int) -> None
 
 
 @settings(deadline=None, max_examples=15)
-@given(seed=st.integers(0, 10_000), letter=st.sampled_from(["D", "A", "E"]), over=st.sampled_from(["mean", "worst"]))
-def test_nothing_within_the_limits_exceeds_the_certified_bound(seed: int, letter: Letter, over: str) -> None:
-    """Robust and smallest-eigenvalue criteria as well; limits are kept and every line keeps its least power."""
+@given(seed=st.integers(0, 10_000), letter=st.sampled_from(["D", "A"]))
+def test_nothing_within_the_limits_exceeds_the_certified_bound(seed: int, letter: Letter) -> None:
+    """Limits are kept, and every line keeps its least power."""
     groups, cost = drawn(seed, 2, guesses=3), priced(seed, 2)
-    criterion, known = DesignCriterion(letter, np.eye(4)[:, :3], over), np.zeros((3, 4, 4))  # type: ignore[arg-type]
+    criterion, known = DesignCriterion(letter, np.eye(4)[:, :3]), np.zeros((3, 4, 4))
     best = best_powers(groups, cost, criterion, known, 0.2)
     used = np.einsum("kofl,kfl->ko", cost, best.P)
     assert used.max() <= 1 + 1e-9
     assert np.min(best.P / (0.2 * even_powers(cost))) > 1 - 1e-9
     assert best.value >= criterion.value(information(groups, even_powers(cost), known))
-    assert letter == "E" or best.gap < 0.06  # that of the smallest eigenvalue of unlike guesses may be wide
+    assert best.gap < 0.06
     rng = np.random.default_rng(seed)
     for spread in (0.1, 1.0, 3.0):
         free = best.P * np.exp(spread * rng.standard_normal(best.P.shape))
