@@ -82,7 +82,8 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     within = [(replace(prospect, parameters=known), c, realisations) for prospect, c, realisations in fitted]
     responses = [prospect.expected(c, known.x, M) for prospect, c, M in within]
     tests = study_tests(problem.loads)
-    expected = forecast(responses, known.x)
+    is_taken_out = not settled.friction_is_left and bool(coulomb_levels(settled.robot).any())
+    expected = forecast(responses, known.x, is_taken_out)
     information = expected_fit(responses).evaluate(known.x).hessian / 2
     relative = np.where(expected.log, expected.relative, np.inf)
     at_tool = tool_notes(responses, information, relative, settled.robot, problem.model, tests)

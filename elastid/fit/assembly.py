@@ -243,12 +243,15 @@ class NoRestError(FitError):
         )
 
 
+def is_friction_taken_out(response: Response) -> bool:
+    """True if friction was, which leaves the errors of its levels among the systematic ones."""
+    return response.bias is not None and len(response.bias) > SYSTEMATIC_ERRORS
+
+
 def is_distorted_by_friction(response: Response) -> bool:
     """True if distortion is well above the noise, and no friction was taken out of the response."""
     noise, total = response.noise, response.total
-    # Friction that was taken out leaves the errors of its levels among the systematic ones.
-    is_taken_out = response.bias is not None and len(response.bias) > SYSTEMATIC_ERRORS
-    if noise is None or total is None or is_taken_out:
+    if noise is None or total is None or is_friction_taken_out(response):
         return False
     known = (noise.variance > 0) & np.isfinite(total.variance)
     return bool(known.any()) and float(np.median(total.variance[known] / noise.variance[known])) > DISTORTED

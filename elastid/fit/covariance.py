@@ -17,6 +17,7 @@ line k. Each variance is the largest of the first three estimates, plus the last
   different part of it in each configuration and band: the variance is at least that of the blocks, and from three
   configurations on at least that of their jackknife (conservative).
 - systematic errors of known size (`problem.shared_bias`) are further unknowns c with a prior; x is that with them.
+- friction taken out of the torques (`taken_out_error`): what its shapes and levels leave in every configuration alike.
 - floor: the model error alpha |G| that the study declares or the residuals show. Such an error is the same on
   neighbouring lines and in all configurations; it counts as one random factor for each element and octave, with pull
   h_o. s <= 1 limits it to the power that V leaves room for: 0 for alpha = 0, small where the residuals are far below
@@ -55,6 +56,8 @@ from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.shared_bias import find_factors
 from elastid.fit.problem.weights import Weights
 from elastid.fit.result import is_in_error
+from elastid.fit.solve.solvers import DAMPING_UNITS
+from elastid.parameters import Parameter, Parameters
 from elastid.response import Response
 
 
@@ -129,10 +132,11 @@ def estimate_uncertainty(
     x: FloatArray,
     execution: Execution | None = None,
     is_forecast: bool = False,
+    is_taken_out: bool = False,
 ) -> Uncertainty:
     """The covariance of x (n_x,), the optimum of `fit`; is_forecast: of responses without noise, V as it will be.
 
-    Readings of load tests have the covariance that is stated.
+    Readings of load tests have the covariance that is stated.  is_taken_out: friction of motors is, of the torques.
     """
     factors, n_x = find_factors(responses), len(x)
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
@@ -175,10 +179,11 @@ def estimate_uncertainty(
     power = [part.power for part in parts]
     known_dof = noise_dof(power, [part.noise_dof for part in parts], by_loads)
     widened = small_sample_factors(known_dof / np.maximum(repeated, 1e-6) ** 2)
-    of_ratios = _by_ratios(parts, half)
-    total = np.maximum(variance + np.diag(of_ratios), 1e-300)
+    of_ratios, of_friction = _by_ratios(parts, half), np.zeros(len(prior))
+    of_friction[:n_x] = taken_out_error(fit.parameters) ** 2 * is_taken_out
+    total = np.maximum(variance + np.diag(of_ratios) + of_friction, 1e-300)
     repeated, lasting = repeated * variance / total, (lasting * variance + np.diag(of_ratios)) / total
-    covariance = _larger(noise * np.outer(widened, widened), residuals, half) + floor + of_ratios
+    covariance = _larger(noise * np.outer(widened, widened), residuals, half) + floor + of_ratios + np.diag(of_friction)
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
     known = total + np.diag(floor)
@@ -189,6 +194,25 @@ def estimate_uncertainty(
     parted = disagreement([part.disagreement for part in parts], len(half))
     estimate = covariance[kept, kept], singular_values, unreached[kept]
     return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept], lasting[kept])
+
+
+# Of a stiffness, of a damping, and of a motor's viscous friction: std of what friction or effects of gears leave that
+# were taken out. Levels are known to 0.5 to 1 % (`nonlinear.choice`); k was within 0.05 %, d within 0.5 % of the truth
+# (scripts/studies/results.csv).
+STIFFNESS_ERROR, DAMPING_ERROR, FRICTION_ERROR = 2e-4, 2e-3, 1e-2
+
+
+def taken_out_error(parameters: Parameters) -> FloatArray:
+    """Standard deviation (n_x,) of x by friction, or effects of gears, that were taken out: of k, d and frictions."""
+
+    def of(parameter: Parameter) -> float:
+        if parameter.tolerated or not parameter.log:
+            return 0.0
+        if parameter.unit in DAMPING_UNITS:
+            return FRICTION_ERROR if parameter.stands_for.startswith("f") else DAMPING_ERROR
+        return STIFFNESS_ERROR if parameter.unit in ("N*m/rad", "N/m") else 0.0
+
+    return np.array([of(parameter) for parameter in parameters.free])
 
 
 def variance_left(of_file_J: FloatArray, half: FloatArray) -> FloatArray:

@@ -30,6 +30,7 @@ from elastid.fit.assembly import (
     RelinearisedOptimum,
     floor_of_residuals,
     is_distorted_by_friction,
+    is_friction_taken_out,
     motion_notes,
     relinearise,
 )
@@ -286,7 +287,9 @@ def _estimate(
     """The best start relinearised, its uncertainty, and both as a result without a status."""
     optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first)
     fit, end = optimum.fit, optimum.end
-    uncertainty = estimate_uncertainty(fit, optimum.responses, optimum.weights, end.x, execution)
+    is_taken_out = any(map(is_friction_taken_out, assembly.responses))
+    known = fit, optimum.responses, optimum.weights, end.x
+    uncertainty = estimate_uncertainty(*known, execution, is_taken_out=is_taken_out)
     dof = fit.problem.dof
     # Without any noise (a simulation) V is compared with the weights.
     expected = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof

@@ -20,6 +20,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.execution import Execution
+from elastid.fit.covariance import taken_out_error
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
@@ -93,6 +94,9 @@ def open_gears(
     execution.progress(0, 3)
     bent = bent_gears(measured_lines, responses, robot)
     found = choose_effects(data, responses, linearisation, result.parameters, result.x, bent, gears.orders)
+    if found.effects:
+        unseen = np.pad(taken_out_error(found.parameters), (0, len(found.levels)))
+        found = replace(found, covariance=found.covariance + np.diag(unseen**2))
     execution.progress(2, 3)  # the search takes about two thirds of the time
     joints, elastic = joints_of(linearisation)[0], elastic_joints(linearisation)
     preloaded = preloads(data, found.drives, joints)
