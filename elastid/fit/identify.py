@@ -250,10 +250,7 @@ def _with_agreements(
 
     def compared(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None
-        if assembly.loads is None:
-            return None, tool
-        both = found if tool is None else fitted(replace(alone, loads=assembly.loads))
-        return static_agreement(assembly.loads, motors, both[3], both[1].fit), tool
+        return None if assembly.loads is None else static_agreement(assembly.loads, motors), tool
 
     of_motors = fitted(alone)
     static, tool = compared(of_motors[3])

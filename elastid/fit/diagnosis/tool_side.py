@@ -1,18 +1,13 @@
-r"""Responses at the tool against those of the motors: are both of one robot?
+"""Responses at the tool against those of the motors: are both of one robot?
 
-The fit to the motors' responses alone, x_m with covariance C, and the residuals r of the responses at the tool,
-
-.. math:: T = \min_x \; |r(x)|^2 + (x - x_m)^T C^{-1} (x - x_m) \sim \chi^2
-
-by a few damped steps of Gauss and Newton. Where T is beyond chance, or the factor rho by which all responses at the
-tool are larger, the cause is that, of those below, with which T is smallest: another reading of force and motion (sign,
-axis, quantity, motors that were not as stated), or a further unknown (a common factor, a delay, one spring).
+Where they are not (`second_source`), the cause is another reading of force and motion (sign, axis, quantity, motors
+that were not as stated), or a further unknown: a common factor, a delay, one spring.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import permutations
 from typing import TypeAlias
@@ -21,87 +16,31 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
-from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
+from elastid.fit.diagnosis.second_source import SecondSource, Unknown, agreement, likeliest
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import RESIDUALS, as_real
 from elastid.fit.problem.part import Part, mixed
-from elastid.fit.result import Result, largest_by_chance
+from elastid.fit.result import Result
 from elastid.fit.static_agreement import ToolAgreement, ToolComparison
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
-
-@dataclass(frozen=True)
-class ToolLimits:
-    """Thresholds of a disagreement: each test errs once in 700 fits (scripts/studies/results.csv)."""
-
-    tail: float = 1 / 700  # probability of T, and of the factor, by chance
-    unreached: float = 30.0  # std of x in a direction that the motors' responses do not reach
-    steps: int = 12
-    progress: float = 0.1  # of T, below which a step is the last
-    share: float = 0.5  # of T beyond its degrees of freedom, that a cause must explain
-    alternative: float = 12.0  # of T beyond 1.05 of the least, within which a further cause is named
-    largest: float = 0.9  # of a further unknown: ln of a stiffness, a factor less 1
-
-
-LIMITS = ToolLimits()
+LARGEST = 0.9  # of a further unknown: ln of a stiffness, a factor less 1
 # dG (F, n_y, n_u) of a further unknown, of the model's G, its slopes to x, and s = j omega.
 Column: TypeAlias = Callable[[ComplexArray, ComplexArray, ComplexArray], ComplexArray]
 
 
-@dataclass(frozen=True, eq=False)
-class _Joint:
-    """Responses at the tool with what the motors say: x_m (n_x,) and a root L of C = L L^T, x = x_m + L z."""
-
-    fit: ElasticFit
-    x: FloatArray
-    root: FloatArray
-
-    def least(self, column: Column | None = None) -> tuple[float, float, float]:
-        """T and the further unknown with its std, NaN without a column."""
-        z = np.zeros(self.root.shape[1] + (column is not None))
-        best, gradient, H = self._at(z, column)
-        damping = 0.0
-        for _ in range(LIMITS.steps):
-            tried = z - np.linalg.lstsq(H + damping * np.diag(np.diag(H)), gradient)[0]
-            cost, *slopes = self._at(tried, column)
-            if not cost < best:
-                damping = max(10 * damping, 1e-2)
-                continue
-            is_last = best - cost < LIMITS.progress
-            z, best, (gradient, H), damping = tried, cost, slopes, damping / 10
-            if is_last:
-                break
-        if column is None:
-            return best, np.nan, np.nan
-        std = np.sqrt(max(np.linalg.pinv(H)[-1, -1], 0.0)) if H[-1, -1] > 0 else np.inf
-        return best, float(z[-1]), float(std)
-
-    def _at(self, z: FloatArray, column: Column | None) -> tuple[float, FloatArray, FloatArray]:
-        """T, half its gradient and J^T J at z (n,)."""
-        n = self.root.shape[1]
-        x, own = self.x + self.root @ z[:n], np.append(z[:n], 0.0) if column is not None else z
-        cost, gradient, H = float(own @ own), own.copy(), np.eye(len(z))
-        if column is not None:
-            H[-1, -1] = 0.0
-        with np.errstate(all="ignore"):
-            try:
-                for part in self.fit.parts:
-                    r, J = self._part(part, x, column, float(z[-1]))
-                    cost, gradient, H = cost + float(r @ r), gradient + J.T @ r, H + J.T @ J
-            except np.linalg.LinAlgError:
-                return np.inf, gradient, H
-        # Far away slopes overflow before the cost does.
-        return cost if np.isfinite(cost) and np.isfinite(H).all() else np.inf, gradient, H
-
-    def _part(self, part: Part, x: FloatArray, column: Column | None, size: float) -> tuple[FloatArray, FloatArray]:
-        """Whitened residuals (N,) and their slopes (N, n)."""
-        theta, s = self.fit.theta(part, x), (2j * np.pi * part.kernel.freq_hz[:, None, None]).astype(complex)
+def _residuals(
+    fit: ElasticFit, column: Column | None, x: FloatArray, root: FloatArray, size: float
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Whitened residuals (N,) of each response and their slopes (N, n)."""
+    for part in fit.parts:
+        theta, s = fit.theta(part, x), (2j * np.pi * part.kernel.freq_hz[:, None, None]).astype(complex)
         G, dG = part.kernel.evaluate(theta)
-        chain = self.fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
-        slopes = np.tensordot((chain @ self.root).T, dG, axes=1)
+        chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
+        slopes = np.tensordot((chain @ root).T, dG, axes=1)
         if column is not None:
             further = column(G, np.tensordot(chain.T, dG, axes=1), s)
             G, slopes = G + size * further, np.concatenate([slopes, further[None]])
@@ -110,36 +49,35 @@ class _Joint:
         r, J = np.where(used, part.gain * e, 0.0), np.where(used, -part.gain * slope, 0.0) * slopes
         if mixing is not None:
             r, J = mixed(mixing, r), mixed(mixing, J)
-        return as_real(r).ravel(), as_real(J).reshape(len(J), -1).T
+        yield as_real(r).ravel(), as_real(J).reshape(len(J), -1).T
 
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     """Responses at the tool, those of `assembly`, next to `alone`, the fit to the motors' responses."""
-    now = _joint(assembly.with_floor(alone.floor), alone)
-    dof = now.fit.n_residuals
-    scale = alone.model_error**2 if alone.exceeds_noise else 1.0
-    T = now.least()[0]
-    _, factor, std = now.least(_factor)
-    is_other_size = factor**2 > scale * chi_square_limit(1, LIMITS.tail) * std**2
-    is_beyond = scale * dof * largest_by_chance(dof) < T or is_other_size
-    cause, is_misread = _cause(assembly, alone, now, T) if is_beyond else ("", False)
-    compared = tuple(_compared(G, part, now) for G, part in zip(assembly.responses, now.fit.parts, strict=True))
-    return ToolAgreement(compared, 1 + factor, std, T, dof, cause, is_misread)
+    fit, now = _beside(assembly.with_floor(alone.floor), alone)
+    found = agreement(now, alone, Unknown(partial(_residuals, fit, _factor), _words_of_factor))
+    causes, is_misread = list[str](), False
+    if found.is_beyond:
+        others = [(_beside(replace(assembly, responses=other).with_floor(alone.floor), alone)[1], words)
+                  for other, words in _readings(assembly.responses)]  # fmt: skip
+        readings = [(other.least()[0], words) for other, words in others]
+        causes = list(likeliest(now, found.T, _unknowns(fit, alone), readings)) or [
+            "no single cause explains it: check place, direction, sign and unit of force and motion, the angles, and "
+            "whether the motors were as stated"
+        ]
+        is_misread = causes[0] in [words for _, words in readings]
+    compared = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
+    ratio = 1 + found.factor, found.std
+    return ToolAgreement(compared, *ratio, found.T, fit.n_residuals, " or ".join(causes), is_misread)
 
 
-def _joint(assembly: Assembly, alone: Result) -> _Joint:
-    C = alone.covariance.copy()
-    unknown = ~np.isfinite(np.diag(C))
-    C[unknown] = C[:, unknown] = 0.0
-    C[unknown, unknown] = LIMITS.unreached**2
-    size = np.sqrt(np.maximum(np.diag(C), 1e-300))
-    values, V = np.linalg.eigh(C / np.outer(size, size))
-    root = size[:, None] * V * np.sqrt(np.maximum(values, 0.0))
-    return _Joint(replace(assembly, parameters=alone.parameters).at(alone.x, assembly.spec.criterion), alone.x, root)
+def _beside(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource]:
+    fit = replace(assembly, parameters=alone.parameters).at(alone.x, assembly.spec.criterion)
+    return fit, SecondSource.of(alone, partial(_residuals, fit, None), fit.n_residuals)
 
 
-def _compared(response: Response, part: Part, now: _Joint) -> ToolComparison:
-    G, used = part.kernel.response(now.fit.theta(part, now.x)), part.gain > 0
+def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) -> ToolComparison:
+    G, used = part.kernel.response(fit.theta(part, x)), part.gain > 0
     ratio = np.abs(response.G[used]) / np.maximum(np.abs(G[used]), 1e-300)
     rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if used.any() else np.nan
     return ToolComparison(response.configuration.name, response.motors, response.inputs, response.outputs, rms)
@@ -155,28 +93,6 @@ def _delay(G: ComplexArray, slopes: ComplexArray, s: ComplexArray) -> ComplexArr
 
 def _of_spring(i: int) -> Column:
     return lambda G, slopes, s: np.asarray(slopes[i])
-
-
-def _cause(assembly: Assembly, alone: Result, now: _Joint, T: float) -> tuple[str, bool]:
-    """The likeliest cause, and others that explain as much; whether it is another reading."""
-    tried: list[tuple[float, str]] = []
-    for responses, words in _readings(assembly.responses):
-        other = replace(assembly, responses=responses).with_floor(alone.floor)
-        tried.append((_joint(other, alone).least()[0], words))
-    readings = [words for _, words in tried]
-    for column, describe in _columns(alone):
-        least, size, _ = now.least(column)
-        if abs(size) < LIMITS.largest:  # beyond it another reading explains what this column imitates
-            tried.append((least, describe(size)))
-    tried.sort(key=lambda each: each[0])
-    best, excess = tried[0][0], T - now.fit.n_residuals
-    if not T - best > LIMITS.share * excess:
-        return (
-            "no single cause explains it: check place, direction, sign and unit of force and motion, the angles, and "
-            "whether the motors were as stated"
-        ), False
-    near = [words for least, words in tried if least < 1.05 * best + LIMITS.alternative]
-    return " or ".join(near[:3]), near[0] in readings
 
 
 def _readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
@@ -223,12 +139,13 @@ def _along(responses: Sequence[Response], axes: dict[str, str]) -> tuple[Respons
     )
 
 
-def _columns(alone: Result) -> Iterator[tuple[Column, Callable[[float], str]]]:
-    yield _factor, _words_of_factor
-    yield _delay, _words_of_delay
+def _unknowns(fit: ElasticFit, alone: Result) -> Iterator[Unknown]:
+    yield Unknown(partial(_residuals, fit, _factor), _words_of_factor, LARGEST)
+    yield Unknown(partial(_residuals, fit, _delay), _words_of_delay, LARGEST)
     for i, parameter in enumerate(alone.parameters.free):
         if parameter.stands_for.startswith("k_") and parameter.log:
-            yield _of_spring(i), partial(_words_of_spring, parameter.name)
+            words = partial(_words_of_spring, parameter.name)
+            yield Unknown(partial(_residuals, fit, _of_spring(i)), words, LARGEST)
 
 
 def _words_of_factor(by: float) -> str:
