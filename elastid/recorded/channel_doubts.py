@@ -15,6 +15,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.units import TABLE, of_translation, units_of
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
+from elastid.model.rigid_body import inverse_dynamics
 from elastid.recorded.channel_names import Doubt, doubts_by_names, guess_by_name
 from elastid.recorded.evidence import (
     MIN_CORRELATION,
@@ -39,6 +40,7 @@ class DoubtLimits:
     max_factor: float = 0.1
     max_play: float = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
     max_turns: float = 4.0  # that no joint behind a gear makes
+    max_inertia: float = 1.5  # |log| of an inertia by torque and motion beyond those of the robot's file
     min_samples: int = 200
 
 
@@ -48,7 +50,10 @@ _UNUSUAL = ("arcmin", "arcsec", "mrad", "rev")  # that no log has, unless it say
 
 @dataclass(frozen=True)
 class JointSignals:
-    """Torque and motions of one joint in SI, link side, as a study reads them; places of channels in its list."""
+    """Torque and motions of one joint in SI, link side, as a study reads them; places of channels in its list.
+
+    inertia: the least and the largest that the robot's file has for the joint, in any posture.
+    """
 
     joint: Joint
     ratio: float
@@ -57,6 +62,7 @@ class JointSignals:
     motions: tuple[int, ...]
     channels: Sequence[ChannelSpec]
     signals: FloatArray
+    inertia: tuple[float, float]
 
     def order(self, i: int) -> int:
         """The derivative of the position that a motion is, as stated."""
@@ -101,7 +107,8 @@ def channel_doubts(
         return
     joints = _joints(channels, values, rate_hz, robot)
     too_far = [doubt for joint in joints for doubt in _travels(joint)]
-    yield from too_far or _rate([doubt for joint in joints for doubt in _motions(joint)], rate_hz)
+    others = too_far or list(_rate([doubt for joint in joints for doubt in _motions(joint)], rate_hz))
+    yield from others or [doubt for joint in joints for doubt in _inertias(joint)]
 
 
 def _joints(
@@ -111,14 +118,47 @@ def _joints(
     whole = [np.interp(rows, rows[k], x[k]) for x, k in zip(values.T, known, strict=True)]
     si = [x * link_side_factor(c, robot) for x, c in zip(whole, channels, strict=True)]
     signals = np.stack(si, axis=1) @ to_joints(channels, robot).T
-    result = []
+    result, inertia = [], _inertias_of_file(robot)
     for joint in robot.driven:
         places = (f"motor {joint.name}", f"joint {joint.name}")
         ours = [i for i, c in enumerate(channels) if c.at in places]
         torque = next((i for i in ours if channels[i].role == "u"), None)
         motions = tuple(i for i in ours if channels[i].role == "y")
-        result.append(JointSignals(joint, robot.ratio(joint.name), rate_hz, torque, motions, channels, signals))
+        own = robot.ratio(joint.name), rate_hz, torque, motions, channels, signals, inertia[joint.name]
+        result.append(JointSignals(joint, *own))
     return tuple(result)
+
+
+def _inertias_of_file(robot: Robot) -> dict[str, tuple[float, float]]:
+    """The least and the largest inertia of each driven joint, that of its motor alone to that of all that it moves."""
+    names, n = [joint.name for joint in robot.joints], len(robot.joints)
+    tau, theta = inverse_dynamics(robot), np.array([value for value, _ in robot.parameters().values()])
+    postures, inertia = np.random.default_rng(0).uniform(-np.pi, np.pi, (16, n)), dict[str, tuple[float, float]]()
+    none = np.zeros(n)
+    for joint in robot.driven:
+        unit = np.eye(n)[names.index(joint.name)]
+        moved = [float(unit @ (tau(q, none, unit, theta) - tau(q, none, none, theta)).full()[:, 0]) for q in postures]
+        motor = joint.motor.inertia * robot.ratio(joint.name) ** 2 if joint.motor is not None else 0.0
+        inertia[joint.name] = motor or min(moved), motor + max(moved)
+    return inertia
+
+
+def _inertias(joint: JointSignals) -> Iterator[Doubt]:
+    """A torque whose inertia is far from all that the robot's file has: another constant, unit or side."""
+    if joint.torque is None or not joint.motions or joint.inertia[0] <= 0:
+        return
+    i, turns = joint.motions[0], not joint.joint.slides
+    u, y = joint.signals[:, joint.torque], joint.signals[:, i]
+    relation, (low, high) = torque_relation(u, y, joint.order(i), joint.rate_hz, turns), joint.inertia
+    limit = float(np.exp(LIMITS.max_inertia))
+    if relation.is_joint and relation.inertial > LIMITS.max_gain and not low / limit < relation.inertia < high * limit:
+        name = joint.channels[joint.torque].name_in_file
+        text = (
+            f"torque {name} and motion {joint.channels[i].name_in_file} of joint {joint.joint.name} make an inertia of "
+            f"{relation.inertia:.3g} kg*m^2, and the robot's file has {low:.3g} (motor) to {high:.3g}; check torque "
+            f"constant, unit, scale and side of {name}, and inertia and ratio of the motor in the file"
+        )
+        yield Doubt(joint.torque, "scale", text)
 
 
 def _travels(joint: JointSignals) -> Iterator[Doubt]:

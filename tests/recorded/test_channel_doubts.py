@@ -92,3 +92,11 @@ def test_angles_of_motor_and_load_that_are_exchanged_are_named() -> None:
     angles = [np.fft.irfft(np.fft.rfft(u) * G, 8000) for G in (motor, load)]
     assert doubts((U, Q, LINK), np.stack([u, *angles], axis=1)) == []
     assert (1, "at") in doubts((U, Q, LINK), np.stack([u, *angles[::-1]], axis=1))
+
+
+def test_a_torque_constant_ten_times_off_is_seen_by_the_inertia_of_the_file() -> None:
+    """4.5 kg*m^2 of motor and arm; what 20 % of a data sheet leave is none."""
+    for factor in (0.1, 10.0):
+        assert doubts((U, Q), signals()[:, :2] * np.array([factor, 1])) == [(0, "scale")]
+    for factor in (0.6, 1.7):
+        assert doubts((U, Q), signals()[:, :2] * np.array([factor, 1])) == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -109,9 +110,20 @@ def _check_content(
     if isinstance(period, float) and not rates and not recorded.time:
         yield from _check_period(recorded, file, path, channels, values, period, place)
     if recorded.rate_hz != "unknown":
-        for doubt in channel_doubts(channels, values, recorded.known_rate_hz, study.places):
-            if not rates or doubt.channel is not None:
-                yield Problem(_place_of(doubt, members), f"{doubt.text} ({place.name})")
+        doubts = channel_doubts(channels, values, recorded.known_rate_hz, study.places)
+        for doubt in _alike([doubt for doubt in doubts if not rates or doubt.channel is not None], channels):
+            yield Problem(_place_of(doubt, members), f"{doubt.text} ({place.name})")
+
+
+def _alike(doubts: Sequence[Doubt], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
+    """The doubts, those of several channels with one cure as one: a drive's signals are alike for all its joints."""
+    groups = dict[tuple[str, str], list[Doubt]]()
+    for doubt in doubts:
+        cure = re.search(r"(side|unit|quantity|sign): [-\w/^]+", doubt.text)
+        groups.setdefault((doubt.key, cure[0] if cure else ""), []).append(doubt)
+    for first, *others in groups.values():
+        names = ", ".join(channels[doubt.channel].name_in_file for doubt in others if doubt.channel is not None)
+        yield replace(first, text=f"{first.text}; likewise {names}") if names else first
 
 
 def _place_of(doubt: Doubt, members: Sequence[int]) -> KeyPath:
