@@ -24,6 +24,7 @@ mathjax_path = Path(MATHJAX).name
 html_static_path = ["_static", str(distribution("sphinx-mathjax-offline").locate_file(MATHJAX))]
 html_css_files = ["style.css"]
 html_show_sourcelink = False
+html_context = {"default_mode": "auto"}  # without one the theme complains in the console
 html_theme_options = {
     "header_links_before_dropdown": 6,
     "footer_start": ["copyright"],

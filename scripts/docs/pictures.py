@@ -1,9 +1,9 @@
 """The pictures of the README and of the pages, from a run of the demo, with a tuned move, and one of friction.
 
-    uv run --group docs python scripts/docs/pictures.py [--demo runs/demo] [--friction runs/friction_of_an_axis]
+    uv run --group docs python scripts/docs/pictures.py [--demo DIR] [--friction DIR] [--bench DIR]
 
-Each is below 120 KB, beside this script in pictures/.  The report's first screen needs chromium; without it, that
-picture stays as it is. `shown.txt` has in words and numbers what the pictures show; a slow test compares it with a run
+From folders of runs: of the demo, of the template friction, of the template recorded.  Each picture is below 120 KB,
+beside this script in pictures/.  First screens of reports need chromium; without it those pictures stay as they are. `shown.txt` has in words and numbers what the pictures show; a slow test compares it with a run
 of the README, so that a picture of an earlier page is found.
 """
 
@@ -145,7 +145,7 @@ def smaller(path: Path) -> int:
     return size
 
 
-def made(demo: Path, of_friction: Path) -> Iterator[tuple[str, int]]:
+def made(demo: Path, of_friction: Path, bench: Path) -> Iterator[tuple[str, int]]:
     """Every picture with its size in bytes."""
     draw = {
         "frf.png": lambda path: responses(demo, path),
@@ -154,6 +154,8 @@ def made(demo: Path, of_friction: Path) -> Iterator[tuple[str, int]]:
         "map.png": lambda path: workspace(demo, path),
         "tune.png": lambda path: move(demo, path),
         "report.png": lambda path: page(demo, path),
+        "compensation.png": lambda path: page(of_friction, path),
+        "bench.png": lambda path: page(bench, path),
     }
     for name, drawn in draw.items():
         path = HERE / name
@@ -169,6 +171,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--demo", type=Path, default=Path("runs/demo"), metavar="DIR")
     parser.add_argument("--friction", type=Path, default=Path("runs/friction_of_an_axis"), metavar="DIR")
+    parser.add_argument("--bench", type=Path, default=Path("runs/recorded"), metavar="DIR")
     asked = parser.parse_args()
-    print(json.dumps(dict(made(asked.demo, asked.friction))))
+    print(json.dumps(dict(made(asked.demo, asked.friction, asked.bench))))
     (Path(__file__).parent / "shown.txt").write_text(shown(asked.demo), encoding="utf-8")

@@ -817,7 +817,7 @@ def _rows() -> Iterator[tuple[str, Callable[[Plant], Responses], tuple[str, ...]
     yield "hose of 3 %", hose(0.03), ("hose_{i}",), _ALL
     yield "axis 1 deg off everywhere", offset((1.0,), False), ("angle_{i}", "zero_{i}"), _ALL
     yield "axis 3 deg off in one posture", offset((3.0,), True), ("angle_{i}@{p}",), _OPEN
-    yield "angles off by 1 to 3 deg", offset((1.0, -2.0, 3.0, -1.5, 2.5), False), ("angle_*", "zero_{i}"), _OPEN_SIX
+    yield "angles off by 1 to 3 deg", offset((1.0, -2.0, 3.0, -1.5, 2.5), False), ("angle*", "zero_{i}"), _OPEN_SIX
 
 
 def _named(plant: Plant, patterns: tuple[str, ...]) -> tuple[str, ...]:
