@@ -11,12 +11,11 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.design.at_tool import study_tests, tool_notes
 from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
-from elastid.design.prospect import Prospect, expected_fit
+from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, robot_time_refusal, room
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import true_robot
@@ -81,17 +80,12 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     known = with_tolerances(settled.parameters, settled.robot, settled.fit)
     within = [(replace(prospect, parameters=known), c, realisations) for prospect, c, realisations in fitted]
     responses = [prospect.expected(c, known.x, M) for prospect, c, M in within]
-    tests = study_tests(problem.loads)
     is_taken_out = not settled.friction_is_left and bool(coulomb_levels(settled.robot).any())
     expected = forecast(responses, known.x, is_taken_out)
-    information = expected_fit(responses).evaluate(known.x).hessian / 2
-    relative = np.where(expected.log, expected.relative, np.inf)
-    at_tool = tool_notes(responses, information, relative, settled.robot, problem.model, tests)
     notes = (
         *sticking(plan, true_robot(problem.robot, problem.simulated.truth), problem.simulated.carrier),
         *expected.notes,
         *_shared_lines(plan),
-        *at_tool,
     )
     expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
     return Design(plan, expected, limit_use)

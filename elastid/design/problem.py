@@ -26,7 +26,6 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import linear_model
-from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
@@ -50,7 +49,7 @@ class DesignProblem:
     left_out: configurations that the fit does not use.  measured: responses that the choice adds to.  fitted_values:
     of parameters, from a fit of these.  like: responses whose variance is expected again.  model: of the fit.  typical
     (F, n_u): spectrum for all configurations until each has its own.  friction: `none` if the estimator leaves that of
-    the motors in the responses.  loads: load tests of the study.
+    the motors in the responses.
     """
 
     robot: Robot
@@ -67,7 +66,6 @@ class DesignProblem:
     model: ModelSpec = EXACT
     typical: FloatArray | None = None
     friction: Friction = "none"
-    loads: tuple[PlacedTest, ...] = ()
 
     @property
     def simulated(self) -> SimulatedSpec:

@@ -1,6 +1,6 @@
 """The same records of a two-axis elastic arm for elastid, MuJoCo's `sysid` and an afternoon of SciPy.
 
-    uv run --group oracles --with "mujoco[sysid]" python scripts/benchmarks/peers.py [--quick] [--seeds 1] [--peers elastid scipy sysid]
+    uv run --group oracles --with "mujoco[sysid]" python scripts/benchmarks/peers.py [--quick] [--seeds 1] [--peers ...]
 
 MuJoCo simulates a planar arm with elastic gears under gravity: three realisations of two experiments in two postures,
 a sampled controller, torques in multisines, encoders of 16384 counts, friction of a tenth of the rms torque, torque
@@ -55,10 +55,12 @@ START = {"k1": 440e3, "k2": 55e3, "d1": 240.0, "d2": 30.0, "f1": 30.0, "f2": 12.
 # One standard deviation of a data sheet, relative; of the centres 10 mm.
 SHEET = {"m1": 0.03, "m2": 0.03, "I1": 0.1, "I2": 0.1, "J1": 0.05, "J2": 0.05, "c1": 0.01 / 0.3, "c2": 0.01 / 0.25}
 XML = """<mujoco><compiler inertiafromgeom="false"/><option gravity="0 -9.81 0" timestep="{step}" integrator="RK4"/>
-<worldbody><body><joint name="m1" axis="0 0 1" armature="{J1}" damping="{f1}" frictionloss="{loss1}"/>
+<worldbody><body><joint name="m1" axis="0 0 1" armature="{J1}" damping="{f1}" frictionloss="{loss1}"
+solreffriction="0.002 1"/>
 <joint name="s1" axis="0 0 1" stiffness="{k1}" damping="{d1}"/>
 <inertial pos="{c1} 0 0" mass="{m1}" diaginertia="{I1} {I1} {I1}"/>
-<body pos="{l1} 0 0"><joint name="m2" axis="0 0 1" armature="{J2}" damping="{f2}" frictionloss="{loss2}"/>
+<body pos="{l1} 0 0"><joint name="m2" axis="0 0 1" armature="{J2}" damping="{f2}" frictionloss="{loss2}"
+solreffriction="0.002 1"/>
 <joint name="s2" axis="0 0 1" stiffness="{k2}" damping="{d2}"/>
 <inertial pos="{c2} 0 0" mass="{m2}" diaginertia="{I2} {I2} {I2}"/></body></body></worldbody></mujoco>"""
 

@@ -3,8 +3,9 @@
     uv run --group docs python scripts/docs/pictures.py [--demo DIR] [--friction DIR] [--bench DIR]
 
 From folders of runs: of the demo, of the template friction, of the template recorded.  Each picture is below 120 KB,
-beside this script in pictures/.  First screens of reports need chromium; without it those pictures stay as they are. `shown.txt` has in words and numbers what the pictures show; a slow test compares it with a run
-of the README, so that a picture of an earlier page is found.
+beside this script in pictures/. First screens of reports need chromium; without it those pictures stay as they are.
+`shown.txt` has in words and numbers what the pictures show; a slow test compares it with a run of the README, so that
+a picture of an earlier page is found.
 """
 
 from __future__ import annotations

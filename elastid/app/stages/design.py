@@ -11,7 +11,6 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.app.console import Console, forecast_table
-from elastid.app.stages.measure import named_configurations
 from elastid.app.work import Artefacts, Work
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments
@@ -23,8 +22,6 @@ from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.fit.load_tests import LoadsSpec
-from elastid.fit.problem.static_loads import placed_tests
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
 from elastid.model.spec import ModelSpec
@@ -50,7 +47,6 @@ def design(
     quantity: Motion,
     friction: Friction,
     left_out: tuple[str, ...],
-    loads: LoadsSpec | None,
     gears: GearsSpec | None,
     files: Path,
     work: Work,
@@ -64,8 +60,7 @@ def design(
         raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
     measured, fitted_values, like = _earlier_measurements(design, files)
     study = robot, excitation, experiment, fit, quantity, seed, design, left_out
-    tests = placed_tests(loads.tests, named_configurations(experiment)) if loads is not None else ()
-    problem = DesignProblem(*study, measured, fitted_values, like, model, friction=friction, loads=tests)
+    problem = DesignProblem(*study, measured, fitted_values, like, model, friction=friction)
     carrier = experiment.as_simulated().carrier
     with work.execution() as execution:
         designed = design_experiments(problem, execution)
