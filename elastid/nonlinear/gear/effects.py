@@ -18,7 +18,6 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.operators import Path, bristle, stop
-from elastid.nonlinear.gear.breaks import clipped, looped
 from elastid.nonlinear.gear.turning import turning
 
 Kind: TypeAlias = Literal[
@@ -120,11 +119,6 @@ def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
     """
     if effect.kind in ("friction", "load", "behind"):
         return turning(x, effect.scale)
-    if effect.kind in ("range", "gap"):
-        phi, slope = clipped(x, effect.scale)
-        return (x - phi, 1 - slope) if effect.kind == "range" else (-phi, -slope)
-    if effect.kind in ("stop", "bristle"):
-        return looped(effect.kind, x, effect.scale)
     return implicit_law(effect, x)
 
 
