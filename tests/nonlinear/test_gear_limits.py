@@ -68,8 +68,8 @@ def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
     G = Response(freq_hz, np.zeros((len(LINES), 1, 1), complex), place, place, "acceleration", POSTURE)
     scatter = np.full((F, 1), noise**2)
     lines = PeriodLines(
-        POSTURE, RATE_HZ, SAMPLES, U, U, *np.zeros((2, 1, 2)), np.array([noise**2]), scatter, excited, np.arange(2),
-        np.zeros((0, 1, 2), complex), np.ones(1, bool), np.zeros(1),
+        POSTURE, RATE_HZ, SAMPLES, U, U, *np.zeros((2, 1, 2)), np.array([noise**2]), scatter, excited,
+        np.arange(2), np.zeros(1),
     )  # fmt: skip
     drives = drives_of([lines], [G], linearisation, result)
     lines = replace(lines, Y=drives[0].G @ U)

@@ -138,7 +138,6 @@ def choose_effects(
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
-    fine, data = data, [lines.coarse() for lines in data]
     arguments = data, responses, linearisation
     lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
     found = start_levels(*arguments, parameters, np.where(lost, parameters.x, x))
@@ -155,8 +154,7 @@ def choose_effects(
                 found = _best_shape(arguments, found, joint, family)
         if _kinds(found.effects) == before:  # none of those that were added stays
             break
-    estimates = tuple(estimate.on(lines) for estimate, lines in zip(found.estimates, fine, strict=True))
-    return _settled((fine, responses, linearisation), replace(found, estimates=estimates))
+    return _settled(arguments, found)
 
 
 def _settled(arguments: _Arguments, found: Levels) -> Levels:

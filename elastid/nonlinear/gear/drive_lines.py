@@ -34,8 +34,7 @@ class DriveLines:
     one.  images (F, n_u, n_u): what G has beyond sensor C H B command.  places: rows (n_j, n) of motors, gears and
     links, of all driven joints.  k, d, torque (n_j,): of their springs, and what these bear at rest; of a gear without
     a spring of its own 1, 0 and 0, which deflects by nothing.  chain (P, n_x): d theta / d x of the parameters
-    `kernel.wanted`.  H_above (L, n, n), moved_above (L, n, M): the same H, and the motion by the torques, at the lines
-    above.
+    `kernel.wanted`.
     """
 
     model: LinearModel
@@ -53,8 +52,6 @@ class DriveLines:
     d: FloatArray
     torque: FloatArray
     chain: FloatArray
-    H_above: ComplexArray
-    moved_above: ComplexArray
 
     def directions(self, place: Place, joint: int) -> FloatArray:
         """Row (n,) of a place at a joint."""
@@ -81,24 +78,18 @@ def drive_lines(
     model = linear_model(linearisation, response, theta)
     kernel = kernel_of(model.with_outputs(motors), parameters, lines.freq_hz)
     M, D, K = model.matrices(theta)
-    H, H_above = (np.asarray(np.linalg.inv(s**2 * M + s * D + K), np.complex128)
-                  for s in (lines.s[:, None, None], lines.s_above[:, None, None]))  # fmt: skip
+    s = lines.s[:, None, None]
+    H = np.asarray(np.linalg.inv(s**2 * M + s * D + K), np.complex128)
     C = model.with_outputs(motors).C
     of_outputs, of_inputs = kernel.model.channel_gains(theta)
     order = MOTION_ORDER[model.quantity]
 
-    def lag(s: ComplexArray) -> ComplexArray:
-        """Of the sensors (F,)."""
-        elements = (element for element in kernel.model.chain if element.name != TORQUE_LAG)
-        gains = (element.response(s, kernel.model.number(theta, element.name)) for element in elements)
-        return np.asarray(np.prod([np.ones(len(s), complex), *gains], axis=0))
-
-    sensor = lag(lines.s)[:, None] * of_outputs
-    command, command_above = (
-        (factor(kernel.model, theta, s) / s**order / lag(s))[:, None] * of_inputs for s in (lines.s, lines.s_above)
-    )
-    moved_above = H_above @ (model.B @ (command_above[:, :, None] * lines.above))
-    G = kernel.response(theta) / lines.s[:, None, None] ** order
+    elements = (element for element in kernel.model.chain if element.name != TORQUE_LAG)
+    lags = (element.response(lines.s, kernel.model.number(theta, element.name)) for element in elements)
+    lag = np.prod([np.ones(len(lines.s), complex), *lags], axis=0)  # of the sensors
+    sensor = lag[:, None] * of_outputs
+    command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * of_inputs
+    G = kernel.response(theta) / s**order
     images = G - sensor[:, :, None] * (C @ H @ model.B) * command[:, None, :]
     springs, driven = spring_deflections(robot), [joint.name for joint in robot.driven]
     of_model = model.Z if model.Z is not None else np.eye(model.n)
@@ -115,5 +106,4 @@ def drive_lines(
     places = {place: row @ of_model for place, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
     torque = k * (rows["gear"] @ rest.q)
-    return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, places, k, d, torque, chain,
-                      H_above, moved_above)  # fmt: skip
+    return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, places, k, d, torque, chain)

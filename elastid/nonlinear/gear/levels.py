@@ -30,7 +30,7 @@ from elastid.response import Response
 _ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation, and
 _OF_SCALES, _OF_TURNING = 5.0, 15.0  # times it a scale, which levels hardly follow, and that of a velocity least
 _FALLS = 3.0  # times its last fall, by which V still falls at most
-# Errors of the motion: where moves are far, in a search, and where what is found ends, with scales followed.
+# Errors of the motion: where moves are far, in a search, and where what is found ends.
 _NEAR, _FAR, _CLOSE = (1e-3, 1e-4, 1e-5), 50.0, 2.0
 _STEP = 0.3  # of a scale, at most
 _SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
@@ -116,10 +116,10 @@ def find_levels(
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
         is_last = settled <= MOVE and move < _CLOSE
-        near = _NEAR[is_last + (move < _FAR)], is_last
+        near = _NEAR[is_last + (move < _FAR)]
         for _ in range(1 if start.effects or count > 1 else 2):
             estimates = [
-                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, *near)
+                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, near)
                 for lines, drive, before in zip(data, drives, estimates, strict=True)
             ]
         sums = normal_equations(data, drives, estimates, n_x, with_edges)
@@ -299,6 +299,6 @@ def _jacobian(lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels:
             )
             slope = slope + drive.sensor[:, :, None] * (CH @ (dZ @ q))
         J[..., :n_x] += slope[..., None] * row
-    moved = np.einsum("fan,fnmi->fami", CH, estimate.Phi) + estimate.folded
+    moved = np.einsum("fan,fnmi->fami", CH, estimate.Phi)
     J[..., n_x:] = -drive.sensor[:, :, None, None] * moved
     return J

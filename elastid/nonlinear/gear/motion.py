@@ -10,9 +10,7 @@ solved by Newton's method, each step by GMRES with two FFTs a product: only thes
 of a linear structure with few nonlinear elements by alternating frequency and time, Cameron and Griffin, J. Appl. Mech.
 56, 1989.)
 
-Above the measured lines q is q_0. Without it a reversal would be rounded and come too late or too early, k some 0.05 %
-too low beside friction of 0.15 of the torque. Its part beyond half the rate is folded into the sampled angles. Beyond
-those lines, up to half the rate of the fine grid, forces move inertias: a reversal bends a velocity within a cell.
+The lines are those up to twice the highest excited one.
 """
 
 from __future__ import annotations
@@ -36,7 +34,6 @@ _AT_LINKS = 10.0
 _WINDOW = 15  # lines over which the power of residuals is averaged
 _STEPS, _HALVINGS = 8, 5  # Newton's method
 _OF_FORCE = 10.0  # times the error of the motion, that of the force by it
-_FOLLOWED = 0.1  # error of the motion as it follows a scale, over itself
 _FAR = 0.1  # error of a start over the motion, from which on that without forces is tried, too
 
 
@@ -44,15 +41,11 @@ _FAR = 0.1  # error of a start over the motion, from which on that without force
 class Estimate:
     """Phi (F, n, M, n_f): forces on the model's coordinates by effects of level 1.
 
-    folded (F, n_u, M, n_f): what their motion beyond half the rate adds to the sampled angles.  above (L, n, M): the
-    explicit ones' forces at the lines above.
     unknowns: deflections and velocities x (n_x, n) of each experiment, of `signals`, from which the next one starts.
     loads (M, n_j, n): size of the gears' torques, by which friction of the next estimate grows with load.
     """
 
     Phi: ComplexArray
-    folded: ComplexArray
-    above: ComplexArray
     unknowns: tuple[FloatArray, ...]
     loads: FloatArray
     signals: tuple[tuple[Place, int], ...] = ()
@@ -60,31 +53,20 @@ class Estimate:
     @classmethod
     def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> Estimate:
         """Without any motion yet."""
-        (F, n_u, M), n = lines.U.shape, drive.model.n
-        Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
-        above, loads = np.zeros((len(lines.above), n, M), complex), np.zeros((M, len(drive.k), lines.points))
-        return cls(Phi, folded, above, (np.zeros((0, 0)),) * M, loads)
-
-    def on(self, lines: PeriodLines) -> Estimate:
-        """The same on a grid of more points and with more lines above."""
-        above = np.zeros((len(lines.above), *self.above.shape[1:]), complex)
-        above[: len(self.above)] = self.above
-        more = lines.points / self.loads.shape[2]
-        unknowns, loads = ([irfft(rfft(x), lines.points) * more if x.size else x for x in signals]
-                           for signals in (self.unknowns, self.loads))  # fmt: skip
-        return replace(self, above=above, unknowns=tuple(unknowns), loads=np.array(loads))
+        (F, _, M), n = lines.U.shape, drive.model.n
+        Phi, loads = np.zeros((F, n, M, n_f), complex), np.zeros((M, len(drive.k), lines.points))
+        return cls(Phi, (np.zeros((0, 0)),) * M, loads)
 
     def of(self, own: Sequence[int]) -> Estimate:
         """The same of effects by their places, without forces of those at -1."""
-        Phi, folded = (np.concatenate([X, 0 * X[..., :1]], axis=3)[..., list(own)] if X.shape[3] else
-                       np.zeros((*X.shape[:3], len(own)), complex) for X in (self.Phi, self.folded))  # fmt: skip
-        return replace(self, Phi=Phi, folded=folded)
+        if not self.Phi.shape[3]:
+            return replace(self, Phi=np.zeros((*self.Phi.shape[:3], len(own)), complex))
+        return replace(self, Phi=np.concatenate([self.Phi, 0 * self.Phi[..., :1]], axis=3)[..., list(own)])
 
 
 def residuals(lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels: FloatArray) -> ComplexArray:
     """y - G u + C H P f Phi (F, n_u, M), of the logged angles."""
     explained = drive.C @ drive.H @ np.tensordot(estimate.Phi, levels, axes=1)
-    explained = explained + np.tensordot(estimate.folded, levels, axes=1)
     return np.asarray(lines.Y - drive.G @ lines.U + drive.sensor[:, :, None] * explained)
 
 
@@ -139,28 +121,24 @@ def estimate_motion(
     levels: FloatArray,
     before: Estimate,
     near: float = 1e-4,
-    follows: bool = True,
 ) -> Estimate:
     """The motion of all experiments under effects of given levels (n_f,), and the effects along it.
 
-    near: error of the implicit motion at which it ends, over its RMS.  follows: whether it moves with a scale, too.
+    near: error of the implicit motion at which it ends, over its RMS.
     """
     gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, levels), lines, drive))
-    of_force = np.concatenate([drive.H - gain @ (drive.C @ drive.H), drive.H_above])
+    of_force = drive.H - gain @ (drive.C @ drive.H)
     implicit = np.array([effect.is_implicit for effect in effects], bool)
     given = np.tensordot(before.Phi[..., ~implicit], levels[~implicit], axes=1)
     base = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U) - given)
-    y = (lines.Y - drive.images @ lines.U) / drive.sensor[:, :, None] + np.tensordot(before.folded, levels, axes=1)
+    y = (lines.Y - drive.images @ lines.U) / drive.sensor[:, :, None]
     base = base + gain @ (y - drive.C @ base)
     if lines.arm is not None:  # springs bend under it, too
         base = base - drive.H @ (drive.places["link"].T @ lines.arm[1:])
-    base = np.concatenate([base, drive.moved_above - drive.H_above @ before.above])
     after, unknowns = Estimate.start(lines, drive, len(effects)), []
     problem = _Problem(lines, drive, tuple(joints), ratios, tuple(effects), levels, of_force, before.loads, near)
-    CH_above = drive.C[lines.sampled] @ drive.H_above
-    F = len(lines.U)
     for m in range(lines.U.shape[2]):
-        q, x, force, slope = problem.solve(base[:, :, m], m, before)
+        q, x, force = problem.solve(base[:, :, m], m, before)
         unknowns.append(x)
         own = {effect.joint for effect in effects}
         motions = {joint: problem.motion(q, problem.joints.index(joint), m, x, force) for joint in own}
@@ -168,18 +146,9 @@ def estimate_motion(
             after.loads[m, problem.joints.index(joint)] = np.abs(motion.torque)
         for i, effect in enumerate(effects):
             j = problem.joints.index(effect.joint)
-            acting = [(place, j, phi) for place, phi in forces(effect, motions[effect.joint])]
-            # Level and end of a gap pull against each other: with one followed and the other held, both drift off.
-            if effect.is_edge and follows and effect.place != "gear":
-                further = problem.followed(effect, acting[0][2], x, slope)
-                acting += [(*signal, phi) for signal, phi in zip(problem.signals, further, strict=True)]
-            rows = np.array([drive.directions(place, at) for place, at, _ in acting])
-            Phi = lines.all_amplitudes(np.array([phi for *_, phi in acting])).T @ rows
-            after.Phi[:, :, m, i] = Phi[:F]
-            moved = (CH_above @ Phi[F:, :, None])[:, :, 0]
-            after.folded[:, lines.sampled, m, i] = lines.folded(moved)
-            if not effect.is_implicit:
-                after.above[:, :, m] += levels[i] * Phi[F:]
+            acting = forces(effect, motions[effect.joint])
+            rows = np.array([drive.directions(place, j) for place, _ in acting])
+            after.Phi[:, :, m, i] = lines.amplitudes(np.array([phi for _, phi in acting])).T @ rows
     return replace(after, unknowns=tuple(unknowns), signals=tuple(problem.signals))
 
 
@@ -198,31 +167,22 @@ class _Problem:
     near: float
 
     @cached_property
-    def s(self) -> ComplexArray:
-        """j omega of all lines, those above among them."""
-        return np.concatenate([self.lines.s, self.lines.s_above])
-
-    @cached_property
     def signals(self) -> list[tuple[Place, int]]:
         """Place and joint of each unknown."""
         wanted = {(effect.place, self.joints.index(effect.joint)) for effect in self.effects if effect.is_implicit}
         return sorted(wanted)
 
-    def solve(
-        self, base: ComplexArray, m: int, before: Estimate
-    ) -> tuple[ComplexArray, FloatArray, FloatArray, FloatArray]:
-        """Motion (F, n) of an experiment from its estimate without implicit effects, the unknowns, forces by them and
-        the slope of these (n_x, n).
-        """
+    def solve(self, base: ComplexArray, m: int, before: Estimate) -> tuple[ComplexArray, FloatArray, FloatArray]:
+        """Motion (F, n) of an experiment from its estimate without implicit effects, the unknowns, forces by them."""
         lines, rows = self.lines, self._rows
         if not self.signals:
-            return base, *(np.zeros((0, 0)),) * 3
+            return base, *(np.zeros((0, 0)),) * 2
         x_0 = lines.fine((self._powers * (base @ rows.T)).T) + self._unmoved(base, m)
         known = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
         start = np.array([known.get(signal, of_0) for signal, of_0 in zip(self.signals, x_0, strict=True)])
-        x, force, slope = newton(partial(self._law, m), self.linear, x_0, start, self.near)
-        torque = lines.all_amplitudes(force).T
-        return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force, slope
+        x, force = newton(partial(self._law, m), self.linear, x_0, start, self.near)
+        torque = lines.amplitudes(force).T
+        return base - (self.of_force @ (rows.T @ torque[:, :, None]))[:, :, 0], x, force
 
     @cached_property
     def _rows(self) -> FloatArray:
@@ -232,7 +192,7 @@ class _Problem:
     @cached_property
     def _powers(self) -> ComplexArray:
         """Of s on all lines, by which the unknowns (F, n_x) are derivatives of deflections."""
-        return self.s[:, None] ** np.where([place == "gear" for place, _ in self.signals], 0, 1)
+        return self.lines.s[:, None] ** np.where([place == "gear" for place, _ in self.signals], 0, 1)
 
     @cached_property
     def linear(self) -> Linear:
@@ -240,17 +200,7 @@ class _Problem:
         of_gear = np.array([place == "gear" for place, _ in self.signals], bool)
         A = self._powers[:, :, None] * (self._rows @ self.of_force @ self._rows.T)
         softness = np.where(of_gear, 1 / self.drive.k[[j for _, j in self.signals]], 0.0)
-        beyond = len(A) / np.arange(len(A) + 1, self.lines.points // 2)
-        return Linear(A.transpose(1, 2, 0).copy(), beyond ** np.where(of_gear, 2, 1)[:, None], softness)
-
-    def followed(self, effect: GearEffect, phi: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:
-        """Forces (n_x, n) by the unknowns, as these follow a small further one phi (n,) at the effect's place.
-
-        slope (n_x, n): of the forces at x.
-        """
-        force = np.zeros_like(x)
-        force[self.signals.index((effect.place, self.joints.index(effect.joint)))] = phi
-        return slope * _moved(self.linear, slope, np.std(x, axis=1)[:, None] + 1e-300, -self.linear(force), _FOLLOWED)
+        return Linear(A.transpose(1, 2, 0).copy(), softness)
 
     def _rest(self, m: int) -> FloatArray:
         """Deflections (n_j,) of the gears in the mean of an experiment, under gravity along its motion."""
@@ -303,12 +253,12 @@ class _Problem:
         deflection = lines.fine(gear[None])[0] + self._rest(m)[j] + error
         if ("gear", j) in signals:
             deflection = x[signals.index(("gear", j))]
-        velocity, link_velocity = lines.fine(np.stack([self.s * motor, self.s * link]))
+        velocity, link_velocity = lines.fine(np.stack([lines.s * motor, lines.s * link]))
         if ("motor", j) in signals:
             velocity = x[signals.index(("motor", j))]
         if ("link", j) in signals:
             link_velocity = x[signals.index(("link", j))]
-        torque = drive.k[j] * deflection + drive.d[j] * lines.fine((self.s * gear)[None])[0]
+        torque = drive.k[j] * deflection + drive.d[j] * lines.fine((lines.s * gear)[None])[0]
         if ("gear", j) in signals:
             torque = torque + force[signals.index(("gear", j))]
         return GearMotion(self._angle(q, j, m), velocity, link_velocity, deflection, torque, float(self.ratios[j]),
@@ -317,14 +267,9 @@ class _Problem:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """x by force: A (n_x, n_x, F) on the lines, softness (n_x,) at rest.
-
-    beyond (n_x, K): what is left of the last line's at those above, up to half the rate of the fine grid, where all is
-    inertia: (s_F / s)^2 of a deflection, s_F / s of a velocity, and no phase.
-    """
+    """x by force: A (n_x, n_x, F) on the lines, softness (n_x,) at rest."""
 
     A: ComplexArray
-    beyond: FloatArray
     softness: FloatArray
 
     def __call__(self, force: FloatArray) -> FloatArray:
@@ -333,7 +278,6 @@ class Linear:
         X = np.zeros_like(spectrum)
         X[:, 0] = self.softness * spectrum[:, 0]
         X[:, 1 : F + 1] = (self.A * spectrum[:, 1 : F + 1]).sum(axis=1)
-        X[:, F + 1 : -1] = (self.A[:, :, -1] @ spectrum[:, F + 1 : -1]) * self.beyond
         return irfft(X, force.shape[1])
 
 
@@ -343,8 +287,8 @@ def newton(
     x_0: FloatArray,
     x: FloatArray,
     near: float = 1e-4,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """x (n_x, n) of x + linear(law(x)) = x_0, from x or x_0, force and slope there; law gives them point by point.
+) -> tuple[FloatArray, FloatArray]:
+    """x (n_x, n) of x + linear(law(x)) = x_0, from x or x_0, and the force there; law gives force and slope by points.
 
     near: error at which it ends, over the size of x.
     Steps are halved until the error falls; where none does, the last x, whose error the residuals then show.
@@ -372,7 +316,7 @@ def newton(
                 break
         else:
             break
-    return x, force, slope
+    return x, force
 
 
 def _moved(

@@ -19,14 +19,10 @@ from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, si
 from elastid.record import Configuration, Record
 
 _ROUNDING = 1e-12  # of the largest angle
-# Of the fine grid in a sample, since reversals of friction fall between samples, and in a search. Without noise 4 leave
-# d up to 0.005 % and levels 3e-4 off, 8 a quarter of that.
-CELLS, FEW_CELLS = 8, 4
+# Of the fine grid in a sample, since reversals of friction fall between samples: k within 0.002 %, levels within 0.1 %.
+CELLS = 4
 # Lines up to so many times the highest excited one: friction and hardening move the robot there, too.
 REACH = 2.0
-# On those above, up to so many times it, the model tells the motion, and beyond them its inertia: without them friction
-# would turn late or early.
-ABOVE = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +33,7 @@ class PeriodLines:
     of whole periods.  noise (n_u,):
     variance of the noise of an element of Y that does not fall with frequency.  scatter (F, n_u): variance of the mean
     over the periods, of Y.  excited (F,).  samples: of a period.
-    above (L, n_u, M): torques at lines F + 1 to F + L, beyond half the rate as they are held.  sampled (n_u,): whether
-    Y is an angle as it was sampled, in which motion beyond half the rate is folded.  count (n_u,): its smallest step.
-    cells: of the fine grid in a sample.  arm (F + 1, n_j, M): torques of the links, and their mean first, whose
+    count (n_u,): smallest step of an angle.  arm (F + 1, n_j, M): torques of the links, and their mean first, whose
     motion is taken out of Y; 0 if none.
     """
 
@@ -54,20 +48,13 @@ class PeriodLines:
     scatter: FloatArray
     excited: BoolArray
     realisation: IntArray
-    above: ComplexArray
-    sampled: BoolArray
     count: FloatArray
-    cells: int = CELLS
     arm: ComplexArray | None = None
 
     @property
     def points(self) -> int:
         """Of the fine grid."""
-        return self.samples * self.cells
-
-    def coarse(self) -> PeriodLines:
-        """The same on a grid for a search, with the lines that this one can tell."""
-        return replace(self, above=self.above[: self.samples * FEW_CELLS // 2 - 1 - len(self.U)], cells=FEW_CELLS)
+        return self.samples * CELLS
 
     @cached_property
     def freq_hz(self) -> FloatArray:
@@ -79,22 +66,8 @@ class PeriodLines:
         """j omega (F,)."""
         return np.asarray(2j * np.pi * self.freq_hz)
 
-    @cached_property
-    def s_above(self) -> ComplexArray:
-        """j omega (L,) of the lines above."""
-        lines = np.arange(1, len(self.above) + 1) + len(self.U)
-        return np.asarray(2j * np.pi * line_frequencies(lines, self.rate_hz, self.samples))
-
-    def folded(self, X: ComplexArray) -> ComplexArray:
-        """Aliases at the lines (F, ...) of amplitudes X (L, ...) of a sampled signal at the lines above."""
-        F, total = len(self.U), np.zeros((self.samples, *X.shape[1:]), complex)
-        lines = np.arange(F + 1, F + len(X) + 1)
-        kept = lines > self.samples // 2
-        np.add.at(total, lines[kept] % self.samples, X[kept])
-        return np.asarray(total[1 : F + 1] + total[-1 : -F - 1 : -1].conj())
-
     def fine(self, X: ComplexArray) -> FloatArray:
-        """The signals (..., n) of amplitudes (..., F or F + L) on the fine grid of a period."""
+        """The signals (..., n) of amplitudes (..., F) on the fine grid of a period."""
         n = self.points
         padded = np.zeros((*X.shape[:-1], n // 2 + 1), complex)
         padded[..., 1 : X.shape[-1] + 1] = X
@@ -102,11 +75,7 @@ class PeriodLines:
 
     def amplitudes(self, x: FloatArray) -> ComplexArray:
         """Amplitudes (..., F) of signals (..., n) on the fine grid."""
-        return self.all_amplitudes(x)[..., : len(self.U)]
-
-    def all_amplitudes(self, x: FloatArray) -> ComplexArray:
-        """The same at the lines above, too: (..., F + L)."""
-        return np.asarray(rfft(x)[..., 1 : len(self.U) + len(self.above) + 1] * (2 / x.shape[-1]))
+        return np.asarray(rfft(x)[..., 1 : len(self.U) + 1] * (2 / x.shape[-1]))
 
 
 def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:
@@ -136,7 +105,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     lines = np.arange(1, (first.period_samples + 1) // 2)
     F = min(int(REACH * excited[-1]), len(lines))
     periods = [_periods(record, lines, np.isin(lines, excited), spec) for record in records]
-    U = np.stack([each.U.mean(axis=0) for each in periods], axis=2)
+    U = np.stack([each.U[:, :F].mean(axis=0) for each in periods], axis=2)
     of_periods = [each.Y[:, :F, columns] for each in periods]
     repeated = [Y.var(axis=0, ddof=1) / len(Y) for Y in of_periods if len(Y) > 1]
     # Of a single period the highest lines show noise, where a robot barely moves.
@@ -146,7 +115,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
         first.configuration,
         first.rate_hz,
         first.period_samples,
-        U[:F],
+        U,
         np.stack([Y.mean(axis=0) for Y in of_periods], axis=2),
         np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
         np.stack([record.u[: record.n_periods * record.period_samples].mean(axis=0) for record in records], axis=1),
@@ -154,8 +123,6 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
         scatter,
         np.isin(lines[:F], excited),
         np.array([record.realisation for record in records]),
-        _above(first, U, F, int(ABOVE * excited[-1])),
-        logged,
         np.array([_smallest_step(first.y[:, column]) for column in columns]),
     )
 
@@ -165,24 +132,6 @@ def _smallest_step(y: FloatArray) -> float:
     steps = np.diff(np.unique(y))
     steps = steps[steps > _ROUNDING * np.abs(y).max()]
     return float(steps.min()) if steps.size else 0.0
-
-
-def _above(record: Record, U: ComplexArray, F: int, highest: int) -> ComplexArray:
-    """Torques (L, n_u, M) at lines F + 1 to `highest`, from those of all lines below half the rate (N / 2, n_u, M)."""
-    N = record.period_samples
-    lines = np.arange(F + 1, min(highest, N * CELLS // 2 - 1) + 1)
-    own = np.abs((lines + N // 2) % N - N // 2)  # the line that this one is folded to
-    is_mirrored = lines % N > N // 2
-    known = (own > 0) & (own <= len(U))
-    gains = [
-        record.hold_response(line_frequencies(np.where(known, k, 1), record.rate_hz, N))
-        for k in (lines, np.where(is_mirrored, -own, own))
-    ]
-    torque = U[np.where(known, own, 1) - 1]
-    torque = np.where(is_mirrored[:, None, None], torque.conj(), torque)
-    is_held = np.array(record.images.rates_hz if record.images else (0.0,) * len(record.inputs)) > 0
-    kept = known[:, None] & ((lines <= len(U))[:, None] | is_held)
-    return np.asarray(torque * np.where(kept, gains[0] / gains[1], 0.0)[:, :, None])
 
 
 def _periods(record: Record, lines: IntArray, excited: BoolArray, spec: EstimatorSpec) -> PeriodSpectra:

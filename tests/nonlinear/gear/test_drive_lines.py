@@ -21,7 +21,7 @@ def test_forces_at_motor_gear_and_link_move_two_masses_as_they_must() -> None:
     F, none = 100, np.zeros((100, 1, 1), complex)
     lines = PeriodLines(
         POSTURE, RATE_HZ, SAMPLES, none, none, *np.zeros((2, 1, 1)), np.ones(1), np.ones((F, 1)), np.ones(F, bool),
-        np.zeros(1, np.int64), np.zeros((0, 1, 1), complex), np.ones(1, bool), np.zeros(1),
+        np.zeros(1, np.int64), np.zeros(1),
     )  # fmt: skip
     places = ("motor 1",)
     response = Response(lines.freq_hz, none, places, places, "acceleration", POSTURE)

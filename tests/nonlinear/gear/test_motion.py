@@ -8,9 +8,8 @@ import pytest
 
 from elastid.base.arrays import FloatArray
 from elastid.nonlinear.gear.drive_lines import DriveLines
-from elastid.nonlinear.gear.motion import Estimate, Linear, newton, smoothed_covariance
+from elastid.nonlinear.gear.motion import newton, smoothed_covariance
 from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.nonlinear.gear.turning import turning
 from tests.plants.two_mass_gear import POSTURE
 
 
@@ -49,24 +48,7 @@ def quiet_lines(told: int, experiments: int = 1, noise: float = 0.0) -> PeriodLi
     none = np.zeros((told, 1, experiments), complex)
     rest = np.zeros((1, experiments))
     numbers = np.array([noise]), np.zeros((told, 1)), np.ones(told, bool), np.arange(experiments)
-    return PeriodLines(
-        POSTURE, 500.0, 100, none + 1, none, rest, rest, *numbers, none[:0], np.ones(1, bool), rest[:, 0]
-    )
-
-
-def test_a_motion_is_the_same_on_more_points() -> None:
-    """What a search found is where the last rounds begin."""
-    fine = quiet_lines(40)
-    coarse = fine.coarse()
-    none, above = np.zeros((40, 1, 1, 0), complex), np.zeros((0, 1, 1), complex)
-
-    def wave(n: int) -> FloatArray:
-        return np.asarray(2 + np.sin(6 * np.pi * np.arange(n) / n)[None])
-
-    found = Estimate(none, none, above, (wave(coarse.points),), wave(coarse.points)[None]).on(fine)
-    assert found.unknowns[0] == pytest.approx(wave(fine.points), abs=1e-12)
-    assert found.loads[0] == pytest.approx(wave(fine.points), abs=1e-12)
-    assert found.above.shape == above.shape
+    return PeriodLines(POSTURE, 500.0, 100, none + 1, none, rest, rest, *numbers, rest[:, 0])
 
 
 def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_its_window() -> None:
@@ -79,20 +61,3 @@ def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_i
     true = 9e-4 * np.abs(G[:, 0, 0]) ** 2 + 1e-16
     found = smoothed_covariance(r, lines, cast(DriveLines, SimpleNamespace(G=G)))[:, 0, 0].real
     assert found == pytest.approx(true, rel=0.2)
-
-
-@pytest.mark.parametrize("told", [390, 100])
-def test_an_inertia_braked_by_friction_has_the_velocity_of_its_impulse(told: int) -> None:
-    """w' = sgn v is a triangle: right to 3 % of a cell at points, kinks between them, by all lines or a quarter.
-
-    By means over two cells the corners were a fifth of a cell too low.
-    """
-    lines = quiet_lines(told)
-    n = lines.points
-    beyond = np.arange(told + 1, n // 2)[None]
-    linear = Linear(1 / lines.s[None, None], told / beyond, np.zeros(1))
-    for shift in np.linspace(0, 1, 5):
-        phase = 2 * np.pi * (np.arange(n) - shift) / n
-        way = np.abs((phase + np.pi) % (2 * np.pi) - np.pi)  # from the reversal where w is least
-        w = linear(turning(np.sin(phase), 0.0)[0][None])[0]
-        assert w == pytest.approx((way - np.pi / 2) / (2 * np.pi) * 0.2, abs=0.03 * 0.2 / n)

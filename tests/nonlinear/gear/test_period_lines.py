@@ -7,7 +7,7 @@ import pytest
 from plants.refusals import refused
 
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.gear.period_lines import ABOVE, CELLS, gather_lines
+from elastid.nonlinear.gear.period_lines import CELLS, gather_lines
 from elastid.record import Configuration, Record
 
 RATE_HZ, N, P = 500.0, 500, 3
@@ -43,17 +43,6 @@ def test_the_fine_grid_is_the_signal_between_its_samples() -> None:
     assert lines.amplitudes(fine[None])[0] == pytest.approx(lines.Y[:, 0, 0], abs=1e-12)
 
 
-def test_a_search_has_every_second_point_of_the_same_signal() -> None:
-    lines = gather_lines([record()], SPEC, np.array([5, 200]))
-    coarse = lines.coarse()
-    every = np.concatenate([lines.U, lines.above])[:, 0, 0] + 1e-3
-    told = len(coarse.U) + len(coarse.above)
-    assert told == coarse.points // 2 - 1 < len(every)
-    assert coarse.fine(every[:told]) == pytest.approx(lines.fine(every[:told])[::2], abs=1e-12)
-    few = gather_lines([record()], SPEC, np.array([5, 9]))
-    assert len(few.coarse().above) == len(few.above) == int(ABOVE * 9) - len(few.U)
-
-
 def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
     """White noise of std s has amplitudes of variance 4 s^2 / (N P)."""
     many = [record(1e-5, name=f"r{i}") for i in range(1)]
@@ -64,27 +53,3 @@ def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
 def test_an_angle_that_was_not_logged_is_named() -> None:
     with refused("gears/records", place="configuration a"):
         gather_lines([record(outputs=("joint 1",))], SPEC, np.array([5, 9]))
-
-
-def test_a_held_torque_has_its_images_at_the_lines_above() -> None:
-    """Against the spectrum of the staircase, of which each sample has 40 points."""
-    made, parts = record(hold="zero-order"), 40
-    lines = gather_lines([made], SPEC, np.array([5, 9]))
-    stairs = np.repeat(made.u[:N, 0], parts)
-    # Each point of a stair stands for what follows it.
-    middle = np.exp(-1j * np.pi * np.arange(N * parts // 2 + 1) / (N * parts))
-    amplitudes = np.fft.rfft(stairs) * middle * 2 / (N * parts)
-    assert len(lines.U) + len(lines.above) == int(ABOVE * 9)
-    every = np.concatenate([lines.U, lines.above])[:, 0, 0]
-    assert every == pytest.approx(amplitudes[1 : len(every) + 1], abs=2e-4)
-    assert np.abs(gather_lines([record()], SPEC, np.array([5, 9])).above).max() < 1e-12
-
-
-def test_motion_beyond_half_the_rate_is_folded_as_sampling_folds_it() -> None:
-    lines = gather_lines([record()], SPEC, np.array([5, 100]))
-    F, t = len(lines.U), np.arange(N) / N
-    X = np.zeros(len(lines.above), complex)
-    X[[240 - F - 1, 310 - F - 1, 560 - F - 1]] = 1.0, 2j, 0.5 - 1j  # the first is below half the rate
-    wave = sum((X[k - F - 1] * np.exp(2j * np.pi * k * t)).real for k in (310, 560))
-    sampled = np.fft.rfft(wave)[1 : F + 1] * 2 / N
-    assert lines.folded(X) == pytest.approx(sampled, abs=1e-12)
