@@ -58,6 +58,7 @@ from elastid.response import Response
 from elastid.robot import Robot
 
 _POINTS = 400  # of a loop
+_LEVEL_ERROR = 4e-3  # of a level: std of what its shape is not known by, levels within 1 %
 _FREE = 0.02  # of k, at least, is the slope by which a torsion is known: within a gap a torque says nothing of it
 
 
@@ -95,7 +96,7 @@ def open_gears(
     bent = bent_gears(measured_lines, responses, robot)
     found = choose_effects(data, responses, linearisation, result.parameters, result.x, bent, gears.orders)
     if found.effects:
-        unseen = np.pad(taken_out_error(found.parameters), (0, len(found.levels)))
+        unseen = np.concatenate([taken_out_error(found.parameters), _LEVEL_ERROR * found.levels])
         found = replace(found, covariance=found.covariance + np.diag(unseen**2))
     execution.progress(2, 3)  # the search takes about two thirds of the time
     joints, elastic = joints_of(linearisation)[0], elastic_joints(linearisation)

@@ -42,7 +42,7 @@ Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Readin
 class Limits:
     """Thresholds of causes and their sentences; at most 1 % of clean fits have a sentence.
 
-    (scripts/studies/modification_indices.py, 300 fits.)  false_alarm_rate: Bonferroni over all candidates, not a false
+    (scripts/studies/results.csv.)  false_alarm_rate: Bonferroni over all candidates, not a false
     discovery rate: a single false cause in a report is one too many, and their drops are strongly correlated.
     """
 

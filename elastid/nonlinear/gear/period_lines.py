@@ -1,4 +1,4 @@
-"""Mean periods of a configuration's records on all DFT lines up to a frequency, excited or not; their fine grid."""
+"""Mean periods of a configuration's records on all DFT lines, excited or not; their fine grid."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ from elastid.record import Configuration, Record
 _ROUNDING = 1e-12  # of the largest angle
 # Of the fine grid in a sample, since reversals of friction fall between samples: k within 0.002 %, levels within 0.1 %.
 CELLS = 4
-# Lines up to so many times the highest excited one: friction and hardening move the robot there, too.
-REACH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +101,9 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     columns = [first.outputs.index(place) for place in first.inputs]
     excited = analysed_lines(spectra_of(records, spec, planned), spec, planned)
     lines = np.arange(1, (first.period_samples + 1) // 2)
-    F = min(int(REACH * excited[-1]), len(lines))
     periods = [_periods(record, lines, np.isin(lines, excited), spec) for record in records]
-    U = np.stack([each.U[:, :F].mean(axis=0) for each in periods], axis=2)
-    of_periods = [each.Y[:, :F, columns] for each in periods]
+    U = np.stack([each.U.mean(axis=0) for each in periods], axis=2)
+    of_periods = [each.Y[:, :, columns] for each in periods]
     repeated = [Y.var(axis=0, ddof=1) / len(Y) for Y in of_periods if len(Y) > 1]
     # Of a single period the highest lines show noise, where a robot barely moves.
     scatter = np.mean(repeated if repeated else [np.abs(Y[0]) ** 2 for Y in of_periods], axis=0)
@@ -121,7 +118,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
         np.stack([record.u[: record.n_periods * record.period_samples].mean(axis=0) for record in records], axis=1),
         np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0),
         scatter,
-        np.isin(lines[:F], excited),
+        np.isin(lines, excited),
         np.array([record.realisation for record in records]),
         np.array([_smallest_step(first.y[:, column]) for column in columns]),
     )

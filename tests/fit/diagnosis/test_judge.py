@@ -51,7 +51,7 @@ def test_a_wrong_number_is_the_first_that_is_named(fault: str, name: str, step: 
 
 @pytest.mark.slow
 def test_a_fit_of_the_true_robot_has_no_sentence() -> None:
-    """Eight data sets; of 300 at most three have one (scripts/studies/modification_indices.py)."""
+    """Eight data sets; of 300 at most three have one (scripts/studies/results.csv)."""
     case = true_case()
     for seed in range(8):
         notes = identify(drawn(case, np.random.default_rng(seed)), case.robot, SPEC).notes
