@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import runpy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -164,12 +163,3 @@ def test_design_leaves_references_for_a_robot_controller(tiny: Path, tmp_path: P
     assert float(rows[1][2]) == pytest.approx(math.radians(30))
     assert len(rows) == 1 + 250 + 3 * 500 + 250
     assert len(list(folder.glob("*-r*-e*.csv"))) == 4
-
-
-@pytest.mark.slow
-def test_no_simulated_peak_is_above_any_limit_in_random_studies() -> None:
-    """scripts/studies/limits.py draws them; here eight."""
-    study = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "studies" / "limits.py"), run_name="limits")
-    outcomes = [study["studied"](0.1, seed) for seed in range(8)]
-    assert sum(not o.refused for o in outcomes) > 4
-    assert max(o.measured.max() for o in outcomes) < 1
