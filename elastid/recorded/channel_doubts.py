@@ -15,7 +15,6 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.units import TABLE, of_translation, units_of
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
-from elastid.model.rigid_body import inverse_dynamics
 from elastid.recorded.channel_names import Doubt, doubts_by_names, guess_by_name
 from elastid.recorded.evidence import (
     MIN_CORRELATION,
@@ -131,6 +130,8 @@ def _joints(
 
 def _inertias_of_file(robot: Robot) -> dict[str, tuple[float, float]]:
     """The least and the largest inertia of each driven joint, that of its motor alone to that of all that it moves."""
+    from elastid.model.rigid_body import inverse_dynamics  # brings CasADi, which reading logs does without
+
     names, n = [joint.name for joint in robot.joints], len(robot.joints)
     tau, theta = inverse_dynamics(robot), np.array([value for value, _ in robot.parameters().values()])
     postures, inertia = np.random.default_rng(0).uniform(-np.pi, np.pi, (16, n)), dict[str, tuple[float, float]]()

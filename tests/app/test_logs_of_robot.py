@@ -22,6 +22,7 @@ def logged(path: Path, names: tuple[str, ...], angles: tuple[float, ...], units:
     units_of = ["" if name == "x" else units for name in names]
     heads = (f"q_{name}{unit}" for name, unit in zip(names, units_of, strict=True))
     head = ",".join(["t", *(f"tau_{name}" for name in names), *heads])
+    u += np.tile(3 * rng.standard_normal((1000, len(names))), (2, 1))  # friction, beside inertias of no robot
     rows = np.hstack([np.arange(len(u))[:, None] / 500, u, scale * q])
     np.savetxt(path, rows, "%.9g", ",", header=head, comments="")
     return str(path)
