@@ -23,6 +23,7 @@ from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullFormatter
 from PIL import Image
 
 import elastid as ei
+from elastid.base.errors import DataError
 from elastid.report.figures.use import move_figure
 from elastid.store.results import read_tune
 from elastid.use.map import map_workspace
@@ -162,7 +163,7 @@ def made(demo: Path, of_friction: Path, bench: Path) -> Iterator[tuple[str, int]
         path = HERE / name
         try:
             drawn(path)
-        except (FileNotFoundError, ModuleNotFoundError) as error:
+        except (FileNotFoundError, ModuleNotFoundError, DataError) as error:
             print(f"{name} is not drawn: {error}")
             continue
         yield name, smaller(path)
