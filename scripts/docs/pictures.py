@@ -132,7 +132,7 @@ def shown(demo: Path) -> str:
 def _chromium() -> str:
     from shutil import which
 
-    found = which("chromium") or which("chromium-browser") or which("google-chrome")
+    found = which("chromium") or which("google-chrome")
     if found is None:
         raise FileNotFoundError("chromium is not on the path; install it for the picture of the report")
     return found
@@ -141,8 +141,7 @@ def _chromium() -> str:
 def smaller(path: Path) -> int:
     """The picture with 64 colors at most, in bytes; RuntimeError where it is still too large for a README."""
     Image.open(path).convert("RGB").quantize(64, method=Image.Quantize.MEDIANCUT).save(path, optimize=True)
-    size = path.stat().st_size
-    if size > MOST_BYTES:
+    if (size := path.stat().st_size) > MOST_BYTES:
         raise RuntimeError(f"{path} has {size} bytes, more than {MOST_BYTES}; draw it smaller")
     return size
 
