@@ -1,21 +1,9 @@
-r"""The shapes of friction of all motors, by cross-validation over realisations, and those that fit nearly as well.
+"""The shapes of friction of all motors, by cross-validation over realisations.
 
-Candidates are on the scale of the motors' own motion; one is taken out only where it pays. The choice between shapes
-that fit nearly as well adds to the levels' covariance: with levels f ~ N(0, S), S = diag(s_i^2), the evidence of a set
-of shapes, their levels integrated out, is
-
-.. math:: \ln p = \tfrac12 b^T \hat f - \tfrac12 \ln \det(S H), \qquad H = A + S^{-1}, \quad \hat f = H^{-1} b
-
-s_i: the level at which a shape has the power of all friction that was found. Sets are the chosen one and its
-neighbours: one shape more, less, or another instead. With weights w_S = p_S / sum p,
-
-.. math:: C = \sum_S w_S\, (\hat f_S - \hat f)(\hat f_S - \hat f)^T
-
-about the levels of the chosen set. (Hoeting, Madigan, Raftery and Volinsky, Statistical Science 14, 1999.)
-
-Signs are tried at speeds a factor 2 apart. Where friction turns over a speed between two of them, both together come
-out as friction that is 0.1 to 0.2 % too large in sliding; two that are near each other, and near the speed at which it
-turns (`refined`, `narrowed`), leave a tenth of that.
+Candidates are on the scale of the motors' own motion; one is taken out only where it pays. Signs are tried at speeds a
+factor 2 apart. Where friction turns over a speed between two of them, both together come out as friction that is 0.1 to
+0.2 % too large in sliding; two that are near each other, and near the speed at which it turns (`refined`, `narrowed`),
+leave a tenth of that.
 """
 
 from __future__ import annotations
@@ -28,7 +16,7 @@ from itertools import product
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
-from elastid.nonlinear.levels import NormalEquations, find_levels, normal_equations, solve
+from elastid.nonlinear.levels import NormalEquations, find_levels, solve
 from elastid.nonlinear.motion import FEW_CELLS, motion_of
 from elastid.nonlinear.shapes import RATE_OF, Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra
@@ -45,7 +33,6 @@ class Limits:
     part_of_sign: float = 0.14
     shape_gain: float = 0.02  # of the power left in other realisations, by which a further shape must lower it
     left_share: float = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
-    weight: float = 0.05  # of a set of shapes, below which it is left out with the shapes that are in no other set
     near: float = 1.1  # over and below the speed at which the chosen signs turn in the mean
     # Steps of near^2 down from there, of a turn that the samples blurred: to an eighth.
     ladder: int = 11
@@ -71,17 +58,11 @@ LIMITS = Limits()
 
 @dataclass(frozen=True)
 class Choice:
-    """Shapes with the motor of each (n_f,), and the share (n_m,) of the power that they leave in other realisations.
-
-    taken: of the shapes, those that are taken out; the others fit nearly as well.  covariance (n_f, n_f): of the levels
-    by the choice between them.
-    """
+    """Shapes with the motor of each (n_f,), and the share (n_m,) of the power that they leave in other realisations."""
 
     shapes: tuple[Shape, ...]
     motor_of: IntArray
     kept_share: FloatArray
-    taken: IntArray
-    covariance: FloatArray
 
 
 def choose(
@@ -91,54 +72,23 @@ def choose(
 
     With the candidates (n,) that are in the choice, and thresholds (n,) of those whose rates are, else 0.
     """
-    motor_of = np.array([places.index(shape.place) for shape in candidates], dtype=np.int64)
+    motor_of = _motors(candidates, places)
     limits = _nonlinear_limits(data, candidates, places)
     chosen, _ = _chosen_of_each(data, motor_of, _rivals(candidates), limits, auto)
     rates = np.array([candidates[i].threshold if candidates[i].kind in RATE_OF else 0.0 for i in chosen])
     shapes = _with_rates([candidates[i] for i in chosen], rates)
-    motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
+    motor_of = _motors(shapes, places)
     own_data = [spectra.with_shapes(chosen, rates) for spectra in data]
     final, left = _chosen_of_each(own_data, motor_of, _rivals(shapes), limits, auto)
-    # A rate is derived from the shape of its bristle.
-    bending, rated = final[final < len(chosen)], np.flatnonzero(rates > 0)[final[final >= len(chosen)] - len(chosen)]
-    every = np.arange(len(candidates))
-    rates_of_all = np.zeros(len(candidates))
-    rates_of_all[chosen[rated]] = rates[rated]
-    data = [spectra.with_shapes(every, rates_of_all) for spectra in data]
-    taken = np.concatenate([chosen[bending], len(candidates) + np.arange(len(rated))])
-    return _with_alternatives(data, candidates, rates_of_all, limits, left, taken, places)
+    rated = np.flatnonzero(rates > 0)[final[final >= len(chosen)] - len(chosen)]
+    kept = np.union1d(final[final < len(chosen)], rated)  # a rate is derived from the shape of its bristle
+    rates = np.where(np.isin(kept, rated), rates[kept], 0.0)
+    shapes = _with_rates([candidates[i] for i in chosen[kept]], rates)
+    return Choice(shapes, _motors(shapes, places), left), chosen[kept], rates
 
 
-def _with_alternatives(
-    data: Sequence[ConfigurationSpectra],
-    candidates: Sequence[Shape],
-    rates: FloatArray,
-    limits: FloatArray,
-    left: FloatArray,
-    taken: IntArray,
-    places: Sequence[str],
-) -> tuple[Choice, IntArray, FloatArray]:
-    """The choice of the shapes `taken` of all candidates and rates, with those candidates that fit nearly as well."""
-    shapes = _with_rates(candidates, rates)
-    motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
-    telling = np.flatnonzero(_is_nonlinear(data, limits[motor_of])[: len(candidates)])
-    rivals = _rivals(shapes)
-    levels = np.zeros(len(shapes))
-    own_data = [replace(configuration, Phi=configuration.Phi[:, taken]) for configuration in data]
-    levels[taken], _ = find_levels(own_data, motor_of[taken], np.arange(len(taken)))
-    equations = normal_equations(data, levels, motor_of)
-    covariance = np.zeros((len(shapes), len(shapes)))
-    used = np.arange(len(shapes)) >= len(candidates)
-    used[np.flatnonzero(rates > 0)] = True
-    for i in range(len(places)):
-        own, of_own = neighbours_of(equations, taken[motor_of[taken] == i], telling[motor_of[telling] == i], rivals)
-        covariance[np.ix_(own, own)] = of_own
-        used[own] = True
-    some = np.flatnonzero(used)
-    picked, of_some = some[some < len(candidates)], tuple(shapes[i] for i in some)
-    places_of_taken = np.searchsorted(some, taken)
-    choice = Choice(of_some, motor_of[some], left, places_of_taken, covariance[np.ix_(some, some)])
-    return choice, picked, rates[picked]
+def _motors(shapes: Sequence[Shape], places: Sequence[str]) -> IntArray:
+    return np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
 
 
 def _rivals(shapes: Sequence[Shape]) -> IntArray:
@@ -150,7 +100,7 @@ def _chosen_of_each(
     data: Sequence[ConfigurationSpectra], motor_of: IntArray, rivals: IntArray, limits: FloatArray, auto: bool
 ) -> tuple[IntArray, FloatArray]:
     """The chosen shapes (n,) of all motors, and the share (n_m,) of the power that they leave."""
-    _, equations = find_levels(data, motor_of, np.arange(len(motor_of)))
+    _, equations = find_levels(data, motor_of)
     telling = _is_nonlinear(data, limits[motor_of])
     own = [np.flatnonzero((motor_of == i) & telling) for i in range(len(limits))]
     choices = [choose_shapes(equations, i, candidates, rivals) for i, candidates in enumerate(own)]
@@ -270,60 +220,11 @@ def _is_friction(members: Sequence[int] | IntArray, rivals: IntArray) -> bool:
     return of_rivals <= 1 and len(members) > of_rivals
 
 
-def shares(equations: NormalEquations, motors: int, motor_of: IntArray, chosen: IntArray) -> FloatArray:
-    """Share (n_m,) of the power that the chosen shapes (n,) of each motor leave in other realisations."""
-    every = [chosen[motor_of[chosen] == motor] for motor in range(motors)]
-    none = motor_of[:0]
-    powers = [(kept_power(equations, i, own), kept_power(equations, i, none)) for i, own in enumerate(every)]
+def shares(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
+    """Share (n_m,) of the power that the shapes of each motor leave in other realisations."""
+    every = [np.flatnonzero(motor_of == motor) for motor in range(motors)]
+    powers = [(kept_power(equations, i, own), kept_power(equations, i, own[:0])) for i, own in enumerate(every)]
     return np.array([left / total if total > 0 else 1.0 for left, total in powers])
-
-
-def neighbours_of(
-    equations: NormalEquations, chosen: IntArray, candidates: IntArray, rivals: IntArray
-) -> tuple[IntArray, FloatArray]:
-    """Shapes (n,) of one motor, sorted, in sets of some weight, and the covariance (n, n) of levels by their choice.
-
-    The sets are the chosen shapes and their neighbours among the candidates, the chosen ones among them, with one of
-    the rivals at most, and not alone.
-    """
-    if not len(chosen):
-        return chosen, np.zeros((0, 0))
-    A, b = (2 * equations.dof_share * members.sum(axis=0) for members in (equations.A, equations.b))
-    f = solve(A[np.ix_(chosen, chosen)], b[chosen])
-    power = float(f @ A[np.ix_(chosen, chosen)] @ f)
-    first, *others = _sets(chosen.tolist(), candidates.tolist())
-    alternatives = [members for members in others if _is_friction(members, rivals)]
-    sets = [first, *(members for members in alternatives if np.all(solve(A[np.ix_(members, members)], b[members]) > 0))]
-    evidence = np.array([_evidence(A[np.ix_(members, members)], b[members], power) for members in sets])
-    weights = np.exp(evidence - evidence.max())
-    weights /= weights.sum()
-    weighted = [(w, members) for w, members in zip(weights.tolist(), sets, strict=True) if w >= LIMITS.weight]
-    shapes = np.array(sorted({*chosen.tolist(), *(i for _, members in weighted for i in members)}), dtype=np.int64)
-    levels = [_levels(A, b, members, shapes) for _, members in weighted]
-    apart = np.array(levels) - _levels(A, b, chosen.tolist(), shapes)
-    w = np.array([members for members, _ in weighted])
-    return shapes, np.asarray((apart.T * (w / w.sum())) @ apart)
-
-
-def _sets(chosen: list[int], candidates: list[int]) -> list[list[int]]:
-    """The chosen set, and with one shape more, less, or another instead; none is empty."""
-    further = [i for i in candidates if i not in chosen]
-    smaller = [[i for i in chosen if i != gone] for gone in chosen]
-    larger = [[*base, i] for base in (chosen, *smaller) for i in further]
-    return [chosen, *(members for members in smaller if members), *larger]
-
-
-def _evidence(A: FloatArray, b: FloatArray, power: float) -> float:
-    s = np.sqrt(power / np.diag(A))
-    H, b = A * np.outer(s, s) + np.eye(len(b)), b * s
-    return float(0.5 * b @ np.linalg.solve(H, b) - 0.5 * np.linalg.slogdet(H)[1])
-
-
-def _levels(A: FloatArray, b: FloatArray, shapes: list[int], every: IntArray) -> FloatArray:
-    """The levels (n,) of a set of shapes, 0 of all others of `every` (n,)."""
-    levels = np.zeros(len(every))
-    levels[np.searchsorted(every, shapes)] = solve(A[np.ix_(shapes, shapes)], b[shapes])
-    return levels
 
 
 def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice:
@@ -332,11 +233,8 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice
     Instead of a chosen Stribeck curve there are some of neighbouring velocities.
 
     levels (n_f,): found so far, along the motion of the samples, whose noise makes signs turn more gradually.
-
-    Of a motor whose signs are refined, other signs that fitted nearly as well are left out. The covariance by the
-    choice between shapes is that of the first choice where shapes are the same, 0 of new ones.
     """
-    parts: list[tuple[Shape, bool, int]] = []  # of each its place in the first choice, or -1
+    shapes: list[Shape] = []
     for place in places:
         own = [i for i, shape in enumerate(choice.shapes) if shape.place == place]
         near = _near([choice.shapes[i] for i in own], levels[own], place)
@@ -347,18 +245,12 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice
             for part in _FALLING_NEAR
         ]
         mended = {shape.kind for shape in near}
-        rest = [i for i in own if choice.shapes[i].kind not in mended]
-        parts += [(shape, True, -1) for shape in near]
-        parts += [(choice.shapes[i], i in choice.taken, i) for i in rest]
-    same = np.array([i for *_, i in parts], dtype=np.int64)
-    covariance = np.where(np.outer(same >= 0, same >= 0), choice.covariance[np.ix_(same, same)], 0.0)
-    motor_of = np.array([places.index(shape.place) for shape, *_ in parts], dtype=np.int64)
-    taken = np.flatnonzero([is_taken for _, is_taken, _ in parts])
-    return Choice(tuple(shape for shape, *_ in parts), motor_of, choice.kept_share, taken, covariance)
+        shapes += [*near, *(choice.shapes[i] for i in own if choice.shapes[i].kind not in mended)]
+    return Choice(tuple(shapes), _motors(shapes, places), choice.kept_share)
 
 
 def _near(shapes: Sequence[Shape], levels: FloatArray, place: str) -> list[Shape]:
-    """Signs up to the mean speed of those that were taken out; none where there are none, or far from each other."""
+    """Signs up to the mean speed of the chosen ones; none where there are none, or far from each other."""
     signs = [(shape.threshold, level) for shape, level in zip(shapes, levels, strict=True) if shape.kind == "sign"]
     speeds = np.array([speed for speed, level in signs if level > 0])
     weights = np.array([level for _, level in signs if level > 0])
@@ -379,7 +271,7 @@ def narrowed(choice: Choice, levels: FloatArray, velocity_noise: FloatArray) -> 
     kept = np.ones(len(choice.shapes), dtype=np.bool_)
     refined_from = {"sign": LIMITS.ladder + 1, "stribeck": 2}
     for motor, kind in product(np.unique(choice.motor_of), refined_from):
-        same = [i for i in choice.taken if choice.motor_of[i] == motor and choice.shapes[i].kind == kind]
+        same = [i for i in range(len(kept)) if choice.motor_of[i] == motor and choice.shapes[i].kind == kind]
         if len(same) >= refined_from[kind]:
             speeds, own = np.array([choice.shapes[i].threshold for i in same]), levels[same]
             mean = float(own @ speeds / max(float(own.sum()), 1e-300))
@@ -389,9 +281,7 @@ def narrowed(choice: Choice, levels: FloatArray, velocity_noise: FloatArray) -> 
             kept[same] = False
             kept[same[first : first + 2]] = True
     places = np.flatnonzero(kept)
-    shapes, taken = tuple(choice.shapes[i] for i in places), np.flatnonzero(np.isin(places, choice.taken))
-    of_choice = choice.covariance[np.ix_(places, places)]
-    return Choice(shapes, choice.motor_of[places], choice.kept_share, taken, of_choice), places
+    return Choice(tuple(choice.shapes[i] for i in places), choice.motor_of[places], choice.kept_share), places
 
 
 def by_unknown_shapes(choice: Choice, levels: FloatArray) -> FloatArray:

@@ -65,7 +65,7 @@ def find_friction(
         return survey
     gather = partial(gather_configuration, spec=spec, planned=planned)
     found = _along_samples(survey, spec)
-    if not len(survey.choice.taken):
+    if not survey.choice.shapes:
         return replace(found.result, notes=(*found.result.notes, *survey.limits))
     few = _few(survey.data[0].U.shape[2])
     if few >= len(measured) or not _is_near(few, survey, spec, gather, measured, execution):
@@ -103,7 +103,7 @@ def _few(records: int) -> int:
 
 def _along_samples(survey: _Survey, spec: EstimatorSpec) -> _Found:
     """Friction along the motion that the samples show."""
-    levels, equations = find_levels(survey.data, survey.choice.motor_of, survey.choice.taken)
+    levels, equations = find_levels(survey.data, survey.choice.motor_of)
     accelerance = upper_accelerance(survey.data, levels, survey.choice.motor_of, spec.quantity)
     result = _result(survey, survey.choice, levels, accelerance, equations)
     return _Found(result, survey.choice, levels, survey.data)
@@ -142,11 +142,11 @@ def _along_its_motion(
     """
     choice = refined(found.choice, found.levels, survey.first.inputs)
     data = execution.ordered(partial(gather, shapes=choice.shapes, friction=found.result), measured)
-    levels, _ = find_levels(data, choice.motor_of, choice.taken)
+    levels, _ = find_levels(data, choice.motor_of)
     noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in data], axis=0))
     choice, kept = narrowed(choice, levels, noise)
     data = [spectra.with_shapes(kept, np.zeros(len(kept))) for spectra in data]
-    levels, equations = find_levels(data, choice.motor_of, choice.taken)
+    levels, equations = find_levels(data, choice.motor_of)
     accelerance = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
     accelerance = np.where(accelerance > 0, accelerance, found.result.accelerance)
     return _Found(_result(survey, choice, levels, accelerance, equations), choice, levels, data)
@@ -267,13 +267,13 @@ def _result(
     equations: NormalEquations,
 ) -> FrictionTakenOut:
     first = survey.first
-    left = shares(equations, len(first.inputs), choice.motor_of, choice.taken)
+    left = shares(equations, len(first.inputs), choice.motor_of)
     result = FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
         shapes=choice.shapes,
         levels=levels,
-        covariance=covariance(equations, choice.taken) + choice.covariance + by_unknown_shapes(choice, levels),
+        covariance=covariance(equations) + by_unknown_shapes(choice, levels),
         configurations=survey.names,
         before=survey.before,
         after=equations.level,

@@ -85,14 +85,12 @@ def _without_noise(
     return A - S @ A_noise @ S.T, b - b_noise @ S.T
 
 
-def find_levels(
-    data: Sequence[ConfigurationSpectra], motor_of: IntArray, chosen: IntArray
-) -> tuple[FloatArray, NormalEquations]:
-    """Levels (n_f,), none negative and 0 of all shapes but those chosen (n,), and the sums about them."""
+def find_levels(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> tuple[FloatArray, NormalEquations]:
+    """Levels (n_f,), none negative, of shapes at motors motor_of (n_f,), and the sums about them."""
     levels = np.zeros(len(motor_of))
     for _ in range(4):  # the change falls by more than ten each time
         equations = normal_equations(data, levels, motor_of)
-        levels[chosen] = solve(equations.A.sum(axis=0)[np.ix_(chosen, chosen)], equations.b.sum(axis=0)[chosen])
+        levels = solve(equations.A.sum(axis=0), equations.b.sum(axis=0))
     return levels, normal_equations(data, levels, motor_of)
 
 
@@ -108,16 +106,12 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(nnls(root[:, None] * V.T, V.T @ (b / size) / root)[0] / size)
 
 
-def covariance(equations: NormalEquations, chosen: IntArray) -> FloatArray:
-    """Covariance (n_f, n_f) of the chosen levels (n,) by the residuals' scatter over experiments and lines; else 0."""
-    n_f = equations.A.shape[1]
-    C = np.zeros((n_f, n_f))
-    if len(chosen):
-        A = (equations.A.sum(axis=0) * equations.dof_share)[np.ix_(chosen, chosen)]
-        size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        both = np.outer(size, size)
-        C[np.ix_(chosen, chosen)] = 0.5 * np.linalg.pinv(A / both, hermitian=True) / both
-    return C
+def covariance(equations: NormalEquations) -> FloatArray:
+    """Covariance (n_f, n_f) of the levels by the residuals' scatter over experiments and lines."""
+    A = equations.A.sum(axis=0) * equations.dof_share
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    both = np.outer(size, size)
+    return np.asarray(0.5 * np.linalg.pinv(A / both, hermitian=True) / both) if len(A) else A
 
 
 def levels_by_configuration(

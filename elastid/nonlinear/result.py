@@ -19,9 +19,8 @@ class FrictionTakenOut:
 
     places (n_m,): the motors that were looked at, `motor 1`.  place_units (n_m,): N*m, or N where a motor slides.
     shapes (n_f,): each with its motor; of a motor without shapes nothing was taken out.  levels (n_f,): in Nm (N), link
-    side; 0 of shapes that were not taken out but fit nearly as well.  covariance (n_f, n_f): of the levels by noise,
-    by the choice between shapes and by their difference between configurations; standard deviations are those of a
-    normal distribution.
+    side.  covariance (n_f, n_f): of the levels by noise, by what no shape has and by their difference between
+    configurations; standard deviations are those of a normal distribution.
     configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
     median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
     of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
@@ -33,7 +32,7 @@ class FrictionTakenOut:
     places: tuple[str, ...]
     place_units: tuple[str, ...]
     shapes: tuple[Shape, ...]
-    levels: FloatArray = labelled("level of each shape, link side, 0 where not taken out", "N*m", "shape")
+    levels: FloatArray = labelled("level of each shape, link side", "N*m", "shape")
     covariance: FloatArray = labelled("covariance of the levels", "", "shape shape")
     configurations: tuple[str, ...]
     before: FloatArray = labelled("torque that no response explains, median line", "N*m", "configurations places")

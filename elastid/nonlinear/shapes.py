@@ -20,7 +20,6 @@ import numpy as np
 from numpy.fft import rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, labelled
-from elastid.base.kernels import call, is_compiled
 from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import Motion, whole_samples
 from elastid.record import Record
@@ -149,79 +148,18 @@ def steady(velocity: FloatArray, taken: Sequence[tuple[Shape, float]]) -> FloatA
 
 
 def sliding_means(velocity: FloatArray, taken: Sequence[tuple[Shape, float]]) -> FloatArray:
-    r"""Means (m, cells) of memoryless friction in the cells of m samples, between points of velocity (m, cells + 1).
+    r"""Means (m, cells) of memoryless friction g in the cells of m samples, v (m, cells + 1) being linear in a cell.
 
-    By the integral I of gradual friction g over velocity, where v is linear in a cell. The second difference of v, by
-    which it is not, moves the mean, g being integrated by parts:
-
-    .. math:: \bar g = \frac{\Delta I}{\Delta v} - \frac{\Delta^2 v}{12} \frac{\Delta g}{\Delta v}
-
-    In C (`base/kernels/sliding.c`), or with NumPy.
+    .. math:: \bar g = \Delta I / \Delta v, \qquad I(v) = \int_0^v g
     """
-    if is_compiled():
-        means = np.empty((len(velocity), velocity.shape[1] - 1))
-        numbers = np.array([(shape.kind == "stribeck", shape.threshold, level) for shape, level in taken], np.float64)
-        call("sliding_means", *velocity.shape, len(taken), velocity, numbers, means)
-        return means
-    v, points, limit = velocity.ravel(), velocity.shape[1], reach(taken)
-    slow, negative = np.abs(v) <= limit, np.signbit(v)
-    turning = negative[:-1] != negative[1:]
-    near = np.zeros(len(v), bool)
-    near[:-1] = slow[:-1] | slow[1:] | turning
-    near[points - 1 :: points] = False  # from one sample to another
-    cells, means = np.flatnonzero(near), steady(v, taken)
-    means[cells] = 0.0
-    if gradual := [(shape, level) for shape, level in taken if shape.threshold > 0]:
-        ends = near.copy()
-        ends[1:] |= near[:-1]
-        begins = np.flatnonzero(near[ends])  # of cells, among the points at their ends
-        means[cells] = _gradual_means(v[ends], begins, _second_differences(velocity).ravel()[cells], gradual)
-    if jump := sum(level for shape, level in taken if shape.threshold == 0):
-        turns = turning[cells]
-        means[cells[~turns]] += jump * np.sign(v[cells] + v[cells + 1])[~turns]
-        cells = cells[turns]
-        means[cells] += jump * np.sign(v[cells]) * (2 * _reversal(v, cells, points) - 1)
-    return np.asarray(means.reshape(velocity.shape)[:, :-1])
-
-
-def _gradual_means(
-    v: FloatArray, begins: IntArray, bend: FloatArray, taken: Sequence[tuple[Shape, float]]
-) -> FloatArray:
-    """Means (k,) of gradual friction in cells from v (n,) at `begins` (k,) to the next, of second difference bend."""
-    g = np.asarray(sum(level * shape.sliding(v) for shape, level in taken))
-    integral = sum(level * shape.integral(np.abs(v)) for shape, level in taken)
-    step, change, of_g = (np.diff(x)[begins] for x in (v, integral, g))
-    constant = np.abs(step) <= 2e-6 * np.abs(v[begins])
+    step, before = np.diff(velocity, axis=1), velocity[:, :-1]
+    constant = np.abs(step) <= 2e-6 * np.abs(before)
     step[constant] = 1.0
-    return np.where(constant, g[begins], (change - bend / 12 * of_g) / step)
-
-
-def _reversal(v: FloatArray, cells: IntArray, points: int) -> FloatArray:
-    """The part (k,) of each of some cells after which v (n,) turns, between slopes as in the cells before and after.
-
-    v has a kink where friction jumps; a straight line, where a neighbour is in another sample or has another slope.
-    """
-    at, begin, end = cells % points, v[cells], v[cells + 1]
-    straight = begin / np.where(begin == end, 1.0, begin - end)
-    before = begin - v[np.maximum(cells - 1, 0)]
-    after = v[np.minimum(cells + 2, len(v) - 1)] - end
-    known = (at > 0) & (at < points - 2) & (before * after > 0) & (before * end > 0)
-    ratio = np.divide(after, before, out=np.ones(len(cells)), where=known)
-    ratio = np.clip(ratio, 0.1, 10.0)  # a motor that all but stops has no slope
-    return np.asarray(straight * ratio / (straight * ratio + 1 - straight))
-
-
-def _second_differences(v: FloatArray) -> FloatArray:
-    """Of velocity (m, n) in its cells (m, n), the mean of that at both ends; v has kinks at the ends of a row.
-
-    The last of a row is no cell.
-    """
-    inside = np.diff(v, 2, axis=1)
-    differences = np.zeros(v.shape)
-    differences[:, 0], differences[:, -2] = inside[:, 0], inside[:, -1]
-    np.add(inside[:, 1:], inside[:, :-1], out=differences[:, 1:-2])
-    differences[:, 1:-2] /= 2
-    return differences
+    means = np.zeros(step.shape)
+    for shape, level in taken:
+        means += level * np.diff(shape.integral(np.abs(velocity)), axis=1) / step
+    means[constant] = sum(level * shape.sliding(before[constant]) for shape, level in taken)
+    return means
 
 
 def _states(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:

@@ -16,7 +16,6 @@ from elastid.base import kernels
 from elastid.frf import matrices
 from elastid.friction import operators
 from elastid.linear.response.ldl import Elimination, Leaves
-from elastid.nonlinear.shapes import Shape, sliding_means
 
 needs_kernels = pytest.mark.skipif(not kernels.is_compiled(), reason="the kernels in C are not built")
 LEVELS = ("portable", "avx2", "avx512")
@@ -37,7 +36,7 @@ def _forgotten() -> Iterator[None]:
 
 
 def results(level: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray]:
-    """Kernels that compute each line as if it were alone, on 37 lines, and friction along 37 samples."""
+    """Kernels that compute each line as if it were alone, on 37 lines, and a bristle along a motion."""
     with monkeypatch.context() as patched:
         patched.setattr(kernels, "_level", lambda: level)
         kernels._kernel.cache_clear()
@@ -47,14 +46,12 @@ def results(level: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray
         M, D, K = root @ root.transpose(0, 2, 1) + 3 * np.eye(6)
         sides = np.eye(6)[:, :2], np.eye(6)[:, 1:5]
         velocity = np.linspace(-1, 1, 37)[:, None] * np.linspace(-0.5, 1, 17)
-        friction = [(Shape("motor 1", "sign", 0.05), 2.0), (Shape("motor 1", "stribeck", 0.1), 1.0)]
         values = {
             "products": matrices.added_cross_products([A], [A]),
             "inverse": matrices.inverse(B),
             "singular values": matrices.singular_values(A),
             "positive part": matrices.positive(B + matrices.adjoint(B)),
             "responses": Elimination.of(np.ones((6, 6), bool)).products(M, D, K, np.linspace(0.1, 9.0, 37), *sides),
-            "sliding": sliding_means(velocity, friction),
             "bristle": operators.bristle(operators.Path.of(velocity.ravel()), 0.2),
         }
     kernels._kernel.cache_clear()

@@ -35,6 +35,6 @@ def test_noise_of_shapes_does_not_lower_their_level(noise: float) -> None:
         data = ConfigurationSpectra(
             lines, lines / 1.0, np.ones(300, bool), U, r / 9, X, *quiet, of_shapes, np.arange(K), np.zeros(1)
         )
-        levels.append(find_levels([data], np.array([0]), np.array([0]))[0][0])
+        levels.append(find_levels([data], np.array([0]))[0][0])
     assert levels[0] == pytest.approx(5 / (1 + noise**2), rel=0.04)
     assert levels[1] == pytest.approx(5, rel=0.04)

@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.base.kernels import is_compiled
 from elastid.friction.operators import Path, stop
-from elastid.nonlinear import shapes
 from elastid.nonlinear.motion import motion_of
-from elastid.nonlinear.shapes import Kind, Shape, amplitudes, friction_means, sliding_means, spectrum
+from elastid.nonlinear.shapes import Shape, amplitudes, friction_means, sliding_means, spectrum
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 200.0, 400
@@ -119,42 +117,15 @@ def test_a_reversal_goes_from_one_direction_to_the_other() -> None:
 
 
 @pytest.mark.parametrize(("kind", "threshold"), [("sign", 1e-3), ("sign", 0.5), ("stribeck", 0.2)])
-def test_the_mean_over_a_cell_is_that_of_a_velocity_that_bends(kind: str, threshold: float) -> None:
-    """Parabolas that turn within cells, against ten thousand points of each cell; and one that stands still."""
+def test_the_mean_over_a_cell_is_that_of_a_straight_velocity(kind: str, threshold: float) -> None:
+    """It turns within a cell, is one-sided or constant, against ten thousand points of each cell."""
     shape = Shape("motor 1", kind, threshold)  # type: ignore[arg-type]
     x = np.linspace(0, 1, 17)
     between = (np.arange(160_000) + 0.5) / 160_000
 
     def velocity(x: np.ndarray) -> np.ndarray:
-        return np.array([0.3 - x + 0.2 * x**2, 2 * (x - 0.21) + x * (1 - x), 0.4 + 0.0 * x])
+        return np.array([0.3 - x, 0.2 * x, 0.4 + 0.0 * x])
 
     expected = shape.sliding(velocity(between)).reshape(3, 16, -1).mean(axis=2)
     found = sliding_means(velocity(x), [(shape, 1.0)])
-    np.testing.assert_allclose(found, expected, atol=4e-3)
-    np.testing.assert_allclose(found.mean(axis=1), expected.mean(axis=1), atol=3e-4 if threshold < 0.4 else 2e-6)
-
-
-def test_a_reversal_is_found_between_two_slopes() -> None:
-    """A velocity with a kink where it turns, as friction gives it: to rounding; a straight line is 0.05 off."""
-    x = np.linspace(0, 1, 17)
-    turn = 0.41
-    velocity = np.where(x < turn, 1.5 * (turn - x), 0.5 * (turn - x))[None]
-    (means,) = sliding_means(velocity, [(SIGN, 1.0)])
-    np.testing.assert_allclose(means.mean(), turn - (1 - turn), atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "taken",
-    [[("sign", 0.0, 2.0)], [("sign", 0.02, 1.0), ("sign", 0.05, 0.5)], [("stribeck", 0.1, 0.7), ("sign", 0.0, 2.0)]],
-)
-def test_means_in_c_are_those_of_numpy(taken: list[tuple[Kind, float, float]], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Along motions that turn, stand still and start from rest; to rounding, of which slow cells make more."""
-    if not is_compiled():
-        pytest.skip("the kernels in C are not built")
-    c = np.random.default_rng(0).normal(size=(60, 4, 1))
-    velocity = 0.3 * np.sum(c * np.linspace(0, 1, 17) ** np.arange(4)[:, None], axis=1)
-    velocity[5], velocity[6], velocity[7, 3:] = 0.2, 0.0, 0.0
-    friction = [(Shape("motor 1", kind, threshold), level) for kind, threshold, level in taken]
-    in_c = sliding_means(velocity, friction)
-    monkeypatch.setattr(shapes, "is_compiled", lambda: False)
-    np.testing.assert_allclose(in_c, sliding_means(velocity, friction), atol=1e-9)
+    np.testing.assert_allclose(found, expected, atol=1e-4)
