@@ -69,14 +69,7 @@ def find_friction(
         return replace(found.result, notes=(*found.result.notes, *survey.limits))
     few = _few(survey.data[0].U.shape[2])
     if few >= len(measured) or not _is_near(few, survey, spec, gather, measured, execution):
-        for number in range(_PASSES):
-            noisy = partial(gather, noise=number > 0)
-            further = _along_its_motion(found, survey, spec, noisy, measured, execution)
-            if number and not further.explains_more_than(found):
-                break
-            is_settled, found = further.agrees_with(found), further
-            if not number and is_settled:
-                break
+        found = _along_its_motion(found, survey, spec, gather, measured, execution)
     result = _with_dependence(found.result, found.data, found.choice.motor_of)
     return replace(result, notes=(*result.notes, *survey.limits))
 
@@ -89,11 +82,12 @@ def _is_near(
     measured: Sequence[Iterable[Record]],
     execution: Execution,
 ) -> bool:
-    """True if the samples' motion gives the levels, in the first configurations, as near as shapes are known."""
+    """True if in the first configurations F_c by the samples' motion is, to what shapes are known, that between them."""
     part = replace(survey, data=survey.data[:few], names=survey.names[:few])
     sampled = _along_samples(part, spec)
     between = _along_its_motion(sampled, part, spec, gather, measured[:few], execution)
-    return between.agrees_with(sampled)
+    pairs = [[found.result.sliding_level(place)[0] for found in (between, sampled)] for place in sampled.result.places]
+    return all(abs(level - other) <= LIMITS.sign_error * level for level, other in pairs)
 
 
 def _few(records: int) -> int:
@@ -117,15 +111,6 @@ class _Found:
     choice: Choice
     levels: FloatArray
     data: Sequence[ConfigurationSpectra]
-
-    def agrees_with(self, before: _Found) -> bool:
-        """True if F_c of every motor is as before, to what shapes are known."""
-        pairs = [[found.result.sliding_level(place)[0] for found in (self, before)] for place in self.result.places]
-        return all(abs(level - other) <= LIMITS.sign_error * level for level, other in pairs)
-
-    def explains_more_than(self, before: _Found) -> bool:
-        """True if it leaves less power in other realisations."""
-        return float(self.result.kept_share.sum()) < _LESS * float(before.result.kept_share.sum())
 
 
 def _along_its_motion(

@@ -20,7 +20,6 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.nonlinear.spectra import ConfigurationSpectra, Net, taken
 
-_MOST_NOISE = 0.5  # of the power of a sum of shapes, that is taken for noise
 _BLOCKS = 5  # of lines, which replace realisations where there is one
 
 
@@ -45,44 +44,26 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
     n_m, n_f = data[0].U.shape[1], len(levels)
     realisations = np.unique(np.concatenate([spectra.realisation for spectra in data]))
     M = len(realisations) if len(realisations) > 1 else _BLOCKS
-    A, b, c = np.zeros((2, M, n_f, n_f)), np.zeros((2, M, n_f)), np.zeros((M, n_m))
+    A, b, c = np.zeros((M, n_f, n_f)), np.zeros((M, n_f)), np.zeros((M, n_m))
     level, shares = np.zeros((len(data), n_m)), np.ones(len(data))
     for i, spectra in enumerate(data):
         net = spectra.net(taken(levels, spectra.Phi, motor_of, n_m))
         excited = spectra.excited[net.counts]
         shares[i] = 1 - n_m / spectra.U.shape[2] * excited.mean() if excited.size else 1.0
         fold, of_shapes = _folds(spectra, net, realisations), np.moveaxis(net.X[net.counts], 1, 0)
-        parts = [(net.e[net.counts], of_shapes)]
-        if spectra.has_noise:
-            parts.append((net.e_noise[net.counts], np.moveaxis(net.X_noise[net.counts], 1, 0)))
         for motor in range(n_m):
             own = np.flatnonzero(motor_of == motor)
-            e, X = parts[0][0][:, motor], of_shapes[own]
+            e, X = net.e[net.counts][:, motor], of_shapes[own]
             left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
             level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
             w = np.sqrt(_weights(left, excited))[:, None]
-            signals = [(w * e[:, motor], w * X[own]) for e, X in parts]
+            e, X = w * e, w * X
             for m in range(M):
-                for part, (e, X) in enumerate(signals):
-                    e_m, X_m = e[fold == m], X[:, fold == m]
-                    A[part, m][np.ix_(own, own)] += (X_m.conj() @ X_m.T).real
-                    b[part, m, own] += (X_m.conj() @ e_m).real
-                c[m, motor] += float(np.sum(np.abs(signals[0][0][fold == m]) ** 2))
-    return NormalEquations(*_without_noise(*A, *b), c, level, float(shares.mean()))
-
-
-def _without_noise(
-    A: FloatArray, A_noise: FloatArray, b: FloatArray, b_noise: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """A (M, n_f, n_f) and b (M, n_f) less those of noise, which lower each level: at most half of any sum of shapes."""
-    if not A_noise.any():
-        return A, b
-    size = np.sqrt(np.maximum(np.diag(A.sum(axis=0)), 1e-300))
-    L = np.linalg.cholesky(A.sum(axis=0) / np.outer(size, size) + 1e-9 * np.eye(len(size))) * size[:, None]
-    inverse = np.linalg.inv(L)
-    share, V = np.linalg.eigh(inverse @ A_noise.sum(axis=0) @ inverse.T)
-    S = L @ (V * np.sqrt(np.minimum(_MOST_NOISE / np.maximum(share, 1e-300), 1.0))) @ V.T @ inverse
-    return A - S @ A_noise @ S.T, b - b_noise @ S.T
+                e_m, X_m = e[fold == m], X[:, fold == m]
+                A[m][np.ix_(own, own)] += (X_m.conj() @ X_m.T).real
+                b[m, own] += (X_m.conj() @ e_m).real
+                c[m, motor] += float(np.sum(np.abs(e_m) ** 2))
+    return NormalEquations(A, b, c, level, float(shares.mean()))
 
 
 def find_levels(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> tuple[FloatArray, NormalEquations]:

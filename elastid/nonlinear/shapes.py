@@ -80,22 +80,22 @@ class Shape:
 
 
 def amplitudes(
-    record: Record, motion: Motion, shapes: Sequence[Shape], weights: FloatArray, lines: IntArray
+    record: Record, motion: Motion, shapes: Sequence[Shape], repetitions: IntArray, lines: IntArray
 ) -> ComplexArray:
-    """Amplitudes (n, n_f, F) of the shapes of a motor at lines (F,), of sums of its repetitions by weights (n, P)."""
-    dft, N = np.zeros((len(shapes), len(weights), len(lines)), complex), record.period_samples
+    """Amplitudes (n_f, F) of the shapes of a motor at lines (F,), of the mean of some of its repetitions, by number."""
+    dft, N = np.zeros((len(shapes), len(lines)), complex), record.period_samples
     states = _states(record, motion, [shape for shape in shapes if not shape.is_memoryless])
     for i, shape in enumerate(shapes):
         if shape.is_memoryless:
-            sums = _weighted_periods(record, friction_means(record, motion, [(shape, 1.0)]).ravel(), weights)
+            mean = _mean_period(record, friction_means(record, motion, [(shape, 1.0)]).ravel(), repetitions)
         else:
             s = next(states) / (2 * shape.threshold)
             # A mean over a cell is by both of its ends.
-            sums = _weighted_periods(record, s[:-1], weights) + _weighted_periods(record, s[1:], weights)
-        dft[i] = rfft(sums)[:, lines] * _between_cells(N, motion.cells, int(lines[-1]) + 1)[lines]
+            mean = _mean_period(record, s[:-1], repetitions) + _mean_period(record, s[1:], repetitions)
+        dft[i] = rfft(mean)[lines] * _between_cells(N, motion.cells, int(lines[-1]) + 1)[lines]
         if shape.is_rate:
             dft[i] *= 2j * np.pi * record.rate_hz / N * shape.threshold * lines
-    return np.asarray(dft.swapaxes(0, 1) * (2 / N))
+    return np.asarray(dft * (2 / N))
 
 
 @lru_cache(maxsize=16)
@@ -108,12 +108,11 @@ def _between_cells(n: int, cells: int, lines: int) -> ComplexArray:
     return frozen(np.exp(-1j * np.pi * cell) / (cells * np.sinc(cell)), np.complex128)
 
 
-def _weighted_periods(record: Record, x: FloatArray, weights: FloatArray) -> FloatArray:
-    """The periods (n, m) that are sums of the repetitions of a signal (n m,), each by its weight (n, P)."""
-    repetitions = x.reshape(whole_samples(record) // record.repeat_samples, -1)
-    signs = np.where(record.half_wave & (np.arange(weights.shape[1]) % 2 == 1), -1.0, 1.0)
-    periods = (signs * weights) @ repetitions
-    return np.concatenate([periods, -periods], axis=1) if record.half_wave else periods
+def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatArray:
+    """The mean period (m,) of some repetitions of a signal (n m,)."""
+    signs = np.where(record.half_wave & (repetitions % 2 == 1), -1.0, 1.0)
+    mean = signs @ x.reshape(whole_samples(record) // record.repeat_samples, -1)[repetitions] / len(repetitions)
+    return np.concatenate([mean, -mean]) if record.half_wave else np.asarray(mean)
 
 
 def friction_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> FloatArray:

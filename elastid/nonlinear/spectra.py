@@ -28,14 +28,12 @@ class Net:
     """Remainder of a configuration after the net torques: residuals e (F, n_m, K) in Nm and shapes X (F, n_f, K).
 
     e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
-    experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  e_noise, X_noise: a draw
-    of their noise.  counts (F,): lines that constrain f.
+    experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  counts (F,): lines that
+    constrain f.
     """
 
     e: ComplexArray
     X: ComplexArray
-    e_noise: ComplexArray
-    X_noise: ComplexArray
     counts: BoolArray
 
 
@@ -43,8 +41,6 @@ class Net:
 class ConfigurationSpectra:
     """Amplitudes of K experiments at F lines: U (F, n_m, K), Y (F, n_m, K) of the same motors, Phi (F, n_f, K).
 
-    U_noise, Y_noise, Phi_noise: a draw of the noise of these means, by the difference between the periods of even and
-    odd number; 0 of a single period.
     excited (F,): where G = Y / U is found; at the other lines G is interpolated.  realisation (K,): of each experiment.
     freq_hz (F,).  velocity_noise (n_m,): standard deviation of the noise in the motion that the shapes are along.
     """
@@ -55,16 +51,8 @@ class ConfigurationSpectra:
     U: ComplexArray
     Y: ComplexArray
     Phi: ComplexArray
-    U_noise: ComplexArray
-    Y_noise: ComplexArray
-    Phi_noise: ComplexArray
     realisation: IntArray
     velocity_noise: FloatArray
-
-    @property
-    def has_noise(self) -> bool:
-        """True if a draw of the noise is known."""
-        return bool(self.U_noise.any() or self.Phi_noise.any())
 
     @property
     def shows_friction(self) -> bool:
@@ -86,12 +74,8 @@ class ConfigurationSpectra:
     def with_shapes(self, chosen: IntArray, rates: FloatArray) -> ConfigurationSpectra:
         """The same with some of its shapes (n,), and then the rates of some of these: rates (n,) is their threshold D,
         0 without."""
-        omega = 2j * np.pi * self.freq_hz[:, None, None]
-        Phi, Phi_noise = (
-            np.concatenate([shapes, (omega * rates[:, None] * shapes)[:, rates > 0]], axis=1)
-            for shapes in (self.Phi[:, chosen], self.Phi_noise[:, chosen])
-        )
-        return replace(self, Phi=Phi, Phi_noise=Phi_noise)
+        omega, Phi = 2j * np.pi * self.freq_hz[:, None, None], self.Phi[:, chosen]
+        return replace(self, Phi=np.concatenate([Phi, (omega * rates[:, None] * Phi)[:, rates > 0]], axis=1))
 
     def nonlinear_share(self) -> FloatArray:
         """The share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
@@ -114,16 +98,12 @@ class ConfigurationSpectra:
         G = self.Y[on] @ pseudo
         everywhere = interpolated(self.lines, self.lines[on], G)
         e, X = self.U - np.linalg.solve(everywhere, self.Y), self.Phi.copy()
-        signals, e_noise, X_noise = [e, X], self.U_noise, self.Phi_noise
-        if self.has_noise:
-            e_noise, X_noise = self.U_noise - np.linalg.solve(everywhere, self.Y_noise), self.Phi_noise.copy()
-            signals += [e_noise, X_noise]
         # The span of the net torques is that of Y, too, as far as G maps one onto the other.
-        for signal in signals:
+        for signal in (e, X):
             signal[on] -= (signal[on] @ pseudo) @ net[on]
         counts = on & (self.U.shape[2] > self.U.shape[1])
         counts[~on] = _smooth(self.lines[~on], self.lines[on], G)
-        return Net(e, X, e_noise, X_noise, counts)
+        return Net(e, X, counts)
 
 
 def gather_configuration(
@@ -132,12 +112,10 @@ def gather_configuration(
     spec: EstimatorSpec,
     planned: IntArray | None,
     friction: FrictionTakenOut | None = None,
-    noise: bool = False,
 ) -> ConfigurationSpectra:
     """Mean spectra over the periods that can be trusted, of the records of one configuration, one record at a time.
 
-    friction: under which motors turn back between their samples; None as long as none was found.  noise: with that of
-    the means, where it lowers the levels; else 0.
+    friction: under which motors turn back between their samples; None as long as none was found.
     Raises DataError and StudyError as `analysed_lines` does.
     """
     records = tuple(settled(log) for record in measured for log in single_logs(record))
@@ -158,42 +136,26 @@ def gather_configuration(
         used = periods.only(trusted_periods)
         # A last half period without its other half is no part of the motion.
         repeats = used_spectra.record.n_periods * first.period_samples // first.repeat_samples
-        weights = _mean_and_noise(used.periods, repeats if noise else 0)
-        Y.append(np.tensordot(weights, used.Y[..., columns], axes=1))
-        U.append(np.tensordot(weights, used.U, axes=1))
-        Phi.append(np.zeros((2, len(lines), len(shapes)), complex))
-        of_repeats = np.zeros((2, repeats))
-        complete = used.periods < repeats
-        of_repeats[:, used.periods[complete]] = weights[:, complete]
-        of_repeats[0] /= of_repeats[0].sum()
+        Y.append(used.Y[..., columns].mean(axis=0))
+        U.append(used.U.mean(axis=0))
+        Phi.append(np.zeros((len(lines), len(shapes)), complex))
+        complete = used.periods[used.periods < repeats]
         for place, motion in motions.items():
             velocity_noise[k, first.inputs.index(place)] = motion.velocity_noise
             own = [i for i, shape in enumerate(shapes) if shape.place == place]
-            sums = of_repeats if noise else of_repeats[:1]
-            of_place = amplitudes(used_spectra.record, motion, [shapes[i] for i in own], sums, lines)
-            Phi[-1][: len(sums), :, own] = of_place.swapaxes(1, 2)
+            Phi[-1][:, own] = amplitudes(used_spectra.record, motion, [shapes[i] for i in own], complete, lines).T
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     realisation = np.array([record.realisation for record in records])
-    (torques, U_noise), (angles, Y_noise), (of_shapes, Phi_noise) = (np.stack(part, axis=3) for part in (U, Y, Phi))
     return ConfigurationSpectra(
-        lines, freq_hz, is_excited, torques, angles, of_shapes, U_noise, Y_noise, Phi_noise, realisation,
+        lines,
+        freq_hz,
+        is_excited,
+        np.stack(U, axis=2),
+        np.stack(Y, axis=2),
+        np.stack(Phi, axis=2),
+        realisation,
         np.sqrt(np.mean(velocity_noise**2, axis=0)),
-    )  # fmt: skip
-
-
-def _mean_and_noise(periods: IntArray, repeats: int) -> FloatArray:
-    """Weights (2, P) of periods, by number, whose sums are their mean, and a signal with the noise of the mean.
-
-    The second is the difference between the means of even and odd ones, times the root of their share; of those below
-    `repeats` alone, and 0 where there is one.
-    """
-    even, complete = np.arange(len(periods)) % 2 == 0, periods < repeats
-    n_a, n_b = int(np.sum(even & complete)), int(np.sum(~even & complete))
-    noise = np.zeros(len(periods))
-    if n_a and n_b:
-        size = np.sqrt(n_a * n_b) / (n_a + n_b)
-        noise = np.where(complete, size * np.where(even, 1 / n_a, -1 / n_b), 0.0)
-    return np.stack([np.full(len(periods), 1 / len(periods)), noise])
+    )
 
 
 def _with_motions(

@@ -84,9 +84,9 @@ def on_a_carrier(power: float) -> ConfigurationSpectra:
     U[0] = others[0] = 1
     size = np.where(np.arange(20) == 0, np.sqrt(power), 1.0)[:, None, None]
     Phi = size * np.concatenate([U + others, U], axis=1)
-    lines, nothing = np.arange(2, 22), np.zeros((20, 1, 3), complex)
+    lines = np.arange(2, 22)
     return ConfigurationSpectra(
-        lines, lines / 2.0, np.ones(20, bool), size * U, size * U, Phi, nothing, nothing, 0 * Phi, np.arange(3),
+        lines, lines / 2.0, np.ones(20, bool), size * U, size * U, Phi, np.arange(3),
         np.zeros(1),
     )  # fmt: skip
 

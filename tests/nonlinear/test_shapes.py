@@ -25,9 +25,8 @@ def swinging(line: int, amplitude: float, quantity: Motion = "position", periods
 
 
 def amplitudes_of(record: Record, shape: Shape, lines: list[int]) -> np.ndarray:
-    repeats = record.n_samples // record.repeat_samples
-    mean = np.full((1, repeats), 1 / repeats)
-    return amplitudes(record, motion_of(record, "motor 1"), [shape], mean, np.array(lines))[0, 0]
+    every = np.arange(record.n_samples // record.repeat_samples)
+    return amplitudes(record, motion_of(record, "motor 1"), [shape], every, np.array(lines))[0]
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration"])
