@@ -41,9 +41,6 @@ from elastid.record import Motion as Quantity
 # Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
 # in all.
 _CHOICE_RECORDS = 24
-# Friction moves the motor that it is found along. Where noise hides that motion F_c is found up to a half too small at
-# first, and passes mend it, at most so many, while each leaves less than this part of the power that was left before.
-_LESS, _PASSES = 0.97, 10
 
 
 def find_friction(
@@ -82,7 +79,7 @@ def _is_near(
     measured: Sequence[Iterable[Record]],
     execution: Execution,
 ) -> bool:
-    """True if in the first configurations F_c by the samples' motion is, to what shapes are known, that between them."""
+    """True if in the first configurations F_c by the samples' motion is that between them, to what shapes are known."""
     part = replace(survey, data=survey.data[:few], names=survey.names[:few])
     sampled = _along_samples(part, spec)
     between = _along_its_motion(sampled, part, spec, gather, measured[:few], execution)
