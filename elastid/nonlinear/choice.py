@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.nonlinear.levels import NormalEquations, find_levels, solve
-from elastid.nonlinear.motion import FEW_CELLS, motion_of
+from elastid.nonlinear.motion import motion_of
 from elastid.nonlinear.shapes import RATE_OF, Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra
 from elastid.record import Record
@@ -145,7 +145,7 @@ def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shap
     """For every motor a sign, at once or gradual, a Stribeck curve and bristles."""
     shapes: list[Shape] = []
     for place in records[0].inputs:
-        motions = [motion_of(record, place, FEW_CELLS) for record in records]
+        motions = [motion_of(record, place) for record in records]
         speed = float(np.sqrt(np.mean([motion.speed**2 for motion in motions])))
         shapes += [Shape(place, "sign", part * speed) for part in _TURNING]
         if signs_alone:

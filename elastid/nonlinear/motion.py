@@ -12,10 +12,8 @@ from numpy.fft import irfft, rfft
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.record import MOTION_ORDER, Record
 
-# Cells of the fine grid in a sample, where the motion above half the rate is not known.
-CELLS = 8
-# As many do for a choice between shapes, and for levels to begin with.
-FEW_CELLS = 4
+# Cells of the fine grid in a sample, since reversals of friction fall between samples.
+CELLS = 4
 # Lines of the period are kept as they are unless the velocity has more noise than this part of its RMS, since friction
 # moves the motor a little at all of them. All others are filtered, over so many neighbours.
 _NOISY, _NEIGHBOURS = 0.01, 9
@@ -25,20 +23,18 @@ _NOISY, _NEIGHBOURS = 0.01, 9
 class Motion:
     """Velocity (n cells + 1,) of a motor on the fine grid of a record of n samples, rad/s (m/s).
 
-    start: of the angle.  velocity_noise: standard deviation of the noise in the velocity.  cells: of the grid in a
-    sample.
+    start: of the angle.  velocity_noise: standard deviation of the noise in the velocity.
     """
 
     velocity: FloatArray
     start: float
     rate_hz: float
     velocity_noise: float
-    cells: int
 
     @cached_property
     def angle(self) -> FloatArray:
         """Angle (n cells + 1,) on the fine grid, rad (m): its steps by Hermite's rule."""
-        step, v = 1 / (self.rate_hz * self.cells), self.velocity
+        step, v = 1 / (self.rate_hz * CELLS), self.velocity
         steps = step / 2 * (v[:-1] + v[1:]) - step / 12 * np.diff(np.gradient(v))
         return np.concatenate([[self.start], self.start + np.cumsum(steps)])
 
@@ -56,7 +52,7 @@ class Motion:
     @cached_property
     def by_sample(self) -> FloatArray:
         """Velocity (n, cells + 1) in each sample, its end included; a view."""
-        return np.lib.stride_tricks.sliding_window_view(self.velocity, self.cells + 1)[:: self.cells]
+        return np.lib.stride_tricks.sliding_window_view(self.velocity, CELLS + 1)[::CELLS]
 
     @cached_property
     def slowest(self) -> FloatArray:
@@ -71,7 +67,7 @@ def slowest(velocity: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(np.maximum(least, -most), 0.0))
 
 
-def motion_of(record: Record, place: str, cells: int = CELLS) -> Motion:
+def motion_of(record: Record, place: str) -> Motion:
     """The motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
 
     Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
@@ -85,11 +81,8 @@ def motion_of(record: Record, place: str, cells: int = CELLS) -> Motion:
     velocity = integrated(kept, s, order - 1)
     if order != 1:
         velocity[0] = gain * record.rate_hz  # a mean velocity is the gain of the angle
-    x = np.empty(n * cells + 1)
-    irfft(velocity, n * cells, out=x[:-1])
-    x[:-1] *= cells
-    x[-1] = x[0]
-    return Motion(x, start, record.rate_hz, noise, cells)
+    x = irfft(velocity, n * CELLS) * CELLS
+    return Motion(np.append(x, x[0]), start, record.rate_hz, noise)
 
 
 def filtered(record: Record, Y: ComplexArray, order: int, most_noise: float = math.inf) -> tuple[ComplexArray, float]:

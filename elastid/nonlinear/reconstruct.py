@@ -71,7 +71,7 @@ def motion_under(record: Record, place: str, friction: FrictionTakenOut) -> Moti
         velocity *= s
         velocity[0] = gain * record.rate_hz
         x = irfft(velocity, n * CELLS) * CELLS
-        motion = Motion(np.append(x, x[0]), start, record.rate_hz, noise, CELLS)
+        motion = Motion(np.append(x, x[0]), start, record.rate_hz, noise)
     return motion
 
 
@@ -112,13 +112,13 @@ def net_samples(
     """
     n, a = whole_samples(record), friction.accelerance[friction.places.index(place)]
     means = rfft(friction_means(record, motion, friction.taken_shapes(place)).ravel())
-    low = spectrum(means, n, motion.cells)
+    low = spectrum(means, n, CELLS)
     H = hold_of(record)[:, record.inputs.index(place)]
     # Near a zero of the hold the torque's samples do not determine the torque.
     held = irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
     if a == 0 or not _shows_images(record, place):
         return held, np.zeros(n)
-    return held, irfft(a * _folded(_above(means - rfft(np.repeat(held, motion.cells)), n, record.rate_hz), n), n)
+    return held, irfft(a * _folded(_above(means - rfft(np.repeat(held, CELLS)), n, record.rate_hz), n), n)
 
 
 def _shows_images(record: Record, place: str) -> bool:

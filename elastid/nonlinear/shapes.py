@@ -21,7 +21,7 @@ from numpy.fft import rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, labelled
 from elastid.friction.operators import Path, bristle, stop
-from elastid.nonlinear.motion import Motion, whole_samples
+from elastid.nonlinear.motion import CELLS, Motion, whole_samples
 from elastid.record import Record
 
 Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "stop rate", "bristle rate"]
@@ -92,7 +92,7 @@ def amplitudes(
             s = next(states) / (2 * shape.threshold)
             # A mean over a cell is by both of its ends.
             mean = _mean_period(record, s[:-1], repetitions) + _mean_period(record, s[1:], repetitions)
-        dft[i] = rfft(mean)[lines] * _between_cells(N, motion.cells, int(lines[-1]) + 1)[lines]
+        dft[i] = rfft(mean)[lines] * _between_cells(N, CELLS, int(lines[-1]) + 1)[lines]
         if shape.is_rate:
             dft[i] *= 2j * np.pi * record.rate_hz / N * shape.threshold * lines
     return np.asarray(dft * (2 / N))
@@ -118,14 +118,14 @@ def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatA
 def friction_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> FloatArray:
     """A motor's friction (n, cells) in the cells of the samples of whole periods: shapes, their levels."""
     memoryless = [(shape, level) for shape, level in taken if shape.is_memoryless]
-    means = np.repeat(steady(motion.by_sample[:, 0], memoryless)[:, None], motion.cells, axis=1)
+    means = np.repeat(steady(motion.by_sample[:, 0], memoryless)[:, None], CELLS, axis=1)
     slow = np.flatnonzero(motion.slowest <= reach(memoryless))
     if memoryless and len(slow):
         means[slow] = sliding_means(motion.by_sample[slow], memoryless)
     bent = [(shape, level) for shape, level in taken if not shape.is_memoryless]
     for (shape, level), s in zip(bent, _states(record, motion, [shape for shape, _ in bent]), strict=True):
         if shape.is_rate:
-            means += (np.diff(s) * (level * motion.cells * record.rate_hz)).reshape(means.shape)
+            means += (np.diff(s) * (level * CELLS * record.rate_hz)).reshape(means.shape)
         else:
             means += ((s[:-1] + s[1:]) * (level / (2 * shape.threshold))).reshape(means.shape)
     return means
@@ -166,7 +166,7 @@ def _states(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator
     if not shapes:
         return
     # The state of a bristle at the start is not known: the first period is run over twice.
-    before = motion.angle[: record.period_samples * motion.cells]
+    before = motion.angle[: record.period_samples * CELLS]
     path = Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
     for shape in shapes:
         yield (stop if shape.kind.startswith("stop") else bristle)(path, shape.threshold)

@@ -14,7 +14,7 @@ from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra, single_logs
-from elastid.nonlinear.motion import FEW_CELLS, Motion, motion_of
+from elastid.nonlinear.motion import Motion, motion_of
 from elastid.nonlinear.reconstruct import motion_under, net_samples, over_whole_periods
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape, amplitudes
@@ -164,7 +164,7 @@ def _with_motions(
     """The motion of each of some motors under the friction that was found, and spectra with the net torque's images."""
     record = spectra.record
     if friction is None:
-        return spectra, {place: motion_of(record, place, FEW_CELLS) for place in places}
+        return spectra, {place: motion_of(record, place) for place in places}
     record = over_whole_periods(record)
     motions, y = {place: motion_under(record, place, friction) for place in places}, record.y.copy()
     for place, motion in motions.items():

@@ -16,11 +16,10 @@ from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
+from elastid.nonlinear.motion import CELLS
 from elastid.record import Configuration, Record
 
 _ROUNDING = 1e-12  # of the largest angle
-# Of the fine grid in a sample, since reversals of friction fall between samples: k within 0.002 %, levels within 0.1 %.
-CELLS = 4
 
 
 @dataclass(frozen=True, eq=False)
