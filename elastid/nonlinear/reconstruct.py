@@ -14,11 +14,9 @@ a line of the angle is noise, 1 - w of its power (`motion.filtered`), is taken f
 
 (3e-6 rad at 500 Hz with Coulomb friction of 0.3 of the rms torque: k known three times as well.)
 
-The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples.
-Sampled angles contain images of a held torque, and friction's are others than those of u_phi:
+The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples:
 
-.. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}, \qquad
-          y_{net} = y + \Big[\frac{a}{s^2} \big(\textstyle\sum_i f_i \phi_i - H u_\phi\big)_{high}\Big]_{folded}
+.. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
 """
 
 from __future__ import annotations
@@ -67,7 +65,7 @@ def motion_under(record: Record, place: str, friction: FrictionTakenOut) -> Moti
         kept, noise = filtered(record, sampled, 0, noise_of_line)
         share = np.divide((kept * sampled.conj()).real, np.abs(sampled) ** 2, out=np.ones(len(Y)), where=sampled != 0)
         velocity = above
-        velocity[half] = kept + (1 - share) * by_inertia * (torque - spectrum(means, n, CELLS))
+        velocity[half] = kept + (1 - share) * by_inertia * (torque - spectrum(means, n))
         velocity *= s
         velocity[0] = gain * record.rate_hz
         x = irfft(velocity, n * CELLS) * CELLS
@@ -103,22 +101,13 @@ def over_whole_periods(record: Record) -> Record:
     return replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
 
 
-def net_samples(
-    record: Record, place: str, motion: Motion, friction: FrictionTakenOut
-) -> tuple[FloatArray, FloatArray]:
-    """A motor's friction as a torque that is held as u is, and what makes its samples' images those of the net torque.
-
-    Each (n,), along the motion under it; the second is 0 where a motor shows no images.
-    """
-    n, a = whole_samples(record), friction.accelerance[friction.places.index(place)]
-    means = rfft(friction_means(record, motion, friction.taken_shapes(place)).ravel())
-    low = spectrum(means, n, CELLS)
+def friction_samples(record: Record, place: str, friction: FrictionTakenOut) -> FloatArray:
+    """A motor's friction (n,) as a torque that is held as u is, along the motion under it."""
+    n, motion = whole_samples(record), motion_under(record, place, friction)
+    low = spectrum(rfft(friction_means(record, motion, friction.taken_shapes(place)).ravel()), n)
     H = hold_of(record)[:, record.inputs.index(place)]
     # Near a zero of the hold the torque's samples do not determine the torque.
-    held = irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
-    if a == 0 or not _shows_images(record, place):
-        return held, np.zeros(n)
-    return held, irfft(a * _folded(_above(means - rfft(np.repeat(held, CELLS)), n, record.rate_hz), n), n)
+    return np.asarray(irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n))
 
 
 def _shows_images(record: Record, place: str) -> bool:

@@ -92,20 +92,20 @@ def amplitudes(
             s = next(states) / (2 * shape.threshold)
             # A mean over a cell is by both of its ends.
             mean = _mean_period(record, s[:-1], repetitions) + _mean_period(record, s[1:], repetitions)
-        dft[i] = rfft(mean)[lines] * _between_cells(N, CELLS, int(lines[-1]) + 1)[lines]
+        dft[i] = rfft(mean)[lines] * _between_cells(N, int(lines[-1]) + 1)[lines]
         if shape.is_rate:
             dft[i] *= 2j * np.pi * record.rate_hz / N * shape.threshold * lines
     return np.asarray(dft * (2 / N))
 
 
 @lru_cache(maxsize=16)
-def _between_cells(n: int, cells: int, lines: int) -> ComplexArray:
+def _between_cells(n: int, lines: int) -> ComplexArray:
     r"""Factors (lines,) from the DFT of means in cells of n samples to the transform of the torque that has them.
 
     .. math:: \frac{1}{N_c}\, \frac{e^{-j \omega T_c / 2}}{\mathrm{sinc}(\omega T_c / 2)}
     """
-    cell = np.arange(lines) / (n * cells)
-    return frozen(np.exp(-1j * np.pi * cell) / (cells * np.sinc(cell)), np.complex128)
+    cell = np.arange(lines) / (n * CELLS)
+    return frozen(np.exp(-1j * np.pi * cell) / (CELLS * np.sinc(cell)), np.complex128)
 
 
 def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatArray:
@@ -131,9 +131,9 @@ def friction_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, 
     return means
 
 
-def spectrum(means: ComplexArray, n: int, cells: int) -> ComplexArray:
+def spectrum(means: ComplexArray, n: int) -> ComplexArray:
     """Transform (n // 2 + 1,) of a torque at lines of n samples, in samples, by the DFT of its means in their cells."""
-    return means[: n // 2 + 1] * _between_cells(n, cells, n // 2 + 1)
+    return means[: n // 2 + 1] * _between_cells(n, n // 2 + 1)
 
 
 def reach(taken: Sequence[tuple[Shape, float]]) -> float:

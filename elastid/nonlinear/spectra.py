@@ -13,9 +13,9 @@ from elastid.frf.distortion import interpolated
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import RecordSpectra, period_spectra, single_logs
-from elastid.nonlinear.motion import Motion, motion_of
-from elastid.nonlinear.reconstruct import motion_under, net_samples, over_whole_periods
+from elastid.frf.spectra import period_spectra, single_logs
+from elastid.nonlinear.motion import motion_of
+from elastid.nonlinear.reconstruct import motion_under
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape, amplitudes
 from elastid.record import Record
@@ -130,20 +130,21 @@ def gather_configuration(
     velocity_noise = np.zeros((len(spectra), len(first.inputs)))
     places = tuple(dict.fromkeys(shape.place for shape in shapes))
     for k, logged in enumerate(spectra):
-        used_spectra, motions = _with_motions(logged, places, friction)
-        periods = period_spectra(used_spectra, lines, spec.quantity)
+        record = logged.record
+        periods = period_spectra(logged, lines, spec.quantity)
         trusted_periods = trusted(periods.on(is_excited), spec).periods if len(periods.periods) > 1 else periods.periods
         used = periods.only(trusted_periods)
         # A last half period without its other half is no part of the motion.
-        repeats = used_spectra.record.n_periods * first.period_samples // first.repeat_samples
+        repeats = record.n_periods * first.period_samples // first.repeat_samples
         Y.append(used.Y[..., columns].mean(axis=0))
         U.append(used.U.mean(axis=0))
         Phi.append(np.zeros((len(lines), len(shapes)), complex))
         complete = used.periods[used.periods < repeats]
-        for place, motion in motions.items():
+        for place in places:
+            motion = motion_under(record, place, friction) if friction else motion_of(record, place)
             velocity_noise[k, first.inputs.index(place)] = motion.velocity_noise
             own = [i for i, shape in enumerate(shapes) if shape.place == place]
-            Phi[-1][:, own] = amplitudes(used_spectra.record, motion, [shapes[i] for i in own], complete, lines).T
+            Phi[-1][:, own] = amplitudes(record, motion, [shapes[i] for i in own], complete, lines).T
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     realisation = np.array([record.realisation for record in records])
     return ConfigurationSpectra(
@@ -156,20 +157,6 @@ def gather_configuration(
         realisation,
         np.sqrt(np.mean(velocity_noise**2, axis=0)),
     )
-
-
-def _with_motions(
-    spectra: RecordSpectra, places: Sequence[str], friction: FrictionTakenOut | None
-) -> tuple[RecordSpectra, dict[str, Motion]]:
-    """The motion of each of some motors under the friction that was found, and spectra with the net torque's images."""
-    record = spectra.record
-    if friction is None:
-        return spectra, {place: motion_of(record, place) for place in places}
-    record = over_whole_periods(record)
-    motions, y = {place: motion_under(record, place, friction) for place in places}, record.y.copy()
-    for place, motion in motions.items():
-        y[:, record.outputs.index(place)] += net_samples(record, place, motion, friction)[1]
-    return RecordSpectra(replace(record, y=y)), motions
 
 
 def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:

@@ -26,7 +26,7 @@ from elastid.frf.period_selection import settled
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.choice import LIMITS
 from elastid.nonlinear.places import on_links, on_shafts
-from elastid.nonlinear.reconstruct import motion_under, net_samples, over_whole_periods
+from elastid.nonlinear.reconstruct import friction_samples, over_whole_periods
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import MOTION_ORDER, Record
@@ -194,9 +194,7 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
     if not friction.shapes:
         return record
     record = over_whole_periods(record)
-    u, y = record.u.copy(), record.y.copy()
+    u = record.u.copy()
     for place in friction.taken_places():
-        torque, images = net_samples(record, place, motion_under(record, place, friction), friction)
-        u[:, record.inputs.index(place)] -= torque
-        y[:, record.outputs.index(place)] += images
-    return replace(record, u=u, y=y)
+        u[:, record.inputs.index(place)] -= friction_samples(record, place, friction)
+    return replace(record, u=u)

@@ -90,7 +90,7 @@ def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
     )
     for i, place in enumerate(record.inputs):
         means = friction_means(record, motion_under(record, place, found), found.taken_shapes(place))
-        torque = spectrum(np.fft.rfft(means.ravel()), *means.shape)
+        torque = spectrum(np.fft.rfft(means.ravel()), len(means))
         at_lines = torque[lines * record.n_periods] * 2 / (record.n_periods * record.period_samples)
         np.testing.assert_allclose((raw - net)[:, i], at_lines, atol=1e-12)
 

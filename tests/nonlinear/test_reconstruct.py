@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from elastid.nonlinear.motion import CELLS, Motion, laplace, motion_of
+from elastid.nonlinear.motion import CELLS, Motion, motion_of
 from elastid.nonlinear.reconstruct import motion_under
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
@@ -83,29 +83,6 @@ def test_a_torque_that_is_not_held_leaves_the_motion_as_it_is() -> None:
     record = replace(simulated()[0], hold="band-limited")
     sharp, plain = motion_under(record, "motor 1", friction_of(1 / J)), motion_of(record, "motor 1")
     np.testing.assert_array_equal(sharp.velocity, plain.velocity)
-
-
-def test_the_net_record_is_that_of_a_held_torque_without_friction() -> None:
-    """At high lines its angle is that of the plant under the net torque, images included.
-
-    To 3 % of friction's part, as of a mass without the spring, which moves it little there.  The angle that was
-    logged is off by a fifth of that part: friction has other images than a held torque.
-    """
-    record, _ = simulated()
-    n = record.n_samples
-    net = net_record(record, friction_of(1 / J))
-    s = laplace(n * 64 // 2 + 1, n, RATE)
-
-    def angle(torque: np.ndarray) -> np.ndarray:
-        held = np.tile(np.fft.fft(torque), 33)[: len(s)] * record.hold_response(s.imag / (2 * np.pi))[:, 0]
-        return np.fft.rfft(64 * np.fft.irfft(held / (J * s**2 + D * s + K), 64 * n)[::64])
-
-    high = np.arange(n // 4, n // 2, PERIODS)
-    logged, mended = (np.fft.rfft(each.y[:, 0])[high] for each in (record, net))
-    of_friction = np.linalg.norm(angle(record.u[:, 0])[high] - logged)
-    expected = angle(net.u[:, 0])[high]
-    assert np.linalg.norm(expected - logged) > 0.2 * of_friction
-    assert np.linalg.norm(expected - mended) < 0.03 * of_friction
 
 
 def test_friction_of_level_0_leaves_the_torque() -> None:

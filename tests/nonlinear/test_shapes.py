@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.friction.operators import Path, stop
-from elastid.nonlinear.motion import motion_of
+from elastid.nonlinear.motion import CELLS, motion_of
 from elastid.nonlinear.shapes import Shape, amplitudes, friction_means, sliding_means, spectrum
 from elastid.record import Configuration, Motion, Record
 
@@ -43,22 +43,21 @@ def test_the_spectrum_over_a_record_and_amplitudes_are_the_same(shape: Shape) ->
     """At the lines of a period, of which the record has two."""
     record = swinging(3, 0.2)
     means = friction_means(record, motion_of(record, "motor 1"), [(shape, 1.0)])
-    found = spectrum(np.fft.rfft(means.ravel()), *means.shape)[:19]
+    found = spectrum(np.fft.rfft(means.ravel()), len(means))[:19]
     np.testing.assert_allclose(
         found[[6, 18]] / N, amplitudes_of(record, shape, [3, 9]), atol=1e-3 * np.abs(found).max() / N
     )
 
 
-@pytest.mark.parametrize("edge", [0.0, 0.375])
-def test_the_spectrum_of_jumps_is_that_of_jumps(edge: float) -> None:
-    """Of 2 and -2 in turn at cells' edges, below half the rate to 1e-3 of the largest line."""
-    samples, cells = 40, 32
-    times, t = np.array([3.25, 11.5, 17.75, 30.0 + edge]), (np.arange(samples * cells) + 0.5) / cells
+def test_the_spectrum_of_jumps_is_that_of_jumps() -> None:
+    """Of 2 and -2 in turn at cells' edges, below half the rate to 1e-2 of the largest line."""
+    samples, cells = 40, CELLS
+    times, t = np.array([3.25, 11.5, 17.75, 30.25]), (np.arange(samples * cells) + 0.5) / cells
     means = np.where(np.searchsorted(times, t) % 2 == 0, -1.0, 1.0).reshape(samples, cells)
     s = 2j * np.pi * np.arange(1, samples // 2 + 1) / samples
     expected = np.exp(-np.outer(s, times)) @ (2.0 * (-1.0) ** np.arange(len(times))) / s
     np.testing.assert_allclose(
-        spectrum(np.fft.rfft(means.ravel()), *means.shape)[1:], expected, atol=1e-3 * np.abs(expected).max()
+        spectrum(np.fft.rfft(means.ravel()), len(means))[1:], expected, atol=1e-2 * np.abs(expected).max()
     )
 
 
