@@ -40,7 +40,7 @@ from elastid.robot import Robot
 class Limits:
     """Thresholds of a spring that is not straight."""
 
-    drop: float = 30.0  # of V, by one shape, and
+    drop: float = 60.0  # of V, by one shape, and
     share: float = 0.02  # so much of V
     lines: int = 15  # over which the power of residuals is averaged; as many must lie between the excited ones
 
@@ -50,7 +50,6 @@ _TURN = 0.1  # of the RMS speed or torque, over which a sign turns
 _LOOP = 0.3  # of the RMS torque or angle, over which a loop bends
 _SHOWN = 1e-3  # of the RMS torque, that a shape must have beyond a straight line
 _NEAR = 2.0  # factor by which a compliance is off that of the robot's file, at most
-_ROUNDS = 3  # of residuals that weigh themselves
 
 
 @dataclass(frozen=True)
@@ -198,7 +197,7 @@ class _Problem:
         tau = back.T @ lines.U - drives.inertia @ (s**2 * Q)
         s2X = s[on] ** 2 * (Q[on] @ np.linalg.pinv(tau[on]))
         X = _between(used, on, s2X) / s[used] ** 2
-        friction = tuple(_friction(lines, used, tau, Q, drives, back.T @ lines.load))
+        friction = tuple(_friction(lines, used, tau, Q, drives))
         torque = lines.fine(tau.transpose(1, 2, 0))
         compliance = _compliance(s2X, lines.s[on], drives.compliance)
         motion = (Q - compliance[:, None] * tau)[: on[-1] + 1]
@@ -274,37 +273,28 @@ class _Problem:
         y, columns = left((self.Q[:, i] - straight)[:, :, None]), left(columns)
         dof = np.where(on, M - n, M)
         S = _power(y[:, :, 0], dof, on)
-        for _ in range(_ROUNDS):
-            A, b = _real(columns, S), _real(y, S)[:, 0]
-            S = _power((y[:, :, 0] - columns @ _solve(A, b, brakes)[0]), dof, on)
+        S = _power(y[:, :, 0] - columns @ _solve(_real(columns, S), _real(y, S)[:, 0], brakes)[0], dof, on)
         return _real(columns, S), _real(y, S)[:, 0]
 
 
 def _friction(
-    lines: PeriodLines, used: IntArray, tau: ComplexArray, Q: ComplexArray, drives: _Drives, load: FloatArray
+    lines: PeriodLines, used: IntArray, tau: ComplexArray, Q: ComplexArray, drives: _Drives
 ) -> Iterator[_Friction]:
-    """Shapes of friction of each motor and behind each gear; a sign turns over no speed or a tenth of the usual."""
+    """Shapes of friction of each motor and behind each gear: a sign that turns over a little speed, and a stop."""
     s = lines.s[:, None, None]
     back, n = np.linalg.inv(drives.rows), len(drives.rows)
     shafts = drives.shafts @ back
     angle, v = (lines.fine((shafts @ X).transpose(1, 2, 0)) for X in (Q, s * Q))
     w = lines.fine((s * (Q - drives.compliance[:, None] * tau)).transpose(1, 2, 0))
-    whole = lines.fine(tau.transpose(1, 2, 0)) + load[:, :, None]
     for j in range(n):
-        at_motor, behind = shafts[j], np.eye(n)[j]
-        for x in (
-            *(_turning(v[j], turn) for turn in (0.0, _TURN)),
-            np.abs(whole[j]) * np.sign(v[j]),
-            *(_along("stop", part * float(np.std(angle[j])), angle[j]) for part in (_LOOP / 6, _LOOP)),
-        ):
-            yield _Friction(at_motor, False, _spectra(lines, used, x))
-        for turn in (0.0, _TURN):
-            yield _Friction(behind, True, _spectra(lines, used, _turning(w[j], turn)))
+        for x in (_turning(v[j]), _along("stop", _LOOP * float(np.std(angle[j])), angle[j])):
+            yield _Friction(shafts[j], False, _spectra(lines, used, x))
+        yield _Friction(np.eye(n)[j], True, _spectra(lines, used, _turning(w[j])))
 
 
-def _turning(v: FloatArray, turn: float) -> FloatArray:
+def _turning(v: FloatArray) -> FloatArray:
     """A sign of v (M, N) that turns over a part of its size."""
-    return np.tanh(v / (turn * np.std(v))) if turn else np.sign(v)
+    return np.tanh(v / (_TURN * np.std(v)))
 
 
 def _along(kind: Kind, scale: float, x: FloatArray) -> FloatArray:
