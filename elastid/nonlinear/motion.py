@@ -57,14 +57,9 @@ class Motion:
     @cached_property
     def slowest(self) -> FloatArray:
         """Least speed (n,) in each sample, 0 where it turns back."""
-        return slowest(self.by_sample)
-
-
-def slowest(velocity: FloatArray) -> FloatArray:
-    """Least speed (m,) among the points of each row (m, n), 0 where its sign changes."""
-    # Column by column: NumPy is slow along short rows.
-    least, most = reduce(np.minimum, velocity.T), reduce(np.maximum, velocity.T)
-    return np.asarray(np.maximum(np.maximum(least, -most), 0.0))
+        # Column by column: NumPy is slow along short rows.
+        least, most = reduce(np.minimum, self.by_sample.T), reduce(np.maximum, self.by_sample.T)
+        return np.asarray(np.maximum(np.maximum(least, -most), 0.0))
 
 
 def motion_of(record: Record, place: str) -> Motion:

@@ -156,8 +156,9 @@ def _inertias(joint: JointSignals) -> Iterator[Doubt]:
         name = joint.channels[joint.torque].name_in_file
         text = (
             f"torque {name} and motion {joint.channels[i].name_in_file} of joint {joint.joint.name} make an inertia of "
-            f"{relation.inertia:.3g} kg*m^2, and the robot's file has {low:.3g} (motor) to {high:.3g}; check torque "
-            f"constant, unit, scale and side of {name}, and inertia and ratio of the motor in the file"
+            f"{relation.inertia:.3g} {'kg*m^2' if turns else 'kg'}, and the robot's file has {low:.3g} (motor) to "
+            f"{high:.3g}; check torque constant, unit, scale and side of {name}, and inertia and ratio of the motor in "
+            "the file"
         )
         yield Doubt(joint.torque, "scale", text)
 

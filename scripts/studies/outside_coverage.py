@@ -13,14 +13,13 @@ over its expectation; misfits. Over the sets of a case 93 to 97 % of the interva
 more with tolerances, three standard deviations of chance allowed, and at most 1 % of the fits be misfits, one in few
 sets. Without the rig it says so and ends. The last line is one JSON object.
 
-With `--coulomb 0.3 --realisations 3 --sets 24`: 95.8 +- 2.5 % of the intervals hold with an exact file, 96.9 +- 2.2 %
-with tolerances, bias at most 0.42 of the stated deviations, scatter 0.87 to 1.2, V 0.96 to 0.97; all 48 fits converged,
-levels 0.58 and 0.55 % too small of stated 0.61 %. (Ratios are exact: responses come from records alone.)
-Of an earlier code: M 2, 24 sets: 93.8 +- 2.7 %, bias at most 0.33, scatter 0.72 to 1.1, V 0.97. With `--rest --coulomb
-0.3 --realisations 3 --sets 16`: friction taken out in all, levels 0.19 and 0.49 % too large of stated 0.95 and 0.75 %;
-95.3 +- 3.4 %, bias at most 0.47, all converged. `--coulomb 0.05 --realisations 3 --sets 40`: 94.4 +- 2.1 %, bias at
-most 0.2, scatter 0.9 to 1.06, V 1.00;
-`--coulomb 0 --realisations 2 --sets 28`: 92.9 +- 2.8 %, k_2 82 %; all converged.
+With `--coulomb 0.05 0.16 0.3 --realisations 3`: 98.8 +- 2.4 % of the intervals hold with an exact file, 97.5 to 100 %
+with tolerances, bias at most 0.61 of the stated deviations, scatter 0.45 to 0.98, V 0.95 to 0.98; all 120 fits
+converged, levels 0.05 to 0.66 % off of stated 0.62 to 1.45 %. `--coulomb 0.3 --realisations 2 --sets 24`: 95.8 and
+97.9 +- 2.2 %, bias at most 0.51, levels 0.05 and 0.09 % too large. `--rest --coulomb 0.3 --realisations 3 --sets 16`:
+95.3 +- 2.7 and 93.8 +- 3.6 %, bias at most 0.5, levels 0.26 and 0.41 % too small of stated 0.84 and 0.78 %.
+`--coulomb 0 --realisations 2 --sets 28`: 92.9 +- 2.8 and 96.4 +- 2.1 %, all converged. (Ratios are exact: responses
+come from records alone.)
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

@@ -86,7 +86,7 @@ def test_a_torque_that_is_not_held_leaves_the_motion_as_it_is() -> None:
 
 
 def test_friction_of_level_0_leaves_the_torque() -> None:
-    """A shape that fits nearly as well as others, but was not taken out."""
+    """And the motion, to the last bit."""
     record, _ = simulated()
     net = net_record(record, replace(friction_of(1 / J), levels=np.zeros(1)))
     np.testing.assert_array_equal(net.u, record.u)
