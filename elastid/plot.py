@@ -12,7 +12,7 @@ from elastid.fit.result import Result
 from elastid.friction_study.result import FrictionResult
 from elastid.linear.fitted_model import FittedModel
 from elastid.report.content import parameter_rows
-from elastid.report.figures import responses
+from elastid.report.figures import fit
 from elastid.report.figures.fit import forest
 from elastid.report.figures.friction import friction_curve as curve_figure
 from elastid.report.figures.style import own_style
@@ -33,7 +33,7 @@ def bode(measured: Response, model: FittedModel | Response | None = None, *, ban
     """
     check_kind(measured, Response, "measured", "read_responses gives one for each configuration")
     if model is None:
-        return responses.bode(measured, None, None)
+        return fit.bode(measured, None, None)
     check_kind(model, FittedModel | Response, "model", "result.model(configuration) makes one")
     modelled, std = (model, None) if isinstance(model, Response) else _on_dense_lines(model, measured, band)
     if (modelled.inputs, modelled.outputs) != (measured.inputs, measured.outputs):
@@ -47,7 +47,7 @@ def bode(measured: Response, model: FittedModel | Response | None = None, *, ban
             f"the model is of configuration {other.name}, the measured response of {own.name}, at other angles; take "
             f"result.model('{own.name}')"
         )
-    return responses.bode(measured, in_quantity(modelled, measured.quantity), std)
+    return fit.bode(measured, in_quantity(modelled, measured.quantity), std)
 
 
 @own_style()

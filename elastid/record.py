@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.base.units import of_translation
 
 Hold: TypeAlias = Literal["band-limited", "zero-order"]

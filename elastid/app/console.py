@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elastid.base.display import digits, interval_of, number
+from elastid.base.errors import Note, grouped
 from elastid.base.escape import printable
 from elastid.base.execution import Progress, silent
 from elastid.base.files import unlinked
-from elastid.base.note import Note, grouped
 
 if TYPE_CHECKING:
     from elastid.design.forecast import Forecast

@@ -21,13 +21,14 @@ from elastid.base.escape import one_line
 from elastid.experiment.specs.channels import MOTIONS
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import (
+    ChannelGuess,
     LogGuess,
+    guess_by_name,
     guess_log,
     is_clock,
     rate_by_motions,
     signals_of,
 )
-from elastid.recorded.channel_names import ChannelGuess, guess_by_name
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
@@ -35,7 +36,7 @@ from elastid.recorded.periodicity import find_period, repetition
 from elastid.recorded.repair.time_stamps import STAMPS, even_grid
 from elastid.recorded.responses.universal import is_universal_file, uff_places
 from elastid.robot import Robot
-from elastid.study.checks.logs import TIME_UNITS, is_time, time_of
+from elastid.study.checks.recorded import TIME_UNITS, is_time, time_of
 
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}

@@ -17,7 +17,7 @@ from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import JointGuess, LogGuess
 from elastid.recorded.files.formats import opened_log, values_of
-from elastid.recorded.repair.clock import delay
+from elastid.recorded.repair.time_stamps import delay
 from elastid.robot import Joint, Robot
 
 MAX_SAMPLES = 1 << 18  # that are read of each

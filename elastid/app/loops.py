@@ -22,8 +22,7 @@ from elastid.store.measured import read_records
 from elastid.store.results import write_loops
 from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
-from elastid.use.loops.assess import LoopState
-from elastid.use.loops.result import Asked, Loops, Today, design_loops, inertias
+from elastid.use.loops.result import Asked, Loops, LoopState, Today, design_loops, inertias
 from elastid.use.loops.sensitivity import LIMIT_DB, Margins, MeasuredLoops, measured_loops, refusal
 
 NAME = "loops"

@@ -20,7 +20,7 @@ from elastid.app.summaries import prediction_summary, validation_summary
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.report.figures.validation import octaves_figure
+from elastid.report.figures.fit import octaves_figure
 from elastid.store.files import keep_checksums, write_text
 from elastid.store.friction_study import read_friction_records, read_friction_result
 from elastid.store.kinds import json_value

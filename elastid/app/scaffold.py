@@ -1,20 +1,199 @@
-"""Studies to start from: the templates of `elastid new` and `elastid demo`, some with a small simulated log."""
+"""Studies to start from: the templates of `elastid new` and `elastid demo`, some with a small simulated log.
+
+`elastid new DIR --from robot.urdf`, or an MJCF file: a commented study of a simulated measurement that runs at once.
+
+The rigid part is the file's. Motors, gears and the excitation are in no such file: they are guessed from the inertia at
+each joint, and marked so, as a start that data sheets take the place of.
+
+`elastid new DIR --from robot.xml`: the robot of an MJCF file, as MuJoCo compiles it.
+
+Armatures are rotors before the gear of their actuator, which the damping of their joint slows; a joint with a stiffness
+and no actuator is an elastic one; sites are frames. Torque is limited by the ranges of forces and of controls that are
+forces. An angle here is MuJoCo's less that of its reference pose.
+"""
 
 from __future__ import annotations
 
 import json
+import math
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from textwrap import indent
+from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.base.files import unlinked
+from elastid.base.escape import file_name, one_line
+from elastid.base.files import from_template, unlinked
+from elastid.model.formulation import formulate
+from elastid.robot import Joint, Motor, Robot, Spring
+from elastid.robot.urdf import UrdfJoint, UrdfRobot, read_elements
 from elastid.store.files import text_file
 from elastid.study import SCHEMA_NAME, make_schema
+from elastid.study.robots import load_robot, yaml_text
+
+# Of guessed drives: gears that turn so often, on links that swing at so many Hz with so much damping, motor held.
+_RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
+# Acceleration of the excitation in rad/s^2 (m/s^2), rms, and the part of a limit of torque that it takes at most.
+_ACCELERATION, _PART_OF_LIMIT = 4.0, 0.2
+_NO_ROTOR = 1e-250  # kg m^2, of a rotor that is not known
+_POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
+
+
+def is_robot_file(path: Path) -> bool:
+    """True by the end of its name."""
+    return path.suffix.lower() in (".urdf", ".xml", ".mjcf")
+
+
+def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
+    """The robot, and study.yml, robot.yml and, of a URDF, the file itself, by name; StudyError where there is none."""
+    if not path.is_file():
+        raise StudyError("files/missing", "no such file", path)
+    return _from_urdf(path) if path.suffix.lower() == ".urdf" else _from_mjcf(path)
+
+
+def _from_mjcf(path: Path) -> tuple[Robot, dict[str, str]]:
+    robot, left_out = read_mjcf(path)
+    if not robot.driven:
+        raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
+    postures = _postures(robot.driven)
+    inertia = _inertia_at_joints(_without_drives(robot), postures)
+    of_driven = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
+    bodies = tuple(
+        replace(body, joints=tuple(_with_drive(joint, of_driven.get(joint.name, 0.0)) for joint in body.joints))
+        for body in robot.bodies
+    )
+    guessed = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
+    rotors = f"; motors of {', '.join(guessed)}, with as much inertia as the links behind them" if guessed else ""
+    comments = (
+        f"Compiled by MuJoCo from {path.name}.",
+        f"Guessed: the springs of gears, which swing at {_HELD_HZ:g} Hz, motor held{rotors}.",
+        "Guessed where the file has none: viscous friction that stops a motor's rotor within a second.",
+        *(f"Not taken over: {what}." for what in left_out),
+    )
+    texts = {"study.yml": _study(robot, postures, inertia)}
+    return robot, texts | {"robot.yml": yaml_text(replace(robot, bodies=bodies), comments)}
+
+
+def _without_drives(robot: Robot) -> Robot:
+    """The links alone: rotors without inertia, and no joint that only a spring holds."""
+    bodies = (
+        replace(body, joints=tuple(replace(joint, motor=Motor(_NO_ROTOR)) for joint in body.joints if joint.motor))
+        for body in robot.bodies
+    )
+    return replace(robot, bodies=tuple(bodies))
+
+
+def _with_drive(joint: Joint, of_links: float) -> Joint:
+    """A driven joint with a guessed gear, and a rotor where its file has none."""
+    if joint.motor is None:
+        return joint
+    spring = Spring(*_gear(of_links)) if joint.spring is None else joint.spring
+    rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / joint.motor.ratio**2
+    viscous = joint.motor.viscous or float(f"{rotor:.2g}")
+    return replace(joint, motor=replace(joint.motor, inertia=rotor, viscous=viscous), spring=spring)
+
+
+def _gear(of_links: float) -> tuple[float, float]:
+    """Stiffness and damping, to two digits, of a gear that swings with the inertia of its links."""
+    k = of_links * (2 * math.pi * _HELD_HZ) ** 2
+    return float(f"{k:.2g}"), float(f"{2 * _DAMPING * math.sqrt(k * of_links):.2g}")
+
+
+def _from_urdf(path: Path) -> tuple[Robot, dict[str, str]]:
+    root = read_elements(path)
+    moving = [joint.name for joint in root.all("joint") if joint.attributes.get("type") != "fixed"]
+    if not moving:
+        raise root.wrong("no joint moves; an elastic robot has driven ones")
+    # Rotors without inertia leave the links' alone in the mass matrix.
+    rigid = UrdfRobot(path.name, {name: UrdfJoint(motor=Motor(_NO_ROTOR)) for name in moving}).robot(path.parent)
+    postures = _postures(rigid.driven)
+    inertia = _inertia_at_joints(rigid, postures)
+    texts = {"study.yml": _study(rigid, postures, inertia), "robot.yml": _robot(rigid, path.name, inertia)}
+    return rigid, texts | {path.name: path.read_text(encoding="utf-8")}
+
+
+def _postures(joints: Sequence[Joint]) -> FloatArray:
+    """Angles (Q, n_u), drawn in the middle of each joint's limits."""
+    rng = np.random.default_rng(0)
+    reach = [_REACH_M if joint.motion == "translation" else _REACH_RAD for joint in joints]
+    low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
+    half = np.minimum(0.3 * (high - low), reach)
+    return np.asarray(np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES, len(joints))), 2))
+
+
+def _inertia_at_joints(robot: Robot, postures: FloatArray) -> FloatArray:
+    """Inertia that each motor accelerates, others held (n_u,), mean over postures: kg m^2, kg of one that slides."""
+    model, theta = formulate(robot), [value for value, _ in robot.parameters().values()]
+    return np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
+
+
+def _robot(robot: Robot, urdf: str, inertia: FloatArray) -> str:
+    """robot.yml: the URDF, and of each moving joint a motor and a gear."""
+    joints = []
+    for joint, of_links in zip(robot.driven, inertia.tolist(), strict=True):
+        ratio = 1.0 if joint.motion == "translation" else _RATIO
+        k, d = _gear(of_links)
+        rotor = f"{of_links / ratio**2:.2g}"
+        joints.append(
+            f"  {json.dumps(joint.name)}:\n"
+            f"    motor: {{inertia: {rotor}, ratio: {ratio:g}, viscous: {rotor}}} # guessed\n"
+            f"    spring: {{stiffness: {k:g}, damping: {d:g}}} # guessed\n"
+        )
+    numbers = {"ratio": f"{_RATIO:g}", "held_hz": f"{_HELD_HZ:g}", "urdf": json.dumps(urdf)}
+    return from_template("app/rehearsal/robot.yml.txt", **numbers, joints="".join(joints))
+
+
+def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
+    """study.yml: a simulated measurement, from excitation to validation."""
+    limits = [joint.limits.torque for joint in robot.driven]
+    rms = np.minimum(2 * _ACCELERATION * inertia, _PART_OF_LIMIT * np.array(limits))  # of motor and link
+    rows = (", ".join(f"{angle:g}" for angle in angles) for angles in postures.tolist())
+    configurations = "".join(f"    posture {i}: [{row}]\n" for i, row in enumerate(rows, start=1))
+    return from_template(
+        "app/rehearsal/study.yml.txt", schema=SCHEMA_NAME, robot=one_line(robot.name),
+        name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", percent=f"{100 * _PART_OF_LIMIT:g}",
+        torque_rms=", ".join(f"{value:.2g}" for value in rms), configurations=configurations,
+        torque_std=f"{rms.min() / 10:.2g}", last=len(postures),
+    )  # fmt: skip
+
+
+def read_mjcf(path: Path) -> tuple[Robot, tuple[str, ...]]:
+    """The robot of an MJCF file, and what is not taken over; a motor without an armature has no inertia yet.
+
+    Raises StudyError where MuJoCo is not installed, does not take the file, or a joint is neither hinge nor slide.
+    """
+    with tempfile.TemporaryDirectory() as folder:  # where MuJoCo writes its log
+        try:
+            done = subprocess.run(
+                [sys.executable, "-m", "elastid.app.mjcf_reader", str(path.resolve())],
+                cwd=folder, capture_output=True, timeout=120, check=False,
+            )  # fmt: skip
+            reply: dict[str, Any] = json.loads(done.stdout)
+        except (subprocess.TimeoutExpired, ValueError):
+            raise StudyError(
+                "robot/file", "MuJoCo ends without an answer on this file; load it in `simulate` first", path
+            ) from None
+        if "lacks" in reply:
+            raise StudyError(
+                "install/missing-package",
+                "MJCF is compiled by mujoco, which is not installed; install it with `uv sync --extra mjcf` "
+                "(or `pip install 'elastid[mjcf]'`)",
+                path,
+            )
+        if "wrong" in reply:
+            raise StudyError("robot/file", reply["wrong"], path)
+        file = Path(folder) / "robot.yml"
+        file.write_text(reply["robot"], encoding="utf-8")
+        return load_robot(file), tuple(reply["left_out"])
+
 
 # Numbers that the fit of the template `recorded` is to identify, and the torque constant in its study.
 TRUTH: Mapping[str, float] = {"k_1": 64.0, "d_1": 0.014, "Jm_1": 1.2e-3, "I_load": 0.8e-3, "fm_1": 2e-3}
@@ -42,7 +221,7 @@ def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ())
     if not logs:
         raise StudyError("options/invalid", f"a study has one folder; where {more[0]} is a log write --from before it")
     _check_new(folder)
-    from elastid.app.from_robot import from_robot, is_robot_file
+    from elastid.app.scaffold import from_robot, is_robot_file
 
     robots = [path for path in (*logs, *more) if is_robot_file(path)]
     records = [path for path in (*logs, *more) if not is_robot_file(path)]
@@ -90,7 +269,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> Path:
 
 def write_shaken_masses(folder: Path) -> None:
     """logs/bench_1.csv to bench_4.csv of three masses with two shakers: two realisations of two experiments."""
-    from elastid.experiment.simulated.structure import shake
+    from elastid.experiment.simulated.plant import shake
 
     columns = ("force_1", "force_3", "acc_1", "acc_2", "acc_3")
     logs = (log for realisation in range(2) for log in shake(256.0, 2048, 4, 1 + realisation))

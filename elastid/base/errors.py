@@ -1,11 +1,13 @@
-"""Kinds of failure of a command, each with a code of `base.codes`; `cli` turns them into a message and an exit code."""
+"""Failures of a command, which `cli` turns into message and exit code, and notes; each has a code of `base.codes`."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence, Sized
+from dataclasses import dataclass
 from difflib import get_close_matches
 from types import UnionType
-from typing import TypeVar, get_args
+from typing import Literal, TypeAlias, TypeVar, get_args
 
 T = TypeVar("T")
 
@@ -113,3 +115,55 @@ def did_you_mean(name: str, known: Iterable[str], further: Iterable[str] = ()) -
     names = list(known)
     close = get_close_matches(name, [*names, *further], n=1)
     return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names) or 'none'}"
+
+
+Severity: TypeAlias = Literal["information", "warning"]
+
+
+@dataclass(frozen=True)
+class Note:
+    """code: what kind of thing, for programs ("clipped-channel").  text: one sentence with its numbers filled in.
+
+    place: the file, record, configuration, channel or parameter that it is about; printed in front of the text.
+    """
+
+    code: str
+    text: str
+    place: str = ""
+    severity: Severity = "warning"
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.text}" if self.place else self.text
+
+
+@dataclass(frozen=True)
+class NoteGroup:
+    """The same note from `places`: one code, and texts that differ at most in their numbers."""
+
+    first: Note
+    places: tuple[str, ...]
+
+    def __str__(self) -> str:
+        if len(self.places) == 1:
+            return str(self.first)
+        if len(self.places) <= 3:
+            return f"{', '.join(self.places)}: {self.first.text}"
+        return f"{self.places[0]} and {len(self.places) - 1} more: {self.first.text}"
+
+
+def grouped(notes: Iterable[Note]) -> tuple[NoteGroup, ...]:
+    """The notes without repetition, in the order of their first appearance, each kind of each text once.
+
+    >>> for group in grouped(Note("late-log", f"{t} samples late", f"log {i}") for i, t in enumerate((3, 4, 3, 5))):
+    ...     print(group)
+    log 0 and 3 more: 3 samples late
+    """
+    groups: dict[tuple[str, str, bool], dict[Note, None]] = {}
+    for note in notes:
+        # A note without a place is about one thing only: another number there is another thing.
+        key = (note.code, re.sub(r"\d+(\.\d+)?", "#", note.text) if note.place else note.text, bool(note.place))
+        groups.setdefault(key, {})[note] = None
+    return tuple(
+        NoteGroup(next(iter(members)), tuple(dict.fromkeys(note.place for note in members)))
+        for members in groups.values()
+    )

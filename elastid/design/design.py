@@ -8,9 +8,8 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import StudyError
+from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution
-from elastid.base.note import Note
 from elastid.design.choice import Choice, choose_configurations
 from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits

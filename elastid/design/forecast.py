@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
-from elastid.base.errors import StudyError
-from elastid.base.note import Note
+from elastid.base.errors import Note, StudyError
 from elastid.base.statistics import correlation_of
 from elastid.base.units import of_translation
 from elastid.design.prospect import ExpectedResponse, expected_fit

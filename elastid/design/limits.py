@@ -18,9 +18,8 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
-from elastid.base.note import Note
 from elastid.design.forecast import QUANTITIES, LimitUse, unit_of
 from elastid.excitation.phases import peaks as signal_peaks
 from elastid.excitation.spec import MultisineSpec

@@ -13,8 +13,7 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.design.choice import Candidates, draw_candidates, visible
 from elastid.design.limits import power_costs, within_limits
-from elastid.design.optimal import DesignCriterion
-from elastid.design.optimal_powers import best_powers, even_powers
+from elastid.design.optimal import DesignCriterion, best_powers, even_powers
 from elastid.design.prospect import ExpectedResponse, Prospect, variance_like
 from elastid.design.spec import DesignSpec, LevelSpec, interest
 from elastid.excitation.spec import AskedTorque, MultisineSpec

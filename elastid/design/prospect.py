@@ -22,7 +22,7 @@ from scipy.special import digamma
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.design.optimal_powers import PowerSource
+from elastid.design.optimal import PowerSource
 from elastid.design.spec import LevelSpec
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.plan import Plan

@@ -20,8 +20,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import FitError, StudyError
-from elastid.base.note import Note
+from elastid.base.errors import FitError, Note, StudyError
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model, moved_posture
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (

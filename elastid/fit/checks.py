@@ -22,9 +22,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, FitError, StudyError, check_kind
+from elastid.base.errors import DataError, FitError, Note, StudyError, check_kind
 from elastid.base.names import posture_of
-from elastid.base.note import Note
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.linear.linear_model import is_load
 from elastid.model.closed_posture import assembled, followed

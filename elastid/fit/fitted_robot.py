@@ -14,11 +14,10 @@ from elastid.fit.parameter_choice import group_labels
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import Result
 from elastid.linear.fitted_model import UncertainModes, response_deviation, response_shifts, uncertain_modes
-from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.linear_model import DELAY, LinearModel, StateSpace, state_space
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion
 from elastid.linear.response.transfer import to_response
-from elastid.linear.statespace import StateSpace, state_space
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec

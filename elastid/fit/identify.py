@@ -20,9 +20,8 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, FitError, StudyError, check_kind
+from elastid.base.errors import DataError, FitError, Note, StudyError, check_kind
 from elastid.base.execution import Execution
-from elastid.base.note import Note
 from elastid.fit import checks
 from elastid.fit.assembly import (
     Assembly,
@@ -39,9 +38,9 @@ from elastid.fit.diagnosis.bounds import at_bound
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import diagnose, judge
-from elastid.fit.diagnosis.static_loads import static_agreement
-from elastid.fit.diagnosis.tool_side import tool_agreement
+from elastid.fit.diagnosis.second_source import static_agreement, tool_agreement
 from elastid.fit.intervals import add_intervals
+from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit, by_criterion
 from elastid.fit.problem.inertia_barrier import feasible_starts
@@ -52,7 +51,6 @@ from elastid.fit.release import measurements_that_help, release
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
-from elastid.fit.static_agreement import StaticAgreement, ToolAgreement
 from elastid.fit.tolerances import has_tolerances, ratio_within
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec

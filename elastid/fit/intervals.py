@@ -31,10 +31,9 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.errors import FitError, StudyError, did_you_mean
+from elastid.base.errors import FitError, Note, StudyError, did_you_mean
 from elastid.base.execution import Execution, in_order
 from elastid.base.names import matching
-from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.assembly import RelinearisedOptimum
 from elastid.fit.problem.elastic import ElasticFit
@@ -42,8 +41,7 @@ from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares, 
 from elastid.fit.problem.part import Part
 from elastid.fit.problem.weights import Weights, vec
 from elastid.fit.result import Result
-from elastid.fit.solve.solvers import FINE, ROUGH, solve
-from elastid.fit.solve.trust_region import trust_region
+from elastid.fit.solve.solvers import FINE, ROUGH, solve, trust_region
 from elastid.fit.spec import FitSpec
 from elastid.parameters import Parameter, Parameters
 

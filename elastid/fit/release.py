@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import FitError, StudyError
-from elastid.base.note import Note
+from elastid.base.errors import FitError, Note, StudyError
 from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import LocalOptimum

@@ -13,14 +13,13 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, notebook_package, number
-from elastid.base.errors import Named, StudyError, UnknownNameError, did_you_mean, index_of
+from elastid.base.errors import Named, Note, StudyError, UnknownNameError, did_you_mean, index_of
 from elastid.base.names import matching
-from elastid.base.note import Note
 from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_of
+from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.modification_index import ModificationIndex as ModificationIndex
 from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.static_agreement import StaticAgreement, ToolAgreement
 from elastid.linear.fitted_model import Axes, FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.posture_model import Doubt, PostureModel

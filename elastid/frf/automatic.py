@@ -25,8 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.frf.spec import Method

@@ -24,8 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, smoothed_noise
 from elastid.frf.matrices import adjoint, inverse, squared_magnitude

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import ComplexArray
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.matrices import added_error_products, adjoint, in_parts, positive, power
 from elastid.frf.methods import Estimate

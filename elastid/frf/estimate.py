@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, IntArray
-from elastid.base.errors import DataError, StudyError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
 from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation

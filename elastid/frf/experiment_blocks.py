@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.errors import Note
 from elastid.base.kernels import call, is_compiled
-from elastid.base.note import Note
 from elastid.frf.matrices import added_cross_products, adjoint, inverse, squared_magnitude
 from elastid.frf.period_selection import TotalError, trusted
 from elastid.frf.spec import EstimatorSpec

@@ -13,7 +13,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.display import percent
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.record import Record
 
 

@@ -27,8 +27,7 @@ from itertools import pairwise
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.base.statistics import STD_OVER_MAD
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR

@@ -25,8 +25,7 @@ from elastid.base.arrays import (
     mean_of_rows,
     release,
 )
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.excitation.grids import line_frequencies
 from elastid.record import MOTION_ORDER, Motion, Record
 

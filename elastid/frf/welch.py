@@ -43,8 +43,7 @@ from numpy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release
 from elastid.base.display import percent
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.checks import LIMITS as CHECKS
 from elastid.frf.covariance import kronecker

@@ -28,8 +28,7 @@ import numpy as np
 from scipy.signal import welch
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.base.errors import DataError, FitError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, FitError, Note
 from elastid.fit.problem.smoothed_noise import smooth_variance
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec

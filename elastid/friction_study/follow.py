@@ -19,8 +19,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.friction_study.extended_kalman_filter import (
     COUNT_OVER_STD,
     MOVING,

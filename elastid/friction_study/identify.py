@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.errors import DataError, FitError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, FitError, Note
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.motion import MotionFriction

@@ -27,16 +27,14 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import Equations, solve
 from elastid.friction_study.levels import PassLevels, levels_of_records, levels_of_run_downs
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, MotionSignals
-from elastid.friction_study.pass_checks import check_reversal
-from elastid.friction_study.pass_detection import detect_passes
+from elastid.friction_study.pass_detection import check_reversal, detect_passes
 from elastid.friction_study.passes import PLATEAUS
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file

@@ -20,13 +20,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.base.statistics import QUANTILE_95, chi_square_tail
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.motion_signals import MotionSignals
-from elastid.friction_study.pass_checks import usable_passes
+from elastid.friction_study.pass_detection import usable_passes
 from elastid.friction_study.passes import Pass, PassRegression, about_mean, one_way, passes_of, steady_velocity
 from elastid.record import FrictionRecord, drive_unit, motion_unit
 

@@ -24,8 +24,7 @@ import numpy as np
 from numpy.polynomial.legendre import legval
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.friction_study.laws import (
     ABSENT,
     LOWEST_SPEED,
@@ -37,18 +36,18 @@ from elastid.friction_study.laws import (
 )
 from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
 from elastid.friction_study.motion_signals import Motion, MotionSignals
-from elastid.friction_study.motion_spring import find_spring
 from elastid.friction_study.motion_terms import (
     ANGLE,
     MotionTerms,
     columns_of,
     equations_of,
+    find_spring,
     full_rate_columns,
     regressed,
     shown_terms,
     with_other_curves,
 )
-from elastid.friction_study.pass_checks import PASSES
+from elastid.friction_study.pass_detection import PASSES
 from elastid.friction_study.passes import Plateau, distinct_speeds
 from elastid.robot.friction_numbers import TERMS
 

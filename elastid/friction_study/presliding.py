@@ -25,7 +25,7 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.friction.operators import Path, stop
 from elastid.friction_study.least_squares import minimise
-from elastid.friction_study.pass_checks import PASSES
+from elastid.friction_study.pass_detection import PASSES
 from elastid.robot.friction import MaxwellSlip
 
 # Few elements are tried up to this number.

@@ -14,8 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, number
-from elastid.base.errors import index_of
-from elastid.base.note import Note
+from elastid.base.errors import Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw

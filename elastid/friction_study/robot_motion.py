@@ -18,8 +18,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.friction_study.laws import Held
 from elastid.friction_study.least_squares import (
     FALSE_ALARM,

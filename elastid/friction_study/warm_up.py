@@ -27,8 +27,7 @@ import numpy as np
 from scipy.linalg import solve_banded
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.base.errors import DataError, FitError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, FitError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise

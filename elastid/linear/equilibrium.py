@@ -17,8 +17,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
-from elastid.base.errors import StudyError
-from elastid.base.note import Note
+from elastid.base.errors import Note, StudyError
 from elastid.model.closed_posture import assembled
 from elastid.model.drivetrain import deflections, tangents
 from elastid.model.elastic import ElasticModel

@@ -17,11 +17,10 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, degrees, number
 from elastid.base.statistics import By
-from elastid.linear.linear_model import LinearModel
+from elastid.linear.linear_model import LinearModel, StateSpace, state_space
 from elastid.linear.modes import Modes, modes, modes_display
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import checked_frequencies, to_response
-from elastid.linear.statespace import StateSpace, state_space
 from elastid.parameters import Parameters
 from elastid.response import Response
 from elastid.robot import FRAME_AXES

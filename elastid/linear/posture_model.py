@@ -21,10 +21,9 @@ from elastid.base.display import Display, as_html, as_text, degrees
 from elastid.base.errors import StudyError
 from elastid.base.statistics import Spread, propagate
 from elastid.linear.fitted_model import Axes, FrameStiffness, PostureModes, ResponseBand
-from elastid.linear.linear_model import LinearModel
+from elastid.linear.linear_model import LinearModel, StateSpace, state_space
 from elastid.linear.modes import Modes, modes
 from elastid.linear.response.transfer import checked_frequencies, frequency_response
-from elastid.linear.statespace import StateSpace, state_space
 from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER, HeldTorque, JointLoop, Motors
 from elastid.response import Response

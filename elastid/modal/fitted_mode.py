@@ -21,7 +21,7 @@ from scipy.ndimage import uniform_filter1d
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.display import percent
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95, small_sample_factors
 from elastid.modal.model import ModalFit, unstacked
 from elastid.response import Response

@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text, digits, number, percent
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.modal.poles import StabilisationDiagram
 from elastid.response import Response

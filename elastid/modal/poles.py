@@ -9,6 +9,16 @@ with the numerators eliminated.  Roots of det A are poles :math:`\lambda = -\ln(
 coefficient fixed those of noise are mostly unstable and fall out.
 (Peeters, Van der Auweraer, Guillaume and Leuridan, Shock and Vibration 11, 2004; Cauberghe, Guillaume, Verboven,
 Vanlanduit and Parloo, Mechanical Systems and Signal Processing 19, 2005.)
+
+Choice of the poles that are modes: matching pursuit over stable poles, then backward elimination by F tests.
+
+A pole is kept where its two real columns lower the weighted squares of some element by more than noise does by chance,
+
+.. math:: D_{rc} = \| Q_r^T e_c \|^2, \qquad \frac{D_{rc}}{2 s_{rc}^2} \sim F(4, 2 n_r)
+
+with the level of noise s_rc^2 of the element on the n_r lines about it, and four numbers that are searched for: residue
+and pole.  Its probability is that of the largest of as many trials as there are lines and elements, whose noise may be
+common: that of an input is, at a resonance.
 """
 
 from __future__ import annotations
@@ -19,6 +29,7 @@ import numpy as np
 import scipy.linalg
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.modal.model import ModalFit, unstacked
 
 # The highest line over half the rate of z: poles somewhat above the band can be found.
 HIGHEST = 0.9
@@ -161,3 +172,150 @@ def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> tuple[ComplexArray
     kept = [cluster for cluster in members if len(cluster) >= LIMITS.runs]
     middle = [np.median(np.real(each)) + 1j * np.median(np.imag(each)) for each in kept]
     return np.array(middle, complex), np.array([len(each) for each in kept], int)
+
+
+@dataclass(frozen=True)
+class SelectionLimits:
+    """Thresholds of a mode.  Of 144 records of noise none had a mode (`scripts/studies/modes.py`)."""
+
+    records_with_false_modes: float = 0.002  # among records of noise, before the judgement of damping
+    trials_per_line: float = 2.0
+    lines: int = 12  # to either side of a pole at least, on which the level of noise is measured
+    half_widths: float = 3.0  # likewise
+    max_poles: int = 60
+    new_share: float = 1e-4  # of a candidate's columns that must be new to the model
+    batch_half_widths: float = 6.0  # between candidates that are taken together
+
+
+SELECTION = SelectionLimits()
+
+
+def p_value(drops: FloatArray, levels: FloatArray, lines: FloatArray, trials: float) -> FloatArray:
+    """The probability (n,) that noise has a pole somewhere that lowers the squares so.
+
+    drops (n, C): D of each element.  levels: s^2 likewise, over correlated lines.  lines (n,): that levels are from.
+    """
+    from scipy.special import fdtrc
+
+    ratio = (drops / np.maximum(levels, 1e-300)).max(axis=1, initial=0.0) / 2
+    tail = fdtrc(4.0, np.maximum(2 * lines, 2.0), ratio)
+    return np.asarray(np.minimum(1.0, tail * trials * drops.shape[1]))
+
+
+def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
+    """D (n, C) of each candidate by itself."""
+    columns = fit.data.columns(candidates)
+    columns = columns / np.linalg.norm(columns, axis=0)
+    free = columns - fit.Q @ (fit.Q.T @ columns)
+    inside = (free.T @ fit.residual).reshape(len(candidates), 2, -1)
+    pairs = free.reshape(len(free), -1, 2)
+    gram = np.einsum("fri,frj->rij", pairs, pairs)
+    is_new = np.linalg.eigvalsh(gram)[:, 0] > SELECTION.new_share**2
+    gram[~is_new] = np.eye(2)
+    found = np.einsum("ric,rij,rjc->rc", inside, np.linalg.inv(gram), inside, optimize=True)
+    return np.where(is_new[:, None], found, 0.0)
+
+
+def own_drops(fit: ModalFit) -> FloatArray:
+    """D (n, C) by which the squares grow without each pole, the others where they are."""
+    n = len(fit.poles)
+    _, R, norms = fit.factors
+    coefficients = (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)
+    rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
+    inverse = np.linalg.pinv(np.einsum("rik,rjk->rij", rows, rows))
+    return np.asarray(np.einsum("ric,rij,rjc->rc", coefficients, inverse, coefficients, optimize=True))
+
+
+def lone_shares(fit: ModalFit) -> FloatArray:
+    """Share (n,) of the line with the most in the power of each pole by itself: near 1 for a pole on a single line."""
+    n = len(fit.poles)
+    Q, R, _ = fit.factors
+    rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n]
+    # The part of a pole's columns that the others do not have.
+    free = unstacked(Q @ rows.T).reshape(-1, n, 2)
+    power = np.sum(np.abs(free) ** 2, axis=2)
+    return np.asarray(power.max(axis=0) / power.sum(axis=0))
+
+
+def _at(fit: ModalFit, pole: complex) -> FloatArray:
+    """Stated variance (C,) of weighted elements about a pole, the mean over the lines within its half width."""
+    omega = fit.data.basis.s.imag
+    low, high = np.searchsorted(omega, (pole.imag + pole.real, pole.imag - pole.real))
+    low = min(int(low), len(omega) - 1)
+    return np.asarray(fit.data.variance[max(low - 1, 0) : max(int(high), low) + 1].mean(axis=0))
+
+
+def levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
+    """s^2 (n, C) of complex residuals about each pole, at least that stated, and the lines (n,) that it is from."""
+    F, basis, variance = len(fit.data.weight), fit.data.basis, fit.data.variance
+    power = np.abs(unstacked(fit.residual)) ** 2
+    leverage = np.sum(np.abs(unstacked(fit.Q)) ** 2, axis=1) / 2
+    omega, n = basis.s.imag, len(fit.poles)
+    s_r, n_r = np.ones((n, power.shape[1])), np.zeros(n)
+    for r, pole in enumerate(fit.poles):
+        about = int(np.searchsorted(omega, pole.imag))
+        half = SELECTION.half_widths * -pole.real
+        low = min(about - SELECTION.lines, int(np.searchsorted(omega, pole.imag - half)))
+        high = max(about + SELECTION.lines, int(np.searchsorted(omega, pole.imag + half)))
+        window = slice(max(0, min(low, F - 2 * SELECTION.lines)), max(2 * SELECTION.lines, min(high, F)))
+        n_r[r] = max(float(np.sum(1 - leverage[window])), 1.0)
+        # Where lines differ in their noise, those at the pole count.
+        s_r[r] = _at(fit, pole) * np.maximum(1.0, (power / variance)[window].sum(axis=0) / n_r[r])
+    return s_r, n_r
+
+
+def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
+    """The probability (n,) of each pole by chance, somewhere in the record."""
+    if not len(fit.poles):
+        return np.empty(0)
+    s_r, n_r = levels(fit)
+    drop, level, trials = own_drops(fit), s_r * correlated_lines, SELECTION.trials_per_line * len(fit.data.weight)
+    # An outlier is a pole on one line: without it, none is left.
+    rest = drop * (1 - lone_shares(fit))[:, None]
+    return np.maximum(p_value(drop, level, n_r, trials), p_value(rest, level, n_r, 1.0))
+
+
+def pursued(fit: ModalFit, candidates: ComplexArray, correlated_lines: float) -> ModalFit:
+    """The model with the candidates that lower its squares most, in turn, as long as noise would not."""
+    trials = SELECTION.trials_per_line * len(fit.data.weight)
+    while len(candidates) and len(fit.poles) < SELECTION.max_poles:
+        drop = drops(fit, candidates)
+        level = correlated_lines * np.stack([_at(fit, pole) for pole in candidates])
+        chance = p_value(drop, level, np.full(len(drop), 1e9), trials)
+        good = chance < SELECTION.records_with_false_modes
+        if not good.any():
+            break
+        candidates, drop = candidates[good], drop[good].sum(axis=1)
+        taken: list[complex] = []
+        for i in np.argsort(-drop):
+            pole = candidates[i]
+            gap = SELECTION.batch_half_widths
+            # Weak ones next to strong ones may be errors of these, and wait until they are refined.
+            if all(abs(pole.imag - other.imag) > gap * max(-pole.real, -other.real) for other in taken):
+                taken.append(pole)
+            if len(taken) >= max(1, len(drop) // 4):
+                break
+        candidates = np.array([pole for pole in candidates if pole not in taken], complex)
+        fit = ModalFit(fit.data, np.concatenate([fit.poles, np.array(taken)])).refined(6, 1e-1)
+    return fit.refined()
+
+
+def eliminated(fit: ModalFit, correlated_lines: float) -> ModalFit:
+    """The model without the poles that noise has by chance, the likeliest first."""
+    while len(fit.poles):
+        chance = p_values(fit, correlated_lines)
+        worst = int(np.argmax(chance))
+        if chance[worst] < SELECTION.records_with_false_modes:
+            break
+        fit = fit.without(worst).refined(8, 1e-2)
+    return fit.refined(30, 1e-4)
+
+
+def residual_peaks(fit: ModalFit) -> ComplexArray:
+    """Candidates at the highest peaks of what the model leaves, of several dampings."""
+    power = np.mean(np.abs(unstacked(fit.residual)) ** 2, axis=1)
+    smooth = np.convolve(power, np.ones(3) / 3, "same")
+    tops = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1
+    tops = tops[np.argsort(-smooth[tops])][:6]
+    omega, spacing = fit.data.basis.s.imag, float(np.median(np.diff(fit.data.basis.s.imag)))
+    return np.array([1j * omega[k] - width * spacing for k in tops for width in (0.7, 2.0, 6.0)], complex)

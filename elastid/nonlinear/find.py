@@ -9,8 +9,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import Note, Severity
 from elastid.base.execution import Execution
-from elastid.base.note import Note, Severity
 from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction

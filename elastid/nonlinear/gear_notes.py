@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.fit.result import Result
 from elastid.nonlinear.gear.choice import SPRINGS
-from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import Levels
-from elastid.nonlinear.gear.period_lines import PeriodLines
-from elastid.nonlinear.gear_bounds import Bound, family_of
-from elastid.nonlinear.gear_limits import gear_torque
+from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines
+from elastid.nonlinear.gear_limits import Bound, family_of, gear_torque
 from elastid.nonlinear.gear_result import BENT_STILL
 from elastid.response import BENT, NOT_STRAIGHT, Response
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import DISTORTED, Result, Status
 from elastid.nonlinear.gear.effects import GearEffect

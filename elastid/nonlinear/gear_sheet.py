@@ -26,31 +26,24 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.gear.choice import choose_effects
-from elastid.nonlinear.gear.drive_lines import elastic_joints
+from elastid.nonlinear.gear.choice import bent_gears, choose_effects
 from elastid.nonlinear.gear.effects import GearEffect, implicit_law
-from elastid.nonlinear.gear.find import bent_gears
 from elastid.nonlinear.gear.geometry import without_arm
 from elastid.nonlinear.gear.levels import Levels, joints_of
-from elastid.nonlinear.gear.period_lines import gather_lines
-from elastid.nonlinear.gear_bounds import Bound, family_of, level_bounds
+from elastid.nonlinear.gear.period_lines import elastic_joints, gather_lines
 from elastid.nonlinear.gear_limits import (
     LOST,
+    Bound,
     coarse_encoders,
     drives_of,
+    family_of,
     largest_torques,
     left,
+    level_bounds,
     refusal,
     unsettled_notes,
 )
-from elastid.nonlinear.gear_notes import (
-    HYSTERESIS,
-    alike_notes,
-    bent_notes,
-    off_notes,
-    preloads,
-    rigid_gears,
-)
+from elastid.nonlinear.gear_notes import HYSTERESIS, alike_notes, bent_notes, off_notes, preloads, rigid_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.motion import motion_of
 from elastid.record import Record

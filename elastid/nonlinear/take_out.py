@@ -18,8 +18,7 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.base.errors import DataError, StudyError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
 from elastid.frf.period_selection import settled

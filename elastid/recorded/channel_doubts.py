@@ -15,7 +15,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.units import TABLE, of_translation, units_of
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
-from elastid.recorded.channel_names import Doubt, doubts_by_names, guess_by_name
+from elastid.recorded.channel_guess import Doubt, doubts_by_names, guess_by_name
 from elastid.recorded.evidence import (
     MIN_CORRELATION,
     WIDTHS,

@@ -14,18 +14,16 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError, StudyError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.periodicity import found_period, period_samples, rounded_samples
 from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.clock import CLOCK, PASSBAND, at_times, clock_drift, delay
 from elastid.recorded.repair.masks import rest_before
 from elastid.recorded.repair.missing import bridged_gaps, filled
-from elastid.recorded.repair.time_stamps import on_grid
+from elastid.recorded.repair.time_stamps import CLOCK, PASSBAND, at_times, clock_drift, delay, on_grid
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError, did_you_mean
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec

@@ -17,8 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError, did_you_mean
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.recorded import RecordedSpec
 

@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.repair import Finding, Log
-from elastid.recorded.repair.clock import CLOCK, at_times
+from elastid.recorded.repair.time_stamps import CLOCK, at_times
 
 
 @dataclass(frozen=True)

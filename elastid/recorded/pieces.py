@@ -22,11 +22,10 @@ import numpy as np
 
 from elastid.base import arrays
 from elastid.base.arrays import FloatArray, LargeArray
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.record import Record
 from elastid.recorded.link_side import UNWRAPPED
-from elastid.recorded.repair.clock import CLOCK, RESAMPLED, at_times, delay
+from elastid.recorded.repair.time_stamps import CLOCK, RESAMPLED, at_times, delay
 
 # A log of fewer values is measured as a whole.
 MIN_VALUES = 1 << 22

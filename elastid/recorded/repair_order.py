@@ -14,10 +14,10 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.recorded.periodicity import LIMITS, grid_samples, repetition
 from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.clock import at_times, resampled
 from elastid.recorded.repair.converter import find_clipping, find_steps
 from elastid.recorded.repair.masks import without_spikes, without_standstill, without_stops
 from elastid.recorded.repair.missing import bridged_gaps, filled
+from elastid.recorded.repair.time_stamps import at_times, resampled
 
 
 def repair(

@@ -17,7 +17,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Configuration, Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
-from elastid.recorded.drive_notes import drive_notes, same_signal_notes
+from elastid.recorded.evidence import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, is_single, naming, rows_of
 from elastid.recorded.link_side import (
     channel_refusals,

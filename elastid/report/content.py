@@ -11,7 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
-from elastid.base.note import Note, NoteGroup, grouped
+from elastid.base.errors import Note, NoteGroup, grouped
 from elastid.design.forecast import Forecast, LimitUse
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.fitted_robot import FittedRobot

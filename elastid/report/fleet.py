@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from elastid.base.display import Display, number, percent
 from elastid.report.answer import Answer
 from elastid.report.figures.drawings import Drawing
-from elastid.report.figures.validation import fleet_parameter
+from elastid.report.figures.fit import fleet_parameter
 
 if TYPE_CHECKING:
     from elastid.validation.fleet import Finding, FleetValue, Spread  # brings SciPy's statistics

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from elastid.base.display import digits, number, percent, value_cells
-from elastid.base.note import NoteGroup, grouped
+from elastid.base.errors import NoteGroup, grouped
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held

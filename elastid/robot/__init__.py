@@ -44,12 +44,11 @@ from elastid.robot.friction import (
 )
 from elastid.robot.gears import GearCoupling
 from elastid.robot.gravity_compensator import Anchor, CoilSpring, Compensator, GasSpring
-from elastid.robot.joint import Gear, GearRipple, Hysteresis, Joint, Limits, Motor, TransmissionError
+from elastid.robot.joint import Gear, GearRipple, Hysteresis, Joint, Limits, Motor, Spring, TransmissionError
 from elastid.robot.loop import Loop, Pin, Rod
 from elastid.robot.measurement_chain import Chain, ChannelGain, gain_name
 from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.robot import FRAME_AXES, Robot
-from elastid.robot.spring import Spring
 from elastid.robot.tolerances import BodyTolerances, Tolerances
 
 __all__ = [

@@ -1,4 +1,17 @@
-"""A joint between two bodies, its motor, its gear with the effects beside its spring, and its limits."""
+r"""A joint between two bodies, its motor, its gear with the effects beside its spring, and its limits.
+
+The spring of a joint: gearbox, bearing or link, linear or not.
+
+.. math:: \tau(\Delta) = k_i \Delta + (k - k_i)\, g_b(\Delta) + k_2 \Delta^2 + k_{2s} \Delta |\Delta| + k_3 \Delta^3
+          + d \dot\Delta, \qquad
+          g_b = \tfrac12 \left[ 2 \Delta + \sqrt{(\Delta - b)^2 + e^2} - \sqrt{(\Delta + b)^2 + e^2} \right]
+
+Without backlash g_b = Delta: a stiffness k. With it, k beyond the gap of +-b and k_i inside: 0 for free play, more for
+a gear that hardens in a kink; e -> 0 gives the sharp dead zone. Niglis & Oberg (2015), eq. (2.13) for the polynomial.
+
+The model's response is that of the tangent under gravity, the limit of small motion. A multisine that deflects the
+spring by sigma rms makes a cubic one stiffer by about 3 k_3 sigma^2: keep sigma well below the deflection by gravity.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +24,7 @@ from elastid.base.names import PartName
 from elastid.base.section import Key, section
 from elastid.base.units import (
     Angle,
+    CubicStiffness,
     Damping,
     Inertia,
     JointAcceleration,
@@ -19,6 +33,9 @@ from elastid.base.units import (
     JointTorque,
     JointVelocity,
     Measured,
+    QuadraticStiffness,
+    Ratio,
+    Stiffness,
     Torque,
     of_translation,
 )
@@ -31,7 +48,87 @@ from elastid.robot.placement import (
     coordinates,
     unit_axis,
 )
-from elastid.robot.spring import Spring
+
+# Field, parameter and unit of the optional terms of a spring.
+_FURTHER = (
+    ("quadratic", "k2", "N*m/rad^2"),
+    ("symmetric_quadratic", "k2s", "N*m/rad^2"),
+    ("cubic", "k3", "N*m/rad^3"),
+    ("backlash", "b", "rad"),
+)
+
+
+@section
+class Spring:
+    """Torque of a deflection, on the link side; the deflection is q_m - q_a in a gear, q_na in an elastic joint.
+
+    Optional terms that are left out have no name among the parameters.
+    """
+
+    # fmt: off
+    stiffness: Annotated[Stiffness, Key("Stiffness k of the deflection; with backlash, beyond the gap.",
+        "the catalogue's torsional stiffness of the gear, at medium torque, or 1e5 to 1e6 N*m/rad for axes of large "
+        "robots; the fit starts there.", above=0)]
+    damping: Annotated[Damping, Key("Damping d of the deflection's rate.", "start with 1e-3 s times the stiffness; a "
+        "damping of 0 stays 0 in a fit, unless fit.parameters names d_NAME with a start.", least=0)] = 0.0
+    quadratic: Annotated[QuadraticStiffness | None, Key("Quadratic stiffness k2 of Delta^2, which makes one direction "
+        "stiffer.", "for springs that differ between pulling directions, as cable drives; postures with opposite "
+        "gravity identify it.")] = None
+    symmetric_quadratic: Annotated[QuadraticStiffness | None, Key("Symmetric quadratic stiffness k2s of Delta |Delta|.",
+        "for gears that stiffen in proportion to load, equally both ways, such as strain wave gears.")] = None
+    cubic: Annotated[CubicStiffness | None, Key("Cubic stiffness k3 of Delta^3.", "for the smooth stiffening of the "
+        "textbooks; a multisine that deflects by sigma adds about 3 k3 sigma^2 to k.")] = None
+    backlash: Annotated[JointPosition | None, Key("Backlash b, half the gap.", "for worn gears and rack drives; seen "
+        "only where gravity does not hold the flanks together.", above=0)] = None
+    inner_stiffness: Annotated[Stiffness, Key("Stiffness k_i inside the gap of the backlash.", "above 0 for gears that "
+        "are merely softer about zero torque, as strain wave gears are.", least=0)] = 0.0
+    rounding: Annotated[Ratio, Key("Rounding e / b of the backlash, the part of b over which the flanks take hold.",
+        "smaller for hard flanks, with more substeps in simulation; 0.1 keeps derivatives that the solver can "
+        "use.", above=0)] = 0.1
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        if self.backlash is None and self.inner_stiffness > 0:
+            raise ValueError(
+                "inner_stiffness is that inside the backlash, and there is none; give backlash, half the gap"
+            )
+        self._check_monotone()
+
+    @property
+    def is_linear(self) -> bool:
+        """One stiffness at every deflection."""
+        return all(getattr(self, field) is None for field, _, _ in _FURTHER)
+
+    def numbers(self, joint: str) -> Numbers:
+        """k_ and d_ of a joint; k2_, k2s_, k3_, b_, ki_ and e_ where the spring has them."""
+        present = [row for row in _FURTHER if getattr(self, row[0]) is not None]
+        present += (("inner_stiffness", "ki", "N*m/rad"), ("rounding", "e", "1")) if self.backlash is not None else ()
+        first: Numbers = {f"k_{joint}": ("N*m/rad", ("stiffness",)), f"d_{joint}": ("N*m*s/rad", ("damping",))}
+        return first | {f"{letter}_{joint}": (unit, (field,)) for field, letter, unit in present}
+
+    def _check_monotone(self) -> None:
+        """The tangent a + 2 s |Delta| + 3 k3 Delta^2 stays positive in both directions: s >= 0 or s^2 < 3 a k3."""
+        even, odd, cubic = self.quadratic or 0.0, self.symmetric_quadratic or 0.0, self.cubic or 0.0
+        a = min(self.stiffness, self.inner_stiffness) if self.backlash is not None else self.stiffness
+        where = " inside the backlash" if a < self.stiffness else ""
+        for s, side in ((odd + even, "positive"), (odd - even, "negative")):
+            if cubic < 0 or (s < 0 and not s**2 < 3 * a * cubic):
+                # The smallest deflection x at which a + 2 s x + 3 cubic x^2 reaches 0.
+                root = math.sqrt(max(s**2 - 3 * a * cubic, 0.0))
+                ends = [(sign * root - s) / (3 * cubic) for sign in (-1, 1)] if cubic else [a / (-2 * s)]
+                worst, (unit, angle) = min(x for x in ends if x >= 0), self._units
+                raise ValueError(
+                    f"the spring loses its stiffness at a {side} deflection of {worst:.3g} {angle} and pulls beyond, "
+                    f"for k = {a:g} {unit}{where}, a quadratic term of {s:g} {unit}^2 to that side and a cubic one of "
+                    f"{cubic:g} {unit}^3; it must harden, or soften by less: quadratic^2 < 3 k cubic"
+                )
+
+    @property
+    def _units(self) -> tuple[str, str]:
+        """Of stiffness and deflection: N/m and m where any number was written so; a spring does not know its joint."""
+        numbers = (getattr(self, row[0]) for row in (("stiffness",), *_FURTHER))
+        slides = any("rad" not in getattr(number, "dimension", "rad") for number in numbers)
+        return ("N/m", "m") if slides else ("N*m/rad", "rad")
 
 
 @section

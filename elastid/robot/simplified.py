@@ -9,10 +9,9 @@ from typing import Any, Literal
 from elastid.base.errors import StudyError
 from elastid.base.escape import unused
 from elastid.robot.body import Body
-from elastid.robot.joint import Joint
+from elastid.robot.joint import Joint, Spring
 from elastid.robot.loop import Loop
 from elastid.robot.robot import Robot
-from elastid.robot.spring import Spring
 
 
 @dataclass(frozen=True)

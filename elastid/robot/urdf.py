@@ -22,10 +22,9 @@ from elastid.base.names import SEPARATOR, NameRule, OptionalName, check_differen
 from elastid.base.section import Key, section
 from elastid.base.units import Damping
 from elastid.robot.body import BASE, Body, Frame, Payload, six_numbers
-from elastid.robot.joint import Joint, Limits, Motor
+from elastid.robot.joint import Joint, Limits, Motor, Spring
 from elastid.robot.placement import Acceleration3, Placement
 from elastid.robot.robot import Robot
-from elastid.robot.spring import Spring
 from elastid.robot.tolerances import FileTolerances
 
 _RULE = NameRule(without=SEPARATOR)

@@ -21,7 +21,7 @@ from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
 from elastid.study.checks import check_study
-from elastid.study.checks.logs import check_logs
+from elastid.study.checks.recorded import check_logs
 from elastid.study.load_file import with_load_file
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.robots import read_robot, with_robot

@@ -19,7 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray, frozen_value
 from elastid.base.display import digits, number, percent
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import modes as modes_of_model

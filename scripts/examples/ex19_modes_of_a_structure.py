@@ -9,7 +9,7 @@ response with noise.
 import numpy as np
 
 from elastid import Configuration, Response
-from elastid.experiment.simulated.structure import true_modes, true_response
+from elastid.experiment.simulated.plant import true_modes, true_response
 from elastid.modal.estimate import estimate_modes
 from elastid.modal.modes import mac
 from elastid.response import Covariance

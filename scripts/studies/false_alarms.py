@@ -53,9 +53,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.clean_logs import PERIOD, RATE_HZ, Kind
 
 from elastid import verbs
-from elastid.base.errors import ElastidError
+from elastid.base.errors import ElastidError, Note
 from elastid.base.execution import Execution, in_order
-from elastid.base.note import Note
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec

@@ -49,7 +49,7 @@ from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.gear.find import find_gear_effects
+from elastid.nonlinear.gear.choice import find_gear_effects
 from elastid.record import Record
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants.mjcf_arm import ARM
 
-from elastid.app.from_robot import read_mjcf
+from elastid.app.scaffold import read_mjcf
 from elastid.base.errors import StudyError
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses

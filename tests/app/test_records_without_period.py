@@ -15,7 +15,7 @@ from scipy.signal import chirp
 
 from elastid.app.cli import run_command
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.experiment.simulated.structure import shake, true_modes, true_response
+from elastid.experiment.simulated.plant import shake, true_modes, true_response
 from elastid.response import Response
 from elastid.store.measured import read_responses
 

@@ -1,6 +1,6 @@
 """The same note from many places is one line."""
 
-from elastid.base.note import Note, grouped
+from elastid.base.errors import Note, grouped
 
 
 def test_notes_that_differ_in_their_numbers_are_grouped_by_place() -> None:

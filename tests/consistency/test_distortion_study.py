@@ -9,7 +9,7 @@ import pytest
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
 from elastid.base.errors import MisfitError
-from elastid.report.figures.responses import quality_figure
+from elastid.report.figures.fit import quality_figure
 from elastid.response import Levels, Response
 from elastid.store.measured import read_plan, read_responses
 from elastid.study import load

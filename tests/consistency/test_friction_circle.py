@@ -11,9 +11,8 @@ from plants.friction_axis import axis, rig
 
 from elastid.design.friction import design_friction
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
-from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import ControllerSpec, NoiseSpec, SimulatedSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import LinearConstraint, minimize
 
 from elastid.base.arrays import FloatArray
-from elastid.design.optimal import DesignCriterion, Letter
-from elastid.design.optimal_powers import PowerSource, best_powers, even_powers
+from elastid.design.optimal import DesignCriterion, Letter, PowerSource, best_powers, even_powers
 
 Groups = list[list[list[PowerSource]]]
 

@@ -12,8 +12,8 @@ from plants.notes import said
 from plants.refusals import refused
 
 from elastid.app.stages.fit import TRUSTED
+from elastid.base.errors import Note
 from elastid.base.execution import Execution
-from elastid.base.note import Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify

@@ -8,8 +8,7 @@ import numpy as np
 
 from elastid.friction_study.motion import regress_motion
 from elastid.friction_study.motion_signals import Motion, MotionSignals
-from elastid.friction_study.motion_spring import find_spring
-from elastid.friction_study.motion_terms import MotionTerms, regressed
+from elastid.friction_study.motion_terms import MotionTerms, find_spring, regressed
 
 J, VISCOUS, F_C = 12.0, 30.0, 40.0
 

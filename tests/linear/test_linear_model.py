@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from plants.elastic_arm import arm
 
-from elastid.linear.linear_model import BUTTERWORTH, DifferenceElement, LagElement, LinearModel
+from elastid.linear.linear_model import BUTTERWORTH, DifferenceElement, LagElement, LinearModel, state_space
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
-from elastid.linear.statespace import state_space
 from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import Chain, ChannelGain

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from plants.fitted_models import SERIAL, close, fitted_model
 
+from elastid.linear.linear_model import state_space
 from elastid.linear.response.transfer import frequency_response
-from elastid.linear.statespace import state_space
 from elastid.record import Motion
 
 

@@ -8,8 +8,8 @@ from modal.structures import BENCH, FREQ_HZ, NATURAL, ZETA, modal_response
 from plants.refusals import refused
 from scipy.signal import lfilter
 
-from elastid.base.note import Note
-from elastid.experiment.simulated.structure import shake, true_modes
+from elastid.base.errors import Note
+from elastid.experiment.simulated.plant import shake, true_modes
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.modal.estimate import estimate_modes, modes_of_responses

@@ -3,7 +3,7 @@
 import numpy as np
 from modal.structures import BENCH, FREQ_HZ, modal_response
 
-from elastid.experiment.simulated.structure import true_modes, true_response
+from elastid.experiment.simulated.plant import true_modes, true_response
 from elastid.modal.estimate import estimate_modes
 from elastid.modal.modes import mac, turned
 from elastid.response import Response

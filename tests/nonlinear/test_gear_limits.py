@@ -13,8 +13,7 @@ from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.result import Result
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.gear.drive_lines import DriveLines
-from elastid.nonlinear.gear.period_lines import PeriodLines
+from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines
 from elastid.nonlinear.gear_limits import (
     LOST,
     coarse_encoders,

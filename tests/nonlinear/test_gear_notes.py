@@ -7,7 +7,7 @@ import pytest
 
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import Levels
-from elastid.nonlinear.gear_bounds import Bound
+from elastid.nonlinear.gear_limits import Bound
 from elastid.nonlinear.gear_notes import alike_notes
 from tests.nonlinear.test_gear_sheet import PARAMETERS
 

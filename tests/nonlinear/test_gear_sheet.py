@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from plants.two_mass_gear import LINES, Gear, records, robot
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.fit.identify import identify
+from elastid.fit.load_tests import StaticAgreement
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.fit.static_agreement import StaticAgreement
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import Levels
-from elastid.nonlinear.gear_bounds import Bound
+from elastid.nonlinear.gear_limits import Bound
 from elastid.nonlinear.gear_result import (
     ARCMIN,
     BENT_STILL,

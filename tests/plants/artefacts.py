@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import settings
 from hypothesis.extra.numpy import arrays
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
 from elastid.parameters import Parameter, Parameters, Prior, Tie

@@ -21,9 +21,8 @@ from elastid.base.arrays import FloatArray
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.disturbances import ColoredNoiseSpec, NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, ColoredNoiseSpec, ControllerSpec, NoiseSpec, SimulatedSpec
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 RATE_HZ, PERIOD = 200.0, 400

@@ -9,9 +9,8 @@ from elastid.base.arrays import IntArray
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
 from elastid.record import Record
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.robot.friction import Friction, LuGre, MaxwellSlip

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PassLimits
 from elastid.friction_study.at_rest import AtRest, RestPoint
 from elastid.friction_study.laws import Held, StaticLaw

@@ -12,8 +12,8 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
+from elastid.linear.linear_model import state_space
 from elastid.linear.linearise import Linearisation
-from elastid.linear.statespace import state_space
 from elastid.model.formulation import serial
 from elastid.record import Configuration, Hold
 from elastid.recorded.rig import RecordedRig

@@ -6,9 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 
 LIMITS = Limits(angle=(-1.5, 1.5), velocity=0.8, torque=1500.0, acceleration=40.0)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 
 
 def said(notes: Iterable[Note]) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
 

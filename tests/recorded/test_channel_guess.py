@@ -5,8 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from elastid.recorded.channel_guess import guess_log, is_clock
-from elastid.recorded.channel_names import guess_by_name
+from elastid.recorded.channel_guess import guess_by_name, guess_log, is_clock
 
 RATE = 500.0
 

@@ -3,7 +3,7 @@
 import pytest
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.channel_names import doubts_by_names
+from elastid.recorded.channel_guess import doubts_by_names
 
 
 def motion(name: str, k: int = 1, **keys: object) -> ChannelSpec:

@@ -11,7 +11,7 @@ from plants.notes import said
 
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.drive_notes import drive_notes
+from elastid.recorded.evidence import drive_notes
 
 R, U = ChannelSpec("r", "motor 1", "r"), ChannelSpec("u", "motor 1", "u")
 

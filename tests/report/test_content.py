@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plants.report_values import fit_result, pair, report_content
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.nonlinear.gear_result import ARCMIN, ARCSEC, GearNumber, GearResult, GearSheet
 from elastid.report.content import gear_table, parameter_rows
 from elastid.report.figures.fit import hysteresis

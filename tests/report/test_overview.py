@@ -8,9 +8,9 @@ import numpy as np
 from plants.report_values import TRUTH, fit_result, report_content
 
 from elastid.base.display import number, percent
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.covariance import Covariance
-from elastid.experiment.simulated.structure import true_response
+from elastid.experiment.simulated.plant import true_response
 from elastid.modal.estimate import estimate_modes
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
 from elastid.report.content import ResponsesContent, model_lines, parameter_rows

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from plants.friction_study import friction_result
 
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.record import FrictionRecord, WarmUpLog
 from elastid.store.friction_study import (
     read_friction_plan,

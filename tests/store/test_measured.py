@@ -14,7 +14,7 @@ from plants.artefacts import NAME, NOTE, NUMBER, QUICK, REPAIRS, STAMP, complex_
 from plants.three_mass import NO_FLOOR, measured, noise_of, parameters, plant
 
 import elastid.base.arrays as base_arrays
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.design.forecast import Forecast, LimitUse
 from elastid.experiment.plan.movement import Reference
 from elastid.experiment.plan.plan import Experiment, Plan

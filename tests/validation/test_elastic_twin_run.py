@@ -7,9 +7,8 @@ import pytest
 
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
 from elastid.model.formulation import EXACT
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Robot, Spring

@@ -7,8 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from elastid.frf.spec import EstimatorSpec
-from elastid.linear.linear_model import DELAY, LinearModel
-from elastid.linear.statespace import state_space
+from elastid.linear.linear_model import DELAY, LinearModel, state_space
 from elastid.record import Configuration, Record
 from elastid.validation.replay import describe_replays, replay
 

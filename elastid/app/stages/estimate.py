@@ -20,9 +20,8 @@ from elastid.app.console import Console
 from elastid.app.work import Artefacts, Work, Write
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.display import digits, number
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
-from elastid.base.note import Note
 from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.channels import Places
 from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec

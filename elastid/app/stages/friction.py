@@ -18,9 +18,8 @@ from elastid.app.summaries import as_json, failed_friction, friction_study_summa
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
-from elastid.base.errors import FitError, MisfitError, StudyError
+from elastid.base.errors import FitError, MisfitError, Note, StudyError
 from elastid.base.execution import Execution
-from elastid.base.note import Note
 from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig

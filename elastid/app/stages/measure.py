@@ -13,7 +13,7 @@ import numpy as np
 from elastid.app.console import Console
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.experiment.plan.plan import Rig
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.simulated.rig import SimulatedRig

@@ -25,14 +25,7 @@ from elastid.report.content import ReportContent, dense_models
 from elastid.report.page.page import write_report
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.measured import (
-    read_forecast,
-    read_friction,
-    read_peaks,
-    read_plan,
-    read_responses,
-    write_modes,
-)
+from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_responses, write_modes
 from elastid.store.results import read_comparison, read_fit, read_gears, read_motion, read_twin, read_validation
 from elastid.study.sections import ReportSpec
 

@@ -24,8 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.base.errors import StudyError
-from elastid.base.note import Note
+from elastid.base.errors import Note, StudyError
 from elastid.record import Configuration, Purpose
 
 SHORTEST_S = 0.3  # of a plateau

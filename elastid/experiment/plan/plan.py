@@ -18,8 +18,8 @@ from elastid.excitation.grids import line_count_refusal, line_frequencies
 from elastid.excitation.multisine import amplitudes, experiments, relative_amplitudes, synthesise
 from elastid.excitation.spec import MultisineSpec, Signal, planned_lines
 from elastid.experiment.specs.channels import Places
-from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import NoiseSpec
 from elastid.record import Configuration, Record, drive_unit
 from elastid.robot import Robot
 

@@ -14,8 +14,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
-from elastid.base.errors import DataError, StudyError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.experiment.plan.friction import (
     FrictionPlan,
     PassLimits,

@@ -18,11 +18,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import StudyError
-from elastid.base.note import Note
+from elastid.base.errors import Note, StudyError
 from elastid.experiment.plan.plan import Experiment, Plan
-from elastid.experiment.specs.disturbances import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
-from elastid.experiment.specs.simulated import saturation_refusal
+from elastid.experiment.specs.simulated import (
+    EncoderRippleSpec,
+    NoiseSpec,
+    TorqueRippleSpec,
+    WarmingSpec,
+    saturation_refusal,
+)
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LagElement, sensor_elements, torque_elements
 from elastid.linear.moving_posture import is_point

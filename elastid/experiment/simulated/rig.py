@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.units import of_translation
 from elastid.experiment.plan.movement import Reference, Rehearsal, check_movement, reference
 from elastid.experiment.plan.plan import Experiment, Plan

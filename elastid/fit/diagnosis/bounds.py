@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, ROUGH_ITERATIONS, solve

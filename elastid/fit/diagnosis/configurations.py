@@ -21,9 +21,8 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.errors import FitError
+from elastid.base.errors import FitError, Note
 from elastid.base.names import posture_of
-from elastid.base.note import Note
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.problem.elastic import ElasticFit

@@ -10,7 +10,7 @@ To add one, write a function and an entry.  An entry may be put into this list, 
                       advice="check the wiring of the current sensors")
     identify(responses, robot, spec, hypotheses=(MINE, *HYPOTHESES))
 
-`hypothesis` describes the fields, `ranking` how causes are judged: by the drop of V, the size of the change that it
+`hypothesis` describes the fields, `judge` how causes are judged: by the drop of V, the size of the change that it
 takes relative to the usual one, and the plausibility of the family.
 """
 

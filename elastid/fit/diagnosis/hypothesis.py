@@ -23,8 +23,8 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import Note
 from elastid.base.execution import Execution
-from elastid.base.note import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty

@@ -22,8 +22,7 @@ from itertools import combinations, product
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import ElastidError
-from elastid.base.note import Note
+from elastid.base.errors import ElastidError, Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores
 from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, start_distance, thinned

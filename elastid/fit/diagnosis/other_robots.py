@@ -14,16 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import ElastidError
-from elastid.base.note import Note
+from elastid.base.errors import ElastidError, Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
-from elastid.fit.diagnosis.other_readings import read_otherwise
-from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
+from elastid.fit.diagnosis.score_test import Load, find_load, steps_of
 from elastid.fit.diagnosis.scoring import at_file, score
-from elastid.fit.diagnosis.variants import Variant, about, against, best, named, of_robot
+from elastid.fit.diagnosis.variants import Variant, about, against, best, named, of_robot, read_otherwise
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters, Prior

@@ -6,19 +6,43 @@ The fit to the motors' responses alone, x_m with covariance C, and the residuals
 
 by a few damped steps of Gauss and Newton. Where T, or the factor by which all that the source measured is larger, is
 beyond chance, the cause is that of some further unknowns c, r - c W \partial y, or other readings, with the least T.
+
+Static load tests against the responses: do both show one stiffness?
+
+Where they do not, the cause is a common factor, a part that does not depend on the load (hysteresis,
+slack), a base that moves or tilts under the stand of the gauge, or one spring.
+
+Responses at the tool against those of the motors: are both of one robot?
+
+Where they are not, the cause is another reading of force and motion (sign, axis, quantity, motors
+that were not as stated), or a further unknown: a common factor, a delay, one spring.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import permutations
 from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import Note
 from elastid.base.statistics import chi_square_limit
+from elastid.covariance import scaled
+from elastid.fit.assembly import Assembly
+from elastid.fit.load_tests import LoadReading, StaticAgreement, ToolAgreement, ToolComparison
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.least_squares import RESIDUALS, as_real
+from elastid.fit.problem.part import Part, mixed
+from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.result import Result, largest_by_chance
+from elastid.model.kinematics import frame_poses
+from elastid.parameters import Parameters
+from elastid.record import MOTION_ORDER
+from elastid.response import Response
 
 
 @dataclass(frozen=True)
@@ -138,3 +162,300 @@ def likeliest(
     best = tried[0][0]
     if T - best > LIMITS.share * (T - now.n_residuals):
         yield from [words for least, words in tried if least < 1.05 * best + LIMITS.alternative][:3]
+
+
+Words: TypeAlias = Callable[[float], str]  # of a cause by its size
+# dy (n,) in m of a further unknown, of the predicted y and its slopes (n, n_x).
+Column: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+def _residuals(
+    loads: StaticLoads, parameters: Parameters, column: Column | None, x: FloatArray, root: FloatArray, size: float
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Whitened residuals (n,) and their slopes."""
+    y, slopes = loads.predicted(parameters, x)
+    J = slopes @ root
+    if column is not None:
+        further = column(y, slopes)
+        y, J = y + size * further, np.column_stack([J, further])
+    yield loads.whitening @ (loads.measured - y), -loads.whitening @ J
+
+
+def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
+    """Load tests next to the deflections of `alone`, the fit of the responses without them."""
+    unknown = partial(partial, _residuals, loads, alone.parameters)
+    now = SecondSource.of(alone, unknown(None), loads.n_residuals)
+    factor = Unknown(unknown(lambda y, _: y), _of_factor)
+    found = agreement(now, alone, factor)
+    cause = ""
+    if found.is_beyond:
+        others = (Unknown(unknown(column), words) for column, words in _columns(loads, alone.parameters))
+        causes = likeliest(now, found.T, (factor, *others))
+        cause = " or ".join(causes) or _worst(loads, alone)
+    known = np.isfinite(found.std)
+    ratio = (1 + found.factor, found.std) if known else (np.nan, np.nan)
+    return StaticAgreement(_readings(loads, alone, now), *ratio, found.T, now.n_residuals, cause)
+
+
+def _readings(loads: StaticLoads, alone: Result, now: SecondSource) -> tuple[LoadReading, ...]:
+    predicted, slopes = loads.predicted(alone.parameters, alone.x)
+    std = np.sqrt(np.concatenate([np.diag(test.error_covariance) for test in loads.tests]))
+    rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
+    by_responses_std = np.linalg.norm(slopes @ now.root, axis=1)
+    numbers = np.column_stack([loads.measured, std, predicted, by_responses_std]).tolist()
+    return tuple(
+        LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *own)
+        for i, (x, y, z), own in zip(loads.owners, rows, numbers, strict=True)
+    )
+
+
+def _worst(loads: StaticLoads, alone: Result) -> str:
+    """The reading that is farthest off, where no single cause explains all."""
+    predicted = loads.predicted(alone.parameters, alone.x)[0]
+    worst = int(np.argmax(np.abs(loads.whitening @ (loads.measured - predicted))))
+    load = loads.robot.loads[loads.owners[worst]]
+    return (
+        f"no single cause explains it; the worst is a reading at {load.read_at} in {load.configuration.name} with "
+        f"{1e6 * loads.measured[worst]:.4g} um instead of {1e6 * predicted[worst]:.4g} um: check its load, direction "
+        "and std"
+    )
+
+
+def _columns(loads: StaticLoads, parameters: Parameters) -> Iterator[tuple[Column, Words]]:
+    """Deflections by a unit of each further unknown, and words by its size."""
+    robot, owners = loads.robot, np.array(loads.owners)
+
+    def slack(y: FloatArray, slopes: FloatArray) -> FloatArray:
+        return np.asarray(y / np.maximum(np.sqrt(np.bincount(owners, y**2))[owners], 1e-300))
+
+    yield slack, _of_slack
+    count = len(robot.model.robot.joints)
+    moved, tilted = [], []
+    for i, load in enumerate(robot.loads):
+        q = robot.held[i : i + 1, :count]
+        acting, read = (frame_poses(robot.model.robot, q, name).position[0] for name in (load.frame, load.read_at))
+        moved.append(load.directions @ load.force)
+        tilted.append(load.directions @ np.cross(np.cross(acting, load.force) + load.torque, read))
+    for parts, unit, does in ((moved, "N/m", "moved"), (tilted, "N*m/rad", "tilted")):
+        of_base = np.concatenate(parts)
+        yield (lambda y, _, own=of_base: own), _of_base(unit, does)  # type: ignore[misc]
+    for i, parameter in enumerate(parameters.free):
+        if parameter.stands_for.startswith("k_") and parameter.log:
+            yield (lambda y, slopes, i=i: slopes[:, i]), _of_spring(parameter.name)  # type: ignore[misc]
+
+
+def _of_factor(by: float) -> str:
+    if by > 0:
+        return (
+            "all springs are softer at rest than in motion, as gear hysteresis makes them under slow loads, or the "
+            "loads or the gauge are in another scale"
+        )
+    return (
+        "all springs are stiffer at rest than in motion, as friction in the gears makes them that carries part of the "
+        "load, or the loads or the gauge are in another scale"
+    )
+
+
+def _of_slack(by: float) -> str:
+    if by > 0:
+        return (
+            f"{1e6 * by:.3g} um in each test whatever the load: hysteresis or backlash of gears, or slack in the hook"
+        )
+    return (
+        f"{-1e6 * by:.3g} um are missing in each test whatever the load: friction in the gears or a dial that sticks; "
+        "load from both sides and take the mean"
+    )
+
+
+def _of_base(unit: str, does: str) -> Words:
+    def words(by: float) -> str:
+        if by > 0:
+            return (
+                f"as if the base {does} against the stand of the gauge, by a stiffness of {1 / by:.3g} {unit}: the "
+                "base is elastic, which the robot's file lacks"
+            )
+        return (
+            f"as if the stand of the gauge {does} with the base, by a stiffness of {-1 / by:.3g} {unit}: put it on the "
+            "ground, away from the base"
+        )
+
+    return words
+
+
+def _of_spring(name: str) -> Words:
+    def words(by: float) -> str:
+        factor = 1 / max(1 - by, 1e-3)  # the deflection of a spring goes with its compliance
+        return f"as if {name} were {factor:.3g} times as large at rest, as hysteresis or friction of that gear makes it"
+
+    return words
+
+
+def contradiction(static: StaticAgreement) -> str:
+    """The disagreement with its cause."""
+    return f"static load tests contradict the responses: {static.words}; {static.cause}"
+
+
+def static_notes(result: Result) -> tuple[Note, ...]:
+    """A warning where load tests contradict the responses."""
+    if result.static is None or not result.static.disagrees:
+        return ()
+    return (
+        Note(
+            "fit/loads",
+            f"{contradiction(result.static)}; the numbers are those of the responses alone, and their intervals "
+            "contain those of both together",
+        ),
+    )
+
+
+LARGEST = 0.9  # of a further unknown: ln of a stiffness, a factor less 1
+# dG (F, n_y, n_u) of a further unknown, of the model's G, its slopes to x, and s = j omega.
+ToolColumn: TypeAlias = Callable[[ComplexArray, ComplexArray, ComplexArray], ComplexArray]
+
+
+def _tool_residuals(
+    fit: ElasticFit, column: ToolColumn | None, x: FloatArray, root: FloatArray, size: float
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Whitened residuals (N,) of each response and their slopes (N, n)."""
+    for part in fit.parts:
+        theta, s = fit.theta(part, x), (2j * np.pi * part.kernel.freq_hz[:, None, None]).astype(complex)
+        G, dG = part.kernel.evaluate(theta)
+        chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
+        slopes = np.tensordot((chain @ root).T, dG, axes=1)
+        if column is not None:
+            further = column(G, np.tensordot(chain.T, dG, axes=1), s)
+            G, slopes = G + size * further, np.concatenate([slopes, further[None]])
+        e, slope = RESIDUALS[part.criterion](part.measured, G)
+        used, mixing = part.gain > 0, part.mixing
+        r, J = np.where(used, part.gain * e, 0.0), np.where(used, -part.gain * slope, 0.0) * slopes
+        if mixing is not None:
+            r, J = mixed(mixing, r), mixed(mixing, J)
+        yield as_real(r).ravel(), as_real(J).reshape(len(J), -1).T
+
+
+def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
+    """Responses at the tool, those of `assembly`, next to `alone`, the fit to the motors' responses."""
+    fit, now = _beside(assembly.with_floor(alone.floor), alone)
+    found = agreement(now, alone, Unknown(partial(_tool_residuals, fit, _factor), _words_of_factor))
+    causes, is_misread = list[str](), False
+    if found.is_beyond:
+        others = [(_beside(replace(assembly, responses=other).with_floor(alone.floor), alone)[1], words)
+                  for other, words in _tool_readings(assembly.responses)]  # fmt: skip
+        readings = [(other.least()[0], words) for other, words in others]
+        causes = list(likeliest(now, found.T, _unknowns(fit, alone), readings)) or [
+            "no single cause explains it: check place, direction, sign and unit of force and motion, the angles, and "
+            "whether the motors were as stated"
+        ]
+        is_misread = causes[0] in [words for _, words in readings]
+    compared = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
+    ratio = 1 + found.factor, found.std
+    return ToolAgreement(compared, *ratio, found.T, fit.n_residuals, " or ".join(causes), is_misread)
+
+
+def _beside(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource]:
+    fit = replace(assembly, parameters=alone.parameters).at(alone.x, assembly.spec.criterion)
+    return fit, SecondSource.of(alone, partial(_tool_residuals, fit, None), fit.n_residuals)
+
+
+def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) -> ToolComparison:
+    G, used = part.kernel.response(fit.theta(part, x)), part.gain > 0
+    ratio = np.abs(response.G[used]) / np.maximum(np.abs(G[used]), 1e-300)
+    rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if used.any() else np.nan
+    return ToolComparison(response.configuration.name, response.motors, response.inputs, response.outputs, rms)
+
+
+def _factor(G: ComplexArray, slopes: ComplexArray, s: ComplexArray) -> ComplexArray:
+    return G
+
+
+def _delay(G: ComplexArray, slopes: ComplexArray, s: ComplexArray) -> ComplexArray:
+    return np.asarray(-s * G)
+
+
+def _by_spring(i: int) -> ToolColumn:
+    return lambda G, slopes, s: np.asarray(slopes[i])
+
+
+def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
+    """All responses at the tool as they would be read otherwise, with words."""
+
+    def turned(sign: float, power: int) -> tuple[Response, ...]:
+        every = []
+        for G in responses:
+            s = 2j * np.pi * G.freq_hz[:, None, None]
+            noise, total = (scaled(own, np.abs(s) ** (2 * power)) for own in (G.noise, G.total))
+            every.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
+        return tuple(every)
+
+    yield turned(-1.0, 0), "force and motion have opposite signs: reverse the sign of one of them"
+    orders = {order: name for name, order in MOTION_ORDER.items()}
+    for power in (-2, -1, 1, 2):
+        stated = {MOTION_ORDER[G.quantity] for G in responses}
+        if len(stated) == 1 and (held := orders.get(min(stated) - power)):
+            yield turned(1.0, power), f"the file holds the {held}, not the {orders[min(stated)]}"
+    for motors in ("held", "free"):
+        if any(G.motors != motors for G in responses) and _lets(responses, motors):
+            yield tuple(replace(G, motors=motors, loop=None) for G in responses), f"the motors were {motors}"
+    for axes in permutations("xyz"):
+        if "".join(axes) != "xyz" and (other := _along(responses, dict(zip("xyz", axes, strict=True)))) is not None:
+            yield other, f"the axes x, y and z of the force are {', '.join(axes)} of the robot's frame"
+
+
+def _lets(responses: Sequence[Response], motors: str) -> bool:
+    """False where motors that are held would be outputs."""
+    return motors != "held" or not any(place.startswith("motor ") for G in responses for place in G.outputs)
+
+
+def _along(responses: Sequence[Response], axes: dict[str, str]) -> tuple[Response, ...] | None:
+    """The same with forces along other axes of their frames; None where a force is none along an axis."""
+    names = [place.rpartition(" ") for G in responses for place in G.inputs]
+    if any(axis not in axes for _, _, axis in names):
+        return None
+    renamed = []
+    for G in responses:
+        parts = [place.rpartition(" ") for place in G.inputs]
+        renamed.append(replace(G, inputs=tuple(f"{head} {axes[axis]}" for head, _, axis in parts)))
+    return (
+        tuple(renamed) if any(new.inputs != old.inputs for new, old in zip(renamed, responses, strict=True)) else None
+    )
+
+
+def _unknowns(fit: ElasticFit, alone: Result) -> Iterator[Unknown]:
+    yield Unknown(partial(_tool_residuals, fit, _factor), _words_of_factor, LARGEST)
+    yield Unknown(partial(_tool_residuals, fit, _delay), _words_of_delay, LARGEST)
+    for i, parameter in enumerate(alone.parameters.free):
+        if parameter.stands_for.startswith("k_") and parameter.log:
+            words = partial(_words_of_spring, parameter.name)
+            yield Unknown(partial(_tool_residuals, fit, _by_spring(i)), words, LARGEST)
+
+
+def _words_of_factor(by: float) -> str:
+    return (
+        f"all responses at the tool are {1 + by:.4g} times as large: check unit and calibration of hammer and sensor, "
+        "and whether the current of the motors is their torque"
+    )
+
+
+def _words_of_delay(by: float) -> str:
+    return f"motion behind force by {1e3 * by:.3g} ms: a filter, or channels that were not simultaneous"
+
+
+def _words_of_spring(name: str, by: float) -> str:
+    return (
+        f"as if {name} were {np.exp(by):.3g} times as large at the small motions of the tool as at those of the "
+        "motors, as friction or backlash of that gear makes it"
+    )
+
+
+def tool_contradiction(tool: ToolAgreement) -> str:
+    """The disagreement with its cause."""
+    return f"responses at the tool contradict those of the motors: {tool.words}; {tool.cause}"
+
+
+def tool_notes(result: Result) -> tuple[Note, ...]:
+    """A warning where responses at the tool contradict those of the motors."""
+    if result.tool is None or not result.tool.disagrees:
+        return ()
+    both = "" if result.tool.is_misread else ", and their intervals contain those of both together"
+    alone = f"the numbers are those of the motors' responses alone{both}"
+    return (Note("fit/tool", f"{tool_contradiction(result.tool)}; {alone}"),)

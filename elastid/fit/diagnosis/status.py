@@ -24,15 +24,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.errors import Note
 from elastid.base.names import matching
-from elastid.base.note import Note
 from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.bounds import bound_notes, unbound_optimum
 from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
-from elastid.fit.diagnosis.static_loads import contradiction
-from elastid.fit.diagnosis.tool_side import tool_contradiction
+from elastid.fit.diagnosis.second_source import contradiction, tool_contradiction
 from elastid.fit.result import DISTORTED, DOUBTED, ModificationIndex, Result, Status, largest_by_chance
 from elastid.fit.solve.solvers import DAMPING_UNITS
 from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import StudyError
-from elastid.base.note import Note
+from elastid.base.errors import Note, StudyError
 from elastid.parameters import Parameters
 from elastid.robot import Robot
 

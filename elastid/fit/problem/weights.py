@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, frozen_value
-from elastid.base.errors import DataError, StudyError, did_you_mean
+from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.base.execution import Execution
 from elastid.base.names import posture_of
-from elastid.base.note import Note
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, larger, smooth_noise
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec, misnamed
 from elastid.response import Covariance, Response

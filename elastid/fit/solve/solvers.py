@@ -4,6 +4,23 @@ r"""Local solve and multistart of any LeastSquares problem, by a trust-region me
 
 From 50 % off a local solve finds the global optimum only half of the time: many starts are solved, each problem after
 the other from where the one before ended (log, then complex), and those that reached the best cost are counted as hits.
+
+Gauss-Newton within a trust region and bounds: the step from the gradient g and H = 2 J^T J alone.
+
+.. math:: \min_s g^T s + \tfrac12 s^T H s \quad \text{s.t.} \quad \|s\| \le \Delta, \qquad
+          s = -(H + \lambda 1)^{-1} g, \quad \lambda \ge 0: \|s\| = \Delta \text{ or } \lambda = 0
+
+(More, The Levenberg-Marquardt algorithm, 1978; Conn, Gould and Toint, Trust-Region Methods, 2000, 7.3.) A variable that
+the step takes to its bound stays there, and the others take the step that is best then. Delta doubles where V falls as
+predicted and shrinks to where a parabola through V, its slope and the new V has its minimum, if it does not.
+
+Where V has a barrier, the region is besides within the ellipsoid s^T D s < beta^2, all of which is inside (Dikin's):
+steps that are merely shortened until V is finite would creep along the border.
+
+.. math:: \|s\|^2 = s^T M s, \qquad M = 1 + (\Delta / \beta)^2 D
+
+An increase s of a logarithmic parameter p is taken as one of p itself, p (1 + s) instead of p e^s, which is the same to
+first order: a response is nearly linear in a damping of little effect, whose step would otherwise span powers of e.
 """
 
 from __future__ import annotations
@@ -15,12 +32,14 @@ from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from scipy.linalg import eigh
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution, in_order
 from elastid.fit.problem.least_squares import (
     Ending,
+    Evaluation,
     LeastSquares,
     LocalOptimum,
     distance,
@@ -29,8 +48,152 @@ from elastid.fit.problem.least_squares import (
     is_far_from_noise,
 )
 from elastid.fit.solve.ipopt import ipopt
-from elastid.fit.solve.trust_region import CREEPING, trust_region
 from elastid.parameters import Parameters
+
+FIRST_RADIUS = np.log(2.0)  # for each variable: a factor of two in all logarithmic parameters
+# V that falls by less than this share of the prediction shrinks the radius, by more than that one doubles it.
+POOR_SHARE, GOOD_SHARE = 0.25, 0.75
+# The radius shrinks to a share of the step within these; to the first where V is not finite.
+SHRINK = (0.1, 0.5)
+# A step of this share of the radius was limited by it, and one longer by less is within it.
+AT_RADIUS, RADIUS_TOLERANCE = 0.8, 1.05
+# The largest step towards a border, as a share of the way to it; the largest condition number of a metric.
+SHARE_OF_BORDER, MAX_CONDITION = 0.7, 1e12
+# Predictions below this share of V drown in rounding; so do those of steps shorter than this.
+ROUNDING, MIN_RADIUS = 1e-15, 1e-9
+# Far from any noise a valley is left whose V falls by less than this share in so many iterations: where the model is
+# that wrong, Gauss-Newton steps creep, and nothing that matters is at the end.
+CREEPING_ITERATIONS, MIN_PROGRESS = 8, 1e-4
+CREEPING = "the cost no longer decreases"
+
+
+def trust_region(
+    problem: LeastSquares,
+    x0: FloatArray,
+    beginning: Evaluation,
+    tolerance: float,
+    max_iterations: int,
+    fixed: BoolArray | None = None,
+) -> Ending:
+    """Where the steps from x0 (n_x,), within its bounds, end; beginning: the problem there.
+
+    An iteration is one evaluation.  fixed (n_x,): variables that stay.
+    """
+    parameters = problem.parameters
+    unit, fixed = _units(parameters, x0, beginning), np.zeros(len(x0), dtype=bool) if fixed is None else fixed
+    x, now, radius, costs = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0)), [beginning.cost]
+    for used in range(max_iterations + 1):
+        held = fixed | held_by_bounds(problem, x, now)
+        if distance_to_optimum(now, problem.dof, held) < tolerance:
+            return Ending(x, now, "", used)
+        if used == max_iterations:
+            break
+        if _creeps(costs, problem.dof):
+            return Ending(x, now, CREEPING, used)
+        gradient, hessian = unit * now.gradient, np.outer(unit, unit) * now.hessian
+        border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
+        metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
+        # Many variables held at their bounds at once may cost more than the step gains: a shorter one holds fewer.
+        while not predicted > ROUNDING * now.cost and radius > MIN_RADIUS:
+            if border is not None:  # beta weighs, unless rounding would swallow 1
+                weight = min((radius / SHARE_OF_BORDER) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
+                metric = np.eye(len(x)) + weight * border
+            step = _bounded_step(gradient, hessian, metric, _room(parameters, x, unit), held, radius)
+            predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
+            radius *= 1.0 if predicted > ROUNDING * now.cost else SHRINK[0]
+        if not predicted > ROUNDING * now.cost:
+            return Ending(x, now, "no further decrease", used)
+        x_new = _moved(parameters, x, unit * step)
+        new = problem.evaluate(x_new)
+        share = (now.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
+        length = float(np.sqrt(step @ metric @ step))
+        radius = _next_radius(radius, length, share, predicted, float(gradient @ step))
+        if share > 1e-4:
+            x, now = x_new, new
+        costs.append(now.cost)
+    return Ending(x, now, "stopped", max_iterations)
+
+
+def _creeps(costs: Sequence[float], dof: int) -> bool:
+    if len(costs) <= CREEPING_ITERATIONS or not is_far_from_noise(costs[-1], dof):
+        return False
+    return costs[-1 - CREEPING_ITERATIONS] - costs[-1] < MIN_PROGRESS * costs[-1]
+
+
+def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray:
+    """Changes (n_x,) of equal weight: a factor e; of a linear parameter its size, its own step, or its deviation.
+
+    The largest of these three, and at most the width of its bounds.
+    """
+    curvature = np.diag(now.hessian)
+    known = curvature > 0
+    alone = np.divide(np.abs(now.gradient), curvature, out=np.zeros_like(x), where=known)
+    deviation = np.sqrt(np.divide(2.0, curvature, out=np.zeros_like(x), where=known))
+    size = np.maximum(np.abs(x), np.maximum(alone, deviation))
+    size[size == 0] = 1.0
+    log = np.array([parameter.log for parameter in parameters.free])
+    return np.where(log, 1.0, np.minimum(size, -np.subtract(*parameters.x_bounds)))
+
+
+def _room(parameters: Parameters, x: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The least and the largest steps (n_x,) within the bounds, in units; `_moved` takes them there."""
+    lower, upper = parameters.x_bounds
+    log = np.array([parameter.log for parameter in parameters.free])
+    with np.errstate(over="ignore"):
+        return (lower - x) / unit, np.where(log, np.expm1(upper - x), (upper - x) / unit)
+
+
+def _moved(parameters: Parameters, x: FloatArray, step: FloatArray) -> FloatArray:
+    """x (n_x,) after a step: x + s, or x + ln(1 + s) for an increase of a logarithmic parameter."""
+    up = np.array([parameter.log for parameter in parameters.free]) & (step > 0)
+    return np.clip(x + np.where(up, np.log1p(np.where(up, step, 0.0)), step), *parameters.x_bounds)
+
+
+def _bounded_step(
+    gradient: FloatArray,
+    hessian: FloatArray,
+    metric: FloatArray,
+    room: tuple[FloatArray, FloatArray],
+    held: BoolArray,
+    radius: float,
+) -> FloatArray:
+    """The step (n_x,) within radius and room of the variables that are not held."""
+    step, free = np.zeros(len(gradient)), ~held
+    while free.any():
+        left = radius**2 - float(step[~free] @ metric[np.ix_(~free, ~free)] @ step[~free])
+        if left <= 0:
+            step[free] = 0.0
+            break
+        slope = gradient[free] + hessian[np.ix_(free, ~free)] @ step[~free]
+        among = np.ix_(free, free)
+        step[free] = _step_within(slope, hessian[among], metric[among], float(np.sqrt(left)))
+        within = np.clip(step, *room)
+        beyond = free & (step != within)
+        if not beyond.any():
+            break
+        step[beyond] = within[beyond]
+        free &= ~beyond
+    return step
+
+
+def _step_within(gradient: FloatArray, hessian: FloatArray, metric: FloatArray, radius: float) -> FloatArray:
+    """The step (n,) within the radius, bounds aside: lambda by Newton's method on 1 / |s|, from below."""
+    values, vectors = eigh(hessian, metric)
+    along = vectors.T @ gradient
+    damping = max(0.0, -float(values[0])) + 1e-12 * max(float(values[-1]), 1e-300)
+    while (length := float(np.linalg.norm(along / (values + damping)))) > RADIUS_TOLERANCE * radius:
+        damping += (length / radius - 1) * length**2 / float(np.sum(along**2 / (values + damping) ** 3))
+    return np.asarray(-(vectors @ (along / (values + damping))))
+
+
+def _next_radius(radius: float, length: float, share: float, predicted: float, slope: float) -> float:
+    """The radius after a step by which V fell by a share of the prediction; slope: of V along the step."""
+    if share < POOR_SHARE:
+        if not np.isfinite(share):
+            return SHRINK[0] * length
+        return float(np.clip(slope / (2 * (share * predicted + slope)), *SHRINK)) * length
+    return 2 * radius if share > GOOD_SHARE and length > AT_RADIUS * radius else radius
+
 
 SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 

@@ -42,8 +42,7 @@ import numpy as np
 from numpy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, IntArray
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.checks import LIMITS as CHECKS
 from elastid.frf.lines import analysed_lines

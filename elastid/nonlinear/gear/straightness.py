@@ -23,8 +23,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.nonlinear.gear.effects import GearEffect, Kind, implicit_law

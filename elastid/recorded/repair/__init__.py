@@ -13,7 +13,7 @@ from typing import SupportsInt
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
-from elastid.base.note import Note
+from elastid.base.errors import Note
 
 _CODES = {  # of findings that mend nothing
     "quantised channels": "records/quantised",

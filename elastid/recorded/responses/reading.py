@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.errors import DataError
-from elastid.base.note import Note, Severity
+from elastid.base.errors import DataError, Note, Severity
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, zero_order_hold

@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.base.errors import DataError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.recorded.files.log import StoredArray

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError
-from elastid.base.note import Note
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.units import TABLE
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponsesSpec

@@ -14,7 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_names
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
-from elastid.report.figures import fit, friction, responses, validation
+from elastid.report.figures import fit, friction
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
@@ -50,8 +50,8 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("parameters", "parameters", caption, partial(fit.forest, rows), on_page=False)
     if content.twin.balances:
         worst = max(content.twin.balances, key=lambda balance: balance.left)
-        caption = f"{worst.place}, {worst.log}: {validation.TORQUE_CAPTION}"
-        yield Drawing("torque", "torque", caption, partial(validation.torque_balance_figure, worst), on_page=False)
+        caption = f"{worst.place}, {worst.log}: {fit.TORQUE_CAPTION}"
+        yield Drawing("torque", "torque", caption, partial(fit.torque_balance_figure, worst), on_page=False)
     yield from friction_drawings(content.friction, content.robot)
     if content.gears is not None and content.gears.sheets:
         caption = (
@@ -85,7 +85,7 @@ def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:
     for i, each in enumerate(content.validation.at_tool, start=1):
         caption = f"{each.words}; band of two standard deviations of the prediction."
-        draw = partial(responses.bode, each.measured, each.predicted, each.std)
+        draw = partial(fit.bode, each.measured, each.predicted, each.std)
         yield Drawing(f"tool-{i}", "why", caption, draw)
     files = file_names([measured.configuration.name for measured, _ in content.frf], "frf")
     models = content.dense or [(modelled, None) for _, modelled in content.frf]
@@ -99,7 +99,7 @@ def response_drawing(
     """Magnitude and phase of a response and of a model, on its lines."""
     compared = "" if modelled is None else ", measured and modelled"
     caption = f"magnitude and phase of the frequency responses{compared}."
-    draw = partial(responses.bode, measured, modelled, std)
+    draw = partial(fit.bode, measured, modelled, std)
     return of_configuration(measured.configuration.name, file, caption, draw, False)
 
 
@@ -109,14 +109,14 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
     files = file_names([response.configuration.name for response in content.responses], "frf")
     for file, response, own, model in zip(files, content.responses, content.modes, content.synthesised, strict=True):
         name, quality = response.configuration.name, response.quality
-        title = responses.configuration_title(response, left_out=False)
+        title = fit.configuration_title(response, left_out=False)
         if len(own.at_hz):
             caption = (
                 "poles over the order of the estimator, and singular values of the response (mode indicator "
                 "functions). Poles of noise wander from order to order; vertical lines are those that were taken for "
                 "modes."
             )
-            draw = partial(responses.stabilisation_diagram, own, title)
+            draw = partial(fit.stabilisation_diagram, own, title)
             yield of_configuration(name, f"{file}-stabilisation", caption, draw)
         yield response_drawing(file, response, model)
         if quality is not None:
@@ -124,7 +124,7 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
                 "levels of the outputs, of their nonlinear distortion and of noise; share of each output that no input "
                 "explains; singular values of responses and inputs."
             )
-            draw = partial(responses.quality_figure, response, quality, title)
+            draw = partial(fit.quality_figure, response, quality, title)
             yield of_configuration(name, f"{file}-quality", caption, draw)
 
 
@@ -150,14 +150,14 @@ def friction_study_drawings(
     """The figures of all joints, and of logs that were left out, to be drawn."""
     if left_out.twin.balances:
         caption = "torque that is left of logs that were left out, as a part of its rms in each octave."
-        octaves = partial(validation.octaves_figure, left_out.twin.balances, left_out.own)
+        octaves = partial(fit.octaves_figure, left_out.twin.balances, left_out.own)
         yield Drawing("left-out", "left-out", caption, octaves)
     files = file_names([joint.joint for joint in result.joints], "friction")
     for file, joint in zip(files, result.joints, strict=True):
         followed = [tracked for tracked in filters if tracked.joint == joint.joint]
         explained = [balance for balance in twin.balances if balance.place == f"{JOINT}{joint.joint}"]
-        draws = [partial(validation.torque_balance_figure, balance) for balance in explained]
-        torques: list[Named] = [("torque", validation.TORQUE_CAPTION, draw) for draw in draws]
+        draws = [partial(fit.torque_balance_figure, balance) for balance in explained]
+        torques: list[Named] = [("torque", fit.TORQUE_CAPTION, draw) for draw in draws]
         for name, caption, draw in (*_of_joint(joint), *torques, *map(_of_filter, followed)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
 

@@ -1,21 +1,40 @@
-"""The fit: parameters with intervals, correlations, information and limits of a plan; torsion of gears."""
+"""The fit: parameters with intervals, correlations, information and limits of a plan; torsion of gears.
+
+The response matrix of one configuration, the quality of its measurement, and the poles of its modes.
+
+The torque of logs by part and octave, and a parameter over a fleet.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.design.forecast import QUANTITIES, Forecast, LimitUse
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import ARCMIN, GearResult, GearSheet
 from elastid.report.content import ParameterRow
 from elastid.report.figures import style
-from elastid.report.figures.style import Cells, Curve, Panel
+from elastid.report.figures.style import Cells, Curve, Panel, in_db
+from elastid.response import Quality, Response
 from elastid.robot import Robot
+from elastid.validation.residual_tests import above_2sigma
+from elastid.validation.twin import (
+    DRY,
+    ELASTICITY,
+    FRICTION,
+    GRAVITY,
+    INERTIA,
+    MIN_POWER_SHARE,
+    RIGID_BODY,
+    VISCOUS,
+    TorqueBalance,
+)
 
 
 def forest(rows: Sequence[ParameterRow]) -> Figure:
@@ -158,3 +177,206 @@ def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:
         band = style.about(own, std)
         curves.append(Curve(x, own, "torsion, to and fro", style.FITTED, band=band, band_label="95 % band"))
     return curves
+
+
+if TYPE_CHECKING:
+    from elastid.modal.modes import Modes
+
+
+def configuration_title(measured: Response, left_out: bool) -> str:
+    """Name, angles of the driven joints, and if the configuration was fitted; of a structure the name."""
+    if not measured.configuration.angles.size:
+        return measured.configuration.name
+    angles = ", ".join(f"{angle:.4g}°" for angle in np.degrees(measured.configuration.angles))
+    return f"{measured.configuration.name} ({angles}), {'left out of the fit' if left_out else 'fitted'}"
+
+
+def bode(measured: Response, modelled: Response | None, std: FloatArray | None) -> Figure:
+    """A pair of panels for each element, inputs across, outputs down; points are grey below 2 sigma.
+
+    modelled: with the inputs and outputs of `measured`, on any lines.  std (F, n_y, n_u): of it, a band of 2 std.
+    """
+    rows = []
+    above, label = above_2sigma(measured), style.frequency_label(measured.rate_is_known)
+    n_y, n_u = len(measured.outputs), len(measured.inputs)
+    for i in range(n_y):
+        magnitude, phase = [], []
+        for j, by in enumerate(measured.inputs):
+            seen = _measured(measured, above[:, i, j], measured.G[:, i, j])
+            drawn = ([], []) if modelled is None else _modelled(modelled, i, j, std)
+            names = (measured.outputs[i], "degrees") if j == 0 else ("", "")
+            title = f"by {by}" if i == 0 else ""
+            lines = measured.freq_hz
+            magnitude.append(Panel([*seen[0], *drawn[0]], y=names[0], title=title, frequency=lines))
+            last, ends = label if i == n_y - 1 else "", (-190.0, 190.0)
+            phase.append(Panel([*seen[1], *drawn[1]], last, names[1], frequency=lines, y_ends=ends))
+        rows += [magnitude, phase]
+    unit = style.pretty_unit(measured.unit)
+    title = f"{measured.quantity} of {measured.configuration.name}, dB re 1 {unit} and phase"
+    return style.matrix(title, rows, 1.4, 1.2 + 3.4 * n_u, gaps=(0.2, 0.15), sharex=True)
+
+
+def _measured(measured: Response, above: BoolArray, G: ComplexArray) -> tuple[list[Curve], list[Curve]]:
+    """Magnitude and phase as points."""
+    looks = {"ms": 2.4 if len(above) <= 300 else 1.6, "zorder": 2}
+    kinds = ((above, "measured", style.MEASURED), (~above, "measured, below 2 sigma", style.WEAK))
+    f = measured.freq_hz
+    magnitude, phase = (
+        [Curve(f[own], values[own], text, ink, True, looks=looks) for own, text, ink in kinds if own.any()]
+        for values in (in_db(G), np.degrees(np.angle(G)))
+    )
+    return magnitude, phase
+
+
+def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[list[Curve], list[Curve]]:
+    """Magnitude with its band, not below a thousandth of it, and phase, which breaks where it wraps."""
+    G, f = model.G[:, i, j], model.freq_hz
+    size, phase, band = np.abs(G), np.degrees(np.angle(G)), None
+    if std is not None:
+        spread = 2 * std[:, i, j]
+        band = in_db(np.maximum(size - spread, 1e-3 * size)), in_db(size + spread)
+    again = phase.copy()
+    again[:-1][np.abs(np.diff(phase)) > 180] = np.nan
+    looks = {"lw": 1.1, "zorder": 3}
+    magnitude = Curve(f, in_db(G), "model", style.FITTED, band=band, band_label="2 std of the model", looks=looks)
+    broken = np.stack([phase, again], axis=1).ravel()
+    return [magnitude], [Curve(np.repeat(f, 2), broken, "model", style.FITTED, looks=looks)]
+
+
+def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
+    """RMS amplitudes in dB of every output, then the unexplained part of all, and singular values of G and inputs.
+
+    Levels of an experiment's mean over periods, on excited lines, and of nonlinearities of even and odd order; the
+    power of the noise is subtracted from that of the detection lines.
+    """
+    f, label = response.freq_hz, style.frequency_label(response.rate_is_known)
+    unit = f"dB re 1 {style.pretty_unit(response.output_unit)}"
+    panels = [
+        Panel(_levels(f, quality, i), label, unit, f"{response.quantity} at {output}", frequency=f)
+        for i, output in enumerate(response.outputs)
+    ]
+    lost = [
+        Curve(f, np.maximum(1 - part, 1e-16), color=style.SERIES[i % len(style.SERIES)])  # less is rounding
+        for i, part in enumerate(quality.multiple_coherence.T)
+    ]
+    panels.append(Panel(lost, label, title="1 − multiple coherence", frequency=f, scale="log"))
+    values = ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs"))
+    for each, name in values:
+        words = f"singular values of {name}, dB; condition {np.median(each[:, 0] / each[:, -1]):.3g}"
+        panels.append(Panel([Curve(f, in_db(column)) for column in each.T], label, title=words, frequency=f))
+    return style.matrix(title, style.in_columns(panels), gaps=(0.25, 0.45))
+
+
+def _levels(f: FloatArray, quality: Quality, i: int) -> list[Curve]:
+    excited, looks = quality.excited, {"lw": 0.7}
+    curves = [
+        Curve(f, in_db(excited.amplitude[:, i]), "excited lines", dots=True, looks={"ms": 2}),
+        Curve(f, in_db(excited.noise[:, i]), "noise", style.NOISE, looks=looks),
+    ]
+    if quality.stochastic is not None:
+        curves.append(Curve(f, in_db(quality.stochastic[:, i]), "stochastic nonlinear", style.TOTAL, looks=looks))
+    for lines, ink, name in ((quality.even, style.FITTED, "even"), (quality.odd, style.START, "odd")):
+        if lines is not None:
+            level = np.sqrt(np.maximum(lines.amplitude[:, i] ** 2 - lines.noise[:, i] ** 2, 0.0))
+            curves.append(Curve(lines.freq_hz, in_db(level), f"nonlinear, {name}", ink, True, looks={"ms": 1.4}))
+    return curves
+
+
+def stabilisation_diagram(modes: Modes, title: str) -> Figure:
+    """Poles by frequency and order, lines at the modes; below them the singular values of the response."""
+    diagram, stable = modes.diagram, "stable in frequency (1 %) and damping (5 %)"
+    poles = [
+        Curve(diagram.freq_hz[own], diagram.order[own], text, ink, True)
+        for own, text, ink in ((~diagram.stable, "pole", style.WEAK), (diagram.stable, stable, style.MEASURED))
+    ]
+    top = float(diagram.order.max(initial=1))
+    looks = {"lw": 0.8, "zorder": 0.8}
+    lines = [Curve([f, f], [0.0, top], "mode", style.FITTED, looks=looks) for f in modes.freq_hz]
+    indicators = in_db(modes.indicators + np.finfo(float).tiny)
+    values = [Curve(modes.at_hz, column, color=style.WEAK) for column in indicators.T]
+    width = modes.at_hz[-1] - modes.at_hz[0]
+    ends = float(modes.at_hz[0] - 0.02 * width), float(modes.at_hz[-1] + 0.02 * width)
+    unit = "singular values, dB"
+    below = Panel(values, style.frequency_label(modes.rate_is_known), unit, x_ends=ends)
+    rows = [[Panel([*poles, *lines], y="order", x_ends=ends)], [below]]
+    return style.matrix(f"Stabilisation diagram, {title}", rows, (2.6, 1.6), sharex=True, gaps=(0.0, 0.1))
+
+
+if TYPE_CHECKING:
+    from elastid.validation.fleet import FleetValue  # brings SciPy's statistics
+
+# Samples of a torque that are drawn.
+MOST_SAMPLES = 3000
+COLORS = {
+    INERTIA: style.TOTAL, RIGID_BODY: style.TOTAL, GRAVITY: style.MEASURED, VISCOUS: style.NOISE, DRY: style.START,
+    ELASTICITY: style.TRUTH,
+}  # fmt: skip
+TORQUE_CAPTION = (
+    "torque of the log and of the model for the measured motion; the model's parts; by octave what the model leaves of "
+    "the mean square, with friction and without, and the share of the torque's power that lies there."
+)
+
+
+def torque_balance_figure(balance: TorqueBalance) -> Figure:
+    """Torque measured and modelled; its parts; the share left by octave."""
+    part = slice(None, None, max(1, len(balance.measured) // MOST_SAMPLES))
+    t = (np.arange(len(balance.measured)) / balance.rate_hz)[part]
+    modelled = balance.measured - balance.residual
+    whole = [(balance.measured, style.MEASURED, 1.2, "measured"), (modelled, style.FITTED, 0.8, "model")]
+    if any(name in FRICTION for name in balance.parts):
+        whole.append((modelled - balance.part(FRICTION), style.WEAK, 0.8, "model without friction"))
+    whole.append((balance.residual, style.RESIDUAL, 0.6, "measured − model"))
+    total = [Curve(t, torque[part], text, ink, looks={"lw": width}) for torque, ink, width, text in whole]
+    parts = [
+        Curve(t, torque[part], name, COLORS[name]) for name, torque in zip(balance.parts, balance.torques, strict=True)
+    ]
+    shares = [
+        Curve(np.arange(len(balance.bands)), [100 * max(getattr(band, key), 1e-7) for band in balance.bands], text, ink,
+              looks={"marker": "o", "ms": 5, "ls": ":"})
+        for key, ink, text in (
+            ("left", style.RESIDUAL, "left"), ("left_without_friction", style.WEAK, "left without friction"),
+            ("power", style.MEASURED, "share of the torque's power"),
+        )
+    ]  # fmt: skip
+    unit, time = style.pretty_unit(balance.unit), "time in s" if balance.rate_is_known else "time in samples"
+    below = Panel(shares, style.frequency_label(balance.rate_is_known), "%", scale="log")
+    title = f"{balance.place}, {balance.log}: {100 * balance.left:.2g} % of the mean square is left"
+    figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(parts, time, unit)], [below]], 1.8, gaps=(0, 0.4))
+    style.set_names(figure.axes[-1].xaxis, [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in balance.bands])
+    return figure
+
+
+def octaves_figure(balances: Sequence[TorqueBalance], own: Sequence[TorqueBalance] = ()) -> Figure:
+    """Rms of the torque left over its own rms, by axis and octave; below it, by a regression of these logs."""
+    edges = sorted({band.high_hz for balance in balances for band in balance.bands})
+    known = all(balance.rate_is_known for balance in balances)
+    label, rows = f"octave below {'Hz' if known else 'sampling rates'}", []
+    for judged, title in ((balances, "torque left, % of its rms"), (own, "the same by a regression of these logs")):
+        left = np.full((len(judged), len(edges)), np.nan)
+        for i, balance in enumerate(judged):
+            for band in (band for band in balance.bands if band.power >= MIN_POWER_SHARE):
+                left[i, edges.index(band.high_hz)] = 100 * math.sqrt(band.left)
+        names, columns = [f"{each.place}, {each.log}" for each in judged], [f"{edge:.3g}" for edge in edges]
+        rows += [[Panel(x=label, title=title, cells=Cells(left, names, columns))]] if judged else []
+    tall, left_of = 0.3 * len(balances) + 0.4, 0.4 + 0.075 * max(len(f"{b.place}, {b.log}") for b in balances)
+    return style.matrix("Torque left by octave", rows, tall, left=left_of, gaps=(0.0, 0.9))
+
+
+def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:
+    """One column a robot, its dates from left to right; marked: robots with a finding."""
+    robots, days = list(dict.fromkeys(value.robot for value in values)), sorted({value.day for value in values})
+    width, curves = 0.6 / max(1, len(days)), []
+    for is_marked in (False, True):
+        if own := [value for value in values if (value.robot in marked) == is_marked]:
+            x = np.array([robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in own])
+            y, std = np.array([(value.value, value.std) for value in own]).T
+            text = "differs or drifts" if is_marked else "robot, dates from left to right"
+            color, size = style.FITTED if is_marked else style.TOTAL, 2.5 if len(robots) > 12 else 5
+            curves.append(Curve(x, y, text, color, True, style.about(y, std), looks={"ms": size}))
+    of_unit, names_fit = f" in {style.pretty_unit(unit)}" if unit else "", len(robots) <= 40
+    panel = Panel(curves, "" if names_fit else "robot", f"{name}{of_unit}")
+    figure = style.matrix(f"{name} over the fleet", [[panel]], 1.7)
+    figure.axes[0].ticklabel_format(axis="y", useOffset=False)
+    if names_fit:
+        style.set_names(figure.axes[0].xaxis, robots, rotation=90 if len(robots) > 12 else 0)
+    return figure

@@ -15,7 +15,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.display import number, percent
 from elastid.base.escape import embedded_json
 from elastid.report.figures import style
-from elastid.report.figures.responses import configuration_title
+from elastid.report.figures.fit import configuration_title
 from elastid.report.modes import ModeDrawing, ModeRow
 from elastid.response import Response
 from elastid.validation.residual_tests import smoothed_std

@@ -12,9 +12,8 @@ import numpy as np
 from elastid.base.errors import StudyError
 from elastid.base.names import posture_of
 from elastid.excitation.spec import planned_lines
-from elastid.experiment.specs.disturbances import WarmingSpec
 from elastid.experiment.specs.recorded import RecordedSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.experiment.specs.simulated import SimulatedSpec, WarmingSpec
 from elastid.robot import Joint, Robot
 from elastid.study.checks.names import check_names, check_units
 from elastid.study.messages import Problem

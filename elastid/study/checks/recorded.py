@@ -1,16 +1,32 @@
-"""The sections `experiment.recorded` and `experiment.responses` against robot and disk: files and channels."""
+"""The sections `experiment.recorded` and `experiment.responses` against robot and disk: files and channels.
+
+The section `experiment.recorded` against its logs, opened: channels, rate, period, length, units, signs, order.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from elastid.base.errors import did_you_mean
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import ElastidError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
-from elastid.recorded.files.formats import is_log
+from elastid.recorded.channel_doubts import channel_doubts
+from elastid.recorded.channel_guess import Doubt
+from elastid.recorded.files.formats import is_log, opened_log, values_of
+from elastid.recorded.files.log import ArrayLog
+from elastid.recorded.files.log import Log as OpenLog
+from elastid.recorded.files.text import WRITTEN_OTHERWISE
 from elastid.recorded.link_side import channel_refusals
+from elastid.recorded.periodicity import check_repeat, grid_samples
+from elastid.recorded.repair import Log
+from elastid.store.files import content_hash
 from elastid.study.checks.names import check_place, unknown
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
@@ -141,3 +157,179 @@ def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath)
     """Channels are on the robot, in units of their quantity, and one signal each."""
     for i, key, text in channel_refusals(channels, study.places):
         yield Problem((*path, "channels", i, key), text)
+
+
+# Logs that are opened, over the list, and samples that are read of each, of a longer period four of them.
+_MAX_LOGS, _MAX_SAMPLES = 12, 1 << 17
+_IS_TIME = re.compile(r"(t|time|zeit|timestamp|seconds)([^a-z].*)?", re.IGNORECASE)
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+def check_logs(study: Study, base: Path) -> Iterator[Problem]:
+    """Contradictions between a study without errors and its recorded logs, relative to `base`; each once."""
+    recorded = study.experiment.recorded
+    if recorded is None:
+        return
+    seen = set[tuple[object, ...]]()
+    for i, file in enumerate(recorded.files):
+        own = base / file.path
+        samples = content_hash(own) if own.is_file() else file.path, file.samples
+        if samples in seen:
+            yield Problem((*_RECORDED, "files", i, "path"), "the very samples of another one, without scatter")
+        seen.add(samples)
+    chosen = np.unique(np.linspace(0, len(recorded.files) - 1, _MAX_LOGS).astype(int))
+    problems: dict[KeyPath, Problem] = {}
+    for i in map(int, chosen):
+        for problem in _check_log(study, recorded, i, base):
+            problems.setdefault(problem.path, problem)
+    yield from problems.values()
+
+
+def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
+    file, path = recorded.files[i], (*_RECORDED, "files", i)
+    for number, name in enumerate((file.path, *file.also), start=1):
+        place: KeyPath = (*path, "path") if number == 1 else (*path, "also", number - 2)
+        if not is_log(base / name):
+            yield Problem(place, f"no such file (looked for {base / name})")
+            continue
+        members = [k for k, channel in enumerate(recorded.channels) if channel.file == number]
+        try:
+            with opened_log(base / name, recorded.text) as log:
+                missing = list(_check_names(log, recorded, members))
+                yield from missing
+                if number == 1 and not missing:
+                    yield from _check_content(study, recorded, file, path, log, base / name)
+        except ElastidError as error:
+            is_format = WRITTEN_OTHERWISE in str(error)
+            yield Problem((*_RECORDED, "text") if is_format else place, str(error))
+
+
+def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
+    """Channels of one file that are not in it; DataError where none of them is."""
+    refusals = [(k, refused) for k in members if (refused := _refusal(log, [recorded.channels[k]]))]
+    if refusals and len(refusals) == len(members):
+        values_of(log, [recorded.channels[k] for k in members], 0, 2)
+    for k, refused in refusals:
+        key = "column" if recorded.channels[k].channel in ("", *log.shapes()) else "channel"
+        yield Problem((*_RECORDED, "channels", k, key), refused)
+    if recorded.time and recorded.time not in log.shapes():
+        message = f"no channel of the log is called so; {did_you_mean(recorded.time, list(log.shapes()))}"
+        yield Problem((*_RECORDED, "time"), message)
+
+
+def _refusal(log: OpenLog, channels: Sequence[ChannelSpec]) -> str:
+    try:
+        values_of(log, channels, 0, 2)
+    except ElastidError as error:
+        return str(error)
+    return ""
+
+
+def _check_content(
+    study: Study, recorded: RecordedSpec, file: FileSpec, path: KeyPath, log: OpenLog, place: Path
+) -> Iterator[Problem]:
+    members = [k for k, c in enumerate(recorded.channels) if c.file == 1 and c.rate_hz is None]
+    channels = [recorded.channels[k] for k in members]
+    first, end = file.samples or (0, None)
+    period = recorded.period_of(file)
+    most = max(_MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
+    values = values_of(log, channels, first, first + most if end is None else min(end, first + most))
+    if end is not None and len(values) < min(end - first, most):
+        yield Problem((*path, "samples"), f"the log ends after sample {first + len(values)}; its first is 0")
+        return
+    rates = list(_check_rate(recorded, log))
+    yield from rates
+    if isinstance(period, float) and not rates and not recorded.time:
+        yield from _check_period(recorded, file, path, channels, values, period, place)
+    if recorded.rate_hz != "unknown":
+        doubts = channel_doubts(channels, values, recorded.known_rate_hz, study.places)
+        for doubt in _alike([doubt for doubt in doubts if not rates or doubt.channel is not None], channels):
+            yield Problem(_place_of(doubt, members), f"{doubt.text} ({place.name})")
+
+
+def _alike(doubts: Sequence[Doubt], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
+    """The doubts, those of several channels with one cure as one: a drive's signals are alike for all its joints."""
+    groups = dict[tuple[str, str], list[Doubt]]()
+    for doubt in doubts:
+        cure = re.search(r"(side|unit|quantity|sign): [-\w/^]+", doubt.text)
+        groups.setdefault((doubt.key, cure[0] if cure else ""), []).append(doubt)
+    for first, *others in groups.values():
+        names = ", ".join(channels[doubt.channel].name_in_file for doubt in others if doubt.channel is not None)
+        yield replace(first, text=f"{first.text}; likewise {names}") if names else first
+
+
+def _place_of(doubt: Doubt, members: Sequence[int]) -> KeyPath:
+    if doubt.channel is None:
+        return (*_RECORDED, "rate_hz")
+    return (*_RECORDED, "channels", members[doubt.channel], doubt.key)
+
+
+def _check_period(
+    recorded: RecordedSpec,
+    file: FileSpec,
+    path: KeyPath,
+    channels: Sequence[ChannelSpec],
+    values: FloatArray,
+    period: float,
+    place: Path,
+) -> Iterator[Problem]:
+    """The judgement of `measure` on whole periods; others are resampled there before they are judged."""
+    drivers = [k for role in ("r", "u") for k, channel in enumerate(channels) if channel.role == role]
+    drivers = [k for k in drivers if channels[k].role == channels[drivers[0]].role]
+    if period != round(period) or not drivers:
+        return
+    known_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
+    try:
+        N = grid_samples(period, recorded.half_wave)
+        check_repeat(values[:, drivers], N, recorded.half_wave, Log(str(place), (), known_hz))
+    except ElastidError as error:
+        own = [key for key in ("period", "period_samples") if getattr(file, key) is not None]
+        key = "period" if recorded.period is not None else "period_samples"
+        yield Problem((*path, own[0]) if own else (*_RECORDED, key), str(error))
+
+
+def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
+    """The rate against the time in the log, named by the study or by its own name, or against that of its format."""
+    if recorded.rate_hz == "unknown":
+        return
+    rate_hz, where = recorded.known_rate_hz, (*_RECORDED, "rate_hz")
+    names = [recorded.time] if recorded.time else [name for name in log.shapes() if is_time(name)]
+    for name in names:
+        steps = np.diff(time_of(log, name))
+        if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
+            continue
+        mean_s, usual_s = float(np.mean(steps)), float(np.median(steps))
+        rates = {unit: (1 / (s * mean_s), 1 / (s * usual_s)) for unit, s in TIME_UNITS.items()}
+        if recorded.time and rates["s"][0] < 0.7 * rate_hz:
+            is_in_s = all(_is_other(hz, rate_hz) for unit, pair in rates.items() if unit != "s" for hz in pair)
+            advice = "lower rate_hz to that" if is_in_s else "the time must be in s"
+            yield Problem(where, f"{name} has a mean rate of {rates['s'][0]:.5g} Hz, if it is in s; {advice}")
+        elif not recorded.time and all(_is_other(hz, rate_hz) for pair in rates.values() for hz in pair):
+            unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
+            yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")
+        return
+    arrays: Mapping[str, object] = log.arrays if isinstance(log, ArrayLog) else {}
+    stated = [getattr(arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
+    if other := [
+        hz for hz, c in zip(stated, recorded.channels, strict=True) if hz and _is_other(hz, c.rate_hz or rate_hz)
+    ]:
+        yield Problem(where, f"the log states a rate of {other[0]:.6g} Hz for its channels")
+
+
+def _is_other(hz: float, rate_hz: float) -> bool:
+    # A rate that differs by more is another one; time stamps lose samples and drift.
+    return abs(hz / rate_hz - 1) > 0.02
+
+
+def is_time(name: str) -> bool:
+    """True for the name of a channel that is a time by its name."""
+    return _IS_TIME.fullmatch(re.split(r"[./]", name)[-1]) is not None
+
+
+def time_of(log: OpenLog, name: str) -> FloatArray:
+    """The stamps (n,) of a channel, at most as many as are read of each; empty where it is no time."""
+    try:
+        t = values_of(log, [ChannelSpec("y", "time", name, quantity="position")], 0, _MAX_SAMPLES)[:, 0]
+    except ElastidError:
+        return np.zeros(0)
+    return t if len(t) > 2 and np.isfinite(t).all() else np.zeros(0)

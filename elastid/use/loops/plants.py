@@ -18,9 +18,8 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linear_model import DELAY, LinearModel, torque_elements
+from elastid.linear.linear_model import DELAY, LinearModel, state_space, torque_elements
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
-from elastid.linear.statespace import state_space
 from elastid.record import Configuration
 from elastid.simulation.controller import tune
 from elastid.use.draws import draw_robots

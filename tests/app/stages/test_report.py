@@ -10,7 +10,7 @@ import pytest
 
 from elastid.app.cli import run_command
 from elastid.app.scaffold import TRUTH
-from elastid.experiment.simulated.structure import shake, true_modes
+from elastid.experiment.simulated.plant import shake, true_modes
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.recorded.responses.reading import read_table
 from elastid.store.measured import read_responses

@@ -15,9 +15,8 @@ from plants.refusals import refused
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.plant import closed_loop_of
-from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
 from elastid.robot import Body, Joint, Limits, Motor, Robot, Spring
 
 LIMITS = Limits(angle=(-math.pi / 2, math.pi / 2))

@@ -11,8 +11,7 @@ from plants.friction_axis import LAW, axis, rig
 from plants.refusals import refused
 
 from elastid.experiment.simulated.friction_rig import heat_of, holding_torque
-from elastid.experiment.specs.disturbances import NoiseSpec, TorqueRippleSpec
-from elastid.experiment.specs.simulated import HeatSpec
+from elastid.experiment.specs.simulated import HeatSpec, NoiseSpec, TorqueRippleSpec
 from elastid.friction_study.levels import find_levels
 from elastid.friction_study.passes import passes_of
 from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec

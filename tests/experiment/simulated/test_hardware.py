@@ -15,14 +15,16 @@ from scipy.signal import butter, freqs, welch
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.hardware import draw_noise, friction_of_a_run
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.disturbances import (
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import (
+    CarrierSpec,
     ColoredNoiseSpec,
+    ControllerSpec,
     NoiseSpec,
+    SimulatedSpec,
     TorqueRippleSpec,
     WarmingSpec,
 )
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, SimulatedSpec
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import weigh
@@ -30,10 +32,9 @@ from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linear_model import elements
+from elastid.linear.linear_model import elements, state_space
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
-from elastid.linear.statespace import state_space
 from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import (

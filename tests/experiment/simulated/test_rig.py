@@ -13,9 +13,8 @@ from scipy.linalg import expm
 
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, NoiseSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastid.experiment.specs.disturbances import ColoredNoiseSpec, NoiseSpec
+from elastid.experiment.specs.simulated import ColoredNoiseSpec, NoiseSpec
 
 
 def test_colored_noise_has_its_power_over_the_band_and_falls_behind_its_corner() -> None:

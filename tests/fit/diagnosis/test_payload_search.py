@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastid.fit.diagnosis.payload_search import Load, find_load, steps_of
-from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
+from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, Load, ScoreTest, find_load, steps_of
 
 MASS, CENTRE, INERTIA = 40.0, (0.3, 0.0, 0.1), (0.8, 4.0, 4.1)
 LOAD, PLACE = 3.0, np.array([0.7, 0.1, 0.05])

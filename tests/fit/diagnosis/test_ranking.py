@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from plants.faults import FAULTS, SPEC, Case, drawn, exact, true_case
 
-from elastid.fit.diagnosis.ranking import RANKING, single_occam
+from elastid.fit.diagnosis.judge import RANKING, single_occam
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.robot import Tolerances

@@ -18,11 +18,10 @@ from elastid.fit.diagnosis.sensitivities import HeldResponse
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.linear.linear_model import LinearModel
+from elastid.linear.linear_model import LinearModel, state_space
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
-from elastid.linear.statespace import state_space
 from elastid.model.formulation import serial
 from elastid.record import Configuration, HeldTorque, zero_order_hold
 from elastid.response import Covariance, Response

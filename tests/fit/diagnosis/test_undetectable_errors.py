@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plants.faults import SPEC, Case, drawn, true_case
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.fit.diagnosis import judge
 from elastid.fit.diagnosis.undetectable_errors import UndetectableError, undetectable_errors
 from elastid.fit.identify import identify

@@ -10,9 +10,8 @@ from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.choice import _is_second, candidate_groups
+from elastid.nonlinear.gear.choice import _is_second, candidate_groups, find_gear_effects
 from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.find import find_gear_effects
 from elastid.nonlinear.gear.levels import Levels, start_levels
 from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.nonlinear.gear_notes import rigid_gears

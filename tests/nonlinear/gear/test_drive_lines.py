@@ -6,8 +6,7 @@ import pytest
 from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.drive_lines import drive_lines, elastic_joints
-from elastid.nonlinear.gear.period_lines import PeriodLines
+from elastid.nonlinear.gear.period_lines import PeriodLines, drive_lines, elastic_joints
 from elastid.response import Response
 from tests.plants.two_mass_gear import POSTURE, RATE_HZ, SAMPLES, Gear, robot
 

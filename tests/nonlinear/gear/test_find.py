@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from plants.refusals import refused
 
-from elastid.nonlinear.gear.find import find_gear_effects
+from elastid.nonlinear.gear.choice import find_gear_effects
 from elastid.robot import Body, Joint, Motor, Robot
 from tests.nonlinear.gear.test_levels import SPEC, linear_fit
 from tests.nonlinear.gear.test_period_lines import record

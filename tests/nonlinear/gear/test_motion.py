@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from elastid.base.arrays import FloatArray
-from elastid.nonlinear.gear.drive_lines import DriveLines
 from elastid.nonlinear.gear.motion import newton, smoothed_covariance
-from elastid.nonlinear.gear.period_lines import PeriodLines
+from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines
 from tests.plants.two_mass_gear import POSTURE
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elastid.base.arrays import FloatArray
-from elastid.nonlinear.gear.turning import turning
+from elastid.nonlinear.gear.effects import turning
 
 PHASE = 2 * np.pi * np.arange(800) / 800
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from plants.waves import CLEAN, DRIFT, LOG, N, P, wave
 
 from elastid.recorded.repair import counts
-from elastid.recorded.repair.clock import at_times, clock_drift, delay, resampled
+from elastid.recorded.repair.time_stamps import at_times, clock_drift, delay, resampled
 
 
 @pytest.mark.parametrize("excess", [0.2, -0.13, 0.03])

@@ -14,13 +14,7 @@ from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
 
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.spec import LawSpec
-from elastid.report.figures.friction import (
-    Condition,
-    curve_of,
-    friction_curve,
-    friction_taken_out,
-    residuals,
-)
+from elastid.report.figures.friction import Condition, curve_of, friction_curve, friction_taken_out, residuals
 
 
 def test_the_curve_has_every_level_and_the_law_of_each_direction() -> None:

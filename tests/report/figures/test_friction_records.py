@@ -8,9 +8,7 @@ import numpy as np
 from plants import friction_study as study
 from plants.report_values import lines_of
 
-from elastid.report.figures.friction_records import (
-    friction_motion,
-)
+from elastid.report.figures.friction_records import friction_motion
 
 
 def test_a_motion_shows_friction_without_inertia() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from plants.report_values import lines_of, pair
 
-from elastid.report.figures.responses import quality_figure
+from elastid.report.figures.fit import quality_figure
 from elastid.response import Levels, Quality
 
 RESPONSE = pair(2, 4)[0]

@@ -10,7 +10,7 @@ from plants.friction_study import friction_content, friction_result
 from plants.report_values import lines_of
 
 from elastid.base.arrays import FloatArray
-from elastid.report.figures.validation import torque_balance_figure
+from elastid.report.figures.fit import torque_balance_figure
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.store.friction_study import FRICTION, write_friction_result
 from elastid.store.results import read_twin

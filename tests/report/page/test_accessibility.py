@@ -12,7 +12,7 @@ from plants import friction_study as study
 from plants.arm_modes import mode_row
 from plants.report_values import full_content, pair
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.modal.modes import without_modes
 from elastid.report.content import ResponsesContent
 from elastid.report.fleet import Outcome, answer_of_fleet

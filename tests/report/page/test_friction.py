@@ -10,7 +10,7 @@ import pytest
 from plants.report_values import pair, report_content
 from plants.taken_friction import LEFT, taken_friction
 
-from elastid.base.note import Note
+from elastid.base.errors import Note
 from elastid.modal.modes import without_modes
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ResponsesContent

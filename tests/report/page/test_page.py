@@ -13,11 +13,11 @@ import pytest
 from plants.report_values import PARAMETERS, TRUTH, bars_of, fit_result, pair, report_content
 
 from elastid.base.display import number
+from elastid.base.errors import Note
 from elastid.base.execution import Execution
-from elastid.base.note import Note
 from elastid.parameters import Parameters
 from elastid.report.content import parameter_rows
-from elastid.report.figures.validation import fleet_parameter
+from elastid.report.figures.fit import fleet_parameter
 from elastid.report.page.page import (
     write_report,
 )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from plants.predicted_arm import result
 
-from elastid.use.loops.assess import assess
 from elastid.use.loops.design import Scene, design
 from elastid.use.loops.plants import PostureFamily
+from elastid.use.loops.result import assess
 
 
 def test_a_peak_is_traced_to_the_mode_that_makes_it(family: PostureFamily) -> None:

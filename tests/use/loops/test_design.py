@@ -12,11 +12,10 @@ from plants.predicted_arm import result
 from elastid.base.errors import FitError
 from elastid.record import Configuration
 from elastid.simulation.controller import Gains
-from elastid.use.loops.assess import assess
 from elastid.use.loops.cascade import Cascade
 from elastid.use.loops.design import Scene, _Problem, design, robust
 from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import Asked, Today, design_loops
+from elastid.use.loops.result import Asked, Today, assess, design_loops
 from elastid.use.loops.sensitivity import LIMIT_DB
 
 RATE_HZ = 250.0

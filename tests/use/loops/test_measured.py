@@ -12,14 +12,13 @@ from elastid.base.errors import DataError
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NoiseSpec, SimulatedSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration
 from elastid.simulation.controller import filters_of
-from elastid.use.loops.assess import assess
 from elastid.use.loops.plants import PostureFamily
+from elastid.use.loops.result import assess
 from elastid.use.loops.sensitivity import measured_loops, refusal
 
 RATE_HZ = 250.0
