@@ -5,17 +5,9 @@ The fit to the motors' responses alone, x_m with covariance C, and the residuals
 .. math:: T = \min_x \; |r(x)|^2 + (x - x_m)^T C^{-1} (x - x_m) \sim \chi^2
 
 by a few damped steps of Gauss and Newton. Where T, or the factor by which all that the source measured is larger, is
-beyond chance, the cause is that of some further unknowns c, r - c W \partial y, or other readings, with the least T.
-
-Static load tests against the responses: do both show one stiffness?
-
-Where they do not, the cause is a common factor, a part that does not depend on the load (hysteresis,
-slack), a base that moves or tilts under the stand of the gauge, or one spring.
-
-Responses at the tool against those of the motors: are both of one robot?
-
-Where they are not, the cause is another reading of force and motion (sign, axis, quantity, motors
-that were not as stated), or a further unknown: a common factor, a delay, one spring.
+beyond chance, they disagree. The cause is that factor, c in r - c W y, where it explains more than half of T; of
+responses at the tool it may be another reading of force and motion (sign, axis, quantity, motors that were not as
+stated). Else the reading that is farthest off is named.
 """
 
 from __future__ import annotations
@@ -28,7 +20,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
@@ -39,7 +31,6 @@ from elastid.fit.problem.least_squares import RESIDUALS, as_real
 from elastid.fit.problem.part import Part, mixed
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.result import Result, largest_by_chance
-from elastid.model.kinematics import frame_poses
 from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
@@ -54,21 +45,12 @@ class Limits:
     steps: int = 12
     progress: float = 0.1  # of T, below which a step is the last
     share: float = 0.5  # of T beyond its degrees of freedom, that a cause must explain
-    alternative: float = 12.0  # of T beyond 1.05 of the least, within which a further cause is named
+    largest: float = 0.9  # factor less 1, beyond which another reading explains what it imitates
 
 
 LIMITS = Limits()
-# r (n,) and its slopes (n, n_z) at x (n_x,) along a root of C, with a further unknown of some size, by parts.
-Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float], Iterable[tuple[FloatArray, FloatArray]]]
-
-
-@dataclass(frozen=True, eq=False)
-class Unknown:
-    """A further unknown: residuals with it, whose last slope is to it, its words by its size, and its largest size."""
-
-    residuals: Residuals
-    words: Callable[[float], str]
-    largest: float = np.inf
+# r (n,) and its slopes (n, n_z) at x (n_x,) along a root of C, with a factor 1 + c, None without one, by parts.
+Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float | None], Iterable[tuple[FloatArray, FloatArray]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +73,14 @@ class SecondSource:
         values, V = np.linalg.eigh(C / np.outer(size, size))
         return cls(alone.x, size[:, None] * V * np.sqrt(np.maximum(values, 0.0)), residuals, n_residuals)
 
-    def least(self, unknown: Unknown | None = None) -> tuple[float, float, float]:
-        """T and a further unknown with its std, NaN without one."""
-        z = np.zeros(self.root.shape[1] + (unknown is not None))
-        best, gradient, H = self._at(z, unknown)
+    def least(self, with_factor: bool = False) -> tuple[float, float, float]:
+        """T and the factor less 1 with its std, NaN without one."""
+        z = np.zeros(self.root.shape[1] + with_factor)
+        best, gradient, H = self._at(z)
         damping = 0.0
         for _ in range(LIMITS.steps):
             tried = z - np.linalg.lstsq(H + damping * np.diag(np.diag(H)), gradient)[0]
-            cost, *slopes = self._at(tried, unknown)
+            cost, *slopes = self._at(tried)
             if not cost < best:
                 damping = max(10 * damping, 1e-2)
                 continue
@@ -106,20 +88,19 @@ class SecondSource:
             z, best, (gradient, H), damping = tried, cost, slopes, damping / 10
             if is_last:
                 break
-        if unknown is None:
+        if not with_factor:
             return best, np.nan, np.nan
         std = np.sqrt(max(np.linalg.pinv(H)[-1, -1], 0.0)) if H[-1, -1] > 0 else np.inf
         return best, float(z[-1]), float(std)
 
-    def _at(self, z: FloatArray, unknown: Unknown | None) -> tuple[float, FloatArray, FloatArray]:
+    def _at(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """T, half its gradient and J^T J at z (n,)."""
         n = self.root.shape[1]
         x, prior = self.x + self.root @ z[:n], np.where(np.arange(len(z)) < n, z, 0.0)
         cost, gradient, H = float(prior @ prior), prior, np.diag(np.where(np.arange(len(z)) < n, 1.0, 0.0))
-        residuals = self.residuals if unknown is None else unknown.residuals
         with np.errstate(all="ignore"):
             try:
-                for r, J in residuals(x, self.root, float(z[-1])):
+                for r, J in self.residuals(x, self.root, float(z[-1]) if len(z) > n else None):
                     cost, gradient, H = cost + float(r @ r), gradient + J.T @ r, H + J.T @ J
             except np.linalg.LinAlgError:  # no robot stands there
                 return np.inf, gradient, H
@@ -129,71 +110,53 @@ class SecondSource:
 
 @dataclass(frozen=True)
 class Agreement:
-    """factor: of all that the source measured, less 1, with its std.  T: `chi_square`.  is_beyond: chance."""
+    """factor: of all that the source measured, less 1, with its std.  T: `chi_square`.  is_beyond: chance.
+
+    explains: the factor more than `share` of T beyond its degrees of freedom; least: T with it.
+    """
 
     factor: float
     std: float
     T: float
     is_beyond: bool
+    least: float
+    explains: bool
 
 
-def agreement(now: SecondSource, alone: Result, factor: Unknown) -> Agreement:
-    """The source next to `alone`; factor: that of all that it measured."""
+def agreement(now: SecondSource, alone: Result) -> Agreement:
+    """The source next to `alone`."""
     scale = alone.model_error**2 if alone.exceeds_noise else 1.0
     dof, T = now.n_residuals, now.least()[0]
-    _, by, std = now.least(factor)
+    least, by, std = now.least(with_factor=True)
     is_other_size = by**2 > scale * chi_square_limit(1, LIMITS.tail) * std**2
-    return Agreement(by, std, T, scale * dof * largest_by_chance(dof) < T or is_other_size)
+    is_beyond = scale * dof * largest_by_chance(dof) < T or is_other_size
+    return Agreement(by, std, T, is_beyond, least, explains(now, T, least))
 
 
-def likeliest(
-    now: SecondSource, T: float, unknowns: Iterable[Unknown], readings: Sequence[tuple[float, str]] = ()
-) -> Iterator[str]:
-    """The likeliest cause in words and others that explain as much, three at most; none where no single one does.
-
-    readings: T of other readings of the source, with words.
-    """
-    tried = list(readings)
-    for unknown in unknowns:
-        least, size, _ = now.least(unknown)
-        if abs(size) < unknown.largest:  # beyond it another reading explains what this one imitates
-            tried.append((least, unknown.words(size)))
-    tried.sort(key=lambda trial: trial[0])
-    best = tried[0][0]
-    if T - best > LIMITS.share * (T - now.n_residuals):
-        yield from [words for least, words in tried if least < 1.05 * best + LIMITS.alternative][:3]
-
-
-Words: TypeAlias = Callable[[float], str]  # of a cause by its size
-# dy (n,) in m of a further unknown, of the predicted y and its slopes (n, n_x).
-Column: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
+def explains(now: SecondSource, T: float, least: float) -> bool:
+    """True if T falls with a cause, to `least`, by more than half of what is beyond its degrees of freedom."""
+    return T - least > LIMITS.share * (T - now.n_residuals)
 
 
 def _residuals(
-    loads: StaticLoads, parameters: Parameters, column: Column | None, x: FloatArray, root: FloatArray, size: float
+    loads: StaticLoads, parameters: Parameters, x: FloatArray, root: FloatArray, factor: float | None
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Whitened residuals (n,) and their slopes."""
     y, slopes = loads.predicted(parameters, x)
     J = slopes @ root
-    if column is not None:
-        further = column(y, slopes)
-        y, J = y + size * further, np.column_stack([J, further])
+    if factor is not None:
+        y, J = (1 + factor) * y, np.column_stack([(1 + factor) * J, y])
     yield loads.whitening @ (loads.measured - y), -loads.whitening @ J
 
 
 def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
     """Load tests next to the deflections of `alone`, the fit of the responses without them."""
-    unknown = partial(partial, _residuals, loads, alone.parameters)
-    now = SecondSource.of(alone, unknown(None), loads.n_residuals)
-    factor = Unknown(unknown(lambda y, _: y), _of_factor)
-    found = agreement(now, alone, factor)
+    now = SecondSource.of(alone, partial(_residuals, loads, alone.parameters), loads.n_residuals)
+    found = agreement(now, alone)
     cause = ""
     if found.is_beyond:
-        others = (Unknown(unknown(column), words) for column, words in _columns(loads, alone.parameters))
-        causes = likeliest(now, found.T, (factor, *others))
-        cause = " or ".join(causes) or _worst(loads, alone)
-    known = np.isfinite(found.std)
-    ratio = (1 + found.factor, found.std) if known else (np.nan, np.nan)
+        cause = _softer_or_stiffer(found.factor) if found.explains else _worst(loads, alone)
+    ratio = (1 + found.factor, found.std) if np.isfinite(found.std) else (np.nan, np.nan)
     return StaticAgreement(_readings(loads, alone, now), *ratio, found.T, now.n_residuals, cause)
 
 
@@ -221,73 +184,11 @@ def _worst(loads: StaticLoads, alone: Result) -> str:
     )
 
 
-def _columns(loads: StaticLoads, parameters: Parameters) -> Iterator[tuple[Column, Words]]:
-    """Deflections by a unit of each further unknown, and words by its size."""
-    robot, owners = loads.robot, np.array(loads.owners)
-
-    def slack(y: FloatArray, slopes: FloatArray) -> FloatArray:
-        return np.asarray(y / np.maximum(np.sqrt(np.bincount(owners, y**2))[owners], 1e-300))
-
-    yield slack, _of_slack
-    count = len(robot.model.robot.joints)
-    moved, tilted = [], []
-    for i, load in enumerate(robot.loads):
-        q = robot.held[i : i + 1, :count]
-        acting, read = (frame_poses(robot.model.robot, q, name).position[0] for name in (load.frame, load.read_at))
-        moved.append(load.directions @ load.force)
-        tilted.append(load.directions @ np.cross(np.cross(acting, load.force) + load.torque, read))
-    for parts, unit, does in ((moved, "N/m", "moved"), (tilted, "N*m/rad", "tilted")):
-        of_base = np.concatenate(parts)
-        yield (lambda y, _, own=of_base: own), _of_base(unit, does)  # type: ignore[misc]
-    for i, parameter in enumerate(parameters.free):
-        if parameter.stands_for.startswith("k_") and parameter.log:
-            yield (lambda y, slopes, i=i: slopes[:, i]), _of_spring(parameter.name)  # type: ignore[misc]
-
-
-def _of_factor(by: float) -> str:
-    if by > 0:
-        return (
-            "all springs are softer at rest than in motion, as gear hysteresis makes them under slow loads, or the "
-            "loads or the gauge are in another scale"
-        )
-    return (
-        "all springs are stiffer at rest than in motion, as friction in the gears makes them that carries part of the "
-        "load, or the loads or the gauge are in another scale"
-    )
-
-
-def _of_slack(by: float) -> str:
-    if by > 0:
-        return (
-            f"{1e6 * by:.3g} um in each test whatever the load: hysteresis or backlash of gears, or slack in the hook"
-        )
-    return (
-        f"{-1e6 * by:.3g} um are missing in each test whatever the load: friction in the gears or a dial that sticks; "
-        "load from both sides and take the mean"
-    )
-
-
-def _of_base(unit: str, does: str) -> Words:
-    def words(by: float) -> str:
-        if by > 0:
-            return (
-                f"as if the base {does} against the stand of the gauge, by a stiffness of {1 / by:.3g} {unit}: the "
-                "base is elastic, which the robot's file lacks"
-            )
-        return (
-            f"as if the stand of the gauge {does} with the base, by a stiffness of {-1 / by:.3g} {unit}: put it on the "
-            "ground, away from the base"
-        )
-
-    return words
-
-
-def _of_spring(name: str) -> Words:
-    def words(by: float) -> str:
-        factor = 1 / max(1 - by, 1e-3)  # the deflection of a spring goes with its compliance
-        return f"as if {name} were {factor:.3g} times as large at rest, as hysteresis or friction of that gear makes it"
-
-    return words
+def _softer_or_stiffer(by: float) -> str:
+    does = "softer at rest than in motion, as gear hysteresis makes them under slow loads" if by > 0 else (
+        "stiffer at rest than in motion, as friction in the gears makes them that carries part of the load"
+    )  # fmt: skip
+    return f"all springs are {does}, or the loads or the gauge are in another scale"
 
 
 def contradiction(static: StaticAgreement) -> str:
@@ -308,23 +209,16 @@ def static_notes(result: Result) -> tuple[Note, ...]:
     )
 
 
-LARGEST = 0.9  # of a further unknown: ln of a stiffness, a factor less 1
-# dG (F, n_y, n_u) of a further unknown, of the model's G, its slopes to x, and s = j omega.
-ToolColumn: TypeAlias = Callable[[ComplexArray, ComplexArray, ComplexArray], ComplexArray]
-
-
 def _tool_residuals(
-    fit: ElasticFit, column: ToolColumn | None, x: FloatArray, root: FloatArray, size: float
+    fit: ElasticFit, x: FloatArray, root: FloatArray, factor: float | None
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Whitened residuals (N,) of each response and their slopes (N, n)."""
     for part in fit.parts:
-        theta, s = fit.theta(part, x), (2j * np.pi * part.kernel.freq_hz[:, None, None]).astype(complex)
-        G, dG = part.kernel.evaluate(theta)
+        G, dG = part.kernel.evaluate(fit.theta(part, x))
         chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
         slopes = np.tensordot((chain @ root).T, dG, axes=1)
-        if column is not None:
-            further = column(G, np.tensordot(chain.T, dG, axes=1), s)
-            G, slopes = G + size * further, np.concatenate([slopes, further[None]])
+        if factor is not None:
+            G, slopes = (1 + factor) * G, np.concatenate([(1 + factor) * slopes, G[None]])
         e, slope = RESIDUALS[part.criterion](part.measured, G)
         used, mixing = part.gain > 0, part.mixing
         r, J = np.where(used, part.gain * e, 0.0), np.where(used, -part.gain * slope, 0.0) * slopes
@@ -336,25 +230,31 @@ def _tool_residuals(
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     """Responses at the tool, those of `assembly`, next to `alone`, the fit to the motors' responses."""
     fit, now = _beside(assembly.with_floor(alone.floor), alone)
-    found = agreement(now, alone, Unknown(partial(_tool_residuals, fit, _factor), _words_of_factor))
-    causes, is_misread = list[str](), False
+    found = agreement(now, alone)
+    cause, is_misread = "", False
     if found.is_beyond:
         others = [(_beside(replace(assembly, responses=other).with_floor(alone.floor), alone)[1], words)
                   for other, words in _tool_readings(assembly.responses)]  # fmt: skip
-        readings = [(other.least()[0], words) for other, words in others]
-        causes = list(likeliest(now, found.T, _unknowns(fit, alone), readings)) or [
-            "no single cause explains it: check place, direction, sign and unit of force and motion, the angles, and "
-            "whether the motors were as stated"
-        ]
-        is_misread = causes[0] in [words for _, words in readings]
+        least, cause = min(((other.least()[0], words) for other, words in others), key=lambda trial: trial[0])
+        is_misread = explains(now, found.T, least)
+        if found.explains and found.least < least and abs(found.factor) < LIMITS.largest:
+            is_misread, cause = False, (
+                f"all responses at the tool are {1 + found.factor:.4g} times as large: check unit and calibration of "
+                "hammer and sensor, and whether the current of the motors is their torque"
+            )  # fmt: skip
+        elif not is_misread:
+            cause = (
+                "no single cause explains it: check place, direction, sign and unit of force and motion, the angles, "
+                "and whether the motors were as stated; a gear with friction or backlash is another spring to the "
+                "small motions of the tool"
+            )
     compared = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
-    ratio = 1 + found.factor, found.std
-    return ToolAgreement(compared, *ratio, found.T, fit.n_residuals, " or ".join(causes), is_misread)
+    return ToolAgreement(compared, 1 + found.factor, found.std, found.T, fit.n_residuals, cause, is_misread)
 
 
 def _beside(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource]:
     fit = replace(assembly, parameters=alone.parameters).at(alone.x, assembly.spec.criterion)
-    return fit, SecondSource.of(alone, partial(_tool_residuals, fit, None), fit.n_residuals)
+    return fit, SecondSource.of(alone, partial(_tool_residuals, fit), fit.n_residuals)
 
 
 def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) -> ToolComparison:
@@ -362,18 +262,6 @@ def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) ->
     ratio = np.abs(response.G[used]) / np.maximum(np.abs(G[used]), 1e-300)
     rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if used.any() else np.nan
     return ToolComparison(response.configuration.name, response.motors, response.inputs, response.outputs, rms)
-
-
-def _factor(G: ComplexArray, slopes: ComplexArray, s: ComplexArray) -> ComplexArray:
-    return G
-
-
-def _delay(G: ComplexArray, slopes: ComplexArray, s: ComplexArray) -> ComplexArray:
-    return np.asarray(-s * G)
-
-
-def _by_spring(i: int) -> ToolColumn:
-    return lambda G, slopes, s: np.asarray(slopes[i])
 
 
 def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
@@ -417,33 +305,6 @@ def _along(responses: Sequence[Response], axes: dict[str, str]) -> tuple[Respons
         renamed.append(replace(G, inputs=tuple(f"{head} {axes[axis]}" for head, _, axis in parts)))
     return (
         tuple(renamed) if any(new.inputs != old.inputs for new, old in zip(renamed, responses, strict=True)) else None
-    )
-
-
-def _unknowns(fit: ElasticFit, alone: Result) -> Iterator[Unknown]:
-    yield Unknown(partial(_tool_residuals, fit, _factor), _words_of_factor, LARGEST)
-    yield Unknown(partial(_tool_residuals, fit, _delay), _words_of_delay, LARGEST)
-    for i, parameter in enumerate(alone.parameters.free):
-        if parameter.stands_for.startswith("k_") and parameter.log:
-            words = partial(_words_of_spring, parameter.name)
-            yield Unknown(partial(_tool_residuals, fit, _by_spring(i)), words, LARGEST)
-
-
-def _words_of_factor(by: float) -> str:
-    return (
-        f"all responses at the tool are {1 + by:.4g} times as large: check unit and calibration of hammer and sensor, "
-        "and whether the current of the motors is their torque"
-    )
-
-
-def _words_of_delay(by: float) -> str:
-    return f"motion behind force by {1e3 * by:.3g} ms: a filter, or channels that were not simultaneous"
-
-
-def _words_of_spring(name: str, by: float) -> str:
-    return (
-        f"as if {name} were {np.exp(by):.3g} times as large at the small motions of the tool as at those of the "
-        "motors, as friction or backlash of that gear makes it"
     )
 
 

@@ -30,22 +30,19 @@ def softer(factor):
 CASES = {
     "factor": (lambda y, force: 1.2 * y, None, "all springs are softer at rest"),
     "friction": (lambda y, force: 0.8 * y, None, "all springs are stiffer at rest"),
-    "slack": (lambda y, force: y + 1e-4 * y / np.linalg.norm(y), None, "whatever the load: hysteresis or backlash"),
-    "base": (lambda y, force: y + force / 1e6, None, "the base is elastic"),
-    "stand": (lambda y, force: y - force / 1e6, None, "put it on the ground"),
-    "spring": (lambda y, force: y, 0.7, "as if k_2 were 0.7"),
+    "stand": (lambda y, force: y - force / 1e6, None, "no single cause"),
+    "spring": (lambda y, force: y, 0.7, "no single cause"),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
-def test_a_fault_is_a_misfit_with_its_cause(case):
-    """Deflections of another stiffness, of slack, and of a base that gives way."""
+def test_a_fault_is_a_misfit(case):
+    """Deflections of another stiffness, of all springs or of one, and of a gauge that stands on the base."""
     changed, factor, words = CASES[case]
     result = fitted(changed, None if factor is None else softer(factor))
     assert result.status == "misfit"
-    assert "static load tests contradict the responses" in result.message
-    assert words in result.static.cause, result.static.cause
+    assert words in result.static.cause
     assert [note for note in result.notes if note.code == "fit/loads"]
 
 
