@@ -1,4 +1,4 @@
-r"""Configurations that disagree: two groups with different parameters, as of two robots, and single foreign ones.
+r"""Configurations that disagree: two groups with different parameters, as of two robots, or single ones.
 
 .. math:: \min_{S} \Big[ \min_x \sum_{c \in S} V_c(x) + \min_x \sum_{c \notin S} V_c(x) \Big]
 
@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
@@ -24,7 +23,6 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import FitError, Note
 from elastid.base.names import posture_of
 from elastid.fit.diagnosis.hypothesis import Evidence
-from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.part import Part
 from elastid.fit.result import largest_by_chance
@@ -41,15 +39,10 @@ class Limits:
     # Of V beyond the noise, that two groups, and own parameters of each configuration, remove.
     removed_share: float = 0.8
     removed_alone: float = 0.5
-    # V of the others without foreign configurations over V with them, and the same with own parameters.
-    cost_ratio: float = 0.1
-    cost_ratio_alone: float = 0.5
     difference: float = 5.0  # of a parameter between groups, in standard deviations
     rounds: int = 4  # of the search for two groups
     iterations: int = 40  # of its fits
     prior_std: float = 0.3  # of ln p about the common optimum: one configuration does not determine everything
-    decrease: float = 0.1  # of V by a step, as a share, below which a fit without foreign configurations ends
-    pairs_of: int = 6  # configurations up to which two are left out at once
     named: int = 3  # parameters in a note
 
 
@@ -59,7 +52,7 @@ _Split: TypeAlias = tuple[list[ElasticFit], list[FloatArray], float]
 
 
 def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
-    """Notes on configurations unlike the others; else on two groups of them; else on foreign ones."""
+    """Notes on configurations unlike the others; else on two groups of them."""
     result, fit, x = evidence.result, evidence.optimum.fit, evidence.optimum.end.x
     # What a cause leaves may be chance where V is little above the noise.
     left, by_chance = result.cost - evidence.best_drop, largest_by_chance(result.cost_dof) * result.cost_expected
@@ -72,7 +65,7 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     if result.exceeds_noise and alone is not None:
         robots = evidence.assembly.spec.robots
         groups = find_two_groups(fit, x, alone, evidence.optimum.end.cost, result.cost_expected, robots)
-    return groups or (find_foreign_configurations(fit, x, alone) if evidence.is_suspect else ())
+    return groups
 
 
 def find_unlike_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
@@ -90,38 +83,6 @@ def find_unlike_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ..
         for name, ratio in zip(postures, level, strict=True)
         if ratio > LIMITS.residual_ratio
     )
-
-
-def find_foreign_configurations(fit: ElasticFit, x: FloatArray, alone: FloatArray | None = None) -> tuple[Note, ...]:
-    """A note on one configuration, or two of a few, without which the model explains the others far better.
-
-    alone: of `costs_alone`, where it is known; others that own parameters do not describe better are skipped.
-    """
-    fit = measured(fit)
-    thin = thinned(fit)
-    names, parts, Q = list(_postures(fit)), list(_postures(thin).values()), len(_postures(fit))
-    own, common = np.zeros(Q) if alone is None else np.diag(alone), _costs(fit, x)
-    free = np.ones(len(x), dtype=bool)
-    for size in range(1, 3 if LIMITS.pairs_of >= Q else 2):
-        ratios: dict[tuple[int, ...], float] = {}
-        for left_out in combinations(range(Q), size) if Q - size >= 2 else ():
-            rest_of = [i for i in range(Q) if i not in left_out]
-            if own[rest_of].sum() > LIMITS.cost_ratio_alone * common[rest_of].sum():
-                continue
-            rest = replace(thin, parts=tuple(part for i in rest_of for part in parts[i]))
-            before = rest.evaluate(x).cost
-            V = min(settle(AS_READ, rest, start, free, LIMITS.decrease)[0] for start in (x, fit.parameters.x))
-            if LIMITS.cost_ratio * before >= V:
-                ratios[left_out] = V / before
-        if ratios:
-            best = min(ratios, key=lambda left_out: ratios[left_out])
-            foreign = " and ".join(names[i] for i in best)
-            text = (
-                f"without configuration {foreign} the model fits the others far better (V of these falls to "
-                f"{100 * ratios[best]:.2g} %): are they of the same robot, with the same load, at the stated angles?"
-            )
-            return (Note("fit/unlike-responses", text),)
-    return ()
 
 
 def costs_alone(fit: ElasticFit, x: FloatArray) -> FloatArray | None:
