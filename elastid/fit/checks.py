@@ -59,12 +59,13 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
         )
     for response in responses:
         _check_robot(response, robot)
-    for first, second in _of_one_posture(responses):
-        if np.array_equal(first.freq_hz, second.freq_hz) and np.array_equal(first.G, second.G):
+    measured = [response for response in responses if response.uncertainty is not None]
+    for first, second in (*combinations(measured, 2), *_of_one_posture(responses)):
+        if first.inputs == second.inputs and first.outputs == second.outputs and np.array_equal(first.G, second.G):
             raise DataError(
                 "fit/responses",
-                f"the responses of {first.configuration.name} and {second.configuration.name} are the same numbers at "
-                "the same angles: one measurement under two names, whose lines would count twice; leave one out",
+                f"the responses of {first.configuration.name} and {second.configuration.name} are the same numbers: "
+                "one measurement under two names, or one file for two postures; leave one of them out",
             )
     if len({response.rate_is_known for response in responses}) > 1:
         unknown = ", ".join(r.configuration.name for r in responses if not r.rate_is_known)
@@ -169,31 +170,6 @@ def _of_one_posture(responses: Sequence[Response], at_amplitudes: bool = False) 
         channels = {(each.inputs, each.outputs, each.motors) for each in (first, second)}
         if has_one_load and len(channels) == 1 and has_one_name == at_amplitudes:
             yield first, second
-
-
-def find_copies(responses: Sequence[Response]) -> tuple[Note, ...]:
-    """A note on every two configurations that hold the same numbers, which two measurements never do."""
-    holders: dict[complex, list[int]] = {}
-    for place, response in enumerate(responses):
-        for number in response.G[:, 0, 0].tolist():
-            holders.setdefault(number, []).append(place)
-    alike = {pair for places in holders.values() for pair in combinations(dict.fromkeys(places), 2)}
-    notes = []
-    for i, j in sorted(alike):
-        first, second = responses[i], responses[j]
-        if (first.inputs, first.outputs) != (second.inputs, second.outputs):
-            continue
-        _, lines, other_lines = np.intersect1d(first.freq_hz, second.freq_hz, assume_unique=True, return_indices=True)
-        same = int(np.all((first.G[lines] == second.G[other_lines]) & (first.G[lines] != 0), axis=(1, 2)).sum())
-        count = min(first.n_lines, second.n_lines)
-        if same > 0.5 * count:
-            text = (
-                f"configurations {first.configuration.name} and {second.configuration.name} hold the same numbers at "
-                f"{same} of {count} lines: one measurement counts twice, which makes the intervals too narrow, or a "
-                "file is given for the wrong configuration; leave one of them out"
-            )
-            notes.append(Note("fit/responses", text))
-    return tuple(notes)
 
 
 def _check_robot(response: Response, robot: Robot) -> None:

@@ -320,7 +320,7 @@ def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]
     """Known before the result is diagnosed: data that count twice, data left out, an optimum that still moves."""
     responses = assembly.responses
     robots = assembly.spec.robots
-    twice = checks.find_copies(responses) or checks.find_same_postures(responses, assembly.parameters, robots)
+    twice = checks.find_same_postures(responses, assembly.parameters, robots)
     unlike = (*checks.find_contradictions(responses, robots), *checks.find_dependence_on_amplitude(responses))
     moved = (*optimum.notes, *motion_notes(assembly, optimum))
     return (*unlike, *twice, *assembly.notes, *moved, *assembly.spring_notes(optimum.end.x))
