@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
 
-from elastid.fit.covariance import noise_dof
+from elastid.base.errors import Note
+from elastid.covariance import Covariance
+from elastid.fit.covariance import noise_dof, unexplained_error
 from elastid.fit.intervals import bootstrap, interval_errors, profiles
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import weigh
@@ -14,6 +16,8 @@ from elastid.linear.fitted_model import response_deviation, uncertain_modes
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, Parameters
+from elastid.record import Configuration
+from elastid.response import UNEXPLAINED, Response
 
 X = parameters().x
 
@@ -24,6 +28,29 @@ def test_a_variance_has_the_degrees_of_freedom_of_the_lines_that_make_it():
     power[:, 0], power[3, 1] = 1.0, 1.0
     np.testing.assert_allclose(noise_dof([power], [4.0], np.zeros(2)), [80.0, 8.0])
     assert np.all(np.isinf(noise_dof([power], [np.inf], np.zeros(2))))
+
+
+def test_distortion_tells_how_far_what_makes_it_moves_a_response() -> None:
+    """Of a sign in multisines of random phases: the response is off by what the scatter of realisations says."""
+    rng, N, M, level = np.random.default_rng(0), 4096, 40, 0.1
+    lines = np.arange(1, N // 2)
+    spectra = np.zeros((M, N // 2 + 1), complex)
+    spectra[:, lines] = np.exp(2j * np.pi * rng.random((M, len(lines))))
+    v = np.fft.irfft(spectra, axis=1)
+    G = 1 + level * np.fft.rfft(np.sign(v) * v.std(), axis=1)[:, lines] / spectra[:, lines]
+    variance = np.var(G, axis=0, ddof=1)[:, None, None] / M
+    total, noise = Covariance(variance, float(M - 1)), Covariance(1e-6 * variance, np.inf)
+    one = ("motor 1",)
+    unexplained = Response(
+        configuration=Configuration("a", np.zeros(1)), inputs=one, outputs=one, quantity="acceleration",
+        freq_hz=lines.astype(float), G=G.mean(axis=0)[:, None, None], noise=noise, total=total,
+        notes=(Note(UNEXPLAINED, ""),),
+    )  # fmt: skip
+    free = (("k_1", "N*m/rad"), ("d_1", "N*m*s/rad"), ("Jm_1", "kg*m^2"))
+    parameters = Parameters(tuple(Parameter(name, 1.0, unit, log=True) for name, unit in free))
+    error = abs(G.mean()) - 1
+    np.testing.assert_allclose(unexplained_error(parameters, [unexplained]), [error, 2 * error, 0.0], rtol=0.1)
+    assert not unexplained_error(parameters, [replace(unexplained, notes=())]).any()
 
 
 NOISE = noise_of("relative", plant())
