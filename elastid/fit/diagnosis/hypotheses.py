@@ -36,7 +36,6 @@ from elastid.fit.diagnosis.response_columns import (
     posture_angles,
     rate_column,
     stiffening,
-    unfiltered,
 )
 
 LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
@@ -58,17 +57,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         phrases.late_advice,
         columns=channel_delays,
         search=find_lateness,
-    ),
-    Hypothesis(
-        "images",
-        ("unfiltered", "fast"),
-        Size(1.0, 2.0, unit="1", grows=True),
-        is_common=True,
-        phrase=phrases.images,
-        advice="log angles, or motions through a filter below half the rate at which the torque is renewed, or at a "
-        "higher rate, or keep to lines below a tenth of it",
-        columns=unfiltered,
-        is_stated=False,
     ),
     Hypothesis(
         "time of one posture",

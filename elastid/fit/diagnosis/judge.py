@@ -54,7 +54,6 @@ class RankingLimits:
     equal_correlation: float = 0.95
     equal_drop: float = 0.9
     equal_odds: float = 6.0  # 2 ln of the odds (20 to 1) below which two causes cannot be told apart
-    same_odds: float = 24.0  # the same of two that have the same effect on the residuals
     further_share: float = 0.05  # of the excess, that each in a sequence explains
     sequence: int = 3  # candidates in a sequence
     alone: int = 15  # in the table

@@ -152,16 +152,6 @@ def _differentiator(index: ModificationIndex) -> str:
     return f"give the robot's file chain: {{differentiator: {1e3 * float(index.steps[0]):.4g} ms}}"
 
 
-def images(index: ModificationIndex) -> str:
-    """Images of the held torque in accelerations, or in velocities."""
-    kind, role, where = index.name.partition("_y_")
-    places = "all accelerometers" if not role else where.replace("_", " ")
-    if kind.startswith("fast"):
-        places = f"the velocity of {places}" if role else "all velocities"
-    share = f"{100 * float(index.steps[0]):.0f} %"
-    return f"images of the held torque in unfiltered samples of {places} ({share} of those without any filter)"
-
-
 def by_posture(index: ModificationIndex) -> str:
     """Changes by posture, relative, the largest first."""
     changes = {name.partition("@")[2]: float(step) for name, step in zip(index.members, index.steps, strict=True)}

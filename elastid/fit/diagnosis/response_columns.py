@@ -23,7 +23,6 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.diagnosis.sensitivities import RATE, HeldResponse
 from elastid.linear.linear_model import DELAY
 from elastid.linear.response.transfer import frequency_response
-from elastid.record import MOTION_ORDER
 from elastid.robot import Body, Robot, gain_name
 
 # Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
@@ -32,8 +31,6 @@ LOAD_RATIO = 0.97
 NO_LOAD = 0.01
 # Part of a rotor's inertia, below which nothing rides on a body; and the step over which its derivative is taken.
 RIDING = 1e-4
-# Images to either side of a line that are taken for all.
-IMAGES = 8
 
 
 def rate_column(response: HeldResponse) -> dict[str, ComplexArray]:
@@ -50,36 +47,6 @@ def channel_delays(response: HeldResponse) -> dict[str, ComplexArray]:
             mask[(slice(None),) * axis + (i,)] = 1.0
             columns[gain_name(role, place).replace("gain", "delay", 1)] = -s * mask * response.G
     return columns
-
-
-def unfiltered(response: HeldResponse) -> dict[str, ComplexArray]:
-    r"""Derivatives to the part, 0 to 1, of the images of held torques in motions that the model has filtered.
-
-    .. math:: \sum_{m \ne 0} \Big(\frac{x}{x + m}\Big)^n G(\omega + m \omega_s), \qquad x = \omega / \omega_s
-
-    n = 1 of accelerations, unfiltered_y_...; n = 2 of velocities, fast_y_...
-    """
-    model, freq_hz, hold = response.model, response.freq_hz, response.model.hold
-    if hold is None or all(hold.sampled):
-        return {}
-    plant, rates = replace(model, quantity="acceleration", hold=None), hold.rates_hz
-    totals = {"unfiltered": np.zeros_like(response.G), "fast": np.zeros_like(response.G)}
-    for rate_hz in {rate for rate in rates if rate}:
-        held = np.equal(rates, rate_hz)
-        for m in (*range(-IMAGES, 0), *range(1, IMAGES + 1)):
-            image_hz = freq_hz + m * rate_hz
-            G = frequency_response(plant, response.theta, np.abs(image_hz))
-            image = held * (G if m > 0 else G.conj())
-            for n, total in enumerate(totals.values(), start=1):
-                total += ((freq_hz / image_hz) ** n)[:, None, None] * image
-    as_quantity = (2j * np.pi * freq_hz[:, None, None]) ** (MOTION_ORDER[model.quantity] - 2)
-    filtered = {place: i for i, place in enumerate(model.outputs) if not hold.sampled[i]}
-    row = np.eye(len(model.outputs))
-    return {
-        gain_name("y", p).replace("gain", word, 1): row[i][:, None] * total * as_quantity
-        for word, total in totals.items()
-        for p, i in filtered.items()
-    }
 
 
 def gear_ratios(response: HeldResponse) -> dict[str, ComplexArray]:

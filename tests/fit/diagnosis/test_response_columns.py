@@ -120,8 +120,9 @@ def test_the_slope_to_a_ratio_is_that_between_robots_of_two_ratios(carrier: str)
     )
 
 
-def of_samples(of: str, rate_hz: float, freq_hz: FloatArray, place: str = "body load z") -> Response:
-    """Of samples of a motion under a held torque: exact, by the discrete system of the hold."""
+def of_differences(rate_hz: float, freq_hz: FloatArray) -> Response:
+    """Of velocities by differences of samples under a held torque: exact, by the discrete system of the hold."""
+    place = "motor 1"
     robot, configuration = plant(), Configuration("c1", [0.0])
     model = serial(robot)
     linear = Linearisation.of(model).at(configuration, model.theta, (place,), "position")
@@ -132,12 +133,7 @@ def of_samples(of: str, rate_hz: float, freq_hz: FloatArray, place: str = "body 
     z = np.exp(2j * np.pi * x)[:, None, None]
     states = np.linalg.solve(z * np.eye(n) - block[:n, :n], np.tile(block[:n, n:], (len(x), 1, 1)))
     s = 2j * np.pi * freq_hz[:, None, None]
-    sampled = {
-        "accelerations": system.C @ A @ A @ states,  # the load's jerk is finite: no torque in C A B
-        "velocities": s * (system.C @ A @ states),
-        "differences": s * (system.C @ states) * (1 - 1 / z) * rate_hz,
-    }
-    G = sampled[of] / zero_order_hold(x)[:, None, None]
+    G = s * (system.C @ states) * (1 - 1 / z) * rate_hz / zero_order_hold(x)[:, None, None]
     std = 0.003 * np.abs(G) + 1e-5 * np.abs(G).max()
     places = ("motor 1",), (place,)
     hold = HeldTorque((rate_hz,), (False,))
@@ -159,31 +155,9 @@ def causes_of(result: Result) -> list[str]:
     return [note.text for note in result.notes if note.code == "fit/likely-cause"]
 
 
-@pytest.mark.parametrize(("rate_hz", "is_named"), [(200.0, True), (4000.0, False)])
-def test_images_in_unfiltered_accelerations_are_named(rate_hz: float, is_named: bool) -> None:
-    """A held torque at 200 Hz, lines to 80 Hz: they are all of what the residuals have; at 4 kHz there are none."""
-    result = fit_of_samples(of_samples("accelerations", rate_hz, np.arange(4.0, 80.0)))
-    if is_named:
-        assert "images of the held torque in unfiltered samples of body load z (1" in causes_of(result)[0]
-        assert result.indices[0].steps[0] == pytest.approx(1.0, rel=0.1)
-    else:
-        assert causes_of(result) == []
-
-
-@pytest.mark.parametrize(("rate_hz", "is_named"), [(1000.0, True), (20_000.0, False)])
-def test_images_in_ideal_velocities_are_named(rate_hz: float, is_named: bool) -> None:
-    """Of a motor whose torque is held at 1 kHz, lines to 120 Hz; at 20 kHz there are none to be seen."""
-    result = fit_of_samples(of_samples("velocities", rate_hz, np.arange(4.0, 120.0), "motor 1"))
-    if is_named:
-        assert "images of the held torque in unfiltered samples of the velocity of motor 1 (1" in causes_of(result)[0]
-        assert result.indices[0].steps[0] == pytest.approx(1.0, rel=0.15)
-    else:
-        assert causes_of(result) == []
-
-
 def test_velocities_by_differences_are_named_where_the_hold_is_stated() -> None:
     """Over 1 ms to 2 %, and with the differentiator in the robot's file nothing is left."""
-    response = of_samples("differences", 1000.0, np.arange(4.0, 120.0), "motor 1")
+    response = of_differences(1000.0, np.arange(4.0, 120.0))
     (said,) = causes_of(fit_of_samples(response))
     assert "velocities that are differences of positions over" in said
     advised = re.search(r"chain: {differentiator: (\S+) ms}", said)
