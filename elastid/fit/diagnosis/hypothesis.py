@@ -59,6 +59,7 @@ class Limits:
 
 
 LIMITS = Limits()
+POSTURES = 3  # that a phrase names
 SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
 FREE_MOTORS = "free the viscous friction of all motors, which its file lacks (fit.parameters: {fm_*: {}})"
 CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prior: {{std: {usual:g}}}}}}})"
@@ -86,7 +87,7 @@ class Hypothesis:
     """family: the noun for its causes.  numbers: how their names begin, up to an underscore.
 
     size: of a plausible step of its numbers.  is_common: one mistake may scale all of them by one factor.
-    phrase, advice: the cause as a clause, and the next action; `{name}`, `{where}` and `{usual}` are filled in.
+    phrase: the cause as a clause, filled in by `filled`; advice: the next action, with `{name}`, `{where}`, `{usual}`.
     plausibility: prior odds of a cause of this family against one of another, all its members together.
     is_stated: True for numbers that a file or a study states; False for what a model of the robot lacks.
     """
@@ -95,7 +96,7 @@ class Hypothesis:
     numbers: tuple[str, ...] = ()
     size: Size | None = None
     is_common: bool = False
-    phrase: Callable[[ModificationIndex], str] | None = None
+    phrase: str | Callable[[ModificationIndex], str] = ""
     advice: str | Callable[[ModificationIndex, Result], str] = ""
     plausibility: float = 1.0
     is_stated: bool = True
@@ -274,9 +275,36 @@ def _sentence(index: ModificationIndex, evidence: Evidence) -> str:
 def phrase(index: ModificationIndex, evidence: Evidence) -> str:
     """The change itself: `m_fore -4.8 % (75 to 71.4 kg)`, `a delay of 0.294 ms`."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
-    if hypothesis is not None and hypothesis.phrase is not None:
-        return hypothesis.phrase(index)
+    if hypothesis is not None and hypothesis.phrase:
+        return filled(hypothesis.phrase, index) if isinstance(hypothesis.phrase, str) else hypothesis.phrase(index)
     return number_phrase(index) if index.members else index.name
+
+
+def filled(template: str, index: ModificationIndex) -> str:
+    """A phrase with the name, axis and posture of an index, its changes by posture, and the size of its first step."""
+    step = float(index.steps[0]) if len(index.steps) else 0.0
+    return template.format(
+        name=index.name, axis=axis(index), posture=posture(index), by_posture=by_posture(index), step=step,
+        percent=100 * step, ms=1e3 * step, factor=relative(1 + step),
+    )  # fmt: skip
+
+
+def by_posture(index: ModificationIndex) -> str:
+    """Changes by posture, relative, the largest first."""
+    changes = {name.partition("@")[2]: float(step) for name, step in zip(index.members, index.steps, strict=True)}
+    mean = sum(changes.values()) / len(changes) if len(changes) > 1 else 0.0
+    largest = sorted(changes, key=lambda posture: -abs(changes[posture] - mean))[:POSTURES]
+    return ", ".join(f"{100 * (changes[posture] - mean):+.2g} % in {posture}" for posture in largest)
+
+
+def axis(index: ModificationIndex) -> str:
+    """Name of the axis that an index is of: 2 of friction_2@c1."""
+    return index.name.partition("@")[0].partition("_")[2]
+
+
+def posture(index: ModificationIndex) -> str:
+    """Name of the configuration that an index is of: c1 of friction_2@c1."""
+    return index.name.partition("@")[2]
 
 
 def number_phrase(index: ModificationIndex) -> str:

@@ -6,12 +6,11 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
-from elastid.fit.diagnosis.hypothesis import CHECK_OR_PRIOR, Size, relative
+from elastid.fit.diagnosis.hypothesis import CHECK_OR_PRIOR, POSTURES, Size, axis, posture, relative
 from elastid.fit.result import ModificationIndex, Result
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
-POSTURES = 3  # that a phrase names
 WARM = (
     "torque constants fall while motors warm up: measure all configurations at one temperature, or leave out those of "
     "another"
@@ -60,11 +59,6 @@ def angles(index: ModificationIndex) -> str:
     named = (member.partition("@")[2] for _, member in by_size)
     where = ", ".join(f"{size} in {name}" for size, name in zip(sizes, named, strict=False))
     return f"{'positions' if slides else 'angles'} of axis {axis(index)} that are off by {where}"
-
-
-def rate(index: ModificationIndex) -> str:
-    """Error of the sampling rate."""
-    return f"a sampling rate {relative(1 + float(index.steps[0]))} (and motions from positions)"
 
 
 def compliance(index: ModificationIndex) -> str:
@@ -152,55 +146,11 @@ def _differentiator(index: ModificationIndex) -> str:
     return f"give the robot's file chain: {{differentiator: {1e3 * float(index.steps[0]):.4g} ms}}"
 
 
-def by_posture(index: ModificationIndex) -> str:
-    """Changes by posture, relative, the largest first."""
-    changes = {name.partition("@")[2]: float(step) for name, step in zip(index.members, index.steps, strict=True)}
-    mean = sum(changes.values()) / len(changes) if len(changes) > 1 else 0.0
-    largest = sorted(changes, key=lambda posture: -abs(changes[posture] - mean))[:POSTURES]
-    return ", ".join(f"{100 * (changes[posture] - mean):+.2g} % in {posture}" for posture in largest)
-
-
-def axis(index: ModificationIndex) -> str:
-    """Name of the axis that an index is of: 2 of friction_2@c1."""
-    return index.name.partition("@")[0].partition("_")[2]
-
-
 def scale(index: ModificationIndex) -> str:
     """Factors of channels in another unit."""
     factors = [float(word) for before, word in pairwise(index.name.replace(",", "").split()) if before == "times"]
     is_degrees = factors and all(abs(math.log(math.radians(1) / factor)) < DEGREES_LOG for factor in factors)
     return f"{'degrees read as radians' if is_degrees else 'channels in another scale'} ({index.name})"
-
-
-def friction(index: ModificationIndex) -> str:
-    """Friction of a motor by configuration."""
-    return f"friction of motor {axis(index)} that depends on the posture ({by_posture(index)})"
-
-
-def transmission(index: ModificationIndex) -> str:
-    """Effective ratio of a gear by configuration."""
-    return f"a transmission error of gear {axis(index)} (effective ratio {by_posture(index)})"
-
-
-def reading(index: ModificationIndex) -> str:
-    """Scale of an encoder by configuration."""
-    return f"an encoder of motor {axis(index)} that reads {by_posture(index)}"
-
-
-def spring(index: ModificationIndex) -> str:
-    """Stiffness of a gear by configuration."""
-    return f"a stiffness of gear {axis(index)} that differs between configurations ({by_posture(index)})"
-
-
-def loss(index: ModificationIndex) -> str:
-    """Loss factor of a gear."""
-    return f"hysteresis in gear {axis(index)} (a loss factor of {float(index.steps[0]):.2g} at all frequencies)"
-
-
-def hose(index: ModificationIndex) -> str:
-    """Stiffness across a joint, relative to its gear's."""
-    share = f"{100 * float(index.steps[0]):.2g} % of its gear's"
-    return f"a stiffness across axis {axis(index)} of {share}, as of a hose, a cable or a balancer"
 
 
 def load(index: ModificationIndex) -> str:
@@ -224,27 +174,6 @@ def reference(index: ModificationIndex) -> str:
     return f"the reference of a controller{times} that was logged instead of the torque"
 
 
-def torques_of_one(index: ModificationIndex) -> str:
-    """Factor of the torques of one configuration."""
-    return f"torques of configuration {posture(index)} alone that read {100 * float(index.steps[0]):+.2g} %"
-
-
-def torques(index: ModificationIndex) -> str:
-    """Factors of the torques by configuration."""
-    return f"torques of all channels that read differently between configurations ({by_posture(index)})"
-
-
 def payload_of_one(index: ModificationIndex) -> str:
     """Load in one configuration."""
     return f"{payload(replace(index, name=index.name.partition('@')[0]))}, in configuration {posture(index)} alone"
-
-
-def posture(index: ModificationIndex) -> str:
-    """Name of the configuration that an index is of: c1 of friction_2@c1."""
-    return index.name.partition("@")[2]
-
-
-def late_posture(index: ModificationIndex) -> str:
-    """Delay of one configuration."""
-    T = float(index.steps[0]) / 1e-3
-    return f"motions of configuration {posture(index)} alone that are {T:.3g} ms late against its torques"
