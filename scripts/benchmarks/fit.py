@@ -55,7 +55,6 @@ from elastid.fit.problem.weights import vec
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.response.ldl import Leaves
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
@@ -67,7 +66,7 @@ COMPRESSED, DIFFERENCES = "least_squares, same Jacobian", "least_squares, finite
 CASADI = "CasADi MX, AD"
 BARE, FLOOR = "numpy.linalg.solve alone", "96 kflop a line by zgemm (floor)"
 EVALUATION = "cost, gradient, normal matrix"
-PLAIN, WHOLE = "the same, NumPy alone", "the same, NumPy, leaves not condensed"
+PLAIN = "the same, NumPy alone"
 INERTIAL, PLAIN_INERTIAL = "ten inertial parameters more", "the same, NumPy"
 RELINEARISED = "the same, compiled, linearised again"
 IDENTIFIED = ("k_*", "d_*", "fm_*", "Jm_*", "f_1", "f_2", "f_3", "f_4")
@@ -169,11 +168,11 @@ def flop_floor(n_points: int) -> Callable[[], None]:
 
 
 def kernel_times(
-    fit: ElasticFit, plain: ElasticFit, whole: ElasticFit, inertial: Sequence[LeastSquares], repeats: int
+    fit: ElasticFit, plain: ElasticFit, inertial: Sequence[LeastSquares], repeats: int
 ) -> dict[str, float]:
     """Seconds for one pass over all configurations.
 
-    plain: without compiled loops; whole: nor condensed leaves.  inertial: INERTIAS free, too, compiled, plain, and
+    plain: without compiled loops.  inertial: INERTIAS free, too, compiled, plain, and
     compiled and linearised again at every x, as the search does it.
     """
     theta, x, more = fit.parameters.theta, fit.parameters.x, inertial[0].parameters.x
@@ -186,7 +185,6 @@ def kernel_times(
             "responses and derivatives": lambda: [part.kernel.evaluate(theta) for part in fit.parts],
             EVALUATION: lambda: fit.rough(x),
             PLAIN: lambda: plain.rough(x),
-            WHOLE: lambda: whole.rough(x),
             "the same, normal matrix in double": lambda: fit.evaluate(x),
             **{
                 name: lambda problem=problem: problem.evaluate(more)
@@ -277,16 +275,13 @@ def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
     return fit.problem, assembly.search_problem(fit, "complex")
 
 
-def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, ElasticFit, LeastSquares]:
-    """The fit in NumPy, the same without condensed leaves, and with INERTIAS free."""
+def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:
+    """The fit in NumPy, and with INERTIAS free."""
     with patch("elastid.linear.response.kernel.is_compiled", return_value=False):
         plain, x0 = assemble(Q, F)
         plain.rough(x0)
         inertial, _ = with_inertias(Q, F)
-        with patch.object(Leaves, "of", lambda coupled: Leaves(np.arange(len(coupled)), 0)):
-            whole, _ = assemble(Q, F)
-            whole.rough(x0)
-    return plain, whole, inertial
+    return plain, inertial
 
 
 def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]:
@@ -374,9 +369,9 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     compiled = is_compiled()
     print(f"{machine()}\n")
 
-    plain, whole, plain_inertial = without_compiled_loops(Q, F)
+    plain, plain_inertial = without_compiled_loops(Q, F)
     inertial, relinearised = with_inertias(Q, F)
-    kernel = kernel_times(fit, plain, whole, (inertial, plain_inertial, relinearised), 3 if quick else 15)
+    kernel = kernel_times(fit, plain, (inertial, plain_inertial, relinearised), 3 if quick else 15)
     passes = {
         name: (f"{1e3 * value:.1f}", f"{value / kernel[BARE]:.1f}", f"{value / kernel[FLOOR]:.1f}")
         for name, value in kernel.items()

@@ -23,7 +23,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
-from elastid.linear.response.ldl import Elimination, Leaves
+from elastid.linear.response.ldl import Elimination, solved_products
 from elastid.linear.response.transfer import HoldImages, factor, hold_images
 from elastid.robot import gain_name
 
@@ -265,7 +265,8 @@ class Kernel:
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
             s = (1j * omega).astype(complex)
-            solved = self._solver.products(M, D, K, omega, right, asked)
+            products = self._elimination.products if self.takes_compiled else solved_products
+            solved = products(M, D, K, omega, right, asked)
             gain = factor(self.model, theta, s)
             moved, YX = solved[:, :n_u, n_d:], solved[:, :, :n_d]
             G = gain[:, None, None] * moved[:, :, :n_y]
@@ -303,13 +304,13 @@ class Kernel:
         return added
 
     @cached_property
-    def _solver(self) -> Leaves | Elimination:
+    def _elimination(self) -> Elimination:
         """Of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
         n = self.model.n
         moved = np.zeros(3 * n * n, dtype=np.bool_)
         moved[self._slopes[1]] = True
         coupled = np.any((self._known != 0) | moved.reshape(3, n, n), axis=0)
-        return Elimination.of(coupled) if self.takes_compiled else Leaves.of(coupled)
+        return Elimination.of(coupled)
 
     @cached_property
     def takes_compiled(self) -> bool:
