@@ -1,18 +1,10 @@
-r"""Checks of records around an estimate: they fit together, inputs are separate, channels are not exchanged.
+r"""Checks of records around an estimate: they fit together, and inputs are separate.
 
 The weakest combination of inputs, each relative to its noise S = diag(sigma_u), must stand out by `MIN_SNR`:
 
 .. math:: \lambda_{min}(S^{-1} U U^H S^{-1}) / E > 4
 
 Dividing by it biases G by a part exp(-power / noise): 2 % where it stands out least.
-
-Exchange: the relative gain array does not change with scale or sign of a channel (Bristol, IEEE Trans. Automatic
-Control 11, 1966), and above the resonances, where G tends to the inverse of a positive definite inertia, its diagonal
-is 1 or more:
-
-.. math:: \Lambda = G \circ G^{-T}
-
-Sign: a motor of a passive mechanism takes up power, Re(velocity / torque) >= 0 at every line.
 """
 
 from __future__ import annotations
@@ -23,13 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, Note
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, smoothed_noise
 from elastid.frf.matrices import adjoint, inverse, squared_magnitude
-from elastid.record import MOTION_ORDER, Record
-from elastid.response import Response
+from elastid.record import Record
 
 
 @dataclass(frozen=True)
@@ -41,12 +32,7 @@ class Limits:
     # Power of a record's errors over that of the others, at the median line; 2.0 at most in 44 clean sets.
     unlike: float = 4.0
     difference: float = 0.2  # of the inputs of two records, relative, below which they are repeats of each other
-    lines: int = 300  # evenly taken, that show phases and signs as well as all
-    highest_share: float = 1 / 3  # of the lines, from the highest down, that is above the resonances
-    relative_gain: float = 0.7  # of each element that an exchange of channels puts on the diagonal, at least
-    mean_gain: float = 0.5  # of these elements by the exchange, in the mean, at least
-    sigmas: float = 2.0  # by which a real part differs from zero to count
-    passive_lines: int = 3  # more with the other sign, at least, for a sign to be wrong
+    lines: int = 300  # evenly taken, that show phases as well as all
 
 
 LIMITS = Limits()
@@ -197,82 +183,3 @@ def _power_unlike(blocks: Sequence[Block], m: int) -> FloatArray:
     inside = np.maximum(np.mean(squared_magnitude(Y - G @ U), axis=2) / (1 - share), 1e-300)
     outside = squared_magnitude(blocks[m].Y[::step] - G @ blocks[m].U[::step]) / (1 + share)
     return np.asarray(np.median(outside / inside[:, :, None], axis=(0, 1)))
-
-
-def channel_notes(response: Response) -> tuple[Note, ...]:
-    """A note where outputs (or inputs) of motors look exchanged; else one on each motor whose sign looks wrong."""
-    places = [name for name in response.inputs if name in response.outputs]
-    exchanged = _exchanged(response, places) if len(places) > 1 else {}
-    if not exchanged:
-        return _sign_notes(response, places)
-    pairs = ", ".join(f"y at {place} answers to u at {driven}" for place, driven in exchanged.items())
-    text = (
-        f"channels look exchanged between motors: at the highest lines {pairs}; check which channels are y (or u) "
-        f"at {', '.join(exchanged)}"
-    )
-    return (Note("frf/exchanged-channels", text, f"configuration {response.configuration.name}"),)
-
-
-def _exchanged(response: Response, places: list[str]) -> dict[str, str]:
-    """Output place -> input place, for those of the places that another motor moves more than their own."""
-    rows = [response.outputs.index(place) for place in places]
-    columns = [response.inputs.index(place) for place in places]
-    G = response.G[-max(1, round(LIMITS.highest_share * response.n_lines)) :][:, rows][:, :, columns]
-    # Relative gains do not depend on scales; without this, units could make the matrix look singular.
-    magnitude = np.maximum(np.sqrt(np.mean(np.abs(G) ** 2, axis=0)), 1e-150)
-    of_rows = np.sqrt(np.mean(magnitude**2, axis=1))[:, None]
-    G = G / (of_rows * np.sqrt(np.mean((magnitude / of_rows) ** 2, axis=0)))
-    try:
-        inverse_G = inverse(G)
-    except np.linalg.LinAlgError:
-        return {}
-    if not np.max(np.linalg.norm(G, axis=(1, 2)) * np.linalg.norm(inverse_G, axis=(1, 2))) < 1 / np.finfo(float).eps:
-        return {}
-    Lambda = np.median((G * np.swapaxes(inverse_G, 1, 2)).real, axis=0)
-    if np.array_equal(Lambda.argmax(axis=1), np.arange(len(places))):
-        return {}
-    from scipy.optimize import linear_sum_assignment  # slow to load, for the few responses that look exchanged
-
-    _, best = linear_sum_assignment(-Lambda)
-    on_best, moved = Lambda[np.arange(len(places)), best], best != np.arange(len(places))
-    gain = (on_best - np.diag(Lambda))[moved]
-    if not moved.any() or on_best[moved].min() < LIMITS.relative_gain or np.mean(gain) < LIMITS.mean_gain:
-        return {}
-    return {places[i]: places[j] for i, j in enumerate(best) if moved[i]}
-
-
-def _sign_notes(response: Response, places: list[str]) -> tuple[Note, ...]:
-    """A note on each motor whose own response contradicts a passive mechanism and with the other sign would not."""
-    notes = []
-    few = slice(None, None, -(-response.n_lines // LIMITS.lines))
-    freq_hz, covariance = response.freq_hz[few], response.uncertainty
-    j_omega, order = 2j * np.pi * freq_hz, MOTION_ORDER["velocity"] - MOTION_ORDER[response.quantity]
-    for name in places:
-        j, i = response.outputs.index(name), response.inputs.index(name)
-        velocity = response.G[few, j, i] * j_omega**order
-        variance = np.zeros(len(velocity)) if covariance is None else covariance.variance[few, j, i]
-        # Half of the variance is in the real part.
-        std = np.sqrt(variance / 2) * np.abs(j_omega) ** order
-        as_is, _ = _passive_lines(freq_hz, velocity, std)
-        turned, negative = _passive_lines(freq_hz, -velocity, std)
-        if turned - as_is >= LIMITS.passive_lines and turned > 2 * as_is:
-            text = (
-                f"the sign of y or of u at {name} looks wrong: Re(velocity/torque) is negative beyond noise at "
-                f"{negative} of {len(std)} lines, so the motor would be driven by its load; check sign, scale and "
-                "gear ratio of its channels"
-            )
-            notes.append(Note("frf/wrong-sign", text, f"configuration {response.configuration.name}"))
-    return tuple(notes)
-
-
-def _passive_lines(freq_hz: FloatArray, velocity: ComplexArray, std: FloatArray) -> tuple[int, int]:
-    """Passive lines less active ones, and passive ones, at the delay with most of the former.
-
-    A line is passive where Re(velocity / torque) is positive beyond noise, and active where it is negative.
-    """
-    # Delays of up to half a turn of phase at the highest line are allowed for.
-    phase = np.exp(2j * np.pi * np.outer(np.linspace(0.0, 0.5, 26), freq_hz / freq_hz[-1]))
-    real = (velocity * phase).real
-    positive, negative = (np.sum(sign * real > LIMITS.sigmas * std, axis=1) for sign in (1, -1))
-    best = int(np.argmax(positive - negative))
-    return int(positive[best] - negative[best]), int(positive[best])

@@ -14,7 +14,6 @@ from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
 from elastid.frf.automatic import choose_by_error, chosen, may_hold_transient, within_excitation
 from elastid.frf.checks import (
-    channel_notes,
     refuse_few,
     refuse_mismatch,
     same_phases_notes,
@@ -96,7 +95,7 @@ def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     response = local_response(records, spec) if method in LOCAL else welch_response(records, spec)
     if spec.band_hz is None:
         response = within_excitation(response)
-    return replace(response, notes=(*notes, *response.notes, *hit_notes(records), *channel_notes(response)))
+    return replace(response, notes=(*notes, *response.notes, *hit_notes(records)))
 
 
 def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tuple[Method, tuple[Note, ...]]:
@@ -193,7 +192,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     response = _with_covariances(response, data, fitted, error, levels, lines, spectra)
     notes += form_notes(response.noise, response.total)
     notes += [*input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
-    return replace(response, notes=(*notes, *channel_notes(response)))
+    return replace(response, notes=tuple(notes))
 
 
 def _fitted(

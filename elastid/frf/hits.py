@@ -1,4 +1,4 @@
-"""Faults of hammer tests in records without a period: double hits, overloads, wrong triggers, drift.
+"""Faults of hammer tests in records without a period: double hits, overloads, wrong triggers.
 
 A channel is a hammer's where its force is far from 0 in a few samples only.  Pulses are runs of samples beyond a tenth
 of the largest one; two within 0.15 s are one hit that bounced.
@@ -27,9 +27,6 @@ class HitLimits:
     bounce_s: float = 0.15  # between two pulses of one hit, at most
     run: int = 3  # samples at exactly the limit of a channel
     run_share: float = 0.08  # of a pulse
-    drift: float = 0.5  # change of the mean along a record over the rms about it
-    drift_std: float = 6.0  # and over its standard deviation
-    blocks: int = 20  # of a record, of which means are taken
 
 
 LIMITS = HitLimits()
@@ -91,7 +88,6 @@ def _notes(record: Record) -> Iterator[Note]:
         yield from _overload_of_force(record, name, u, pulses)
     outputs = [(name, record.y[:, i]) for i, name in enumerate(record.outputs)]
     yield from _overload_of_answers(record, outputs)
-    yield from _drift(record, outputs)
 
 
 def _note(record: Record, code: str, text: str) -> Note:
@@ -158,20 +154,3 @@ def _overload_of_answers(record: Record, outputs: Iterable[tuple[str, FloatArray
             "hit more softly, or take a wider range"
         )
         yield _note(record, "frf/overload", text)
-
-
-def _drift(record: Record, outputs: Iterable[tuple[str, FloatArray]]) -> Iterator[Note]:
-    """By a line through the means of blocks."""
-    for name, y in outputs:
-        means = np.array([block.mean() for block in np.array_split(y, LIMITS.blocks)])
-        x = np.linspace(-0.5, 0.5, LIMITS.blocks)
-        slope = float(x @ means / (x @ x))
-        rest = means - means.mean() - slope * x
-        std = float(np.sqrt(rest @ rest / (LIMITS.blocks - 2) / (x @ x)))
-        rms = float(np.std(y - slope * np.linspace(-0.5, 0.5, len(y))))
-        if abs(slope) > LIMITS.drift * rms and abs(slope) > LIMITS.drift_std * std:
-            text = (
-                f"{name} drifts by {slope:.3g} along the record, {abs(slope) / rms:.2g} times the rms of its motion: "
-                "low frequencies are not to be trusted; let the sensor warm up, or take band_hz above them"
-            )
-            yield _note(record, "frf/hits", text)

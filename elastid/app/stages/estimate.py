@@ -26,7 +26,6 @@ from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.channels import Places
 from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec
-from elastid.frf.checks import channel_notes
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.places import on_shafts, shaft_couplings
@@ -221,7 +220,7 @@ def imported_responses(
             if not inside.any():
                 raise DataError("responses/lines", f"none of its lines lies in band_hz, {low:g} to {high:g} Hz", path)
             response = response.lines(inside)
-        yield replace(response, notes=(*response.notes, *channel_notes(response)))
+        yield response
 
 
 def tool_responses(
