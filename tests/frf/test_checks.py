@@ -10,23 +10,9 @@ from elastid.base.arrays import ComplexArray
 from elastid.frf.checks import separated_lines, unlike_notes
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Configuration, Record
-from elastid.response import Response
 
 FREQ_HZ = np.linspace(1.0, 60.0, 60)
 MOTORS = ("motor 1", "motor 2", "motor 3")
-
-
-def arm(seed: int, noise: float = 0.0) -> Response:
-    """Accelerations of three motors, rigidly and elastically coupled by any positive definite inertia."""
-    rng = np.random.default_rng(seed)
-    A = rng.normal(size=(6, 6))
-    M = A @ A.T + 0.3 * np.eye(6)
-    springs = np.diag(rng.uniform(200, 2000, 3))
-    K = np.block([[springs, -springs], [-springs, springs]])
-    s = 2j * np.pi * FREQ_HZ[:, None, None]
-    G = s**2 * np.linalg.inv(M * s**2 + (K + 1e-3 * s * K))[:, :3, :3]
-    G = G * (1 + noise * (rng.normal(size=G.shape) + 1j * rng.normal(size=G.shape)))
-    return Response(FREQ_HZ, G, MOTORS, MOTORS, "acceleration", Configuration("home", np.zeros(3)))
 
 
 def test_each_input_is_held_against_its_own_noise() -> None:
