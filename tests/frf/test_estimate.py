@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.noise_record import noise_record
 from plants.refusals import refused
 
 from elastid.excitation.multisine import orthogonal_set, synthesise
@@ -259,15 +258,6 @@ def test_records_that_do_not_fit_together_are_refused_by_name() -> None:
     for changed in (replace(b, rate_hz=400.0), replace(b, period_samples=128), replace(b, outputs=("joint 9",))):
         with refused("frf/records"):
             estimate([a, changed], ALL_PERIODS)
-
-
-def test_a_record_without_a_period_is_estimated_by_methods_that_need_none() -> None:
-    """`auto` takes such a method; a mean over periods is refused."""
-    record = noise_record(1500, 0, noise=0.1)
-    spec = EstimatorSpec(quantity="velocity", band_hz=(5.0, 80.0))
-    assert "frf/method" in [note.code for note in estimate([record], spec).notes]
-    with refused("frf/periods"):
-        estimate([record], replace(spec, method="arithmetic"))
 
 
 def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:

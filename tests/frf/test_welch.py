@@ -169,9 +169,3 @@ def test_independent_segments_without_overlap_are_all_and_with_it_those_of_welch
     assert Segments(hann, 128).independent(1280) == pytest.approx(9 / (1 + 2 * (8 / 9) / 36), rel=1e-6)
     assert Segments(np.ones(256), 128).independent(1280) == pytest.approx(9 / (1 + 2 * (8 / 9) / 4), rel=1e-9)
     assert Segments(hann, 128).count(255) == 0
-
-
-def test_errors_of_neighbouring_lines_are_correlated_over_as_many_as_the_window_is_wide() -> None:
-    """1 for a boxcar, 35 / 18 for Hann's window."""
-    assert Segments(np.ones(256), 128).correlated_lines == pytest.approx(1)
-    assert Segments(np.sin(np.pi * np.arange(256) / 256) ** 2, 128).correlated_lines == pytest.approx(35 / 18)

@@ -150,19 +150,6 @@ def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction)
     assert axis.seconds["used"] > 20
 
 
-def test_the_halves_of_a_real_record_agree(axis: MotionFriction) -> None:
-    """Each number within 2.5 std of the difference, two slopes or one."""
-    q, u = axis.motion.position, axis.motion.torque
-    halves = [
-        regress_motion(replace(axis.motion, position=q[part], torque=u[part]))
-        for part in (np.s_[:12400], np.s_[12400:])
-    ]
-    for fits in ([half.alike for half in halves], [half.apart for half in halves]):
-        for name in fits[0].names:
-            std = np.hypot(*(fit.std(name) for fit in fits))
-            assert abs(fits[0][name] - fits[1][name]) < 2.5 * std, name
-
-
 def test_its_stiction_is_refused_by_name(axis: MotionFriction) -> None:
     """Three speeds are dwelt at."""
     assert distinct_speeds(axis.plateaus) == pytest.approx([0.042, 0.083, 0.125], rel=0.02)

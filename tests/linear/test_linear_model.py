@@ -27,14 +27,6 @@ def test_slopes_of_the_logarithm_equal_differences(element):
     np.testing.assert_allclose(element.log_slope(S, T), difference, rtol=1e-6)
 
 
-@pytest.mark.parametrize("order", BUTTERWORTH)
-def test_a_butterworth_filter_is_flat_and_at_half_power_at_its_corner(order):
-    """|H(j w T)|^2 = 1 / (1 + (w T)^(2 n))."""
-    w = np.array([0.1, 1.0, 3.0])
-    H = LagElement("lag", BUTTERWORTH[order]).response(1j * w / T, T)
-    np.testing.assert_allclose(np.abs(H) ** 2, 1 / (1 + w ** (2 * order)), rtol=1e-12)
-
-
 def test_a_difference_over_a_time_is_the_mean_of_the_derivative():
     """(x(t) - x(t - T)) / T of e^(s t), over its derivative s e^(s t)."""
     np.testing.assert_allclose(DifferenceElement("d").response(S, T), (1 - np.exp(-S * T)) / (S * T), rtol=1e-9)

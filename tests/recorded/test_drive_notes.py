@@ -1,4 +1,4 @@
-"""A stop within a period, drives that log the same signal twice or mirrored, and signals that only look clipped."""
+"""Drives that log the same signal twice or mirrored, and feedback that mirrors nothing."""
 
 from __future__ import annotations
 

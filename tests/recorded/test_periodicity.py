@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from plants.lab_logs import CHANNELS, RATE, ROBOT, N, measured, save_csv, study_of
-from plants.measured import EMPS, KUKA
+from plants.measured import KUKA
 from plants.measured import measured as record_file
 from plants.notes import said
 
@@ -103,15 +103,6 @@ def _log_of_period(T: float, n: int, seed: int = 0) -> dict[str, np.ndarray]:
     U = orthogonal_set(np.ones((len(LINES), 4)), np.random.default_rng(seed))[0]
     x = (np.exp(2j * np.pi * np.outer(np.arange(n) / T, LINES)) @ U).real
     return dict(zip(("i1", "i2", "phi", "w2"), x.T, strict=True))
-
-
-def _emps(**changes: object) -> RecordedRig:
-    channels = (
-        ChannelSpec("u", "motor 1", "vir", scale=35.1507),
-        ChannelSpec("y", "motor 1", "qm", quantity="position"),
-    )
-    recorded = RecordedSpec(1000.0, channels, (FileSpec(str(record_file(EMPS)), "home"),), **changes)  # type: ignore[arg-type]
-    return RecordedRig(AXIS, ExperimentSpec({"home": (0.0,)}, recorded=recorded), Path())
 
 
 def test_a_period_of_a_fraction_of_samples_has_the_lines_of_its_own_frequencies(tmp_path: Path) -> None:
@@ -272,18 +263,6 @@ def test_a_slow_motion_does_not_repeat_after_any_lag(lag: int) -> None:
     found = repetition(np.asarray(x)[:, None], lag)
     assert not found.is_as_stated
     assert found.best_samples == 0
-
-
-def test_the_mass_of_the_prismatic_axis_shows_in_its_response() -> None:
-    """Force to acceleration at the published 95.11 kg, where inertia outweighs friction."""
-    responses = []
-    for rig in (_emps(period_samples=12480.02), _emps(period="find")):
-        record = rig.measure(rig.experiments[0])
-        responses.append(estimate([record], EstimatorSpec(method="h1", band_hz=(0.0, 20.0))))
-    for G in responses:
-        high = G.freq_hz > 2.0
-        mass = np.median(1 / G.G[high, 0, 0].real)
-        assert mass == pytest.approx(95.11, rel=0.1)
 
 
 @pytest.mark.parametrize("period", [{"period": "find"}, *({"period_samples": n} for n in (320, 804, 1749, 2010))])

@@ -26,15 +26,12 @@ from plants.lab_logs import (
     write_matlab,
     write_matlab_73,
 )
-from plants.measured import KUKA
-from plants.measured import measured as record_file
 from plants.notes import said
 
-from elastid.base.errors import DataError, ElastidError, StudyError
+from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, TextFormatSpec
-from elastid.recorded.files.formats import contents
 from elastid.recorded.rig import RecordedRig
 
 
@@ -204,19 +201,6 @@ def test_a_study_that_does_not_fit_robot_or_files_is_refused_before_anything_is_
     (tmp_path / "log.csv").write_text("nothing is read")
     with pytest.raises(StudyError, match=message):
         RecordedRig(ROBOT, study_of("log.csv", **changes), tmp_path)
-
-
-def test_a_log_of_an_industrial_robot_is_read_and_refused_as_not_periodic() -> None:
-    """KUKA KR300: struct members, rows as axes, objects of unknown classes beside them; one movement."""
-    path = record_file(KUKA)
-    shapes = contents(path, TextFormatSpec())
-    assert shapes["rec.act_torque_abs_nm"] == (6, 2501)
-    channels = (
-        ChannelSpec("u", "motor 1", "rec.act_torque_abs_nm", 1, side="motor"),
-        ChannelSpec("y", "motor 1", "rec.act_pos_mot_deg", 1, "position", "deg"),
-    )
-    with pytest.raises(ElastidError, match="needs a periodic excitation"):
-        measured(path.parent, study_of(path.name, channels, rate_hz=250.0, period_samples=250))
 
 
 def test_logs_of_two_amplitudes_are_configurations_of_one_posture(tmp_path: Path, log: dict[str, np.ndarray]) -> None:

@@ -19,7 +19,9 @@ from elastid.robot import (
     Motor,
     Placement,
     Robot,
+    Rod,
     Spring,
+    unit_axis,
 )
 
 JOINT = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 100.0, 1e-3))
@@ -33,6 +35,7 @@ def one_joint(**body: object) -> Robot:
 @pytest.mark.parametrize("inertia", [(1.0, 1.0, 2.1), (1.0, 1.0, -0.1), (1.0, 1.0, 1.0, 0.0, 0.0, 1.5)])
 def test_an_inertia_that_no_body_can_have_is_refused(inertia: tuple[float, ...]) -> None:
     """The triangle inequality of the principal moments, and their signs."""
+    one_joint(inertia=(1.0, 1.0, 2.0))  # the limit: a flat body
     with pytest.raises(ValueError, match="no body has the principal inertias"):
         one_joint(inertia=inertia)
 
@@ -55,6 +58,7 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float
         (lambda: Motor(0.0), "inertia is 0"),
         (lambda: Motor(1e-3, viscous=-1.0), "viscous is -1; it must not be negative"),
         (lambda: Spring(0.0), "must be positive"),
+        (lambda: Rod(0.0), "must be positive"),
         (lambda: Spring(1.0, -1.0), "must not be negative"),
         (lambda: Spring(1.0, quadratic=1.8, cubic=1.0), "loses its stiffness at a negative deflection"),
         (lambda: Loop("l", (Anchor("arm"), Anchor("arm"))), "both ends are on arm"),
@@ -86,6 +90,7 @@ def test_a_placement_is_a_rotation(rpy: tuple[float, float, float]) -> None:
     assert np.linalg.det(R) == pytest.approx(1.0)
     yaw_only = Placement(rpy=(0.0, 0.0, rpy[2])).rotation
     np.testing.assert_allclose(yaw_only @ [1, 0, 0], [np.cos(rpy[2]), np.sin(rpy[2]), 0], atol=1e-12)
+    np.testing.assert_allclose(unit_axis((3.0, 0.0, 4.0)), [0.6, 0.0, 0.8])
 
 
 @pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2])

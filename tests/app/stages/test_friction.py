@@ -74,30 +74,6 @@ def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_path: Path) -> None:
-    """Every number within 3.3 std; the same bytes from one process and from two."""
-    folders = [copied(tmp_path / name) for name in ("one", "two")]
-    for folder, jobs in zip(folders, (1, 2), strict=True):
-        run_all(run_of(folder, "report.formats=[]", jobs=jobs))
-    for name in (
-        "plan.h5",
-        "records.h5",
-        "levels.h5",
-        "friction.h5",
-        "summary.json",
-        "identified_robot.yml",
-        "report.html",
-    ):
-        assert (folders[0] / "run" / name).read_bytes() == (folders[1] / "run" / name).read_bytes(), name
-    found = {each.name: each for each in read_friction_result(folders[0] / "run" / "friction.h5").numbers}
-    for name in NUMBERS:
-        truth = found[name].truth
-        assert truth is not None
-        assert abs(found[name].value - truth) < 3.3 * found[name].std, name
-        assert found[name].std < 0.02 * truth
-
-
-@pytest.mark.slow
 def test_a_robot_that_was_identified_is_the_start_of_the_next_study(tmp_path: Path) -> None:
     """The circle: found on the rig, put into its robot's file, and found again from that file as the truth."""
     first, second = copied(tmp_path / "first"), copied(tmp_path / "second")

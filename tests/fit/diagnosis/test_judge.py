@@ -49,15 +49,6 @@ def test_a_wrong_number_is_the_first_that_is_named(fault: str, name: str, step: 
     assert re.search(words, sentence)
 
 
-@pytest.mark.slow
-def test_a_fit_of_the_true_robot_has_no_sentence() -> None:
-    """Eight data sets; of 300 at most three have one (scripts/studies/results.csv)."""
-    case = true_case()
-    for seed in range(8):
-        notes = identify(drawn(case, np.random.default_rng(seed)), case.robot, SPEC).notes
-        assert not any(note.code == "fit/likely-cause" for note in notes)
-
-
 def test_the_drop_is_that_of_least_squares_with_the_number_free() -> None:
     """A linear problem of four columns, two of them held: drop, step and effects as of the solution of all."""
     rng = np.random.default_rng(3)

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import local_plants as study
 from plants.noise_record import noise_record
+from plants.random_plants import two_modes
 from plants.refusals import refused
 
 from elastid.app.console import Console
@@ -64,16 +65,6 @@ def _polynomial(n_y: int, n_u: int, rng: np.random.Generator, degree: int = 2) -
     C = rng.normal(size=(degree + 1, n_y, n_u)) + 1j * rng.normal(size=(degree + 1, n_y, n_u))
     x = (FREQ - FREQ.mean()) / np.ptp(FREQ)
     G: np.ndarray = np.einsum("pyu,fp->fyu", C, x[:, None] ** np.arange(degree + 1))
-    return G
-
-
-def _modes(freq_hz: np.ndarray, Phi: np.ndarray, zeta: float = 0.02) -> np.ndarray:
-    """G (F, n, n) of two modes of shapes Phi (2, n): torque to velocity."""
-    n = Phi.shape[1]
-    s, G = 2j * np.pi * freq_hz[:, None, None], np.zeros((len(freq_hz), n, n), dtype=np.complex128)
-    for f, phi in zip((45.0, 80.0), Phi, strict=True):
-        omega = 2 * np.pi * f
-        G += omega * s / (s**2 + 2 * zeta * omega * s + omega**2) * np.outer(phi, phi)
     return G
 
 
@@ -158,7 +149,7 @@ def _followed_by(spec: EstimatorSpec, closed: bool, rng: np.random.Generator) ->
     if spec.method == "local_polynomial":
         return _polynomial(3, 3, rng)
     if closed:
-        return _modes(FREQ, rng.normal(size=(2, 3)))
+        return two_modes(FREQ, rng.normal(size=(2, 3)))
     return _polynomial(3, 3, rng) / np.prod((FREQ[:, None] - [40 + 8j, 85 + 10j]) / 30, axis=1)[:, None, None]
 
 
