@@ -1,5 +1,7 @@
 """A robot refuses what no mechanism can be, and its numbers have names."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +19,7 @@ from elastid.robot import (
     Limits,
     Loop,
     Motor,
+    Pin,
     Placement,
     Robot,
     Rod,
@@ -114,3 +117,20 @@ def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop: Loop, says: str) ->
     """Its parameters could not be distinguished from those of a body or joint."""
     with pytest.raises(ValueError, match=says):
         Robot("r", (Body("arm", joints=(JOINT,)), Body("tip", "arm")), loops=(loop,))
+
+
+ENDS = (Anchor("lever"), Anchor("arm"))
+
+
+def test_a_loop_is_closed_in_one_way_between_two_bodies() -> None:
+    with pytest.raises(ValueError, match="not both"):
+        Loop("pull", ENDS, Pin(), Rod(0.5))
+    with pytest.raises(ValueError, match="both ends are on arm"):
+        Loop("pull", (Anchor("arm"), Anchor("arm")))
+
+
+def test_only_an_elastic_rod_has_stiffness_and_damping_as_parameters() -> None:
+    assert set(Loop("pull", ENDS, rod=Rod(0.5)).numbers) == {"m_pull", "a_pull", "I_pull"}
+    assert {"k_pull", "d_pull"} < set(Loop("pull", ENDS, rod=Rod(0.5, stiffness=1e6)).numbers)
+    with pytest.raises(ValueError, match="a rigid rod does not stretch"):
+        Rod(0.5, damping=1.0)

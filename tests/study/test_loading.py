@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 
 from elastid.app.cli import run_command
+from elastid.app.overview import overview
 from elastid.base.errors import StudyError
+from elastid.fit.parameter_choice import choose
 from elastid.robot import Tolerances
-from elastid.study import load, make_schema
+from elastid.study import Study, load, make_schema
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TEMPLATES = Path(__file__).parents[2] / "elastid" / "app" / "templates"
@@ -391,3 +393,41 @@ def test_a_posture_is_left_out_at_all_its_amplitudes(tiny: Path) -> None:
     assert load(tiny, two[1:]).study.validation.left_out == ("b",)
     (line,) = errors(tiny, "experiment.configurations={a: [0], b level 2: [0.1]}")
     assert "`level` and a number end the names of amplitudes; rename it" in line
+
+
+TEMPLATE = Path(__file__).parents[2] / "elastid" / "app" / "templates" / "serial"
+CYLINDER = """
+compensators:
+  - name: cyl
+    ends: [{body: turret}, {body: upper_arm, point: [0, 0, 200 mm]}]
+    gas: {force: 4 kN, length: 500 mm, column: 0.4, kappa: 1.2}
+"""
+CUBIC = "damping: 600, cubic: 1e11 N*m/rad^3}"
+GAP = "damping: 250, backlash: 0.05 mrad, inner_stiffness: 20 kN*m/rad, rounding: 20 %}"
+
+
+def written(folder: Path, cubic: str = CUBIC, gap: str = GAP, cylinder: str = CYLINDER, wanted: str = "") -> Path:
+    """The template with a cubic gear at joint 2, backlash at joint 3 and a gas spring."""
+    robot = (TEMPLATE / "robot.yml").read_text()
+    robot = robot.replace("damping: 600}", cubic, 1).replace("damping: 250}", gap, 1) + cylinder
+    (folder / "robot.yml").write_text(robot)
+    (folder / "study.yml").write_text(
+        (TEMPLATE / "study.yml").read_text().replace("    fm_*: {}", "    fm_*: {}" + wanted)
+    )
+    return folder / "study.yml"
+
+
+def test_springs_are_read_in_si_and_shown(tmp_path: Path) -> None:
+    """Units of polynomials, gaps and gas; what `check` says of them; names that the fit may free."""
+    study: Study = load(written(tmp_path, wanted="\n    k3_*: {}\n    F0_cyl: {}\n    L0_cyl: {}")).study
+    numbers = {name: value for name, (value, _) in study.robot.parameters().items()}
+    expected = {"k3_2": 1e11, "b_3": 5e-5, "ki_3": 2e4, "e_3": 0.2, "F0_cyl": 4e3, "L0_cyl": 0.5, "h0_cyl": 0.4}
+    assert {name: numbers[name] for name in expected} == pytest.approx(expected)
+    page = overview(study)
+    assert "nonlinear springs: 2, 3; the fit uses their tangent under gravity" in page
+    assert "backlash: 3 (+-5e-05)" in page
+    assert "compensator cyl: gas spring from turret to upper_arm" in page
+    parameters = choose(study.fit, study.robot)
+    assert {"k3_2", "F0_cyl", "L0_cyl"} < set(parameters.free_names)
+    assert parameters["k3_2"].log
+    assert not parameters["L0_cyl"].log

@@ -11,7 +11,9 @@ from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration
 from elastid.simulation.controller import Gains
 from elastid.use.loops.cascade import Cascade
+from elastid.use.loops.design import Scene, design
 from elastid.use.loops.plants import Plants, PostureFamily, _sampled
+from elastid.use.loops.result import assess
 from elastid.use.loops.sensitivity import (
     bandwidths,
     closed_loop_poles,
@@ -159,3 +161,14 @@ def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None
         sampled.append(C[0] @ x)
         x = A @ x + B[:, 0] * (k == 0)
     np.testing.assert_allclose(sampled, y, rtol=1e-6, atol=1e-12 * np.abs(y).max())
+
+
+def test_a_peak_is_traced_to_the_mode_that_makes_it(family: PostureFamily) -> None:
+    """Gains near those at which the first mode rings: its frequency, and the spring with most of its energy."""
+    modes = tuple(family.modes(q) for q in range(2))
+    cascade = next(design(Scene.of(family.estimate()), 9.0, 1))
+    state = assess("own", family.estimate(), family.draws(result(), 10, 1), cascade.gains, cascade.filters(250.0),
+                   family.names, ("1", "2"), modes)  # fmt: skip
+    assert any(f"mode at {mode.freq_hz:.3g} Hz, {mode.spring}" in " ".join(state.limited_by)
+               for own in modes for mode in own)  # fmt: skip
+    assert np.all(state.peak_low <= state.peak_high)
