@@ -5,7 +5,6 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 
@@ -18,7 +17,6 @@ SET = Parameters(
         Parameter("delay", 1e-3, lower=0.0, upper=1e-2),
     )
 )
-vectors = st.tuples(st.floats(-20, 20), st.floats(-1e3, 1e3)).map(np.array)
 
 
 def test_x_holds_logarithms_of_the_free_positive_parameters():

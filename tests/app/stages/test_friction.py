@@ -74,22 +74,6 @@ def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_robot_that_was_identified_is_the_start_of_the_next_study(tmp_path: Path) -> None:
-    """The circle: found on the rig, put into its robot's file, and found again from that file as the truth."""
-    first, second = copied(tmp_path / "first"), copied(tmp_path / "second")
-    run_all(run_of(first, "report.formats=[]"))
-    shutil.copy(first / "run" / "identified_robot.yml", second / "robot.yml")
-    run_all(run_of(second, "report.formats=[]", "experiment.simulated.truth={}", "seed=2"))
-    before, after = (
-        {each.name: each for each in read_friction_result(folder / "run" / "friction.h5").numbers}
-        for folder in (first, second)
-    )
-    for name in NUMBERS:
-        assert after[name].truth == pytest.approx(before[name].value, rel=1e-9)
-        assert abs(after[name].value - before[name].value) < 3.3 * after[name].std, name
-
-
-@pytest.mark.slow
 def test_a_warm_up_tells_what_heat_does_to_friction(tmp_path: Path) -> None:
     """Two hours of motion: time constant, heat given off and viscous friction over temperature, each within 3.5 std."""
     folder = copied(tmp_path / "warm")

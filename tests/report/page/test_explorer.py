@@ -149,27 +149,6 @@ def test_the_viewer_opens_on_the_first_mode_that_springs_make(visit, written):
     assert "mode 1:" not in page.locator("#mode-viewer").inner_text()
 
 
-def test_the_browser_draws_the_mode_that_is_chosen(table):
-    """Below its row, with its views; first, before anything is chosen, the first one at rest at its end."""
-    row, page = mode_row(), table(reduced_motion="reduce")
-    drawing = row.drawing
-    assert drawing is not None
-    assert page.locator("tr[data-mode]").count() == 2 * len(row.frequency_hz)
-    buttons = page.locator("tr[data-mode] button")
-    assert buttons.count() == len(row.frequency_hz)
-    assert "mode 1:" in page.locator("#mode-viewer").inner_text()
-    for mode in range(len(row.frequency_hz)):
-        if mode:
-            buttons.nth(mode).click()
-        assert buttons.nth(mode).get_attribute("aria-expanded") == "true"
-        assert page.locator("tr.mode-drawing").evaluate("tr => tr.previousSibling.dataset.mode") == str(mode)
-        assert f"mode {mode + 1}: " in page.locator("#mode-viewer").inner_text()
-        assert page.locator("#mode-viewer svg").count() == len(drawing.views(mode))
-    assert "50 % gear 2, 50 % rod" in page.locator("#mode-viewer").inner_text()
-    buttons.nth(mode).click()
-    assert page.locator("tr.mode-drawing").count() == 0
-
-
 def test_the_browser_plays_and_pauses(table):
     """A chosen mode swings; paused, it stays where it is; at first nothing moves."""
     page = table(reduced_motion="no-preference")

@@ -19,14 +19,6 @@ def test_the_three_questions_stand_above_the_fold(opened):
     assert 1 <= opened.locator(".actions li").count() <= 3
 
 
-def test_a_cell_of_the_strip_changes_the_plot(opened):
-    cell = opened.locator(".strip div").nth(3).locator("button").nth(2)
-    cell.click()
-    assert cell.get_attribute("aria-pressed") == "true"
-    assert opened.locator(".strip button[aria-pressed=true]").count() == 1
-    assert opened.locator("#worst .title").inner_text() == "c2: motor 1 → place 2"
-
-
 def test_numbers_are_sorted_and_filtered(opened):
     def names():
         return list(opened.locator("#numbers-table tbody tr:visible td:first-child b").all_inner_texts())

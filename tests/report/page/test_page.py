@@ -112,17 +112,6 @@ def test_a_report_that_cannot_be_written_leaves_the_last_one_whole(tmp_path, mon
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [page]
 
 
-def test_the_page_fits_a_phone_and_paper(visit, report_folder):
-    """No wider than a phone; on paper the curves that were chosen, without what can only be clicked."""
-    phone = visit(report_folder / "report.html")
-    phone.set_viewport_size({"width": 390, "height": 800})
-    assert phone.evaluate("document.documentElement.scrollWidth") <= 390
-    phone.emulate_media(media="print")
-    assert phone.locator("#explorer canvas").first.is_visible()
-    assert not phone.locator("#explorer .controls").is_visible()
-    assert phone.pdf().startswith(b"%PDF")
-
-
 @pytest.mark.parametrize("name", ["map.js", "curves.js", "explorer.js", "mode_viewer.js"])
 def test_text_of_a_script_has_the_colour_of_the_scheme(name: str) -> None:
     """Light and dark; a colour of its own would be faint in one of them."""
