@@ -25,7 +25,6 @@ SMALL = (
     "friction.law={stribeck: no, directions: no, load: no, temperature: no}",
     "report.formats=[]",
 )
-NUMBERS = ("Fc_m1", "Fs_m1", "vs_m1", "f_m1")
 
 
 def run_of(folder: Path, *overrides: str, jobs: int = 1) -> Run:
@@ -71,23 +70,6 @@ def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
     assert path.read_text() == (finished / "run" / "identified_robot.yml").read_text()
     with refused("study/stage"):
         export(run, "matlab")
-
-
-@pytest.mark.slow
-def test_a_warm_up_tells_what_heat_does_to_friction(tmp_path: Path) -> None:
-    """Two hours of motion: time constant, heat given off and viscous friction over temperature, each within 3.5 std."""
-    folder = copied(tmp_path / "warm")
-    robot = (folder / "robot.yml").read_text()
-    law = "friction: {temperature: {reference: 30 degC, viscous: 1.2e-3, decay: 20 K}, "
-    (folder / "robot.yml").write_text(robot.replace("friction: {", law))
-    heat = "{conductance: 1 W/K, time_constant: 30 min, ambient: 20 degC, thermometer_std: 0.3 K}"
-    warm_up = "friction.warm_up={speed: 60 deg/s, time: 2 h, test_every: 10 min}"
-    run_all(run_of(folder, "report.formats=[]", warm_up, f"experiment.simulated.heat={heat}", jobs=2))
-    found = {each.name: each for each in read_friction_result(folder / "run" / "friction.h5").numbers}
-    true = {"Tc_m1": 1800.0, "h_m1": 1.0} | {name: found[name].truth for name in (*NUMBERS, "fT_m1", "TV_m1")}
-    for name, value in true.items():
-        assert value is not None
-        assert abs(found[name].value - value) < 3.5 * found[name].std, (name, found[name], value)
 
 
 ROBOT = f"""

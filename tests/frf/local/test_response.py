@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,15 +13,11 @@ from plants.noise_record import noise_record
 from plants.random_plants import two_modes
 from plants.refusals import refused
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
 from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.local.response import local_response, merge_repeats, settled_spectra
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
-from elastid.store.results import read_fit
-from elastid.study import load
 
 RATE, N = 512.0, 512
 LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
@@ -302,14 +297,3 @@ def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> 
     with refused("frf/records", place="configuration c"):
         estimate([a, b, c], spec)
     assert estimate([a, b, c], replace(spec, method="h1")).n_lines > 10
-
-
-@pytest.mark.parametrize("method", ["local_polynomial", "local_rational"])
-def test_a_study_started_from_rest_finds_its_spring(tiny: Path, tmp_path: Path, method: str) -> None:
-    """estimator.method in study.yml, no period to settle: the true stiffness of 60 N*m/rad to 1 %."""
-    overrides = (f"estimator.method={method}", "experiment.transient_periods=0")
-    run = Run(load(tiny, overrides), tmp_path / "run", 1, Console(-1))
-    run_all(run, ("design", "measure", "estimate", "fit"))
-    result = read_fit(run.path("fit"))
-    k_1 = result.values["k_1"]
-    assert k_1 == pytest.approx(60.0, rel=0.01)

@@ -193,3 +193,28 @@ def test_the_page_without_scripts_and_on_paper_has_the_table_alone(table):
     page = table()
     page.emulate_media(media="print")
     assert not page.locator("#mode-viewer").is_visible()
+
+
+@pytest.fixture
+def on_a_laptop(visit, report_folder):
+    """The page of two configurations of a two-axis robot, as wide as a laptop."""
+    page = visit(report_folder / "report.html")
+    page.set_viewport_size({"width": 1280, "height": 800})
+    return page
+
+
+def test_the_three_questions_stand_above_the_fold(on_a_laptop):
+    assert on_a_laptop.evaluate("document.querySelector('.columns').getBoundingClientRect().bottom") <= 800
+    assert on_a_laptop.locator(".columns h2").count() == 3
+    assert 1 <= on_a_laptop.locator(".actions li").count() <= 3
+
+
+def test_numbers_are_sorted_and_filtered(on_a_laptop):
+    def names():
+        return list(on_a_laptop.locator("#numbers-table tbody tr:visible td:first-child b").all_inner_texts())
+
+    on_a_laptop.locator("#numbers-table th button", has_text="±").click()
+    by_width = names()
+    assert by_width.index("k_1") < by_width.index("k_2") < by_width.index("d_1")
+    on_a_laptop.locator("#numbers-controls input").fill("k_")
+    assert names() == ["k_1", "k_2"]
