@@ -224,16 +224,6 @@ def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts()
     np.testing.assert_allclose(variance[:, 0], 4 * 0.01 / 256 / 2, rtol=0.08)
 
 
-def test_experiments_that_do_not_tell_the_inputs_apart_are_refused() -> None:
-    """The same file twice, above the noise only one way of moving two inputs."""
-    rng, lines = np.random.default_rng(0), np.arange(5, 60)
-    first = _experiments(_plant(55, 2, 2), lines, 1, rng)[0]
-    noisy = [replace(first, experiment=e, u=first.u + 1e-3 * rng.normal(size=first.u.shape)) for e in range(2)]
-    for records in ([first, replace(first, experiment=1)], noisy):
-        with refused("frf/inputs-together", place="configuration c, realisation 0"):
-            estimate(records, ALL_PERIODS, lines)
-
-
 def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     """`full` where every second line is excited: the others have no answer."""
     rng, lines = np.random.default_rng(0), np.arange(5, 60, 2)
@@ -242,15 +232,6 @@ def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     response = estimate(records, replace(ALL_PERIODS, lines="full", band_hz=(9.0, 116.0)))
     np.testing.assert_allclose(response.freq_hz, lines * RATE / 256)
     assert response.notes[0].code == "frf/lines-left-out"
-
-
-def test_one_missing_sample_is_told_and_does_not_reach_the_response() -> None:
-    """NaN in one output of one record: record, channel and sample are named."""
-    a, b = _experiments(_plant(10, 2, 2), np.arange(5, 15), 1, np.random.default_rng(0))
-    y = b.y.copy()
-    y[77, 1] = np.nan
-    with refused("records/values", place="record c-r0-e1"):
-        estimate([a, replace(b, y=y)], ALL_PERIODS)
 
 
 def test_records_that_do_not_fit_together_are_refused_by_name() -> None:
