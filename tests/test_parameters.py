@@ -5,8 +5,6 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from elastid.parameters import Parameter, Parameters, Prior, Tie
 
@@ -19,7 +17,6 @@ SET = Parameters(
         Parameter("delay", 1e-3, lower=0.0, upper=1e-2),
     )
 )
-vectors = st.tuples(st.floats(-20, 20), st.floats(-1e3, 1e3)).map(np.array)
 
 
 def test_x_holds_logarithms_of_the_free_positive_parameters():
@@ -34,15 +31,6 @@ def test_ties_follow_their_parameter_whether_free_or_fixed():
     x = np.array([math.log(10.0), 2e-3])
     np.testing.assert_allclose(SET.expand(x), [10, 15, 12, 24, 2e-3])
     assert SET.moved() == ("k", "k_twin", "delay")
-
-
-@given(vectors)
-@settings(deadline=None, max_examples=30)
-def test_jacobian_is_the_derivative_of_expand(x):
-    """d theta / d x equals central differences, logarithms and ties included."""
-    step = 1e-6
-    columns = [(SET.expand(x + step * e) - SET.expand(x - step * e)) / (2 * step) for e in np.eye(2)]
-    np.testing.assert_allclose(SET.jacobian(x), np.stack(columns, axis=1), rtol=1e-6, atol=1e-6)
 
 
 def test_an_absurd_step_gives_infinity_and_no_error():

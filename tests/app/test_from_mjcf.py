@@ -71,7 +71,6 @@ def _takes_data() -> bool:
     [
         (("<worldbody>", "<worldbody><body name='free'><freejoint/><geom size='.1'/></body>"), "is of type free"),
         (("</worldbody>", ""), "MuJoCo does not take it: XML parse error"),
-        (('parent="turn"', 'parent="twist"'), "MuJoCo does not take it: Error: unknown"),
     ],
 )
 def test_a_file_that_is_no_robot_is_refused(change: tuple[str, str], says: str, tmp_path: Path) -> None:

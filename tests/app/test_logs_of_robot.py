@@ -9,7 +9,7 @@ from plants.mjcf_arm import ARM as CRANE
 from elastid.app import cli
 from elastid.app.cli import run_command
 from elastid.study import load_with_logs
-from tests.app.test_from_robot import ARM
+from tests.app.test_scaffold import ARM
 
 
 def logged(path: Path, names: tuple[str, ...], angles: tuple[float, ...], units: str = "") -> str:

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants.flexible_link import OUTPUTS, RATE_HZ, Link, driven, peaks_hz, response, sweep
-from scipy.signal import chirp
+from plants.flexible_link import OUTPUTS, RATE_HZ, Link, peaks_hz, response, sweep
 
 from elastid.app.cli import run_command
 from elastid.base.arrays import ComplexArray, FloatArray
@@ -99,38 +98,6 @@ def test_three_sweeps_from_rest_are_three_realisations(loop: str, tmp_path: Path
     assert ratio < 2
     assert coverage > 0.9
     np.testing.assert_allclose(peaks(tmp_path), peaks_hz(), rtol=5e-3)
-
-
-def _excitation(kind: str, rng: np.random.Generator) -> FloatArray:
-    """20 s of torque."""
-    t = np.arange(round(20 * RATE_HZ)) / RATE_HZ
-    if kind == "hammer":
-        blows = np.zeros(len(t))
-        for first in (100, 1300, 2600, 3900):
-            blows[first : first + 4] = 15.0, 45.0, 45.0, 15.0
-        return blows
-    if kind == "noise":
-        return rng.normal(size=len(t))
-    end = 12.0 if kind == "chirp" else 20.0
-    method = "linear" if kind == "chirp" else "logarithmic"
-    return np.asarray(chirp(t, 0.5, end, 60.0, method=method, phi=-90) * (t < end))
-
-
-@pytest.mark.parametrize("kind", ["hammer", "chirp", "noise", "sweep"])
-def test_a_log_runs_without_an_estimator_section(kind: str, tmp_path: Path) -> None:
-    """A flexible link from rest, one file, neither a period nor an estimator stated: response and peaks are right."""
-    rng = np.random.default_rng(5)
-    write_log(tmp_path / "log.csv", ("reference", "torque", *OUTPUTS), driven(Link(False), _excitation(kind, rng), rng))
-    channels = [channel("u", "torque", "torque", "N*m", "motor"), channel("y", "motor_speed", "velocity", "rad/s")]
-    channels.append(channel("y", "tip", "acceleration", "m/s^2"))
-    files = [{"path": "log.csv", "configuration": "bench"}]
-    found = run(tmp_path, {"rate_hz": RATE_HZ, "channels": channels, "files": files})
-    assert sum("auto takes" in note.text for note in found.notes) == 1
-    inside = (found.freq_hz > 5) & (found.freq_hz < 50)
-    true = response(found.freq_hz[inside])
-    assert np.median(np.abs(found.G[inside] / true - 1)) < 0.02
-    for f_0 in peaks_hz():
-        assert np.abs(peaks(tmp_path) / f_0 - 1).min() < 0.02
 
 
 def test_a_structure_that_is_driven_by_a_voltage(tmp_path: Path) -> None:

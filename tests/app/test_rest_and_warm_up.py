@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants import lugre_rig, warm_rig
-from plants.warm_ups import predicted
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
@@ -151,11 +150,3 @@ def test_logs_of_one_amplitude_at_rest_are_realisations(tmp_path: Path) -> None:
     assert joint.at_rest is not None
     assert joint.at_rest is not None
     assert len(joint.at_rest.points) == 1
-
-
-@pytest.mark.slow
-def test_a_housing_that_follows_its_gear_quickly_has_its_node(tmp_path: Path) -> None:
-    """Its share is 6 % of the temperature, and without it the second hour is predicted 3 % off."""
-    found = predicted(10, tmp_path)
-    assert found["temperature"] < 0.1
-    assert found["level"] < 0.3

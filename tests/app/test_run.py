@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -155,20 +153,6 @@ def test_a_change_of_the_code_does_everything_again(
     monkeypatch.setattr(work, "code_hash", lambda: 64 * "0")
     run_all(run_of(copy / "study.yml", copy / "run"))
     assert worked_on == ALL
-
-
-@pytest.mark.slow
-def test_results_do_not_depend_on_the_number_of_processes(tiny: Path, tmp_path: Path) -> None:
-    """Two processes give the same bytes as one, in every file but the log."""
-    trees = []
-    for jobs in ("1", "2"):
-        folder = tmp_path / jobs
-        command = [sys.executable, "-m", "elastid", "run", str(tiny), "--run", str(folder), "--jobs", jobs, "-q"]
-        subprocess.run(command, check=True, capture_output=True)
-        trees.append({p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()})
-    one, two = trees
-    assert one.keys() == two.keys()
-    assert [str(path) for path in one if one[path] != two[path]] == ["run.log"]
 
 
 def test_every_result_says_where_it_came_from(finished: Path) -> None:

@@ -6,14 +6,11 @@ import re
 import time
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from plants.refusals import refused
-from plants.three_mass import fit_of, measured, noise_of, parameters, plant
 
 from elastid.base.execution import SCHEDULER, Execution, on_dask, ordered, surviving
 from elastid.base.placed import Placed
-from elastid.fit.solve.solvers import multistart, spread
 
 distributed = pytest.importorskip("distributed")
 
@@ -106,24 +103,6 @@ def test_work_outlives_the_only_worker_of_a_cluster(tmp_path):
     ):
         assert ordered(DyingOnce(tmp_path), list(range(6)), 1) == [0, 1, 4, 9, 16, 25]
     assert (tmp_path / "died").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("default")
-def test_a_multistart_on_a_cluster_is_that_of_one_process(address):
-    """Starts, costs and order to the last bit, and an error of the work arrives as it is."""
-    model = plant((0, 1, 2))
-    problem = fit_of(measured(model, noise_of("relative", model), np.random.default_rng(0)), model).problem
-    starts = spread(parameters(), 4, 2.0, seed=1)
-    here, hits = multistart([problem], starts)
-    with on_dask(address):
-        there, as_many = multistart([problem], starts)
-    assert hits == as_many
-    for one, other in zip(here, there, strict=True):
-        np.testing.assert_array_equal(one.x, other.x)
-        assert (one.cost, one.message) == (other.cost, other.message)
-    with on_dask(address), pytest.raises(ValueError, match=r"math domain|nonnegative"):
-        ordered(math.sqrt, [1.0, -1.0], 1)
 
 
 def process(item: int) -> int:

@@ -83,17 +83,6 @@ def test_friction_shows_on_the_lines_left_out(tiny: Path, tmp_path: Path, cycles
     assert {"nonlinear, even", "nonlinear, odd", "stochastic nonlinear"} <= labels
 
 
-@pytest.mark.slow
-def test_friction_that_is_taken_out_shows_no_more(tiny: Path, tmp_path: Path) -> None:
-    """The level on odd lines falls to less than a third."""
-    left, taken = (
-        response_of(finished(tiny, tmp_path / how, 0.01, 2, "estimate", how)).quality for how in ("none", "auto")
-    )
-    assert left is not None
-    assert taken is not None
-    assert above_noise(taken.odd) < above_noise(left.odd) / 3
-
-
 def test_a_linear_robot_shows_no_distortion(tiny: Path, tmp_path: Path) -> None:
     """Without friction both levels are the noise, and the total variance of one realisation is the noise's."""
     response = response_of(finished(tiny, tmp_path / "run", 0.0, 1, "estimate"))

@@ -19,7 +19,6 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration, Record
-from elastid.recorded.rig import RecordedRig
 from elastid.response import Response
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
 from elastid.store.measured import read_records, read_responses, write_records, write_responses
@@ -193,41 +192,6 @@ def test_channels_of_points_have_units_of_length(channel, says):
     with pytest.raises(ValueError, match=says):
         ChannelSpec("y", channel="c", **channel).unit_factor(two_axes().slides(channel["at"]))
     assert ChannelSpec("y", "frame tool z", "c", quantity="velocity", unit="mm/s").unit_factor(True) == 1e-3
-
-
-def test_a_log_with_an_accelerometer_in_multiples_of_gravity_is_read_in_si(tmp_path: Path):
-    """Torque, angle and acceleration of one CSV file, as the simulated rig measured them."""
-    (tmp_path / "study.yml").write_text(STUDY)
-    simulated = load(tmp_path / "study.yml").study
-    plan = make_plan(simulated.excitation, simulated.experiment, simulated.robot, simulated.seed)
-    rig = SimulatedRig(simulated.robot, simulated.experiment, plan, 1)
-    record = rig.measure(rig.experiments[0])
-    columns = np.column_stack([record.u, record.y[:, :2], record.y[:, 2] / 9.80665])
-    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header="u1,u2,q1,q2,acc", comments="")
-    (tmp_path / "logged.yml").write_text(
-        "name: logged\n"
-        + ROBOT
-        + """
-experiment:
-  configurations: {a: [0.2, -0.5]}
-  recorded:
-    rate_hz: 1000
-    period: 2 s
-    channels:
-      - {role: u, at: motor 1, channel: u1}
-      - {role: u, at: motor 2, channel: u2}
-      - {role: y, at: motor 1, channel: q1, quantity: position, unit: rad}
-      - {role: y, at: motor 2, channel: q2, quantity: position, unit: rad}
-      - {role: y, at: accelerometer tool z, channel: acc, quantity: acceleration, scale: 9.80665, unit: m/s^2}
-    files: [{path: log.csv, configuration: a}]
-"""
-    )
-    study = load(tmp_path / "logged.yml").study
-    logged = RecordedRig(study.robot, study.experiment, tmp_path)
-    read = logged.measure(logged.experiments[0])
-    assert read.outputs == ("motor 1", "motor 2", "accelerometer tool z")
-    assert read.output_units == ("rad", "rad", "m/s^2")
-    np.testing.assert_allclose(read.y, record.y[:, :3], rtol=1e-12)
 
 
 def test_records_and_responses_say_which_places_slide(tmp_path: Path):

@@ -29,34 +29,17 @@ def run(name: str, folder: Path, code: int = 0) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_a_prismatic_axis_has_mass_and_friction_by_direction(tmp_path: Path) -> None:
-    """Janot, Gautier and Brunot (2019) have 95.11 kg, 203.5 N s/m and 20.39 N with both directions alike."""
+def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(tmp_path: Path) -> None:
+    """Its mass and friction are those of friction_study/test_motion.py; without friction it is 40 and 70 % off."""
     summary = run("emps", tmp_path / "run")
-    value = {name: number["value"] for name, number in summary["parameters"].items()}
-    for name, published in {"J_m1": 95.11, "f_m1": 203.5, "Fc_m1": 20.39}.items():
-        low, high = summary["parameters"][name]["interval95"]
-        assert low < published < high, name
-    assert [value["f_m1+"], value["f_m1-"]] == pytest.approx([166, 239], abs=2)
-    assert [value["Fc_m1+"], value["Fc_m1-"]] == pytest.approx([20.35, 20.9], abs=0.2)
-    motion = summary["motions"]["1"]
-    assert motion["relative_error"] < 0.02
-    assert motion["misfit"] == ""
-    assert sum(motion["seconds"].values()) == pytest.approx(24.841)
-    assert not any(name.startswith(("Fs", "vs")) for name in value)
-    (torque,) = summary["torque"]
-    assert torque["shares"] == pytest.approx(
-        {"inertia": 0.497, "viscous friction": 0.237, "dry friction": 0.267}, abs=0.005
-    )
-    assert torque["left_without_friction"] == pytest.approx(0.502, abs=0.01)
-    assert torque["left"] < 0.001
+    assert summary["motions"]["1"]["misfit"] == ""
+    assert not any(name.startswith(("Fs", "vs")) for name in summary["parameters"])
     # Simulated forwards: under the log's force, and under its reference through its controller.
     under_force, followed = ({s["signal"]: s for s in run["signals"]} for run in summary["twin"])
     assert under_force["motor angle"]["error"] == pytest.approx(0.0042, abs=0.0005)
     assert under_force["motor angle"]["error_without_friction"] == pytest.approx(0.42, abs=0.02)
     assert followed["torque"]["error"] == pytest.approx(0.034, abs=0.003)
     assert followed["torque"]["error_without_friction"] == pytest.approx(0.71, abs=0.02)
-    (refused,) = (each["reason"] for each in summary["not_identified"] if each["part"] == "stribeck")
-    assert refused.startswith("the motion dwells at 3 speeds")
     assert load_robot(tmp_path / "run" / "identified_robot.yml").driven[0].motor.viscous > 0  # type: ignore[union-attr]
 
 

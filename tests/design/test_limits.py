@@ -14,7 +14,7 @@ from plants.limited_arm import CARRIERS, EXCITATION, LIMITS, arm, experiment
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
-from elastid.design.forecast import QUANTITIES, LimitUse
+from elastid.design.forecast import LimitUse
 from elastid.design.limits import (
     limits_of,
     peaks_of_movement,
@@ -22,9 +22,8 @@ from elastid.design.limits import (
     power_costs,
     within_limits,
 )
-from elastid.experiment.plan.movement import reference
 from elastid.experiment.plan.plan import Plan, make_plan
-from elastid.experiment.simulated.plant import closed_loop_of, feed_forward_of
+from elastid.experiment.simulated.plant import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.frf.estimate import estimate
@@ -33,7 +32,6 @@ from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.robot import Limits, Robot
-from elastid.store.measured import read_peaks, read_plan, write_plan
 
 
 def within(
@@ -131,25 +129,6 @@ def test_power_costs_are_squared_peaks_in_the_room_of_each_limit() -> None:
     mean_square = (np.sum(np.abs(S) ** 2, axis=2) / 2).mean(axis=0)
     kappa_squared = 2 * math.log(2 * len(plan.lines) * 2)
     np.testing.assert_allclose(used[2:], kappa_squared * mean_square / room[:4].ravel() ** 2, rtol=1e-9)
-
-
-def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
-    """plan.h5 holds plan, references and the use of the limits."""
-    plan, limit_use, _ = within(CARRIERS[1], grid="odd-random")
-    path, torque = tmp_path / "plan.h5", feed_forward_of(serial(arm()))
-    write_plan(
-        path,
-        plan,
-        references=tuple(reference(plan, CARRIERS[1], torque, each) for each in plan.configurations),
-        peaks=limit_use,
-    )
-    again, found = read_plan(tmp_path / "plan.h5"), read_peaks(tmp_path / "plan.h5")
-    for name in ("lines", "detection", "R", "ramp_samples", "hold_samples"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
-    for name in ("peak", "limit", "factor"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(limit_use, name))
-    assert found.closest == limit_use.closest
-    assert len(QUANTITIES) == found.peak.shape[1]
 
 
 def test_design_leaves_references_for_a_robot_controller(tiny: Path, tmp_path: Path) -> None:

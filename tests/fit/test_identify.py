@@ -6,16 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.elastic_arm import FREQ, arm, measure, pendulum, started_elsewhere
+from plants.elastic_arm import arm, measure, pendulum, started_elsewhere
 from plants.measured_robots import deviations
 from plants.notes import said
 from plants.refusals import refused
 
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import DataError, Note
-from elastid.base.execution import Execution
 from elastid.fit.assembly import Assembly
-from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import DISTORTED, Result
@@ -23,7 +21,7 @@ from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
 from elastid.record import Configuration
 from elastid.response import UNEXPLAINED, Covariance, Response
-from elastid.robot import Body, Joint, Motor, Robot, Spring
+from elastid.robot import Body, Joint, Motor, Robot
 from elastid.study import load_robot
 
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
@@ -79,28 +77,6 @@ def test_without_a_floor_of_the_study_it_is_what_the_residuals_show(noisy, ident
     assert floor_of_error(0.05) == 0.01
 
 
-@pytest.mark.slow
-def test_the_result_does_not_depend_on_the_number_of_processes(noisy, identified):
-    """Two processes give the starts, estimate and intervals of one."""
-    seen: list[tuple[int, int]] = []
-    execution = Execution(2, lambda *at: seen.append(at))
-    again = identify(noisy, started_elsewhere(arm(), 2.0), FitSpec(starts=6, seed=1), execution=execution)
-    np.testing.assert_allclose(again.x, identified.x, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(again.covariance, identified.covariance, rtol=1e-6)
-    np.testing.assert_array_equal([s.x_start for s in again.starts], [s.x_start for s in identified.starts])
-    assert (6, 6) in seen
-
-
-def test_predict_gives_the_fitted_response_where_each_was_measured(noisy, identified):
-    """Within the noise of the measurement: V of the prediction is the V of the fit."""
-    spec = FitSpec()
-    fitted = FittedRobot.of(identified, arm(), noisy).responses
-    weights = Assembly.of(noisy, arm(), spec, identified.parameters).weights
-    V = sum(2 * np.sum(np.abs((m.G - p.G) / w.sigma) ** 2) for m, p, w in zip(noisy, fitted, weights, strict=True))
-    assert pytest.approx(identified.cost, rel=1e-6) == V
-    assert [p.configuration.name for p in fitted] == ["c1", "c2", "c3"]
-
-
 def test_the_operating_point_follows_the_stiffness():
     """A soft arm sags: linearised at a start 30 % off the stiffness comes out wrong, settled it is exact."""
     soft = arm(1e4, 4e3)
@@ -146,15 +122,6 @@ def test_what_only_a_sum_determines_is_ill_conditioned():
     assert result.singular_values[-1] < 1e-8 * result.singular_values[0]
 
 
-def test_a_prior_decides_what_the_data_do_not():
-    """The same damping, known beforehand to 20 %."""
-    robot = pendulum().with_parameters({"d_1": 1e-6})
-    (response,) = measure(robot, [(0.0,)], np.random.default_rng(1))
-    known = ParameterSpec(prior=PriorSpec(mean=1e-6, std=0.2))
-    result = identify([response], robot, FitSpec(parameters={"k_1": ParameterSpec(), "d_1": known}, starts=2))
-    assert result.std["d_1"] == pytest.approx(0.2e-6, rel=0.1)
-
-
 @pytest.mark.parametrize(("off", "is_said"), [(1.05, True), (1.0, False), (1.015, False)])
 def test_a_prior_that_the_data_contradict_is_named_with_what_they_say(off: float, is_said: bool):
     """A stiffness known to 1 %, 5 % off; the number of the data alone is that of a fit without the prior."""
@@ -179,27 +146,6 @@ def test_masks_that_leave_nothing_or_name_nothing_are_refused():
         identify([response], pendulum(), FitSpec(band_hz=(200.0, 300.0)))
     with refused("fit/weights", place="fit.weights.factors[0]"):
         identify([response], pendulum(), FitSpec(weights=WeightSpec(factors=(FactorSpec(0.0, output="joint 1"),))))
-
-
-def test_what_was_left_out_is_said():
-    """An axis that does not couple: its cross elements are noise, left out, and the fit goes on."""
-    fore = Body(
-        "fore",
-        "upper",
-        joints=(Joint("2", "x", Spring(1e4, 5.0), Motor(1e-3, 100.0, 1e-3)),),
-        inertia=1.0,
-    )
-    upper = Body("upper", joints=(Joint("1", "z", Spring(1e4, 5.0), Motor(1e-3, 100.0, 1e-3)),), inertia=2.0)
-    robot = Robot("uncoupled", (upper, fore), gravity=(0.0, 0.0, 0.0))
-    responses = measure(robot, [(0.0, 0.0)], np.random.default_rng(0))
-    noise = 1e-6 * np.random.default_rng(1).standard_normal(responses[0].G.shape)
-    G, variance = responses[0].G.copy(), responses[0].total.variance.copy()
-    for i, j in ((0, 1), (1, 0)):
-        G[:, i, j], variance[:, i, j] = noise[:, i, j], 1e-12
-    result = identify([replace(responses[0], G=G, total=Covariance(variance, 6.0))], robot, FitSpec(starts=2))
-    assert result.dof == 2 * 2 * len(FREQ) - 6
-    assert (result.notes[0].code, result.notes[0].place) == ("fit/weights", "configuration c1")
-    assert deviations(result, robot).max() < 3.5
 
 
 def test_without_a_measured_variance_the_residuals_set_the_intervals():

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.noise_record import noise_record
 from plants.refusals import refused
 
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.fit.problem.smoothed_noise import smooth_noise
-from elastid.frf.estimate import estimate
+from elastid.frf.estimate import LOCAL, estimate
+from elastid.frf.methods import METHODS
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
 
@@ -224,16 +224,6 @@ def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts()
     np.testing.assert_allclose(variance[:, 0], 4 * 0.01 / 256 / 2, rtol=0.08)
 
 
-def test_experiments_that_do_not_tell_the_inputs_apart_are_refused() -> None:
-    """The same file twice, above the noise only one way of moving two inputs."""
-    rng, lines = np.random.default_rng(0), np.arange(5, 60)
-    first = _experiments(_plant(55, 2, 2), lines, 1, rng)[0]
-    noisy = [replace(first, experiment=e, u=first.u + 1e-3 * rng.normal(size=first.u.shape)) for e in range(2)]
-    for records in ([first, replace(first, experiment=1)], noisy):
-        with refused("frf/inputs-together", place="configuration c, realisation 0"):
-            estimate(records, ALL_PERIODS, lines)
-
-
 def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     """`full` where every second line is excited: the others have no answer."""
     rng, lines = np.random.default_rng(0), np.arange(5, 60, 2)
@@ -244,30 +234,12 @@ def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     assert response.notes[0].code == "frf/lines-left-out"
 
 
-def test_one_missing_sample_is_told_and_does_not_reach_the_response() -> None:
-    """NaN in one output of one record: record, channel and sample are named."""
-    a, b = _experiments(_plant(10, 2, 2), np.arange(5, 15), 1, np.random.default_rng(0))
-    y = b.y.copy()
-    y[77, 1] = np.nan
-    with refused("records/values", place="record c-r0-e1"):
-        estimate([a, replace(b, y=y)], ALL_PERIODS)
-
-
 def test_records_that_do_not_fit_together_are_refused_by_name() -> None:
     """Another rate, another period, other channels."""
     a, b = _experiments(_plant(10, 1, 2), np.arange(5, 15), 1, np.random.default_rng(0))
     for changed in (replace(b, rate_hz=400.0), replace(b, period_samples=128), replace(b, outputs=("joint 9",))):
         with refused("frf/records"):
             estimate([a, changed], ALL_PERIODS)
-
-
-def test_a_record_without_a_period_is_estimated_by_methods_that_need_none() -> None:
-    """`auto` takes such a method; a mean over periods is refused."""
-    record = noise_record(1500, 0, noise=0.1)
-    spec = EstimatorSpec(quantity="velocity", band_hz=(5.0, 80.0))
-    assert "frf/method" in [note.code for note in estimate([record], spec).notes]
-    with refused("frf/periods"):
-        estimate([record], replace(spec, method="arithmetic"))
 
 
 def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:
@@ -283,3 +255,74 @@ def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:
         estimate(records, replace(ALL_PERIODS, band_hz=(150.0, 200.0)), lines)
     with refused("excitation/lines"):
         estimate(records, replace(ALL_PERIODS, lines="full", band_hz=(20.0, 20.5)))
+
+
+N, PERIODS, LINES = 256, 6, np.arange(3, 60)
+Change = Callable[[Record], Record]
+
+
+def _records(seed: int = 0) -> list[Record]:
+    """Two realisations of two experiments, two inputs and outputs, with noise and the torque that was injected."""
+    rng = np.random.default_rng(seed)
+    G = rng.normal(size=(len(LINES), 2, 2)) + 1j * rng.normal(size=(len(LINES), 2, 2))
+    records = []
+    for m in range(2):
+        for e, U in enumerate(orthogonal_set(np.ones((len(LINES), 2)), rng)):
+            r, y = (np.tile(synthesise(LINES, X, N), (PERIODS, 1)) for X in (U, np.einsum("fyu,fu->fy", G, U)))
+            u, y = (x + 0.01 * rng.normal(size=x.shape) for x in (r, y))
+            name, places = f"m{m}e{e}", ("motor 1", "motor 2")
+            quantities = ("acceleration", "acceleration")
+            records.append(Record(name, Configuration("c", [0.0]), m, e, 500.0, N, places, places, quantities, u, y, r))
+    return records
+
+
+def _with(channel: int, value: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda x: np.where(np.arange(2) == channel, value, x)
+
+
+def _noise(record: Record) -> Record:
+    rng = np.random.default_rng(10 * record.realisation + record.experiment)
+    return replace(record, u=rng.normal(size=record.u.shape), y=rng.normal(size=record.y.shape))
+
+
+NO_INPUT: dict[str, Change] = {
+    "no torque": lambda r: replace(r, u=0 * r.u),
+    "one motor at rest": lambda r: replace(r, u=_with(1, 0.0)(r.u)),
+    "one torque logged twice": lambda r: replace(r, u=np.repeat(r.u[:, :1], 2, axis=1)),
+    "noise alone": _noise,
+}
+ABSURD: dict[str, Change] = {
+    "huge torque": lambda r: replace(r, u=1e200 * r.u),
+    "huge motion": lambda r: replace(r, y=1e250 * r.y),
+    "vanishing torque": lambda r: replace(r, u=1e-200 * r.u),
+    "vanishing motion": lambda r: replace(r, y=1e-160 * r.y),
+}
+
+
+@pytest.mark.parametrize("method", [*METHODS, *LOCAL])
+@pytest.mark.parametrize("change", NO_INPUT.values(), ids=NO_INPUT)
+def test_inputs_that_tell_nothing_are_refused(change: Change, method: str) -> None:
+    """By mean over realisations, pooled, and local methods alike; the message names the inputs."""
+    with refused("frf/inputs-together", "frf/lines"):
+        estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("method", ["arithmetic", "errors_in_variables", "local_rational"])
+@pytest.mark.parametrize("change", ABSURD.values(), ids=ABSURD)
+def test_sizes_beyond_any_sensor_are_refused_with_their_channel(change: Change, method: str) -> None:
+    """A wrong unit, or a placeholder for a missing value; squares of it would overflow."""
+    with refused("records/missing-samples", place="record m0e0"):
+        estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", [0.0, 3.0])
+def test_an_output_that_does_not_move_is_named(value: float) -> None:
+    """A word with methods that can do without it, a refusal where G would have to be inverted."""
+    records = [replace(r, y=_with(1, value)(r.y)) for r in _records()]
+    response = estimate(records, EstimatorSpec(method="arithmetic"), LINES)
+    (note,) = [note for note in response.notes if note.code == "frf/barely-excited"]
+    assert "motor 2" in note.text
+    assert np.abs(response.G[:, 1]).max() < 1e-9
+    with refused("frf/inputs-together", place="configuration c"):
+        estimate(records, EstimatorSpec(method="h2"), LINES)
+    assert "frf/barely-excited" not in [n.code for n in estimate(_records(), EstimatorSpec(), LINES).notes]

@@ -237,16 +237,3 @@ def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
     assert found.total is not None
     assert found.total.form == "full"
     np.testing.assert_allclose(found.total.full(), peer.total.cov, rtol=1e-8, atol=1e-14)
-
-
-def test_auto_takes_the_arithmetic_mean_where_realisations_can_be_averaged() -> None:
-    """As the ranking study supports for closed-loop data with friction; of a plan without a comparison or a note."""
-    rng, lines = np.random.default_rng(0), np.arange(4, 40)
-    records = []
-    for m in range(3):
-        U = orthogonal_set(np.ones((36, 1)), rng)[0]
-        records.append(record_of(U, U + 0.01 * complex_normal(rng, 36, 1), lines, m, 0))
-    auto = estimate(records, replace(ALL_PERIODS, method="auto"), lines)
-    mean = estimate(records, replace(ALL_PERIODS, method="arithmetic"), lines)
-    np.testing.assert_array_equal(auto.G, mean.G)
-    assert auto.notes == mean.notes

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.artefacts import STAMP
-from plants.random_plants import ALL_PERIODS, N, record_of
+from plants.random_plants import ALL_PERIODS, N, record_of, two_modes
 
 from elastid.app.stages.estimate import estimate_configuration
 from elastid.excitation.multisine import orthogonal_set, synthesise
@@ -80,20 +80,10 @@ def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) 
 FREQ = np.arange(10.0, 131.0)
 
 
-def _modes(freq_hz: np.ndarray, Phi: np.ndarray, zeta: float = 0.02) -> np.ndarray:
-    """G (F, n, n) of two modes of shapes Phi (2, n): torque to velocity."""
-    n = Phi.shape[1]
-    s, G = 2j * np.pi * freq_hz[:, None, None], np.zeros((len(freq_hz), n, n), dtype=np.complex128)
-    for f, phi in zip((45.0, 80.0), Phi, strict=True):
-        omega = 2 * np.pi * f
-        G += omega * s / (s**2 + 2 * zeta * omega * s + omega**2) * np.outer(phi, phi)
-    return G
-
-
 def test_modes_are_found_with_their_bandwidth() -> None:
     """2 zeta f_0 of two modes to 3 %, on a fine grid."""
     freq_hz = np.linspace(20, 120, 4001)
-    G = _modes(freq_hz, np.eye(2))
+    G = two_modes(freq_hz, np.eye(2))
     f_0, width = local_modes(freq_hz, G, np.zeros(G.shape))
     np.testing.assert_allclose(f_0, [45, 80], rtol=5e-3)
     np.testing.assert_allclose(width, 2 * 0.02 * f_0, rtol=0.03)
@@ -102,7 +92,7 @@ def test_modes_are_found_with_their_bandwidth() -> None:
 
 def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     """With the numbers; a polynomial where one mode is narrower, a rational function where it holds too many modes."""
-    G = _modes(FREQ, np.eye(2), zeta=0.05)
+    G = two_modes(FREQ, np.eye(2), zeta=0.05)
     found = local_modes(FREQ, G, np.zeros(G.shape))
     span = np.full(len(FREQ), 9.0)
     (word,) = wide_windows(found, FREQ, span, poles=0)

@@ -12,8 +12,11 @@ from plants.notes import said
 from plants.refusals import refused
 from scipy.signal import coherence, csd, lfilter
 
+from elastid.base.arrays import ComplexArray
 from elastid.frf.estimate import estimate
 from elastid.frf.segments import Segments, make_segments
+from elastid.frf.spec import EstimatorSpec, Method
+from elastid.record import Configuration, Record
 
 
 @pytest.mark.parametrize("window", ["hann", "hamming", "boxcar"])
@@ -171,7 +174,31 @@ def test_independent_segments_without_overlap_are_all_and_with_it_those_of_welch
     assert Segments(hann, 128).count(255) == 0
 
 
-def test_errors_of_neighbouring_lines_are_correlated_over_as_many_as_the_window_is_wide() -> None:
-    """1 for a boxcar, 35 / 18 for Hann's window."""
-    assert Segments(np.ones(256), 128).correlated_lines == pytest.approx(1)
-    assert Segments(np.sin(np.pi * np.arange(256) / 256) ** 2, 128).correlated_lines == pytest.approx(35 / 18)
+def low_passed_record(seed: int) -> Record:
+    """White torque through a first-order low pass, output noise of a tenth; no period."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal((4096, 1))
+    y = lfilter([0.5], [1, -0.5], u, axis=0) + 0.1 * rng.standard_normal((4096, 1))
+    return Record(
+        "noise", Configuration("c", [0.0]), 0, 0, 100.0, 4096, ("motor 1",), ("motor 1",), ("position",), u, y,
+        is_periodic=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["h1", "local_polynomial"])
+@pytest.mark.slow
+def test_the_stated_lines_are_the_sum_of_the_autocorrelation_of_the_errors(method: Method) -> None:
+    """12 records; errors relative to their scatter, lags up to a hundred lines."""
+    spec = EstimatorSpec(method=method, quantity="position", lines="full", band_hz=(2.0, 45.0))
+    found = [estimate([low_passed_record(seed)], spec) for seed in range(12)]
+    G = np.stack([response.G[:, 0, 0] for response in found])
+    errors: ComplexArray = (G - G.mean(axis=0)) / G.std(axis=0)
+    rho = [float(np.mean((errors[:, : -lag or None].conj() * errors[:, lag:]).real)) for lag in range(60)]
+    assert found[0].correlated_lines == pytest.approx(1 + 2 * sum(rho[1:]) / rho[0], rel=0.35)
+
+
+def test_windows_of_welch_have_their_closed_form() -> None:
+    """1 for a boxcar; 35/18 for Hann's."""
+    n = np.arange(512)
+    assert Segments(np.ones(512), 256).correlated_lines == pytest.approx(1.0)
+    assert Segments(0.5 - 0.5 * np.cos(2 * np.pi * n / 512), 256).correlated_lines == pytest.approx(35 / 18)

@@ -13,16 +13,6 @@ from elastid.friction_study.levels import Levels, PassLevels
 from elastid.friction_study.result import FrictionResult, JointLevels
 from elastid.record import FrictionRecords
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.store.friction_study import (
-    read_friction_plan,
-    read_friction_records,
-    read_friction_result,
-    read_levels,
-    write_friction_plan,
-    write_friction_records,
-    write_friction_result,
-    write_levels,
-)
 from elastid.study import load_robot
 
 
@@ -74,20 +64,3 @@ def test_numbers_that_no_contact_has_make_no_law() -> None:
     assert (result.status, result.at("1").friction) == ("failed", None)
     assert result.numbers == ()
     assert [note.code for note in result.at("1").notes] == ["friction/law"]
-
-
-def test_every_artefact_is_read_as_it_was_written(found: FrictionResult, tmp_path: Path) -> None:
-    """To the last bit, the same bytes each time."""
-    loaded = template()
-    plan, measured = records(loaded)
-    levels = find_joint_levels(loaded.study.as_robot(), loaded.study.friction_joints, measured)
-    write_friction_plan(tmp_path / "plan.h5", plan)
-    write_friction_records(tmp_path / "records.h5", measured.records)
-    write_levels(tmp_path / "levels.h5", levels)
-    for name in ("friction.h5", "again.h5"):
-        write_friction_result(tmp_path / name, found)
-    assert repr(read_friction_plan(tmp_path / "plan.h5")) == repr(plan)
-    assert repr(read_friction_records(tmp_path / "records.h5")) == repr(measured)
-    assert repr(read_levels(tmp_path / "levels.h5")) == repr(levels)
-    assert repr(read_friction_result(tmp_path / "friction.h5")) == repr(found)
-    assert (tmp_path / "friction.h5").read_bytes() == (tmp_path / "again.h5").read_bytes()

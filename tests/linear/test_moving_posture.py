@@ -190,22 +190,6 @@ def beyond_scatter(
 
 
 @pytest.mark.slow
-def test_records_of_a_moving_linkage_show_the_effect_to_their_scatter() -> None:
-    """Integrated in time under its controller: responses are off by the effect, and by scatter alone."""
-    robot = load_robot(ROBOTS / "linkage_arm.yml")
-    smooth = (
-        tuple(replace(j, motor=j.motor and replace(j.motor, coulomb=0.0)) for j in b.joints) for b in robot.bodies
-    )
-    bodies = tuple(replace(body, joints=joints) for body, joints in zip(robot.bodies, smooth, strict=True))
-    simulated = SimulatedSpec(substeps=3, compiled=True)
-    experiment = ExperimentSpec(configurations={"c2": (0.5, -0.1)}, realisations=6, simulated=simulated)
-    excitation = MultisineSpec(rate_hz=1000, period=2, band_hz=(2, 60), grid="odd-quasi-log", torque_rms=(900, 900))
-    left_in, taken = beyond_scatter(replace(robot, bodies=bodies), experiment, excitation)
-    assert left_in.min() > 2.0
-    assert taken.max() < 1.3  # ln 2 for a known variance
-
-
-@pytest.mark.slow
 def test_records_of_a_moving_arm_show_it_in_its_motors_and_at_points_that_turn() -> None:
     """Three axes and a link that bends and twists; a point's acceleration along an axis, and an accelerometer's."""
     outputs = (*ARM.motor_locations, "frame tool z", "accelerometer tool x")

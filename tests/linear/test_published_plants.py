@@ -105,35 +105,6 @@ def test_long_chain_has_no_zero_to_its_far_end():
     assert zeros.freq_hz.size == zeros.real_poles.size == 0
 
 
-def test_gear_ratio_refers_motor_inertia_and_friction_to_the_link():
-    """A motor behind a gear of ratio -50 equals one without gear of 2500 times inertia and viscous friction."""
-    springs, inertias = [Spring(3e4, 20)], [15.0]
-    geared = linear(chain(Motor(2e-3, ratio=-50, viscous=1e-2), springs, inertias))
-    direct = linear(chain(Motor(2e-3 * 2500, viscous=1e-2 * 2500), springs, inertias))
-    freq_hz = np.linspace(1, 30, 20)
-    np.testing.assert_allclose(
-        frequency_response(geared, geared.theta_ref, freq_hz),
-        frequency_response(direct, direct.theta_ref, freq_hz),
-        rtol=1e-12,
-    )
-
-
-def test_rigidly_driven_joint_is_the_limit_of_a_stiff_gear():
-    """k -> infinity gives M + M_m, and `motor 1` is `joint 1` where the gear has no spring."""
-    motor, freq_hz = Motor(2e-3, ratio=50, viscous=1e-2), np.linspace(1, 30, 20)
-    rigid_robot = Robot("rigid", (Body("load", joints=(Joint("1", motor=motor),), inertia=15.0),), WEIGHTLESS)
-    rigid = linear(rigid_robot, outputs=("motor 1", "joint 1"))
-    G = frequency_response(rigid, rigid.theta_ref, freq_hz)
-    s = 2j * np.pi * freq_hz
-    np.testing.assert_allclose(G[:, 0, 0], s / (s * (15 + 2e-3 * 2500) + 1e-2 * 2500), rtol=1e-12)
-    np.testing.assert_array_equal(G[:, 0], G[:, 1])
-    errors = []
-    for k in (1e8, 1e9):
-        stiff = linear(chain(motor, [Spring(k, 0)], [15.0]))
-        errors.append(np.abs(frequency_response(stiff, stiff.theta_ref, freq_hz)[:, 0, 0] - G[:, 0, 0]).max())
-    assert errors[1] == pytest.approx(errors[0] / 10, rel=0.01)  # the compliance 1 / k is what differs
-
-
 def test_position_and_velocity_are_integrals_of_acceleration():
     """G_acc = s G_vel = s^2 G_pos."""
     freq_hz = np.linspace(1, 30, 5)

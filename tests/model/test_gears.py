@@ -1,9 +1,6 @@
 """Gears that couple axes: one physics on either side, springs anywhere between the stages, the rig and a fit."""
 
-import csv
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +8,6 @@ import scipy.linalg
 from plants.gears import COUPLINGS, D_SHAFT, K_SHAFT, LINKS, RATIO, J, wrist
 from plants.refusals import refused
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -25,8 +20,6 @@ from elastid.recorded.link_side import to_joints
 from elastid.response import Covariance
 from elastid.robot import GearCoupling, Robot
 from elastid.robot.simplified import stiffened
-from elastid.store.measured import read_records
-from elastid.study import load
 
 
 def linear(robot: Robot):
@@ -168,92 +161,6 @@ def test_logs_of_coupled_motors_come_to_the_link_side_together():
     np.testing.assert_allclose(both[3:], np.linalg.solve(robot.eta, angle))
     with refused("study/recorded", place="channel t4"):
         to_joints([*channels[:2], *channels[3:]], robot)
-
-
-ROBOT = """\
-name: coupled wrist
-gravity: [0, 0, 0]
-gears:
-  - {motor: 6, joint: 5, ratio: -18}
-bodies:
-  - name: hand
-    joints:
-      - name: 5
-        axis: y
-        motor: {inertia: 2e-4, ratio: 60, viscous: 1e-4, coulomb: 0.01, spring: {stiffness: 0.9, damping: 2e-3}}
-    mass: 4
-    center_of_mass: [0.05, 0, 0.02]
-    inertia: 0.25
-  - name: flange
-    parent: hand
-    joints:
-      - name: 6
-        axis: x
-        motor: {inertia: 1e-4, ratio: -50, viscous: 1e-4, coulomb: 0.01, spring: {stiffness: 0.5, damping: 1e-3}}
-    mass: 2
-    center_of_mass: [0.05, 0.05, 0.02]
-    inertia: 0.1
-"""
-STUDY = """\
-name: wrist
-robot: robot.yml
-seed: 3
-excitation: {rate_hz: 500, period: 2 s, band_hz: [1, 60], grid: odd, torque_rms: [20, 12]}
-experiment:
-  configurations: {a: [0, 0], b: [0.3, 0.8]}
-  simulated:
-    truth: {km_5: 1.1 N*m/rad, km_6: 0.4 N*m/rad}
-    carrier: {amplitude: 1 deg, cycles: 2}
-    noise: {torque_std: 0.1, encoder_counts: 1048576}
-    substeps: 4
-fit: {starts: 3}
-"""
-
-
-@pytest.fixture(scope="module")
-def measured_wrist(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The wrist's study after its simulated experiments."""
-    folder = tmp_path_factory.mktemp("wrist")
-    (folder / "robot.yml").write_text(ROBOT)
-    (folder / "study.yml").write_text(STUDY)
-    run = Run(load(folder / "study.yml"), folder / "run", 1, Console(-1))
-    run_all(run, ("design", "measure"))
-    return run
-
-
-@pytest.mark.slow
-def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(measured_wrist: Run, tmp_path: Path) -> None:
-    """The log of the simulated rig, written to CSV as torques and angles of shafts, is fitted as on the link side."""
-    (tmp_path / "robot.yml").write_text(ROBOT)
-    eta, files = measured_wrist.study.robot.eta, []
-    for record in read_records(measured_wrist.path("measure")):
-        name = f"{record.name}.csv"
-        columns = np.column_stack([record.u @ np.linalg.inv(eta), record.y @ eta.T])
-        with (tmp_path / name).open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(["t5", "t6", "q5", "q6"])
-            writer.writerows(columns.tolist())
-        files.append(
-            f"      - {{path: {name}, configuration: {record.configuration.name}, realisation: "
-            f"{record.realisation}, experiment: {record.experiment}}}"
-        )
-    channels = [f"      - {{role: u, at: motor {n}, channel: t{n}, side: motor}}" for n in "56"]
-    channels += [f"      - {{role: y, at: motor {n}, channel: q{n}, quantity: position, side: motor}}" for n in "56"]
-    head = STUDY.split("excitation")[0].replace("name: wrist", "name: logged")
-    text = [
-        head + "experiment:\n  configurations: {a: [0, 0], b: [0.3, 0.8]}\n  recorded:\n    rate_hz: 500",
-        "    period: 2 s\n    hold: zero-order\n    channels:",
-        *channels,
-        "    files:",
-        *files,
-        "fit: {starts: 3}\n",
-    ]
-    (tmp_path / "logged.yml").write_text("\n".join(text))
-    run = Run(load(tmp_path / "logged.yml"), tmp_path / "logged", 1, Console(-1))
-    run_all(run, ("measure", "estimate", "fit"))
-    found = json.loads((tmp_path / "logged" / "summary.json").read_text())
-    for name, truth in (("km_5", 1.1), ("km_6", 0.4)):
-        assert found["parameters"][name]["value"] == pytest.approx(truth, rel=0.03)
 
 
 def test_springs_on_both_ends_of_coupled_gears_are_told_apart() -> None:

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -118,45 +117,6 @@ def test_formulations_agree_on_any_four_bar(crank, length, stiffness, angles, sp
     assert far(response(robot, MINIMAL, at), response(robot, CONSTRAINED, at)) < 1e-10
 
 
-@pytest.mark.parametrize("name", ["parallelogram, rigid, bending", "four-bar, rigid", "spatial, rigid"])
-def test_explicit_embedding_without_any_multiplier_gives_the_same_response(name: str):
-    """The elbow as a closed function of the other coordinates, put into the energies: proves the geometric stiffness.
-
-    The rod's row is a cos(p) + b sin(p) + c = 0 in the elbow's angle p.
-    """
-    robot = PLANTS[name]
-    model = formulate(robot, CONSTRAINED)
-    at = postures(robot, 1, seed=3)[0]
-    point, M, D, _, _ = matrices(model, at)
-    elbow = model.index("joint elbow")
-    y = ca.SX.sym("y", model.n_q - 1)
-    others = np.delete(np.arange(model.n_q), elbow)
-
-    def with_elbow(p):
-        q = ca.SX(model.n_q, 1)
-        for i, place in enumerate(others):
-            q[int(place)] = y[i]
-        q[elbow] = p
-        return q
-
-    at_0, at_90, at_180 = (model.constraint(with_elbow(p), model.theta) for p in (0.0, np.pi / 2, np.pi))
-    a, c = (at_0 - at_180) / 2, (at_0 + at_180) / 2
-    b = at_90 - c
-    found = {}
-    for branch in (1, -1):
-        gamma = with_elbow(ca.atan2(b, a) + branch * ca.acos(-c / ca.sqrt(a**2 + b**2)))
-        off = ca.Function("q", [y], [gamma])(point.q[others]).full()[:, 0] - point.q
-        found[abs(np.angle(np.exp(1j * off[elbow])))] = gamma
-    assert min(found) < 1e-9
-    gamma = found[min(found)]
-    K = ca.Function("K", [y], [ca.hessian(model.potential(gamma, model.theta), y)[0]])(point.q[others]).full()
-    Z = ca.Function("Z", [y], [ca.jacobian(gamma, y)])(point.q[others]).full()
-    s = 2j * np.pi * LINES[:, None, None]
-    H = s**2 * (Z.T @ M @ Z) + s * (Z.T @ D @ Z) + K
-    G = s**2 * (model.B.T @ Z @ np.linalg.solve(H, (Z.T @ model.B).astype(complex)))
-    assert far(G, response(robot, CONSTRAINED, at)) < 1e-10
-
-
 def test_stiffness_is_the_derivative_of_the_forces():
     """Hessian of V + lambda^T phi against central differences of dV/dq + Phi^T lambda."""
     model = formulate(PLANTS["spatial, four-bar, elastic"], CONSTRAINED)
@@ -232,21 +192,3 @@ def test_any_choice_of_independent_coordinates_gives_the_same_response():
         response(robot, ModelSpec("minimal", independent=("joint 2",)), at)
     with refused("model/variant", place="model.independent"):
         response(robot, ModelSpec("minimal", independent=("joint 9",)), at)
-
-
-def test_what_no_loop_can_be_is_refused():
-    """By the description itself."""
-    ends = (Anchor("crank"), Anchor("upper"))
-    for make, words in (
-        (lambda: Loop("l", (Anchor("crank"), Anchor("crank"))), "joins two bodies"),
-        (lambda: Loop("l", ends, Pin(), Rod(1.0)), "not both"),
-        (lambda: Rod(0.0), "must be positive"),
-        (lambda: Rod(1.0, damping=3.0), "no stiffness"),
-        (lambda: linkage(loop=Loop("crank", ends)), "has this name"),
-        (lambda: linkage(loop=Loop("l", (Anchor("crnk"), Anchor("upper")))), "did you mean 'crank'"),
-        (lambda: ModelSpec("constrained", "rigid_loop"), "minimal formulation"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            make()
-    with refused("model/variant", place="model.formulation"):
-        formulate(PLANTS["parallelogram, rigid"], ModelSpec("serial"))

@@ -10,12 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.notes import said
-from scipy.linalg import expm
 
-from elastid.experiment.plan.plan import Plan
-from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.linear.equilibrium import equilibrium, preloads, spring_notes
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import modes
@@ -249,48 +244,3 @@ def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
 def test_springs_that_pull_are_refused(fields: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Spring(1e6, **fields)
-
-
-def sampled_response(model: ElasticModel, q0: np.ndarray, lines_hz: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Motor position per torque behind a zero-order hold, discretised by the matrix exponential."""
-    M, D, K = (
-        form.full()
-        for form in (
-            model.mass(q0, model.theta),
-            model.damping(q0, model.theta),
-            model.stiffness(q0, [], model.theta),
-        )
-    )
-    n, n_u = model.B.shape
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
-    B = np.vstack([np.zeros((n, n_u)), np.linalg.solve(M, model.B)])
-    step = expm(np.block([[A, B], [np.zeros((n_u, 2 * n + n_u))]]) / rate_hz)
-    z = np.exp(2j * np.pi * lines_hz / rate_hz)[:, None, None]
-    states = np.linalg.solve(z * np.eye(2 * n) - step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :].astype(complex))
-    return np.asarray(model.B.T @ states[:, :n])
-
-
-def test_the_rig_tends_to_the_tangent_as_the_square_of_the_amplitude() -> None:
-    """A cubic spring under preload: half the torque, a quarter of the distance from the linearised response."""
-    spring = Spring(2e4, 60, cubic=5e9)
-    machine = Robot(
-        "beam",
-        (Body("beam", joints=(Joint("1", "y", spring, Motor(1e-3, 100)),), mass=30, center_of_mass=(0.5, 0, 0)),),
-    )
-    machine = replace(machine, bodies=(replace(machine.bodies[0], inertia=2.0),))
-    lines = np.arange(3, 120, 2)
-    phases = np.exp(2j * np.pi * np.random.default_rng(3).random(lines.size))
-    errors = []
-    for rms in (48.0, 24.0, 12.0):
-        R = (rms * math.sqrt(2 / lines.size) * phases)[None, None, None, :, None]
-        plan = Plan((HORIZONTAL,), machine.motor_locations, 1000.0, 4000, 1, 2, lines, R)
-        study = ExperimentSpec({"horizontal": (0.0,)}, simulated=SimulatedSpec(substeps=2))
-        rig = SimulatedRig(machine, study, plan, 1)
-        record = rig.measure(rig.experiments[0])
-        Y, U = (np.fft.rfft(signal[:, 0])[lines] for signal in (record.y, record.u))
-        model = serial(machine)
-        q0 = equilibrium(model, model.theta, HORIZONTAL).q
-        G = sampled_response(model, q0, lines / 4.0, 1000.0)[:, 0, 0]
-        errors.append(np.linalg.norm(Y / U - G) / np.linalg.norm(G))
-    assert errors[0] < 0.2
-    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.15)

@@ -38,3 +38,13 @@ def nonlinear(
         u = np.tile(synthesise(lines, R, N), (2, 1))
         records.append(record_of(u, function(u) + noise * rng.normal(size=u.shape), m))
     return records
+
+
+def two_modes(freq_hz: np.ndarray, Phi: np.ndarray, zeta: float = 0.02) -> np.ndarray:
+    """G (F, n, n) of two modes of shapes Phi (2, n): torque to velocity."""
+    n = Phi.shape[1]
+    s, G = 2j * np.pi * freq_hz[:, None, None], np.zeros((len(freq_hz), n, n), dtype=np.complex128)
+    for f, phi in zip((45.0, 80.0), Phi, strict=True):
+        omega = 2 * np.pi * f
+        G += omega * s / (s**2 + 2 * zeta * omega * s + omega**2) * np.outer(phi, phi)
+    return G

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 import pytest
+from plants.axis_logs import (
+    CHANNELS,
+    CLEAN,
+    RATE,
+    N,
+    P,
+    error_of,
+    log,
+    measure,
+    record_of,
+    spec_of,
+    write_log,
+)
 from plants.notes import said
 
-from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
-from elastid.frf.estimate import estimate
-from elastid.frf.spec import EstimatorSpec
-from elastid.record import Record
-from elastid.recorded.rig import RecordedRig
-from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 
 @pytest.mark.parametrize("rate_hz", [-1.0, 0.0])
@@ -35,73 +38,6 @@ def test_a_sampling_rate_is_positive(rate_hz: float) -> None:
         ResponsesSpec(files=(ResponseFileSpec("frf.csv", "bench"),), rate_hz=rate_hz)
 
 
-N, P, RATE = 500, 6, 500.0
-
-
-LINES = np.arange(3, 100)
-
-
-ROBOT = Robot("one axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-2)),), inertia=1.0),))
-
-
-CHANNELS = (
-    ChannelSpec("r", "motor 1", "r"),
-    ChannelSpec("u", "motor 1", "u"),
-    ChannelSpec("y", "motor 1", "y", quantity="position"),
-)
-
-
-def plant(freq_hz: FloatArray) -> ComplexArray:
-    """Angle per torque with a resonance at 30 Hz of 4 % damping and an antiresonance at 20 Hz."""
-    s = 2j * np.pi * freq_hz
-    w, a = 2 * np.pi * 30, 2 * np.pi * 20
-    return np.asarray(10 * (s**2 + 0.06 * a * s + a**2) / (s**2 * (s**2 + 0.08 * w * s + w**2)))
-
-
-def log(t: FloatArray, seed: int = 0, noise: float = 0.0) -> dict[str, FloatArray]:
-    """r, u (the loop turns and damps r) and y at times t, in samples of the generator's clock."""
-    rng = np.random.default_rng(seed)
-    R = np.exp(2j * np.pi * rng.random(len(LINES))) / np.sqrt(len(LINES))
-    f = LINES * RATE / N
-    U = R * (2j * np.pi * f) / (2j * np.pi * f + 2 * np.pi * 2)
-    phasors = np.exp(2j * np.pi * np.outer(np.asarray(t) / N, LINES))
-    signals = {name: (phasors @ X).real for name, X in (("r", R), ("u", U), ("y", U * plant(f)))}
-    return {name: x + noise * x.std() * rng.normal(size=len(t)) for name, x in signals.items()}
-
-
-CLEAN = log(np.arange(P * N), noise=1e-4)
-
-
-def _spec(path: str = "log.h5", **changes: Any) -> ExperimentSpec:
-    keys: dict[str, Any] = {"rate_hz": RATE, "period_samples": N, "channels": CHANNELS}
-    keys["files"] = (FileSpec(path, "home"),)
-    return ExperimentSpec({"home": (0.0,)}, recorded=RecordedSpec(**(keys | changes)))
-
-
-def _measure(base: Path, spec: ExperimentSpec) -> Record:
-    rig = RecordedRig(ROBOT, spec, base)
-    return rig.measure(rig.experiments[0])
-
-
-def write_log(path: Path, signals: Mapping[str, FloatArray]) -> None:
-    """One dataset a channel."""
-    with h5py.File(path, "w") as file:
-        for name, values in signals.items():
-            file[name] = values
-
-
-def _of(base: Path, signals: Mapping[str, FloatArray]) -> Record:
-    write_log(base / "log.h5", signals)
-    return _measure(base, _spec())
-
-
-def _error(record: Record) -> float:
-    """The largest error of the response relative to the plant, at all lines."""
-    response = estimate([record], EstimatorSpec(quantity="position"), LINES)
-    assert response.n_lines == len(LINES)
-    return float(np.max(np.abs(response.G[:, 0, 0] / plant(response.freq_hz) - 1)))
-
-
 AT_ONCE = np.random.default_rng(7)
 
 
@@ -112,10 +48,10 @@ def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm: float, tmp_path: P
     write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
     write_log(tmp_path / "encoder.h5", {"r": other["r"], "y": other["y"]})
     channels = (*CHANNELS[:2], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
-    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.h5", "home", also=("encoder.h5",)),)))
+    record = measure(tmp_path, spec_of(channels=channels, files=(FileSpec("log.h5", "home", also=("encoder.h5",)),)))
     clock = next(note for note in said(record.notes) if "clocks of encoder.h5 and log.h5 differ" in note)
     assert abs(float(clock.split("by ")[1].split()[0]) + ppm) < 2
-    assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
+    assert error_of(record) < 2 * error_of(record_of(tmp_path, CLEAN))
 
 
 def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_anywhere(tmp_path: Path) -> None:
@@ -124,7 +60,7 @@ def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_
     write_log(tmp_path / "log.h5", {"u": signals["u"], "y": signals["y"]})
     write_log(tmp_path / "sent.h5", {"r": log(np.arange(N))["r"]})
     channels = (replace(CHANNELS[0], file=2), *CHANNELS[1:])
-    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.h5", "home", also=("sent.h5",)),)))
+    record = measure(tmp_path, spec_of(channels=channels, files=(FileSpec("log.h5", "home", also=("sent.h5",)),)))
     assert record.r is not None
     assert record.n_periods == P
     np.testing.assert_allclose(record.r[:, 0], log(np.arange(P * N) + 211)["r"], atol=1e-9)
@@ -138,9 +74,9 @@ def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
     files = (FileSpec("log.h5", "home", also=("encoder.h5",)),)
     y = replace(CHANNELS[2], file=2)
     with pytest.raises(DataError, match=r"encoder.h5: its start cannot be determined \(it has no complete channel"):
-        _measure(tmp_path, _spec(channels=(*CHANNELS[:2], y), files=files))
+        measure(tmp_path, spec_of(channels=(*CHANNELS[:2], y), files=files))
     with pytest.raises(DataError, match=r"its start cannot be determined \(best correlation 0\.\d+ at motor 1"):
-        _measure(tmp_path, _spec(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
+        measure(tmp_path, spec_of(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
 
 
 def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
@@ -148,16 +84,16 @@ def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
     fast = log(np.arange(4 * P * N) / 4)["y"]
     write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
     channels = (*CHANNELS[:2], replace(CHANNELS[2], rate_hz=4 * RATE))
-    record = _measure(tmp_path, _spec(channels=channels))
+    record = measure(tmp_path, spec_of(channels=channels))
     assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
     assert record.repairs == {"channels brought to another rate": 1}
-    assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
+    assert error_of(record) < 2 * error_of(record_of(tmp_path, CLEAN))
     write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
     files = (FileSpec("log.h5", "home", samples=(N // 2, N // 2 + 4 * N)),)
-    part = _measure(tmp_path, _spec(channels=channels, files=files))
+    part = measure(tmp_path, spec_of(channels=channels, files=files))
     assert part.n_periods == 4
-    assert _error(part) < 2 * _error(_of(tmp_path, CLEAN))
+    assert error_of(part) < 2 * error_of(record_of(tmp_path, CLEAN))
     write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
     slow = replace(CHANNELS[2], rate_hz=333.3)
     with pytest.raises(StudyError, match=r"at 333.3 Hz the period of 1 s is 333.3 samples, not a whole number"):
-        _measure(tmp_path, _spec(channels=(*CHANNELS[:2], slow)))
+        measure(tmp_path, spec_of(channels=(*CHANNELS[:2], slow)))

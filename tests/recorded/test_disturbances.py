@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.channels import ChannelSpec, Structure
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import FileSpec, RecordedSpec, TextFormatSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_study.joint_levels import find_joint_levels
@@ -103,29 +103,6 @@ def test_a_reference_without_a_controller_is_a_note(tmp_path: Path) -> None:
     (record,) = read_friction_logs(ROBOT, logs(FileSpec("log.csv"), channels=channels), tmp_path, ["1"], {}).records
     assert [(note.code, note.severity) for note in record.notes] == [("records/unused-reference", "information")]
     assert record.rate_hz == RATE
-
-
-def test_a_log_of_31_columns_without_headings_and_one_of_seven_joints_in_a_column(tmp_path: Path) -> None:
-    """As controllers of six and of seven joints write them: the same motion of the same joint."""
-    q = trapezoids([0.2, 0.5])
-    u, rng = sliding_torque(q), np.random.default_rng(2)
-    table = rng.standard_normal((len(q), 31))
-    table[:, 0], table[:, 13], table[:, 30] = np.arange(len(q)) / RATE, q, u
-    (tmp_path / "wide.txt").write_text("\n".join(" ".join(f"{x:.9g}" for x in row) for row in table) + "\n")
-    joints = rng.standard_normal((len(q), 7, 2))
-    joints[:, 3] = np.stack([q, u], axis=1)
-    (tmp_path / "long.csv").write_text("\n".join(f"{a:.9g},{b:.9g}" for a, b in joints.reshape(-1, 2)) + "\n")
-    formats = {"wide.txt": (14, 31, {"delimiter": "whitespace"}), "long.csv": (7, 8, {"interleaved": 7})}
-    for path, (of_q, of_u, text) in formats.items():
-        channels = (
-            ChannelSpec("u", "motor 1", column=of_u),
-            ChannelSpec("y", "motor 1", column=of_q, quantity="position"),
-        )
-        keys = {"text": TextFormatSpec(**text)}  # type: ignore[arg-type]
-        spec = logs(FileSpec(path), channels=channels, **keys)
-        (record,) = read_friction_logs(ROBOT, spec, tmp_path, ["1"], {}).records
-        np.testing.assert_allclose(record.position, q, atol=1e-8)
-        np.testing.assert_allclose(record.torque, u, rtol=1e-8, atol=1e-6)
 
 
 @pytest.mark.parametrize(

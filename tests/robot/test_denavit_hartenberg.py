@@ -1,4 +1,4 @@
-"""Robots by Denavit-Hartenberg parameters: against the product of the matrices and an independent dynamics library."""
+"""Robots by Denavit-Hartenberg parameters: against the product of the matrices."""
 
 import copy
 from pathlib import Path
@@ -9,9 +9,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from elastid.base.errors import StudyError
-from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_jacobians, frame_poses
-from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Placement, Robot
 from elastid.study import load_robot
 
@@ -146,45 +144,14 @@ def test_every_link_stands_where_the_product_of_the_matrices_puts_it(make, tmp_p
         np.testing.assert_allclose(tool, T[:3, 3] + T[:3, :3] @ offset, atol=1e-12)
 
 
-@pytest.mark.parametrize("make", [puma, tx40, scara, lambda: scara() | {"convention": "modified"}])
-def test_dynamics_equal_pinocchio_on_the_same_table(make, tmp_path):
-    """M and g from joints placed by the matrices themselves, masses in the frames of the links."""
-    pin = pytest.importorskip("pinocchio", reason="the independent implementation is in the group 'oracles'")
-    document = make() | {"base": {}}
-    robot = read(document, tmp_path)
-    n = len(robot.joints)
-    reference, order = table_in_pinocchio(pin, document)
-    data = reference.createData()
-    model, dynamics = serial(robot), inverse_dynamics(robot)
-    for q in np.random.default_rng(1).uniform(-3, 3, (3, n)):
-        M = pin.crba(reference, data, q)
-        M = np.triu(M) + np.triu(M, 1).T
-        np.testing.assert_allclose(model.mass(q, model.theta).full(), M, rtol=0, atol=1e-10 * np.abs(M).max())
-        g = pin.computeGeneralizedGravity(reference, data, q)
-        mine = dynamics(q, np.zeros(n), np.zeros(n), model.theta).full()[:, 0]
-        np.testing.assert_allclose(mine, g, rtol=0, atol=1e-10 * np.abs(g).max())
-    assert order == list(range(n))
-
-
-def table_in_pinocchio(pin, document):
-    """A model of joints about and along z, what is constant in the matrices between them."""
-    model = pin.Model()
-    modified = document["convention"] == "modified"
-    before, parent = pin.SE3.Identity(), 0
-    for i, link in enumerate(document["links"]):
-        turn = pin.SE3(pin.utils.rotate("z", angle(link.get("offset", 0))), np.array([0, 0, link["d"]]))
-        across = pin.SE3(pin.utils.rotate("x", angle(link["alpha"])), np.array([link["a"], 0, 0]))
-        slides = link["joint"].get("motion") == "translation"
-        joint = pin.JointModelPZ() if slides else pin.JointModelRZ()
-        parent = model.addJoint(parent, joint, before * across if modified else before, f"j{i}")
-        after = turn if modified else turn * across
-        xx, yy, zz, xy, xz, yz = (*link["inertia"], 0, 0, 0)[:6]
-        I, c = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), np.array(link["center_of_mass"])  # noqa: E741
-        if document.get("inertia_about") == "origin":
-            I = I - link["mass"] * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
-        model.appendBodyToJoint(parent, pin.Inertia(link["mass"], c, I), after)
-        before = after
-    return model, [joint.idx_q for joint in model.joints[1:]]
+def test_an_inertia_about_the_origin_is_brought_to_the_centre_of_mass(tmp_path):
+    """Less m (c^2 1 - c c^T), whatever the link."""
+    for body, (*_, m, moment, about_origin) in zip(read(tx40(), tmp_path).bodies, TX40, strict=True):
+        xx, yy, zz, xy, xz, yz = about_origin
+        c = np.array(moment) / m
+        expected = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))
+        np.testing.assert_allclose(body.center_of_mass, c, atol=1e-12)
+        np.testing.assert_allclose(body.inertia_matrix, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(

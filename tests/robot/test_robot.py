@@ -1,5 +1,7 @@
 """A robot refuses what no mechanism can be, and its numbers have names."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -17,9 +19,12 @@ from elastid.robot import (
     Limits,
     Loop,
     Motor,
+    Pin,
     Placement,
     Robot,
+    Rod,
     Spring,
+    unit_axis,
 )
 
 JOINT = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 100.0, 1e-3))
@@ -33,6 +38,7 @@ def one_joint(**body: object) -> Robot:
 @pytest.mark.parametrize("inertia", [(1.0, 1.0, 2.1), (1.0, 1.0, -0.1), (1.0, 1.0, 1.0, 0.0, 0.0, 1.5)])
 def test_an_inertia_that_no_body_can_have_is_refused(inertia: tuple[float, ...]) -> None:
     """The triangle inequality of the principal moments, and their signs."""
+    one_joint(inertia=(1.0, 1.0, 2.0))  # the limit: a flat body
     with pytest.raises(ValueError, match="no body has the principal inertias"):
         one_joint(inertia=inertia)
 
@@ -55,6 +61,7 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float
         (lambda: Motor(0.0), "inertia is 0"),
         (lambda: Motor(1e-3, viscous=-1.0), "viscous is -1; it must not be negative"),
         (lambda: Spring(0.0), "must be positive"),
+        (lambda: Rod(0.0), "must be positive"),
         (lambda: Spring(1.0, -1.0), "must not be negative"),
         (lambda: Spring(1.0, quadratic=1.8, cubic=1.0), "loses its stiffness at a negative deflection"),
         (lambda: Loop("l", (Anchor("arm"), Anchor("arm"))), "both ends are on arm"),
@@ -86,6 +93,7 @@ def test_a_placement_is_a_rotation(rpy: tuple[float, float, float]) -> None:
     assert np.linalg.det(R) == pytest.approx(1.0)
     yaw_only = Placement(rpy=(0.0, 0.0, rpy[2])).rotation
     np.testing.assert_allclose(yaw_only @ [1, 0, 0], [np.cos(rpy[2]), np.sin(rpy[2]), 0], atol=1e-12)
+    np.testing.assert_allclose(unit_axis((3.0, 0.0, 4.0)), [0.6, 0.0, 0.8])
 
 
 @pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2])
@@ -109,3 +117,20 @@ def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop: Loop, says: str) ->
     """Its parameters could not be distinguished from those of a body or joint."""
     with pytest.raises(ValueError, match=says):
         Robot("r", (Body("arm", joints=(JOINT,)), Body("tip", "arm")), loops=(loop,))
+
+
+ENDS = (Anchor("lever"), Anchor("arm"))
+
+
+def test_a_loop_is_closed_in_one_way_between_two_bodies() -> None:
+    with pytest.raises(ValueError, match="not both"):
+        Loop("pull", ENDS, Pin(), Rod(0.5))
+    with pytest.raises(ValueError, match="both ends are on arm"):
+        Loop("pull", (Anchor("arm"), Anchor("arm")))
+
+
+def test_only_an_elastic_rod_has_stiffness_and_damping_as_parameters() -> None:
+    assert set(Loop("pull", ENDS, rod=Rod(0.5)).numbers) == {"m_pull", "a_pull", "I_pull"}
+    assert {"k_pull", "d_pull"} < set(Loop("pull", ENDS, rod=Rod(0.5, stiffness=1e6)).numbers)
+    with pytest.raises(ValueError, match="a rigid rod does not stretch"):
+        Rod(0.5, damping=1.0)

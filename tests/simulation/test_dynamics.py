@@ -23,7 +23,7 @@ from plants.two_links import (
 
 from elastid.friction.static import SLIDING_VELOCITY
 from elastid.model.formulation import serial
-from elastid.simulation.dynamics import CLASSICAL, FIFTH_ORDER, Tableau, poles
+from elastid.simulation.dynamics import poles
 
 # Of the arm's first joint: sqrt(k (1/J_m + 1/J)).
 OMEGA = math.sqrt(STIFFNESS[0] * (1 / (1.5 + MASS[0] * OFFSET[0] ** 2) + 1 / (2e-3 * 80**2)))
@@ -62,25 +62,6 @@ def test_energy_is_conserved_at_the_rate_of_the_order() -> None:
     moving = start[4:] @ model.mass(start[:4], model.theta).full() @ start[4:] / 2
     assert drift[1] < 1e-6 * moving
     assert np.log2(drift[0] / drift[1]) > 3.65
-
-
-@pytest.mark.parametrize(
-    ("method", "slower", "power", "damped"),
-    [(CLASSICAL, 1 / 120, 4, 1 / 144), (FIFTH_ORDER, 1 / 720 - 1 / 640 - 1 / 5040, 6, 1 / 640 - 1 / 720)],
-)
-def test_a_mode_gets_the_frequency_and_damping_error_that_the_docstring_states(
-    method: Tableau, slower: float, power: int, damped: float
-) -> None:
-    """The first terms of log R(z) - z, read off the poles of the step: 1/120 and 1/144, -3.7e-4 and 1.7e-4."""
-    robot, step = arm(gravity=0.0), 2e-3
-    model = serial(replace(robot, bodies=robot.bodies[:1]))
-    advance = runge_kutta(acceleration(model, np.zeros(1)), step, 1, method)
-    columns = [np.concatenate([r.full()[:, 0] for r in advance(e[:2], e[2:], 0)]) for e in 1e-6 * np.eye(4)]
-    poles = np.log(np.linalg.eigvals(np.array(columns).T / 1e-6).astype(complex)) / step
-    pole = poles[np.argmax(poles.imag)]
-    y = OMEGA * step
-    np.testing.assert_allclose(1 - pole.imag / OMEGA, slower * y**power, rtol=0.1)
-    np.testing.assert_allclose(-pole.real / OMEGA, damped * y**5, rtol=0.1)
 
 
 def test_poles_are_friction_at_standstill_and_modes() -> None:

@@ -1,4 +1,4 @@
-"""Fits, validations and comparisons come back to the last bit; a comparison only for its own responses."""
+"""Fits and comparisons come back to the last bit; a comparison only for its own responses."""
 
 import dataclasses
 import json
@@ -14,19 +14,15 @@ from plants.artefacts import (
     some_fit,
 )
 
-from elastid.fit.result import ModificationIndex
 from elastid.linear.linear_model import DifferenceElement, LagElement, LinearModel, Slope
 from elastid.record import Configuration, HeldTorque
 from elastid.store.results import (
     read_comparison,
     read_fit,
-    read_validation,
     write_comparison,
     write_fit,
-    write_validation,
 )
 from elastid.validation.comparison import ComparedModel, Comparison, Trial
-from elastid.validation.results import Agreement, Fold, Peak, Replay, Validation
 
 
 @pytest.mark.parametrize("n_starts", [0, 2])
@@ -67,69 +63,6 @@ def test_readers_of_hdf5_alone_find_the_parts_of_each_deviation(tmp_path):
     assert table["name"].decode() == asked.name
     parts = [table[name] for name in ("std", "std_by_noise", "std_by_file")]
     assert parts == pytest.approx([std, 0.8 * std, 0.6 * std])
-
-
-def test_modification_indices_come_back_to_the_last_bit(tmp_path):
-    """Of one number, of several at once, and of a reading that has none."""
-    none = np.zeros(0)
-    indices = (
-        ModificationIndex("m_arm", "mass", ("m_arm",), [75.0], ("kg",), (True,), [-0.05], 1e-3, 9.0, 0.9, [0.1, 0.2]),
-        ModificationIndex(
-            "g_*", "gain", ("a", "b"), [1, 2], ("1", "1"), (True, False), [3, 4], 5.0, 6.0, 7.0, [8, 9], ("x",), 1
-        ),
-        ModificationIndex("y at a/b turned", "sign", (), none, (), (), none, 0.0, 1.0, 0.5, [0, 0], ("y", "z")),
-    )
-    full = dataclasses.replace(some_fit(), indices=indices)
-    write_fit(tmp_path / "fit.h5", full)
-    assert same(read_fit(tmp_path / "fit.h5"), full)
-
-
-def test_a_validation_comes_back_to_the_last_bit(tmp_path):
-    """NaN where nothing could be said, and configurations without peaks."""
-
-    def agreement(name, peaks):
-        block = np.arange(2.0).reshape(2, 1)
-        return Agreement(
-            name,
-            name == "b",
-            ("y1", "y2"),
-            ("u",),
-            block.astype(int),
-            block,
-            block,
-            block,
-            0.95,
-            block,
-            peaks,
-        )
-
-    peaks = (Peak("y1", "u", "resonance", 10.0, math.nan),)
-    validation = Validation((agreement("b", peaks), agreement("a", ())), "generalises")
-    write_validation(tmp_path / "validation.h5", validation, STAMP)
-    assert same(read_validation(tmp_path / "validation.h5"), validation)
-    fits, signals = np.array([[90.0], [np.nan]]), np.arange(3.0)[:, None]
-    replay = Replay(
-        "a",
-        ("r1", "r/2"),
-        ("y1",),
-        "velocity",
-        ("m/s",),
-        (1.0, 4.5),
-        fits,
-        fits,
-        fits,
-        "r/2",
-        10.0,
-        False,
-        signals,
-        -signals,
-    )
-    folds = (Fold("b", 1.5, 0.2, 3.0), Fold("a", math.nan, math.nan, math.nan, "no start led anywhere"))
-    more = dataclasses.replace(
-        validation, cost="is high", replays=(replay,), replayed="90 %", folds=folds, folded="depends on none"
-    )
-    write_validation(tmp_path / "more.h5", more, STAMP)
-    assert same(read_validation(tmp_path / "more.h5"), more)
 
 
 def test_linear_models_come_back_to_the_last_bit(tmp_path):

@@ -57,23 +57,15 @@ def refusals(study: Path, *overrides: str) -> list[str]:
             "with the carrier's 0.1 rad to either side is outside its limits [-0.45, 2] rad",
         ),
         (["fit.robots={A: [a, b], B: [c]}"], "fit.robots", "configuration d is assigned to no robot"),
-        (["fit.robots={A: [a, b, e], B: [c, d]}"], "fit.robots.A[2]", "no configuration is called 'e'"),
         (
             ["fit.parameters={k_*: {}, fm_1: {per: configuration}, fm_1@e: {start: 1}}"],
             "fit.parameters.fm_1@e",
             "no configuration is called 'e'",
         ),
-        (["fit.profile=[k_7]"], "fit.profile[0]", "did you mean"),
         ([DESIGN % "given: {a: [0, 0]}"], "design.candidates.given.a", "is a configuration of experiment.config"),
         ([DESIGN % "given: {e: [0, 1 mm]}"], "design.candidates.given.e[1]", "joint 2 is a rotation"),
         ([DESIGN % "margin: 1 mm"], "design.candidates.margin", "or one number for each motor"),
         ([f"{SIMULATED}.carrier={{amplitude: 1 mm}}"], f"{SIMULATED}.carrier.amplitude", "is a rotation"),
-        ([f"{SIMULATED}.carrier={{kind: square, velocity: 1 mm/s}}"], f"{SIMULATED}.carrier.velocity", "a rotation"),
-        (
-            ["fit.parameters={'[kd]_1': {start: 1}}"],
-            "fit.parameters.[kd]_1.start",
-            "different units (N*m*s/rad, N*m/rad)",
-        ),
         (
             ["estimator.friction=curve", f"{SIMULATED}.outputs=[motor 1, joint 2]"],
             "estimator.friction",
@@ -163,13 +155,6 @@ FILES = ", ".join(f"{{path: a.csv, configuration: {name}}}" for name in "abcd")
             FILES,
             "",
             "",
-        ),
-        (
-            "recorded",
-            f"{CHANNELS}, {{role: d, at: motor 3, channel: push}}",
-            FILES,
-            "channels[3].at",
-            "motor 3",
         ),
         ("recorded", CHANNELS, f"{FILES}, {{path: a.csv, configuration: a, samples: [0, 9]}}", "", ""),
         (

@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 
 from elastid.app.cli import run_command
+from elastid.app.overview import overview
 from elastid.base.errors import StudyError
+from elastid.fit.parameter_choice import choose
 from elastid.robot import Tolerances
-from elastid.study import load, make_schema
+from elastid.study import Study, load, make_schema
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TEMPLATES = Path(__file__).parents[2] / "elastid" / "app" / "templates"
@@ -81,7 +83,6 @@ WRONG = [
     ("torque_rms: 0.1", "torque_rms: [0.1 N*m, 0.2 kg]", "excitation.torque_rms[1]", "unit 'kg' measures kg"),
     ("torque_rms: 0.1", "torque_rms: {a: 1}", "excitation.torque_rms", "expected a number in N*m"),
     ("torque_rms: 0.1", "torque_rms: much", "excitation.torque_rms", "'much' is not a number with a unit"),
-    ("band_hz: [5, 100]", "band_hz: [5]", "excitation.band_hz", "expected a list of 2"),
     ("band_hz: [5, 100]", "band_hz: [5, 100, 3]", "excitation.band_hz", "expected a list of 2"),
     ("band_hz: [5, 100]", "band_hz: [5, 300]", "excitation.band_hz", "300 Hz is not below half the sampling rate"),
     ("band_hz: [5, 100]", "band_hz: [5, 100]\n  grid: ood", "excitation.grid", "expected one of full, odd"),
@@ -96,17 +97,11 @@ WRONG = [
     ("truth: {k_1: 60 N*m/rad}", "truth: {k_1: 60 N*m}", "experiment.simulated.truth.k_1", "measures N*m, not N*m/rad"),
     ("truth: {k_1: 60 N*m/rad}", "truth: {k_l: 60}", "experiment.simulated.truth.k_l", "did you mean 'k_1'?"),
     ("truth: {k_1: 60 N*m/rad}", "truth: {k_1: -60}", "experiment.simulated.truth.k_1", "must be positive"),
-    ("    k_1: {}", "    k_7*: {}", "fit.parameters.k_7*", "no parameter of the robot"),
     ("    k_1: {}", "    k_1:", "fit.parameters.k_1", "expected a mapping ({} for the defaults)"),
-    ("    k_1: {}", "    k_1: {start: 1 kg}", "fit.parameters.k_1.start", "unit 'kg' measures kg"),
-    ("    k_1: {}", "    k_1: {bounds: [1, 2]}", "fit.parameters.k_1.bounds", "the start 50 N*m/rad is outside"),
-    ("    k_1: {}", "    k_1: {bounds: [2, 1]}", "fit.parameters.k_1.bounds", "not below the upper bound"),
-    ("    k_1: {}", "    k_1: {start: 0}", "fit.parameters.k_1", "give a positive one"),
     ("    k_1: {}", "    k_1: {tie: {to: d_l}}", "fit.parameters.k_1.tie.to", "did you mean 'd_1'?"),
     ("    k_1: {}", "    '*_1': {start: 1}", "fit.parameters.*_1.start", "parameters of different units"),
     ("    k_1: {}", "    delay: {start: 1 m}", "fit.parameters.delay.start", "not s"),
     ("report:", "validation: {left_out: [c]}\nreport:", "validation.left_out[0]", "no configuration is called 'c'"),
-    ("report:", "validation: {left_out: [a, b]}\nreport:", "validation.left_out", "leave at least one to the fit"),
     (
         "  starts: 2",
         "  weights: {factors: [{factor: 0, input: motor 2}]}",
@@ -116,8 +111,6 @@ WRONG = [
     ("    k_1: {}", "    k_1: {tie: {to: d_1}, bounds: [1, 100]}", "fit.parameters.k_1", "bounds would not count"),
     ("    k_1: {}", "    k_1: {tie: {to: d_1}, fixed: true}", "fit.parameters.k_1", "fixed would not count"),
     ("  starts: 2", "  profile: [k_1, d_l]", "fit.profile[1]", "did you mean 'd_1'?"),
-    ("  starts: 2", "  wanted: [k_1, d_l]", "fit.wanted[1]", "did you mean 'd_1'?"),
-    ("  starts: 2", "  weights: {factors: [{factor: 2, output: motor1}]}", "fit.weights.factors[0].output", "did you"),
     (
         "  starts: 2",
         "  weights: {factors: [{factor: 2, configurations: [a, aa]}]}",
@@ -131,27 +124,20 @@ WRONG = [
         "its lines would count twice",
     ),
     ("report:", "validation: {left_out: [a, a]}\nreport:", "validation.left_out", "repeats a name (a, a)"),
-    ("name: tiny", "name: " + "n" * 101, "name", "has 101 characters"),
-    ("a: [0]", "c" * 101 + ": [0]", "experiment.configurations.c", "has 101 characters"),
     (
         "  simulated:",
         "  realisations: 10001\n  simulated:",
         "experiment.realisations",
         "at most 10000, commonly 2",
     ),
-    ("  starts: 2", "  starts: 20000", "fit.starts", "it must be 1 to 10000"),
     ("  starts: 2", "  start_factor: 2000", "fit.start_factor", "it must be 1 to 1000"),
     ("  starts: 2", "  starts: true", "fit.starts", "expected a whole number"),
-    ("seed: 1", "seed: yes", "seed", "expected a whole number"),
     ("  starts: 2", "  start_factor: true", "fit.start_factor", "expected a number"),
-    ("torque_rms: 0.1", "torque_rms: true", "excitation.torque_rms", "expected a number in N*m"),
     ("  starts: 2", "  band_hz: [110, 120]", "fit.band_hz", "none of the excited lines from 5 to 99 Hz"),
     ("  starts: 2", "  band_hz: [100, 10]", "fit.band_hz", "give [lowest, highest]"),
     ("fit:\n", "estimator: {band_hz: [1, 4]}\nfit:\n", "estimator.band_hz", "none of the excited lines from 5 to 99"),
-    ("  starts: 2", "  start_factor: .nan", "fit.start_factor", "expected a finite number"),
     ("  starts: 2", "  start_factor: .inf", "fit.start_factor", "expected a finite number"),
     ("  simulated:", "  periods: 1\n  simulated:", "experiment.periods", "periods is 1; it must be at least 2"),
-    ("    noise:", "    carrier: {amplitude: 80 deg}\n    noise:", "experiment.configurations.b[0]", "the carrier's"),
 ]
 
 
@@ -164,8 +150,7 @@ def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: s
     file, line, column = place.split(":")
     first = tiny.read_text().index(new)
     lines = range(tiny.read_text()[:first].count("\n") + 1, tiny.read_text()[: first + len(new)].count("\n") + 2)
-    if "carrier" not in new:  # the sentence stands at the configuration that it takes out of its limits
-        assert int(line) in lines
+    assert int(line) in lines
     assert file == "study.yml"
     assert int(column) >= 1
     assert rest.startswith(keys)
@@ -175,10 +160,7 @@ def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: s
 # The same in the robot's own file.
 WRONG_ROBOT = [
     ("ratio: 1", "ratio: 0", "bodies[0].joints[0].motor.ratio", "the gear ratio is 0"),
-    ("viscous: 1e-3", "viscous: 1e-3, coulomb: -1", "bodies[0].joints[0].motor.coulomb", "coulomb is -1"),
     ("    inertia: 1e-3\n", "    inertia: [1, 1, 9]\n", "bodies[0].inertia", "no body has the principal inertias"),
-    ("    inertia: 1e-3\n", "    inertia: -1e-3\n", "bodies[0].inertia", "no body has the principal inertias"),
-    ("    inertia: 1e-3\n", "    mass: -1\n", "bodies[0].mass", "mass of body load: -1 kg; it must not be negative"),
     ("    inertia: 1e-3\n", "    inertia: [1, 2]\n", "bodies[0].inertia", "or a list of 3"),
     ("    inertia: 1e-3\n", "    inertia: [1, 2 kg, 3]\n", "bodies[0].inertia[1]", "unit 'kg' measures kg"),
     ("stiffness: 50", "stifness: 50", "bodies[0].joints[0].spring.stifness", "did you mean 'stiffness'?"),
@@ -215,7 +197,6 @@ def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(ti
     ("content", "message"),
     [
         (b"", "study.yml:1:1: the file is empty"),
-        (b"# only a comment\n", "study.yml:1:1: the file is empty"),
         (b"- 1\n- 2\n", "study.yml:1:1: a study is a mapping"),
         (b"\x89HDF\r\n\x1a\n\x00\x01", "study.yml:1:1: not a YAML text in UTF-8 (byte 0x89)"),
         (b"name: tiny\n\x00\n", "study.yml:2:1: not a YAML text"),
@@ -224,7 +205,6 @@ def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(ti
         (b"name: tiny\nname: tiny\n", "study.yml:2:1: key 'name' is given twice (first in line 1)"),
         (b"name: !!python/object/apply:os.system ['false']\n", "study.yml:1:7: the tag"),
         (b"name: &a [*a]\n", "aliases repeat themselves"),
-        (b"name: tiny\n---\nname: tiny\n", "broken YAML"),
         (b"- " * 3000 + b"1\n", "nested too deeply"),
         (b"? [1, 2]\n: 3\n", "study.yml:1:3: a key must be a name"),
     ],
@@ -391,3 +371,41 @@ def test_a_posture_is_left_out_at_all_its_amplitudes(tiny: Path) -> None:
     assert load(tiny, two[1:]).study.validation.left_out == ("b",)
     (line,) = errors(tiny, "experiment.configurations={a: [0], b level 2: [0.1]}")
     assert "`level` and a number end the names of amplitudes; rename it" in line
+
+
+TEMPLATE = Path(__file__).parents[2] / "elastid" / "app" / "templates" / "serial"
+CYLINDER = """
+compensators:
+  - name: cyl
+    ends: [{body: turret}, {body: upper_arm, point: [0, 0, 200 mm]}]
+    gas: {force: 4 kN, length: 500 mm, column: 0.4, kappa: 1.2}
+"""
+CUBIC = "damping: 600, cubic: 1e11 N*m/rad^3}"
+GAP = "damping: 250, backlash: 0.05 mrad, inner_stiffness: 20 kN*m/rad, rounding: 20 %}"
+
+
+def written(folder: Path, cubic: str = CUBIC, gap: str = GAP, cylinder: str = CYLINDER, wanted: str = "") -> Path:
+    """The template with a cubic gear at joint 2, backlash at joint 3 and a gas spring."""
+    robot = (TEMPLATE / "robot.yml").read_text()
+    robot = robot.replace("damping: 600}", cubic, 1).replace("damping: 250}", gap, 1) + cylinder
+    (folder / "robot.yml").write_text(robot)
+    (folder / "study.yml").write_text(
+        (TEMPLATE / "study.yml").read_text().replace("    fm_*: {}", "    fm_*: {}" + wanted)
+    )
+    return folder / "study.yml"
+
+
+def test_springs_are_read_in_si_and_shown(tmp_path: Path) -> None:
+    """Units of polynomials, gaps and gas; what `check` says of them; names that the fit may free."""
+    study: Study = load(written(tmp_path, wanted="\n    k3_*: {}\n    F0_cyl: {}\n    L0_cyl: {}")).study
+    numbers = {name: value for name, (value, _) in study.robot.parameters().items()}
+    expected = {"k3_2": 1e11, "b_3": 5e-5, "ki_3": 2e4, "e_3": 0.2, "F0_cyl": 4e3, "L0_cyl": 0.5, "h0_cyl": 0.4}
+    assert {name: numbers[name] for name in expected} == pytest.approx(expected)
+    page = overview(study)
+    assert "nonlinear springs: 2, 3; the fit uses their tangent under gravity" in page
+    assert "backlash: 3 (+-5e-05)" in page
+    assert "compensator cyl: gas spring from turret to upper_arm" in page
+    parameters = choose(study.fit, study.robot)
+    assert {"k3_2", "F0_cyl", "L0_cyl"} < set(parameters.free_names)
+    assert parameters["k3_2"].log
+    assert not parameters["L0_cyl"].log

@@ -18,7 +18,6 @@ from elastid.study.reference import (
     list_sections,
     names_in,
     overview,
-    text_of,
 )
 from elastid.study.sections import FleetSpec, MemberSpec, Study
 
@@ -26,17 +25,6 @@ ROOT = Path(__file__).parents[2]
 SECTIONS = {**list_sections(), "FleetSpec": FleetSpec, "MemberSpec": MemberSpec}
 PLACES = [*list_keys(), *keys_below(FleetSpec, "fleet.")]
 KEYS = {(key.section.__name__, key.name): key for key in PLACES}
-
-
-@pytest.mark.parametrize("section", SECTIONS.values(), ids=lambda section: section.__name__)
-def test_every_key_has_a_text_that_begins_with_a_sentence(section: type) -> None:
-    """Of the section and of each key: a capital, several words, and a full stop at the end."""
-    assert text_of(section), f"{section.__name__}: its docstring describes it"
-    for key in keys_of(section):
-        first = re.split(r"[.:;]( |$)", key.text)[0]
-        assert first[0].isupper(), key.path
-        assert len(first.split()) > 1, key.path
-        assert key.text[-1] in ".)", key.path
 
 
 def test_a_field_without_a_text_is_refused() -> None:
@@ -121,15 +109,6 @@ def test_every_key_says_when_to_change_it(section: type) -> None:
     keys = list(keys_of(section))
     assert [k.name for k in keys if len(k.advice.split()) < 6 or FILLER.search(k.advice)] == [], "none, or filler"
     assert [k.name for k in keys if SequenceMatcher(None, k.text, k.advice).ratio() > 0.8] == [], "an echo"
-
-
-def test_no_advice_is_given_twice() -> None:
-    """One sentence for many keys is filler; within a section the parts of one law share it."""
-    given: dict[str, set[str]] = {}
-    for (section, _), key in KEYS.items():
-        for sentence in re.split(r"(?<=\.)\s+", key.advice.rstrip(".")):
-            given.setdefault(sentence.rstrip("."), set()).add(section)
-    assert {sentence: where for sentence, where in given.items() if len(where) > 1} == {}
 
 
 def test_advice_names_keys_that_exist() -> None:

@@ -3,33 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 from plants.predicted_arm import STD, result
 
-from elastid.study import load_robot
-from elastid.targets.draws import write_draws
 from elastid.use.draws import draw_robots
 
 
-def test_draws_scatter_as_the_fit_says_and_their_files_are_the_robots(tmp_path: Path) -> None:
-    """Relative std and independence; a robot file, an MJCF and a row of the table for each."""
+def test_draws_scatter_as_the_fit_says() -> None:
+    """Relative std and independence."""
     draws = draw_robots(result(), 80, seed=2)
-    scatter = np.std(np.log(draws.values), axis=0)
-    np.testing.assert_allclose(scatter, STD, rtol=0.25)
-    few = replace(draws, robots=draws.robots[:12], values=draws.values[:12])
-    _, lacking = write_draws(tmp_path, few, "study")
-    assert not lacking
-    robot = load_robot(tmp_path / "robots" / "robot_07.yml")
-    assert robot == draws.robots[6]
-    table = np.genfromtxt(tmp_path / "draws.csv", delimiter=",", names=True, deletechars="")
-    assert table["k_1"][6] == robot.parameters()["k_1"][0]
-    root = ET.parse(tmp_path / "mujoco" / "robot_07.xml").getroot()
-    assert any(float(joint.get("stiffness", 0)) == table["k_1"][6] for joint in root.iter("joint"))
-    assert len(list((tmp_path / "mujoco").iterdir())) == 12
+    np.testing.assert_allclose(np.std(np.log(draws.values), axis=0), STD, rtol=0.25)
 
 
 def test_the_same_seed_gives_the_same_robots_and_what_nothing_reaches_is_held() -> None:

@@ -102,26 +102,6 @@ def test_a_delay_that_the_model_lacks_colours_the_residual():
     assert agreement(measured, response(G)).is_white
 
 
-@pytest.mark.slow
-def test_a_true_model_is_not_called_coloured_however_many_configurations_there_are():
-    """Outputs that share their noise are beyond the bound together: 150 times 20 configurations, one alarm in 100."""
-    rng, f = np.random.default_rng(8), np.arange(1.0, 41.0)
-    G, std = np.full((40, 3, 3), 1.0 + 0.5j), np.full((40, 3, 3), 0.1)
-    root = np.linalg.cholesky(0.1 * np.eye(3) + 0.9)
-
-    def judged(model):
-        noise = 0.1 * root @ circular(rng, G.shape)
-        return agreement(response(G + noise, std, freq_hz=f), response(model, freq_hz=f))
-
-    of_one = [judged(G) for _ in range(300)]
-    sets = [[of_one[i] for i in rng.integers(0, 300, 20)] for _ in range(150)]
-    assert np.mean([not are_white(one) for one in sets]) < 0.03
-    assert np.mean([not one.is_white for one in of_one]) < 0.03
-    # Of any five, one with a delay that the model lacks is enough to show it.
-    late = judged(G * np.exp(-2j * np.pi * f * 2e-3)[:, None, None])
-    assert not are_white([*of_one[:4], late])
-
-
 def test_an_element_that_the_model_decouples_has_a_finite_error():
     """A modelled zero counts as sigma: 20 dB for a measurement ten sigma high."""
     judged = agreement(response(np.full((240, 1, 1), 1.0 + 0j), std=0.1), response(np.zeros((240, 1, 1))))

@@ -25,7 +25,6 @@ SMALL = (
     "friction.law={stribeck: no, directions: no, load: no, temperature: no}",
     "report.formats=[]",
 )
-NUMBERS = ("Fc_m1", "Fs_m1", "vs_m1", "f_m1")
 
 
 def run_of(folder: Path, *overrides: str, jobs: int = 1) -> Run:
@@ -71,63 +70,6 @@ def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
     assert path.read_text() == (finished / "run" / "identified_robot.yml").read_text()
     with refused("study/stage"):
         export(run, "matlab")
-
-
-@pytest.mark.slow
-def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_path: Path) -> None:
-    """Every number within 3.3 std; the same bytes from one process and from two."""
-    folders = [copied(tmp_path / name) for name in ("one", "two")]
-    for folder, jobs in zip(folders, (1, 2), strict=True):
-        run_all(run_of(folder, "report.formats=[]", jobs=jobs))
-    for name in (
-        "plan.h5",
-        "records.h5",
-        "levels.h5",
-        "friction.h5",
-        "summary.json",
-        "identified_robot.yml",
-        "report.html",
-    ):
-        assert (folders[0] / "run" / name).read_bytes() == (folders[1] / "run" / name).read_bytes(), name
-    found = {each.name: each for each in read_friction_result(folders[0] / "run" / "friction.h5").numbers}
-    for name in NUMBERS:
-        truth = found[name].truth
-        assert truth is not None
-        assert abs(found[name].value - truth) < 3.3 * found[name].std, name
-        assert found[name].std < 0.02 * truth
-
-
-@pytest.mark.slow
-def test_a_robot_that_was_identified_is_the_start_of_the_next_study(tmp_path: Path) -> None:
-    """The circle: found on the rig, put into its robot's file, and found again from that file as the truth."""
-    first, second = copied(tmp_path / "first"), copied(tmp_path / "second")
-    run_all(run_of(first, "report.formats=[]"))
-    shutil.copy(first / "run" / "identified_robot.yml", second / "robot.yml")
-    run_all(run_of(second, "report.formats=[]", "experiment.simulated.truth={}", "seed=2"))
-    before, after = (
-        {each.name: each for each in read_friction_result(folder / "run" / "friction.h5").numbers}
-        for folder in (first, second)
-    )
-    for name in NUMBERS:
-        assert after[name].truth == pytest.approx(before[name].value, rel=1e-9)
-        assert abs(after[name].value - before[name].value) < 3.3 * after[name].std, name
-
-
-@pytest.mark.slow
-def test_a_warm_up_tells_what_heat_does_to_friction(tmp_path: Path) -> None:
-    """Two hours of motion: time constant, heat given off and viscous friction over temperature, each within 3.5 std."""
-    folder = copied(tmp_path / "warm")
-    robot = (folder / "robot.yml").read_text()
-    law = "friction: {temperature: {reference: 30 degC, viscous: 1.2e-3, decay: 20 K}, "
-    (folder / "robot.yml").write_text(robot.replace("friction: {", law))
-    heat = "{conductance: 1 W/K, time_constant: 30 min, ambient: 20 degC, thermometer_std: 0.3 K}"
-    warm_up = "friction.warm_up={speed: 60 deg/s, time: 2 h, test_every: 10 min}"
-    run_all(run_of(folder, "report.formats=[]", warm_up, f"experiment.simulated.heat={heat}", jobs=2))
-    found = {each.name: each for each in read_friction_result(folder / "run" / "friction.h5").numbers}
-    true = {"Tc_m1": 1800.0, "h_m1": 1.0} | {name: found[name].truth for name in (*NUMBERS, "fT_m1", "TV_m1")}
-    for name, value in true.items():
-        assert value is not None
-        assert abs(found[name].value - value) < 3.5 * found[name].std, (name, found[name], value)
 
 
 ROBOT = f"""

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from elastid.app.cli import run_command
-from elastid.app.scaffold import TRUTH
-from elastid.experiment.simulated.plant import shake, true_modes
+from elastid.experiment.simulated.plant import true_modes
 from elastid.experiment.specs.recorded import ResponsesSpec
 from elastid.recorded.responses.reading import read_table
 from elastid.store.measured import read_responses
@@ -37,29 +36,6 @@ def exported(bench: Path, target: str) -> Path:
     return run / "export" / target
 
 
-# Figures of a response and its modes.
-KINDS = ("quality", "stabilisation")
-
-
-def test_the_page_shows_responses_and_modes_and_no_fit(bench: Path) -> None:
-    page = (bench / "run" / "report.html").read_text(encoding="utf-8")
-    assert "Frequency responses" in page
-    assert "tip x" in page
-    assert "(m/s²)/(N)" in page
-    assert "Parameters" not in page
-    assert "left out of the fit" not in page
-    names = {file.stem for file in (bench / "run" / "figures").iterdir()}
-    assert names == {"frf-bench", *(f"frf-bench-{kind}" for kind in KINDS)}
-
-
-def test_the_modes_are_those_of_the_structure(bench: Path) -> None:
-    """Frequencies to 1e-4, damping to 1 % of itself."""
-    natural, damping, _ = true_modes()
-    rows = list(csv.DictReader((bench / "run" / "modes.csv").read_text().splitlines()))
-    np.testing.assert_allclose([float(row["frequency"]) for row in rows], natural / (2 * np.pi), rtol=1e-4)
-    np.testing.assert_allclose([float(row["damping_ratio"]) for row in rows], damping, rtol=1e-2)
-
-
 @pytest.mark.parametrize(
     ("target", "file"), [("uff", "bench.uff"), ("matlab", "responses.mat"), ("csv", "bench-measured.csv")]
 )
@@ -77,23 +53,6 @@ def test_exports_are_read_back(bench: Path, target: str, file: str) -> None:
     table = read_table(path, spec, "")
     np.testing.assert_allclose(table.freq, response.freq_hz, rtol=1e-9)
     np.testing.assert_allclose(table.G, response.G, rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_noise_without_a_period_leads_to_the_same_modes(tmp_path: Path) -> None:
-    """One record of 32 s for each experiment, in which nothing repeats: frequencies to 1e-3."""
-    folder = tmp_path / "noise"
-    assert run_command(["new", str(folder), "--template", "frf"]) == 0
-    for i, log in enumerate((*shake(256.0, 8192, 1, 11), *shake(256.0, 8192, 1, 12)), start=1):
-        table = np.hstack([log.force, log.acceleration])
-        names = "force_1,force_3,acc_1,acc_2,acc_3"
-        np.savetxt(folder / "logs" / f"bench_{i}.csv", table, delimiter=",", header=names, comments="")
-    overrides = ("experiment.recorded.period=none", "estimator.method=auto", "report.formats=[]")
-    options = [part for override in overrides for part in ("--set", override)]
-    assert run_command(["run", str(folder / "study.yml"), "--run", str(folder / "run"), "-q", *options]) == 0
-    rows = list(csv.DictReader((folder / "run" / "modes.csv").read_text().splitlines()))
-    expected = true_modes()[0] / (2 * np.pi)
-    np.testing.assert_allclose([float(row["frequency"]) for row in rows], expected, rtol=1e-3)
 
 
 @pytest.mark.slow
@@ -134,15 +93,3 @@ def test_responses_from_elsewhere_need_no_robot(
         assert run_command(["export", str(study), *run, "--to", target]) == 0
     assert run_command(["run", str(study), "measure", *run]) == 2
     assert "its stages are estimate and report" in capsys.readouterr().err
-
-
-def test_the_template_of_logs_runs_at_once(tmp_path: Path) -> None:
-    """From `new` to the end: the fit finds the numbers of the robot that was simulated."""
-    folder = tmp_path / "joint"
-    assert run_command(["new", str(folder), "--template", "recorded"]) == 0
-    options = ["--run", str(folder / "run"), "--jobs", "1", "-q", "--set", "fit.starts=2", "--set", "report.formats=[]"]
-    assert run_command(["run", str(folder / "study.yml"), *options]) == 0
-    found = json.loads((folder / "run" / "summary.json").read_text())
-    assert found["status"] == "converged"
-    for name, parameter in found["parameters"].items():
-        assert parameter["value"] == pytest.approx(TRUTH[name], abs=4 * parameter["std"])

@@ -1,9 +1,8 @@
-"""The simulated rig's hardware does what its numbers say, and an identification finds the chain around the robot."""
+"""The simulated rig's hardware does what its numbers say."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,11 +24,6 @@ from elastid.experiment.specs.simulated import (
     TorqueRippleSpec,
     WarmingSpec,
 )
-from elastid.fit.parameter_choice import choose
-from elastid.fit.problem.elastic import elastic_fit
-from elastid.fit.problem.weights import weigh
-from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import elements, state_space
@@ -109,7 +103,6 @@ def axis_with(friction: Friction) -> Robot:
     return Robot("axis", (Body("rotor", joints=(Joint("1", "z", motor=Motor(20.0, friction=friction)),), mass=1.0),))
 
 
-LUGRE_OF_A_MOTOR = Friction(0.3, 0.45, 1.5, lugre=LuGre(70.0, 0.02, 30.0))
 LUGRE = Friction(30.0, 45.0, 0.02, lugre=LuGre(1e5, 300.0, 0.5))
 
 
@@ -157,30 +150,6 @@ def test_a_rotor_with_bristles_moves_as_radau_says(seed: int) -> None:
         errors.append(np.abs(ends - truth).max() / np.abs(truth).max())
     assert errors[0] < 1e-3
     assert errors[1] < errors[0] / 4
-
-
-def test_friction_acts_on_the_coordinate_of_its_place() -> None:
-    """M q'' = B u - f - P tau_f, a joint's friction on the joint's side of the gear, a motor's on the motor's."""
-    import casadi as ca
-
-    from elastid.simulation.dynamics import free_acceleration
-
-    machine = arm(friction=LUGRE_OF_A_MOTOR)
-    (joint,) = machine.joints
-    machine = replace(
-        machine, bodies=(replace(machine.bodies[0], joints=(replace(joint, friction=Friction(4.0, quadratic=0.5)),)),)
-    )
-    model = serial(machine)
-    sliding = contacts(model, frictions(machine))
-    q, v, z, u = np.array([0.3, 0.31]), np.array([0.4, -0.7]), np.array([1e-6]), 30.0
-    torque = sliding.torque(ca.SX(v), ca.SX(z), ca.SX(sliding.curves))
-    found = free_acceleration(model)(q, v, model.B[:, 0] * u - ca.DM(torque)).full()[:, 0]
-    g = 80 * (0.3 + 0.15 * math.exp(-((80 * 0.7 / 1.5) ** 2)))
-    bend = 6400 * 70 * 1e-6
-    dz = -0.7 - 6400 * 70 * 0.7 * 1e-6 / g
-    motor = bend + 6400 * 0.02 * math.exp(-((80 * 0.7 / 30) ** 2)) * dz
-    right = np.array([-4.0 - 0.5 * 0.16, u - motor]) - model.force(q, v, model.theta).full()[:, 0]
-    np.testing.assert_allclose(found, np.linalg.solve(model.mass(q, model.theta).full(), right), rtol=1e-9)
 
 
 @pytest.mark.parametrize("stiffness", [1e5, 1e6, 1e7])
@@ -323,34 +292,6 @@ def test_the_state_space_holds_the_lags(quantity: str) -> None:
     point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "velocity")
     with refused("linear/state-space", place="chain.differentiator"):
         state_space(point, point.theta_ref)
-
-
-@pytest.mark.parametrize(
-    "chain",
-    [Chain(torque_lag=3e-3), Chain(torque_lag=2e-3, torque_order=2), Chain(sensor_lag=4e-3, sensor_order=2)],
-)
-def test_identification_finds_the_chain_of_the_simulated_rig(chain: Chain) -> None:
-    """From a start of half the lag and a wrong stiffness: both to half a per cent, and the response with them."""
-    truth = arm(chain=chain)
-    name = next(iter(chain.numbers))
-    value = float(getattr(chain, name))
-    simulated = rig(truth, SimulatedSpec(substeps=4), rms=20.0)
-    G, freq_hz = response(simulated), simulated.plan.freq_hz
-    np.testing.assert_allclose(G, linear(truth, freq_hz), rtol=0.02)
-    start = truth.with_parameters({name: value / 2, "k_1": 3e4})
-    parameters = choose(FitSpec(parameters={n: ParameterSpec() for n in (name, "k_1", "d_1")}), start)
-    from elastid.response import Covariance, Response
-
-    model = serial(start)
-    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "position")
-    level = Covariance((0.01 * np.abs(G[:, None, None])) ** 2, math.inf)
-    measured = Response(
-        freq_hz, G[:, None, None], ("motor 1",), ("motor 1",), "position", point.configuration, total=level
-    )
-    problem = elastic_fit([measured], [point], [weigh(measured, FitSpec())], parameters, "log").problem
-    found = dict(zip(parameters.names, parameters.expand(solve(problem, parameters.x).x), strict=True))
-    np.testing.assert_allclose(found[name], value, rtol=0.01)
-    np.testing.assert_allclose(found["k_1"], 4e4, rtol=0.005)
 
 
 # --- towards the linear model ---------------------------------------------------------------------------------------

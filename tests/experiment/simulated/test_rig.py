@@ -199,28 +199,6 @@ def test_the_truth_replaces_numbers_of_the_robot() -> None:
     assert error(G, continuous_response(simulated)) > 0.1
 
 
-def test_coulomb_friction_looks_viscous_to_a_multisine() -> None:
-    """Bussgang: 1/G = j omega J + f with f = sqrt(2/pi) F_c / sigma_v, where the velocity is near Gaussian."""
-    F_c, J = 4.0, 20.0
-    machine = Robot("m", (Body("rotor", joints=(Joint("1", "z", motor=Motor(2e-3, 100, coulomb=F_c / 100)),), mass=1),))
-    simulated = rig(machine, SimulatedSpec(), plan(machine.motor_locations, (0.0,), 150.0, period=20, shape=1.0))
-    G, record = measured_response(simulated)
-    omega = 2 * np.pi * simulated.plan.freq_hz
-    impedance = record.hold_response(simulated.plan.freq_hz)[:, 0] / (1j * omega * G[:, 0, 0])
-    sigma = np.diff(record.y[:, 0]).std() * record.rate_hz
-    np.testing.assert_allclose(np.median(impedance.imag / omega), J, rtol=0.01)
-    np.testing.assert_allclose(impedance.real.mean(), math.sqrt(2 / math.pi) * F_c / sigma, rtol=0.03)
-
-
-def test_without_excitation_the_robot_stays_where_gravity_left_it() -> None:
-    """No drift: the motors are at the configuration's angles, the log of a body at zero."""
-    machine = robot()
-    design = plan(machine.motor_locations, POSTURE, 1.0)
-    spec = SimulatedSpec(outputs=(*machine.motor_locations, "body upper y"))
-    record = rig(machine, spec, replace(design, R=0 * design.R)).measure(design.experiments[0])
-    np.testing.assert_allclose(record.y, np.tile([*POSTURE, 0.0], (4000, 1)), atol=1e-9)
-
-
 def test_a_record_holds_the_plan_without_its_transient() -> None:
     """Two periods of what was injected, repeating themselves, the transient simulated and dropped."""
     simulated = three_axes()

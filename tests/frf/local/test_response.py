@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,17 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import local_plants as study
 from plants.noise_record import noise_record
+from plants.random_plants import two_modes
 from plants.refusals import refused
 
-from elastid.app.console import Console
-from elastid.app.run import Run, run_all
 from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.local.response import local_response, merge_repeats, settled_spectra
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
-from elastid.store.results import read_fit
-from elastid.study import load
 
 RATE, N = 512.0, 512
 LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
@@ -64,16 +60,6 @@ def _polynomial(n_y: int, n_u: int, rng: np.random.Generator, degree: int = 2) -
     C = rng.normal(size=(degree + 1, n_y, n_u)) + 1j * rng.normal(size=(degree + 1, n_y, n_u))
     x = (FREQ - FREQ.mean()) / np.ptp(FREQ)
     G: np.ndarray = np.einsum("pyu,fp->fyu", C, x[:, None] ** np.arange(degree + 1))
-    return G
-
-
-def _modes(freq_hz: np.ndarray, Phi: np.ndarray, zeta: float = 0.02) -> np.ndarray:
-    """G (F, n, n) of two modes of shapes Phi (2, n): torque to velocity."""
-    n = Phi.shape[1]
-    s, G = 2j * np.pi * freq_hz[:, None, None], np.zeros((len(freq_hz), n, n), dtype=np.complex128)
-    for f, phi in zip((45.0, 80.0), Phi, strict=True):
-        omega = 2 * np.pi * f
-        G += omega * s / (s**2 + 2 * zeta * omega * s + omega**2) * np.outer(phi, phi)
     return G
 
 
@@ -158,7 +144,7 @@ def _followed_by(spec: EstimatorSpec, closed: bool, rng: np.random.Generator) ->
     if spec.method == "local_polynomial":
         return _polynomial(3, 3, rng)
     if closed:
-        return _modes(FREQ, rng.normal(size=(2, 3)))
+        return two_modes(FREQ, rng.normal(size=(2, 3)))
     return _polynomial(3, 3, rng) / np.prod((FREQ[:, None] - [40 + 8j, 85 + 10j]) / 30, axis=1)[:, None, None]
 
 
@@ -311,14 +297,3 @@ def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> 
     with refused("frf/records", place="configuration c"):
         estimate([a, b, c], spec)
     assert estimate([a, b, c], replace(spec, method="h1")).n_lines > 10
-
-
-@pytest.mark.parametrize("method", ["local_polynomial", "local_rational"])
-def test_a_study_started_from_rest_finds_its_spring(tiny: Path, tmp_path: Path, method: str) -> None:
-    """estimator.method in study.yml, no period to settle: the true stiffness of 60 N*m/rad to 1 %."""
-    overrides = (f"estimator.method={method}", "experiment.transient_periods=0")
-    run = Run(load(tiny, overrides), tmp_path / "run", 1, Console(-1))
-    run_all(run, ("design", "measure", "estimate", "fit"))
-    result = read_fit(run.path("fit"))
-    k_1 = result.values["k_1"]
-    assert k_1 == pytest.approx(60.0, rel=0.01)

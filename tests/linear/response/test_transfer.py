@@ -12,7 +12,6 @@ from scipy.signal import cont2discrete
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LagElement, LinearModel, Slope
-from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import antiresonances, modes
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
@@ -110,18 +109,6 @@ def test_delay_turns_the_phase_only():
     theta[-1] = 3e-3
     G0, G = (frequency_response(model, t, FREQ_HZ) for t in (model.theta_ref, theta))
     np.testing.assert_allclose(G, G0 * np.exp(-2j * np.pi * FREQ_HZ * 3e-3)[:, None, None], rtol=1e-12)
-
-
-def test_linearisation_built_once_serves_all_configurations():
-    """`Linearisation.at` equals `linearise` in each configuration."""
-    model = serial(arm())
-    linearisation = Linearisation.of(model)
-    for configuration in (Configuration("a", (0.1, 0.2, 0.3)), Configuration("b", (-1, 0.5, 1.3))):
-        once = linearisation.at(configuration, model.theta, model.inputs, "acceleration")
-        alone = linearise(model, configuration, model.theta, model.inputs, "acceleration")
-        np.testing.assert_array_equal(once.K, alone.K)
-        assert once.parameters == (*model.parameters, DELAY)
-        assert all(np.array_equal(once.slopes[name].K, alone.slopes[name].K) for name in ("k_1", "m_fore"))
 
 
 RATE_HZ = 500.0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
@@ -19,6 +20,7 @@ from elastid.record import Configuration, Record
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from tests.nonlinear.gear.test_levels import SPEC, linear_fit
+from tests.nonlinear.gear.test_period_lines import record
 from tests.plants.geared_arms import measure, parallel_linkage
 from tests.plants.two_mass_gear import LINES, Gear, records, robot
 
@@ -151,3 +153,16 @@ def test_friction_on_both_sides_is_found_on_a_parallel_linkage() -> None:
     for effect, f, std in zip(levels.effects, levels.levels.tolist(), levels.std.tolist(), strict=True):
         level = arm.truth[effect.kind, effect.joint]
         assert abs(f - level) < max(0.03 * level, 3 * std), effect
+
+
+@pytest.mark.slow
+def test_robots_without_elastic_gears_and_records_without_a_period_are_refused() -> None:
+    measured = records(Gear(), experiments=2)
+    response, linear = linear_fit(Gear(), measured)
+    rigid = Robot("rigid", (Body("link", joints=(Joint("1", "z", motor=Motor(1e-3, 100.0)),), inertia=1.0),))
+    with refused("robot/no-spring"):
+        find_gear_effects([measured], [response], linear, rigid, SPEC, planned=LINES)
+    noise = record()
+    endless = [replace(noise, period_samples=noise.n_samples, is_periodic=False)]
+    with refused("gears/records", place="configuration a"):
+        find_gear_effects([endless], [response], linear, robot(Gear()), SPEC, planned=LINES)

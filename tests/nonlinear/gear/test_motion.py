@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 from elastid.base.arrays import FloatArray
+from elastid.fit.parameter_choice import choose
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.linear.linearise import Linearisation
+from elastid.nonlinear.gear.effects import turning
 from elastid.nonlinear.gear.motion import newton, smoothed_covariance
-from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines
-from tests.plants.two_mass_gear import POSTURE
+from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines, drive_lines, elastic_joints
+from elastid.response import Response
+from tests.plants.two_mass_gear import POSTURE, RATE_HZ, SAMPLES, Gear, robot
 
 
 @pytest.mark.parametrize("h", [1.0, 50.0])
@@ -60,3 +65,60 @@ def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_i
     true = 9e-4 * np.abs(G[:, 0, 0]) ** 2 + 1e-16
     found = smoothed_covariance(r, lines, cast(DriveLines, SimpleNamespace(G=G)))[:, 0, 0].real
     assert found == pytest.approx(true, rel=0.2)
+
+
+PHASE = 2 * np.pi * np.arange(800) / 800
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-3])
+def test_reversals_between_points_turn_where_the_motion_is_bent(scale: float) -> None:
+    """A velocity of 0.4 of its slope on one side of 0, against the law on 200 times as many points."""
+
+    def bent(phase: FloatArray) -> FloatArray:
+        return 0.1 * np.where(np.sin(phase) > 0, 1.0, 0.4) * np.sin(phase)
+
+    dense = (np.arange(160_000) + 0.5) * np.pi / 80_000
+    exact = np.mean((np.tanh(bent(dense) / scale) if scale else np.sign(bent(dense))) * np.exp(-1j * dense))
+    for shift in np.linspace(0.0, 2 * np.pi / 800, 7):
+        phi, slope = turning(bent(PHASE - shift), scale)
+        assert np.mean(phi * np.exp(-1j * (PHASE - shift))) == pytest.approx(exact, abs=3e-4)
+        assert np.all(slope >= 0)
+
+
+def test_a_motion_that_stands_still_has_numbers() -> None:
+    """Nothing moves, or it turns and then stands: no division by a step that is none."""
+    still = np.zeros(100)
+    stands = np.concatenate([np.full(30, -1.0), [-0.5, 0.5], np.zeros(68)])
+    for v in (still, stands):
+        phi, slope = turning(v, 0.1)
+        assert np.all(np.isfinite(phi))
+        assert np.all(np.isfinite(slope))
+    assert np.all(turning(still, 0.1)[0] == 0)
+
+
+GEAR = Gear()
+
+
+def test_forces_at_motor_gear_and_link_move_two_masses_as_they_must() -> None:
+    start = robot(GEAR)
+    linearisation = Linearisation.of_robot(start)
+    parameters = choose(FitSpec(parameters={"k_*": ParameterSpec()}), start, ["rest"])
+    F, none = 100, np.zeros((100, 1, 1), complex)
+    lines = PeriodLines(
+        POSTURE, RATE_HZ, SAMPLES, none, none, *np.zeros((2, 1, 1)), np.ones(1), np.ones((F, 1)), np.ones(F, bool),
+        np.zeros(1, np.int64), np.zeros(1),
+    )  # fmt: skip
+    places = ("motor 1",)
+    response = Response(lines.freq_hz, none, places, places, "acceleration", POSTURE)
+    drive = drive_lines(lines, linearisation, response, parameters, parameters.x)
+    s, g = lines.s, GEAR
+    motor, link, spring = g.J_m * s**2 + g.f * s, g.J_l * s**2, g.k + g.d * s
+    det = (motor + spring) * (link + spring) - spring**2
+    by_place = {"motor": (link + spring) / det, "gear": link / det, "link": spring / det}
+    assert elastic_joints(linearisation) == ("1",)
+    for place, exact in by_place.items():
+        moved = (drive.C @ drive.H @ drive.directions(place, 0))[:, 0]  # type: ignore[arg-type]
+        assert moved == pytest.approx(exact, rel=1e-9)
+    assert drive.G[:, 0, 0] == pytest.approx(by_place["motor"], rel=1e-9)
+    assert np.abs(drive.images).max() < 1e-9 * np.abs(drive.G).max()
+    assert (drive.k[0], drive.d[0], drive.torque[0]) == pytest.approx((g.k, g.d, 0.0))

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,13 +20,13 @@ from plants.lab_logs import (
     write_matlab,
     write_matlab_73,
 )
+from plants.ros_bag import LogArrays, write_bag
 
 from elastid.base.errors import DataError, StudyError
-from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files import formats
-from elastid.recorded.files.formats import Format, contents, read_channels
+from elastid.recorded.files.formats import Format, contents
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
 
@@ -75,30 +74,7 @@ def test_a_format_is_known_by_its_content_whatever_the_suffix(
     assert contents(path.rename(tmp_path / "log.dat"), recorded.text) == before
 
 
-def test_a_further_format_is_one_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A reader of raw doubles, in front of the others."""
-
-    @contextmanager
-    def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-        values = np.frombuffer(path.read_bytes()[4:])
-        yield ArrayLog(path, {"x": StoredArray(values.shape, values.dtype, lambda: values)})
-
-    row = formats.Format("raw", lambda path, head: head.startswith(b"RAW!"), opened, "export it again")
-    monkeypatch.setattr(formats, "FORMATS", (row, *formats.FORMATS))
-    (tmp_path / "log.raw").write_bytes(b"RAW!" + np.arange(5.0).tobytes())
-    assert contents(tmp_path / "log.raw", TextFormatSpec()) == {"x": (5,)}
-    read = read_channels(tmp_path / "log.raw", [ChannelSpec("u", "motor 1", "x")], TextFormatSpec())
-    np.testing.assert_array_equal(read[:, 0], np.arange(5.0))
-
-
 TEXT = TextFormatSpec()
-
-
-LogArrays = dict[str, np.ndarray]
-
-
-# The joint of each of the log's signals, in the messages of JointState: effort in Nm, position in rad.
-JOINTS = ("shoulder", "elbow")
 
 
 def write_tdms(base: Path, log: LogArrays) -> ExperimentSpec:
@@ -122,49 +98,6 @@ def write_parquet(base: Path, log: LogArrays) -> ExperimentSpec:
     table = pa.table({"drive": drive, "phi": log["phi"], "w2": log["w2"]})
     pq.write_table(table, base / "log.parquet", row_group_size=300)
     return study_of("log.parquet", with_names({"i1": "drive.i1", "i2": "drive.i2", "phi": "phi", "w2": "w2"}))
-
-
-def write_bag(path: Path, log: LogArrays, storage: str = "SQLITE3", publishers: int = 1) -> Path:
-    """Currents as efforts and both motions as positions of two joints; an even message lists the joints the other way
-    round.  publishers: nodes that publish, each its own joints, under the one topic.
-    """
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types = store.types
-    Stamp, Header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
-    State, Numbers = types["sensor_msgs/msg/JointState"], types["std_msgs/msg/Float64MultiArray"]
-    Layout, Word = types["std_msgs/msg/MultiArrayLayout"], types["std_msgs/msg/String"]
-    Wrench, Force, Vector = (types[f"geometry_msgs/msg/{n}"] for n in ("WrenchStamped", "Wrench", "Vector3"))
-    with Writer(path, version=9, storage_plugin=StoragePlugin[storage]) as writer:
-
-        def topic(name: str, kind: type[Any]) -> Callable[[int, Any], None]:
-            connection = writer.add_connection(name, kind.__msgtype__, typestore=store)
-            return lambda at, message: writer.write(
-                connection,
-                at,
-                store.serialize_cdr(message, kind.__msgtype__),  # type: ignore[arg-type]
-            )
-
-        states, commands, words = topic("/joint_states", State), topic("/arm/commands", Numbers), topic("/note", Word)
-        forces = topic("/wrench", Wrench)
-        for k in range(len(log["i1"])):
-            ns = 1_700_000_000_000_000_000 + round(k * 1e9 / RATE)
-            header = Header(Stamp(ns // 10**9, ns % 10**9), "")
-            positions = {"shoulder": log["phi"][k], "elbow": log["w2"][k]}
-            efforts = {"shoulder": log["i1"][k], "elbow": log["i2"][k]}
-            joints = JOINTS if k % 2 else JOINTS[::-1]
-            for names in [joints] if publishers == 1 else [(joint,) for joint in JOINTS]:
-                arrays = (np.array([each[joint] for joint in names]) for each in (positions, efforts))
-                position, effort = arrays
-                # The bag receives each message late and unevenly.
-                late = ns + 10**6 * (1 + k % 3)
-                states(late, State(header, list(names), position, np.zeros(0), effort))
-            commands(ns, Numbers(Layout([], 0), np.array([log["i1"][k], log["i2"][k]])))
-            words(ns, Word("going on"))
-            forces(ns, Wrench(header, Force(Vector(k, 0.0, -k), Vector(0.0, 0.5, 0.0))))
-    return path
 
 
 BAG_NAMES = {

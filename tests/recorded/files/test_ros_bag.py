@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from plants.lab_logs import RATE
+from plants.ros_bag import JOINTS, LogArrays, write_bag
 
 from elastid.app.work import file_hash
 from elastid.base.errors import DataError, StudyError
@@ -19,58 +18,8 @@ from elastid.recorded.files.formats import contents, read_channels
 TEXT = TextFormatSpec()
 
 
-LogArrays = dict[str, np.ndarray]
-
-
-# The joint of each of the log's signals, in the messages of JointState: effort in Nm, position in rad.
-JOINTS = ("shoulder", "elbow")
-
-
 def _read(path: Path, *names: str, column: int | None = None) -> np.ndarray:
     return read_channels(path, [ChannelSpec("u", "motor 1", name, column) for name in names], TEXT)
-
-
-def write_bag(path: Path, log: LogArrays, storage: str = "SQLITE3", publishers: int = 1) -> Path:
-    """Currents as efforts and both motions as positions of two joints; an even message lists the joints the other way
-    round.  publishers: nodes that publish, each its own joints, under the one topic.
-    """
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types = store.types
-    Stamp, Header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
-    State, Numbers = types["sensor_msgs/msg/JointState"], types["std_msgs/msg/Float64MultiArray"]
-    Layout, Word = types["std_msgs/msg/MultiArrayLayout"], types["std_msgs/msg/String"]
-    Wrench, Force, Vector = (types[f"geometry_msgs/msg/{n}"] for n in ("WrenchStamped", "Wrench", "Vector3"))
-    with Writer(path, version=9, storage_plugin=StoragePlugin[storage]) as writer:
-
-        def topic(name: str, kind: type[Any]) -> Callable[[int, Any], None]:
-            connection = writer.add_connection(name, kind.__msgtype__, typestore=store)
-            return lambda at, message: writer.write(
-                connection,
-                at,
-                store.serialize_cdr(message, kind.__msgtype__),  # type: ignore[arg-type]
-            )
-
-        states, commands, words = topic("/joint_states", State), topic("/arm/commands", Numbers), topic("/note", Word)
-        forces = topic("/wrench", Wrench)
-        for k in range(len(log["i1"])):
-            ns = 1_700_000_000_000_000_000 + round(k * 1e9 / RATE)
-            header = Header(Stamp(ns // 10**9, ns % 10**9), "")
-            positions = {"shoulder": log["phi"][k], "elbow": log["w2"][k]}
-            efforts = {"shoulder": log["i1"][k], "elbow": log["i2"][k]}
-            joints = JOINTS if k % 2 else JOINTS[::-1]
-            for names in [joints] if publishers == 1 else [(joint,) for joint in JOINTS]:
-                arrays = (np.array([each[joint] for joint in names]) for each in (positions, efforts))
-                position, effort = arrays
-                # The bag receives each message late and unevenly.
-                late = ns + 10**6 * (1 + k % 3)
-                states(late, State(header, list(names), position, np.zeros(0), effort))
-            commands(ns, Numbers(Layout([], 0), np.array([log["i1"][k], log["i2"][k]])))
-            words(ns, Word("going on"))
-            forces(ns, Wrench(header, Force(Vector(k, 0.0, -k), Vector(0.0, 0.5, 0.0))))
-    return path
 
 
 def test_a_bag_lists_joints_fields_and_sequences_by_topic(tmp_path: Path, log: LogArrays) -> None:

@@ -1,4 +1,4 @@
-"""A stop within a period, drives that log the same signal twice or mirrored, and signals that only look clipped."""
+"""A stop within a period."""
 
 from __future__ import annotations
 

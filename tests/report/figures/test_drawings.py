@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 from plants.report_values import full_content
 
+from elastid.design.forecast import Forecast
+from elastid.design.limits import QUANTITIES, LimitUse
 from elastid.report.figures.drawings import drawings
+from elastid.report.figures.fit import information, limit_use
 
 
 def test_every_figure_of_a_full_report_is_drawn_once():
@@ -12,3 +16,45 @@ def test_every_figure_of_a_full_report_is_drawn_once():
     names = [drawing.name for drawing in drawings(full_content())]
     assert len(set(names)) == len(names)
     assert {"parameters", "frf-c1", "frf-c2", "identifiability"} <= set(names)
+
+
+def forecast():
+    """Two configurations of 4 lines, three parameters; the second line from the top is in the band of the first."""
+    share = np.random.default_rng(0).random((2, 4, 3))
+    share /= share.sum(axis=(0, 1))
+    freq_hz = np.array([2.0, 10.0, 40.0, 40.1])
+    return Forecast(("k", "d", "m"), ("",) * 3, np.ones(3), (True,) * 3, np.eye(3), ("a", "b"), freq_hz, share,
+                    np.empty((0, 3)), ())  # fmt: skip
+
+
+def test_the_information_figure_shows_the_shares_of_the_forecast():
+    """In percent: by octave, the mean over the parameters; by parameter, written where 0.5 %."""
+    given = forecast()
+    left, right = information(given).axes
+    by_octave = np.asarray(left.images[0].get_array())
+    assert by_octave.shape == (2, 5)  # from 2, 4, 8, 16 and 32 Hz
+    np.testing.assert_allclose(by_octave[:, 2], 100 * given.share.mean(axis=2)[:, 1])
+    np.testing.assert_allclose(by_octave.sum(axis=1), 100 * given.share.mean(axis=2).sum(axis=1))
+    expected = 100 * given.share.sum(axis=1)
+    np.testing.assert_allclose(right.images[0].get_array(), expected)
+    assert [text.get_text() for text in right.texts] == [f"{value:.0f}" for value in expected.ravel()]
+    assert [label.get_text() for label in left.get_yticklabels()] == ["a", "b"]
+    assert left.get_ylim()[0] > left.get_ylim()[1]
+
+
+def use():
+    """Torque uses 80 % and 10 %; velocity has a limit for one motor."""
+    peak, limit = np.ones((1, len(QUANTITIES), 2)), np.full((1, len(QUANTITIES), 2), np.inf)
+    limit[0, 0] = 1.25, 10.0
+    limit[0, 2, 0] = 2.0
+    return LimitUse(("c1",), ("motor 1", "motor 2"), peak, limit, np.ones((1, 2)), margin=0.1)
+
+
+def test_peaks_are_written_in_percent_of_their_limits():
+    """A panel for each quantity with a limit; grey where a motor has none."""
+    torque, velocity = limit_use(use()).axes
+    np.testing.assert_allclose(torque.images[0].get_array(), [[80.0, 10.0]])
+    assert [text.get_text() for text in torque.texts] == ["80", "10"]
+    assert [text.get_text() for text in velocity.texts] == ["50"]
+    assert "velocity" in velocity.get_title()
+    assert [label.get_text() for label in torque.get_yticklabels()] == ["c1"]

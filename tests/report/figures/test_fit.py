@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
-from plants.report_values import TRUTH, fit_result, lines_of
+from plants.friction_study import friction_content, friction_result
+from plants.report_values import TRUTH, fit_result, lines_of, pair
 
+from elastid.base.arrays import FloatArray
 from elastid.report.content import parameter_rows
-from elastid.report.figures.fit import forest, identifiability
+from elastid.report.figures.fit import forest, identifiability, quality_figure, torque_balance_figure
 from elastid.report.page.page import rendered
+from elastid.report.page.page_of_friction import html_of_friction
+from elastid.response import Levels, Quality
+from elastid.store.friction_study import FRICTION, write_friction_result
+from elastid.store.results import read_twin
+from elastid.validation.twin import DRY, INERTIA, TorqueBalance, torque_balance
+from elastid.validation.twin_run import LINK, MOTION, TORQUE, SignalKind, TwinFindings, TwinRun, twin_signal
 
 
 def test_the_identifiability_figure_writes_strong_correlations_into_the_matrix():
@@ -49,3 +58,105 @@ def test_the_forest_plot_takes_the_estimate_as_reference_where_no_truth_is_known
     assert "estimate" in ratio.get_xlabel()
     zero = replace(result, x=np.array([0.0, 0.0, 0.0, 0.0]))
     rendered(forest(parameter_rows(zero, {"x_c": 0.0})))
+
+
+RESPONSE = pair(2, 4)[0]
+N = len(RESPONSE.freq_hz)
+
+
+def db(values):
+    return 20 * np.log10(values)
+
+
+def made_up():
+    """Two inputs, four outputs; two even and three odd detection lines."""
+    rng = np.random.default_rng(0)
+
+    def level(n):
+        return Levels(np.arange(3.0, 3.0 + n), 2 + rng.random((n, 4)), rng.random((n, 4)))
+
+    return Quality(
+        coherence=rng.random((N, 4, 2)),
+        multiple_coherence=0.5 + 0.5 * rng.random((N, 4)),
+        singular_values=rng.random((N, 2)),
+        input_singular_values=np.tile([3.0, 2.0], (N, 1)),
+        input_noise=rng.random((N, 2)),
+        output_noise=rng.random((N, 4)),
+        excited=level(N),
+        stochastic=rng.random((N, 4)),
+        even=level(2),
+        odd=level(3),
+    )
+
+
+def test_the_levels_of_every_output_are_drawn_and_noise_is_taken_off_the_detection_lines():
+    """In power, at the detection lines' own frequencies; a spare panel is empty."""
+    quality = made_up()
+    panels = quality_figure(RESPONSE, quality, "c1").axes
+    assert [axes.axison for axes in panels] == [True] * 7 + [False] * 2
+    for i, axes in enumerate(panels[:4]):
+        drawn = lines_of(axes)
+        np.testing.assert_allclose(drawn["excited lines"].get_ydata(), db(quality.excited.amplitude[:, i]))
+        np.testing.assert_allclose(drawn["noise"].get_ydata(), db(quality.excited.noise[:, i]))
+        np.testing.assert_allclose(drawn["stochastic nonlinear"].get_ydata(), db(quality.stochastic[:, i]))
+        for name, found in (("even", quality.even), ("odd", quality.odd)):
+            level = np.sqrt(found.amplitude[:, i] ** 2 - found.noise[:, i] ** 2)
+            np.testing.assert_allclose(drawn[f"nonlinear, {name}"].get_ydata(), db(level))
+            np.testing.assert_allclose(drawn[f"nonlinear, {name}"].get_xdata(), found.freq_hz)
+
+
+def test_the_last_panels_show_the_unexplained_share_and_singular_values():
+    """One curve an output, two singular values of G and of the inputs, their condition in the title."""
+    quality = made_up()
+    lost, gains, inputs = quality_figure(RESPONSE, quality, "c1").axes[4:7]
+    shown = [line.get_ydata() for line in lost.get_lines()]
+    np.testing.assert_allclose(shown, 1 - quality.multiple_coherence.T)
+    np.testing.assert_allclose([line.get_ydata() for line in gains.get_lines()], db(quality.singular_values.T))
+    np.testing.assert_allclose([line.get_ydata() for line in inputs.get_lines()], db(quality.input_singular_values.T))
+    assert inputs.get_title().endswith("condition 1.5")
+
+
+def balance() -> TorqueBalance:
+    """Two parts and a rest at 3, 6 and 20 Hz."""
+    t = np.arange(1000) / 200.0
+    slow, middle, fast = (a * np.sin(2 * np.pi * f * t) for a, f in ((4.0, 3.0), (2.0, 6.0), (1.0, 20.0)))
+    parts = {INERTIA: slow, DRY: middle}
+    return torque_balance("joint 1", "log", "N*m", 200.0, slow + middle + fast, parts, (0.0, 32.0))
+
+
+def test_lines_are_the_torques_and_below_them_what_is_left_by_octave() -> None:
+    found = balance()
+    whole, parts, left = torque_balance_figure(found).axes
+    np.testing.assert_allclose(lines_of(whole)["model without friction"].get_ydata(), found.torques[0], atol=1e-12)
+    np.testing.assert_allclose(lines_of(whole)["measured − model"].get_ydata(), found.residual)
+    np.testing.assert_allclose(lines_of(parts)[DRY].get_ydata(), found.torques[1])
+    expected = [100 * max(band.left_without_friction, 1e-7) for band in found.bands]
+    np.testing.assert_allclose(lines_of(left)["left without friction"].get_ydata(), expected)
+    assert [text.get_text() for text in left.get_xticklabels()][-1] == "16–32"
+
+
+def run() -> TwinRun:
+    """Motion, torque and link of a motor, and those of another; without friction only the motion of the first."""
+    t = np.arange(1000) / 200.0
+    slow, fast = np.sin(2 * np.pi * 3 * t), np.sin(2 * np.pi * 20 * t)
+    rows: list[tuple[SignalKind, str, FloatArray | None]] = [
+        (MOTION, "motor 1", 0.5 * slow), (TORQUE, "motor 1", None), (LINK, "joint 1", None), (TORQUE, "motor 2", None),
+    ]  # fmt: skip
+    signals = tuple(
+        twin_signal(kind, place, "N*m", (slow + 0.1 * fast, slow, free), 200.0, (0.0, 32.0))
+        for kind, place, free in rows
+    )
+    return TwinRun("log", "torque", 0.5, 5.0, 200.0, signals)
+
+
+def test_both_come_back_from_their_file_and_are_on_the_page(tmp_path: Path) -> None:
+    path, twin = tmp_path / "friction.h5", TwinFindings((balance(),), (run(), replace(run(), signals=(), lost="fast")))
+    write_friction_result(path, friction_result(), twin=twin)
+    assert repr(read_twin(path, FRICTION)) == repr(twin)
+    write_friction_result(path, friction_result())
+    assert read_twin(path, FRICTION) == TwinFindings()
+    html = html_of_friction(replace(friction_content(), twin=twin), ())
+    assert "Twin against its log" in html
+    assert "the twin is lost: fast" in html
+    assert html.count('<td class="text">link motion</td>') == 1
+    assert "Twin against its log" not in html_of_friction(friction_content(), ())

@@ -149,27 +149,6 @@ def test_the_viewer_opens_on_the_first_mode_that_springs_make(visit, written):
     assert "mode 1:" not in page.locator("#mode-viewer").inner_text()
 
 
-def test_the_browser_draws_the_mode_that_is_chosen(table):
-    """Below its row, with its views; first, before anything is chosen, the first one at rest at its end."""
-    row, page = mode_row(), table(reduced_motion="reduce")
-    drawing = row.drawing
-    assert drawing is not None
-    assert page.locator("tr[data-mode]").count() == 2 * len(row.frequency_hz)
-    buttons = page.locator("tr[data-mode] button")
-    assert buttons.count() == len(row.frequency_hz)
-    assert "mode 1:" in page.locator("#mode-viewer").inner_text()
-    for mode in range(len(row.frequency_hz)):
-        if mode:
-            buttons.nth(mode).click()
-        assert buttons.nth(mode).get_attribute("aria-expanded") == "true"
-        assert page.locator("tr.mode-drawing").evaluate("tr => tr.previousSibling.dataset.mode") == str(mode)
-        assert f"mode {mode + 1}: " in page.locator("#mode-viewer").inner_text()
-        assert page.locator("#mode-viewer svg").count() == len(drawing.views(mode))
-    assert "50 % gear 2, 50 % rod" in page.locator("#mode-viewer").inner_text()
-    buttons.nth(mode).click()
-    assert page.locator("tr.mode-drawing").count() == 0
-
-
 def test_the_browser_plays_and_pauses(table):
     """A chosen mode swings; paused, it stays where it is; at first nothing moves."""
     page = table(reduced_motion="no-preference")
@@ -214,3 +193,28 @@ def test_the_page_without_scripts_and_on_paper_has_the_table_alone(table):
     page = table()
     page.emulate_media(media="print")
     assert not page.locator("#mode-viewer").is_visible()
+
+
+@pytest.fixture
+def on_a_laptop(visit, report_folder):
+    """The page of two configurations of a two-axis robot, as wide as a laptop."""
+    page = visit(report_folder / "report.html")
+    page.set_viewport_size({"width": 1280, "height": 800})
+    return page
+
+
+def test_the_three_questions_stand_above_the_fold(on_a_laptop):
+    assert on_a_laptop.evaluate("document.querySelector('.columns').getBoundingClientRect().bottom") <= 800
+    assert on_a_laptop.locator(".columns h2").count() == 3
+    assert 1 <= on_a_laptop.locator(".actions li").count() <= 3
+
+
+def test_numbers_are_sorted_and_filtered(on_a_laptop):
+    def names():
+        return list(on_a_laptop.locator("#numbers-table tbody tr:visible td:first-child b").all_inner_texts())
+
+    on_a_laptop.locator("#numbers-table th button", has_text="±").click()
+    by_width = names()
+    assert by_width.index("k_1") < by_width.index("k_2") < by_width.index("d_1")
+    on_a_laptop.locator("#numbers-controls input").fill("k_")
+    assert names() == ["k_1", "k_2"]

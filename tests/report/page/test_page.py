@@ -1,24 +1,29 @@
-"""The page and its files: complete, escaped, reproducible, self-contained."""
+"""The page and its files: complete, self-contained."""
 
 from __future__ import annotations
 
 import errno
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.resources import files
 
 import numpy as np
 import pytest
-from plants.report_values import PARAMETERS, TRUTH, bars_of, fit_result, pair, report_content
+from plants.report_values import TRUTH, bars_of, pair, report_content
+from plants.taken_friction import LEFT, taken_friction
 
 from elastid.base.display import number
 from elastid.base.errors import Note
-from elastid.base.execution import Execution
-from elastid.parameters import Parameters
-from elastid.report.content import parameter_rows
+from elastid.modal.modes import without_modes
+from elastid.nonlinear.result import FrictionTakenOut
+from elastid.report.content import ResponsesContent, parameter_rows
+from elastid.report.figures.drawings import drawings
 from elastid.report.figures.fit import fleet_parameter
 from elastid.report.page.page import (
+    html,
+    html_of_responses,
     write_report,
 )
 from elastid.validation.agreement import validate
@@ -84,42 +89,6 @@ def test_the_page_needs_nothing_from_outside(report_folder):
 
 
 @pytest.mark.slow
-def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
-    """HTML, a formula, a path and a letter that the font lacks, as names: text on the page, files in the folder."""
-    evil, formula = "<script>alert(1)</script>", r"$\frac{"
-    parameters = Parameters(
-        tuple(replace(p, name=new) for p, new in zip(PARAMETERS.free, (evil, formula, "度", 'a"b'), strict=True))
-    )
-    frf = (pair(1, name="../../" + evil), pair(1, name=".. .. script-alert-1-script-"), pair(1, name=formula + "度"))
-    content = report_content(
-        title=evil,
-        result=replace(fit_result(parameters), notes=(Note("evil", f"{evil} & 'quotes'", formula),)),
-        frf=frf,
-        validation=validate(*zip(*frf, strict=True), left_out=[]),
-        study_text=evil,
-        provenance={evil: evil},
-        truth=None,
-    )
-    page = Page(write_report(content, tmp_path / "run", ("png",)).read_text("utf-8"))
-    assert page.tags.count("script") == 5  # the data, the plotting library, the page's own three
-    for name in (*parameters.names, *map(str, content.notes), frf[0][0].configuration.name):
-        assert name in page.text
-    files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file())
-    assert all(re.fullmatch(r"run/(report\.html|figures/[A-Za-z0-9_.-]+\.png)", file) for file in files)
-    assert len(files) == 1 + len(frf) + 2
-
-
-@pytest.mark.slow
-def test_the_same_content_gives_the_same_bytes(report_folder, tmp_path):
-    """Page and figures, drawn in two processes: no date, no version, no random name."""
-    write_report(report_content(), tmp_path, ("png",), Execution(2))
-    folders = (report_folder, tmp_path)
-    first, second = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()} for f in folders)
-    assert len(first) == 5
-    assert first == second
-
-
-@pytest.mark.slow
 def test_figures_are_files_only_where_they_are_asked_for(tmp_path):
     """Nothing of an earlier report is left."""
     write_report(small_content(), tmp_path, ("png",))
@@ -143,17 +112,6 @@ def test_a_report_that_cannot_be_written_leaves_the_last_one_whole(tmp_path, mon
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [page]
 
 
-def test_the_page_fits_a_phone_and_paper(visit, report_folder):
-    """No wider than a phone; on paper the curves that were chosen, without what can only be clicked."""
-    phone = visit(report_folder / "report.html")
-    phone.set_viewport_size({"width": 390, "height": 800})
-    assert phone.evaluate("document.documentElement.scrollWidth") <= 390
-    phone.emulate_media(media="print")
-    assert phone.locator("#explorer canvas").first.is_visible()
-    assert not phone.locator("#explorer .controls").is_visible()
-    assert phone.pdf().startswith(b"%PDF")
-
-
 @pytest.mark.parametrize("name", ["map.js", "curves.js", "explorer.js", "mode_viewer.js"])
 def test_text_of_a_script_has_the_colour_of_the_scheme(name: str) -> None:
     """Light and dark; a colour of its own would be faint in one of them."""
@@ -169,3 +127,42 @@ def test_values_are_in_the_column_of_their_robot_and_findings_apart() -> None:
     points = bars_of(axes)
     np.testing.assert_allclose(points["robot, dates from left to right"], ((-0.15, 0.15), (0.0, 1.0)))
     np.testing.assert_allclose(points["differs or drifts"], ((0.85, 1.15), (1.0, 2.0)))
+
+
+def page(friction: FrictionTakenOut | None) -> str:
+    return html(report_content(friction=friction), [])
+
+
+def page_of_responses(friction: FrictionTakenOut | None) -> str:
+    modes = (without_modes(pair(2)[0], Note("modal/lines", "none")),)
+    return html_of_responses(ResponsesContent("a", (pair(2)[0],), modes, "", {}, friction), [])
+
+
+@pytest.mark.parametrize("written", [page, page_of_responses])
+def test_the_section_has_the_numbers_of_the_file(written: Callable[[FrictionTakenOut | None], str]) -> None:
+    """Level and interval, power left, torque before and after; why friction was left stands there once."""
+    text = written(taken_friction())
+    section = text[text.index('<h2 id="friction">') :]
+    section = section[: section.index("<h2", 10)]
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", section)
+    assert cells[:7] == ["motor 1", "4.50", "0.22", "4.06 … 4.94", "N*m", "3.2 %", "taken out"]
+    assert cells[7:14] == ["motor 2", "–", "–", "–", "N", "98 %", "not taken out"]
+    assert cells[14:19] == ["c1", "0.410", "0.110", "0.620", "0.620"]
+    assert text.count(LEFT) == 1
+    assert "friction was taken out<" not in text
+    assert '<a href="#friction">' in text
+
+
+def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
+    """Neither tables nor a figure of nothing."""
+    friction = taken_friction()
+    refused = replace(
+        friction, shapes=(), levels=friction.levels[:0], covariance=friction.covariance[:0, :0], configurations=(),
+        before=friction.before[:0], after=friction.after[:0], highest_hz=friction.highest_hz[:0],
+        notes=friction.notes[1:],
+    )  # fmt: skip
+    text = page(refused)
+    assert text.count(LEFT) == 1
+    assert "F_c" not in text
+    assert "friction" not in {drawing.name for drawing in drawings(report_content(friction=refused))}
+    assert "friction" in {drawing.name for drawing in drawings(report_content(friction=friction))}

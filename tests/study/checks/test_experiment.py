@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
+from plants.channel_mistakes import Mistake, complaint, is_at_line, write_rig
 
+from elastid.app import scaffold
 from elastid.app.overview import overview
+from elastid.app.stage_table import stages_of
 from elastid.base.errors import StudyError
-from elastid.study import load
+from elastid.experiment.specs.recorded import ResponseFileSpec, ResponsesSpec
+from elastid.friction_study.spec import LoadSpec
+from elastid.study import Study, load, load_with_logs
+from elastid.study.checks import UNUSED
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -55,3 +62,96 @@ def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_
     short.write_text(robot.replace("length: 0.89", "length: 0.45"), encoding="utf-8")
     with pytest.raises(StudyError, match=r"experiment\.configurations\.\w+: loop rod does not close at the start"):
         load(linkage, [f"robot={short}"])
+
+
+# Overrides of templates that make a study of each kind.
+TEMPLATES = {
+    "simulated": "serial",
+    "recorded": "recorded",
+    "frf": "frf",
+    "friction": "friction",
+}
+# Properties of a study that stages are handed, and the sections that they are made of.
+MADE_OF = {"places": "robot", "friction_joints": "friction", "seeded_fit": "fit", "text": "name"}
+
+
+@pytest.fixture(scope="module")
+def studies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Study]:
+    """A study of each kind, of friction with loads and with logs, of responses with and without a robot."""
+    folder = tmp_path_factory.mktemp("studies")
+    made = {kind: load(scaffold.new(folder / kind, name)).study for kind, name in TEMPLATES.items()}
+    recorded, friction = made["recorded"], made["friction"]
+    loaded = replace(friction.as_friction(), loads=(LoadSpec("full"),))
+    made["friction-recorded"] = replace(recorded, friction=loaded)
+    responses = ResponsesSpec((ResponseFileSpec("frf.csv", "c"),))
+    made["responses"] = replace(recorded, experiment=replace(recorded.experiment, recorded=None, responses=responses))
+    made["frf-responses"] = replace(made["responses"], robot=None)
+    return made
+
+
+@pytest.mark.parametrize("kind", [*TEMPLATES, "friction-recorded", "responses", "frf-responses"])
+def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[str, Study]) -> None:
+    """The table of stages says which sections count; comparisons are a command of studies of elasticity."""
+    handed = {value.name.partition(".")[0] for stage in stages_of(kind).values() for value in stage.values}
+    used = {MADE_OF.get(name, name) for name in handed} | {
+        "name",
+        "robot",
+        "experiment",
+        "report",
+        "friction",
+        "filter",
+    }
+    used |= {"excitation"} if kind in ("recorded", "responses") else set()  # a remark on how the data were made
+    used |= {"compare", "validation", "fit", "model"} if kind in ("simulated", "recorded", "responses") else set()
+    refused = {key for each in UNUSED if kind in each.kinds for key in each.keys}
+    refused |= {"validation"} if kind.startswith("friction") else set()  # by its keys
+    missing = {field.name for field in fields(Study)} - used - refused
+    assert not missing - ({"estimator"} if kind == "frf-responses" else set())
+
+
+# Rigs with encoders of the links and a time, with speeds, with motor angles alone, and a multisine log.
+RIGS = (0, 2, 4, 1)
+
+
+@pytest.fixture(scope="module")
+def rigs(tmp_path_factory: pytest.TempPathFactory) -> dict[int, tuple[Path, tuple[Mistake, ...]]]:
+    """Folder and mistakes of each rig."""
+    folders = {number: tmp_path_factory.mktemp(f"rig{number}") for number in RIGS}
+    return {number: (folder, write_rig(folder, number, 0)) for number, folder in folders.items()}
+
+
+# What nothing in the log contradicts where the motor's angle is alone in it: the fit says so, by its numbers.
+ALONE = ("velocity as position, alone", "degrees as radians, alone")
+
+
+def test_every_mistake_is_reported_at_its_line(rigs: dict[int, tuple[Path, tuple[Mistake, ...]]]) -> None:
+    """More than 30 of as many: names, columns, rate, time, period, length, units, side, quantity, sign, order."""
+    missed, made = [], set()
+    for number, (folder, mistakes) in rigs.items():
+        for mistake in mistakes:
+            made.add(mistake.name)
+            if mistake.name not in ALONE and not is_at_line(complaint(folder, mistake), folder, mistake):
+                missed.append((number, mistake.name))
+    assert not missed
+    assert len(made) >= 30
+
+
+def test_other_commands_do_not_open_the_logs(rigs: dict[int, tuple[Path, tuple[Mistake, ...]]]) -> None:
+    """A doubt does not stop who is sure: run reads the study alone."""
+    folder, mistakes = rigs[4]
+    assert complaint(folder, next(mistake for mistake in mistakes if mistake.name == "sign of an angle"))
+    assert load(folder / "tried.yml").study.name == "motion"
+    with pytest.raises(StudyError):
+        load_with_logs(folder / "tried.yml")
+
+
+def test_drives_that_are_alike_have_one_cure(rigs: dict[int, tuple[Path, tuple[Mistake, ...]]]) -> None:
+    """Angles of both motors taken for those of the link: one line, which names the other channel."""
+    folder, _ = rigs[0]
+    study = (folder / "study.yml").read_text()
+    (folder / "alike.yml").write_text(study.replace("unit: deg, side: motor}", "unit: deg}"))
+    with pytest.raises(StudyError) as caught:
+        load_with_logs(folder / "alike.yml")
+    of_angles = [line for line in str(caught.value).splitlines() if "phi_" in line]
+    assert len(of_angles) == 1
+    assert of_angles[0].partition("; likewise ")[2].startswith("phi_2")

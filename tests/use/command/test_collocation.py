@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 from dataclasses import replace
-from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 from plants.commanded_arm import arm, move, rigid_gears
@@ -82,28 +78,6 @@ def test_a_finer_mesh_gives_the_same_motion() -> None:
         for per_s in (100.0, 200.0)
     )
     assert np.abs(coarse - fine).max() < 1e-5
-
-
-@pytest.mark.usefixtures("ctrl_c")
-def test_ctrl_c_inside_ipopt_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A signal that arrives within the solver, where CasADi makes a return status of it."""
-    make = ca.nlpsol
-
-    def interrupted(*given: Any) -> Any:
-        solver = make(*given)
-
-        def solve(**arguments: Any) -> Any:
-            threading.Timer(0.01, signal.raise_signal, [signal.SIGINT]).start()
-            return solver(**arguments)
-
-        solve.stats = solver.stats  # type: ignore[attr-defined]
-        return solve
-
-    monkeypatch.setattr(ca, "nlpsol", interrupted)
-    own, robot = move(0.8), arm()
-    commanded = CommandedRobot.of(robot, "tool", own.ends[0])
-    with pytest.raises(KeyboardInterrupt):
-        plan(commanded, own, MotionLimits.of(robot), 0.1, replace(SETTINGS, knots_per_s=300.0))
 
 
 def replace_limits(robot: Robot, limits: Limits) -> Robot:
