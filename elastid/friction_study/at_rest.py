@@ -63,10 +63,10 @@ INERTIA_ERROR = 1e-2
 
 @frozen_value
 class AtRest:
-    """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2).  amplitudes: number of them.
+    """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2).
 
-    break_away: F_s = sigma_0 z_s, Nm, identified by slip; None where it does not show.  inertia: of a rigid joint, and
-    its std.
+    amplitudes: number of them.  break_away: F_s = sigma_0 z_s, Nm, identified by slip; None where it does not show.
+    inertia: of a rigid joint, and its std.
     falls: True if the stiffness falls with the logarithm of the amplitude, as that of Maxwell slip does.
     """
 
