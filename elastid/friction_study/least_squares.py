@@ -311,11 +311,3 @@ def _basis(R: FloatArray) -> FloatArray:
         return np.zeros((len(R), 0))
     U, s, _ = np.linalg.svd(R[:, size > 0] / size[size > 0], full_matrices=False)
     return np.asarray(U[:, s > RANK_TOLERANCE * s[0]])
-
-
-def with_lags(total: FloatArray, X: FloatArray, weights: FloatArray) -> FloatArray:
-    """X^T Gamma X (n_x, n_x) of columns X (n, n_x), Gamma the Toeplitz matrix of the weights; total: that of lag 0."""
-    for lag in range(1, min(len(weights), len(X))):
-        product = X[lag:].T @ X[:-lag]
-        total = total + weights[lag] * (product + product.T)
-    return np.asarray(total)

@@ -62,7 +62,7 @@ def presliding() -> Presliding:
     q = np.asarray(5e-3 * t / 10 * np.sin(2 * np.pi * 0.5 * t))
     few = Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1, 0.01)
     spectrum = Elements(np.array([0.0, 300.0, 500.0]), np.array([1e-4, 1e-3, 3e-3]), 0.1, 0.005)
-    return Presliding(spectrum, few, np.array([0.2, 0.02, 0.02]), 0.015, q)
+    return Presliding(spectrum, few, np.array([0.2, 0.02, 0.02]), q)
 
 
 def thermal() -> ThermalModel:
