@@ -102,20 +102,16 @@ def _by_angle(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms
 
 def _curve(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     """With quadratic friction, which brakes, a Stribeck effect or both, beginning with the one that explains more."""
-    bent, falling = replace(terms, quadratic=True), replace(terms, stribeck_velocity=0.0)
-    falling = replace(falling, stribeck_velocity=_stribeck_velocity(motions, signals, terms))
-    of_bent = regressed(motions, signals, bent)
-    if of_bent.chance("quadratic", 1) < FALSE_ALARM:
-        if not falling.stribeck_velocity:
-            return replace(bent, stribeck_velocity=_stribeck_velocity(motions, signals, bent))
-        if of_bent.sum_of_squares < regressed(motions, signals, falling).sum_of_squares:
-            terms = replace(bent, stribeck_velocity=_stribeck_velocity(motions, signals, bent))
-        else:
-            both = replace(falling, quadratic=True)
-            shows = regressed(motions, signals, both).chance("quadratic", 1) < FALSE_ALARM
-            terms = both if shows else falling
-    else:
-        terms = falling
+    for _ in range(2):
+        curves = {}
+        if not terms.stribeck_velocity and (velocity := _stribeck_velocity(motions, signals, terms)):
+            falling = replace(terms, stribeck_velocity=velocity)
+            curves[falling] = regressed(motions, signals, falling)
+        bent = replace(terms, quadratic=True)
+        fit = regressed(motions, signals, bent)
+        if not terms.quadratic and fit.chance("quadratic", 1) < FALSE_ALARM:
+            curves[bent] = fit
+        terms = min(curves, key=lambda curve: curves[curve].sum_of_squares, default=terms)
     if not terms.stribeck_velocity:
         return terms
     fits = {a: regressed(motions, signals, replace(terms, exponent=a)) for a in EXPONENTS}

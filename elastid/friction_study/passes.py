@@ -110,10 +110,9 @@ class PassRegression:
         size = np.linalg.norm(self.A, axis=0)
         size[size == 0] = 1.0
         B = self.A / size
-        Q, R = np.linalg.qr(B)
-        U, s, Vt = np.linalg.svd(R, full_matrices=False)
+        U, s, Vt = np.linalg.svd(B, full_matrices=False)
         good = s > 1e-10 * s[0]
-        values = (Vt[good].T / s[good]) @ (U[:, good].T @ (Q.T @ self.y))
+        values = (Vt[good].T / s[good]) @ (U[:, good].T @ self.y)
         left = self.y - B @ values
         bread = (Vt[good].T / s[good] ** 2) @ Vt[good]
         autocovariance = self._autocovariance(left)
