@@ -31,8 +31,7 @@ from elastid.validation.agreement import judged_elsewhere
 from elastid.validation.friction_twin import predict_logs
 from elastid.validation.replay import describe_replays
 from elastid.validation.spec import ValidationSpec
-from elastid.validation.twin import describe_balance
-from elastid.validation.twin_run import Prediction
+from elastid.validation.twin import Prediction, describe_balance
 
 # Keys of a file of a study that are of that file alone, and not of another log with the same channels.
 _OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")

@@ -30,7 +30,7 @@ from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.kinds import SCHEMA, json_value
 from elastid.validation.results import Agreement, Validation
-from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
+from elastid.validation.twin import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
     from elastid.friction_study.motion import MotionFriction, RigidBody
@@ -285,7 +285,7 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
 
 def _twin(twin: TwinFindings) -> dict[str, Any]:
     """Torques part by part and errors of runs, over all and by octave, without the signals."""
-    signal = "signal=kind place error error_without_friction bands"
+    signal = "signal=kind place error error_without_friction"
     return {
         "torque": [
             section(balance, "place log shares left left_without_friction bands")

@@ -55,17 +55,6 @@ class RestLimits:
 REST = RestLimits()
 
 
-@frozen_value
-class RestPoint:
-    """Spring and damper to ground at one amplitude: torque (peak, Nm), stiffness, damping with their std, SI."""
-
-    torque: float
-    stiffness: float
-    stiffness_std: float
-    damping: float
-    damping_std: float
-
-
 # Std of the logarithms of the inertias of motor and link in a robot's file, and of stiffness and damping of its spring.
 OF_FILE = np.array([0.05, 0.1, 1.0, 1.0])
 # Relative, of the inertia, by slip in the response of a spring and a damper: 0.2 to 1.4 % were seen in four joints.
@@ -74,17 +63,17 @@ INERTIA_ERROR = 1e-2
 
 @frozen_value
 class AtRest:
-    """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2); points: each amplitude.
+    """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2).
 
-    break_away: F_s = sigma_0 z_s, Nm, identified by slip; None where it does not show.  inertia: of a rigid joint, and
-    its std.
+    amplitudes: number of them.  break_away: F_s = sigma_0 z_s, Nm, identified by slip; None where it does not show.
+    inertia: of a rigid joint, and its std.
     falls: True if the stiffness falls with the logarithm of the amplitude, as that of Maxwell slip does.
     """
 
     sigma_0: float
     sigma_1: float
     covariance: FloatArray
-    points: tuple[RestPoint, ...]
+    amplitudes: int
     break_away: float | None
     inertia: tuple[float, float] | None = None
     falls: bool = False
@@ -116,9 +105,9 @@ def fit_at_rest(
     break_away = sigma_0 / per_bend if slip > REST.min_slip_stds * std[n + 1] else None
     inertia = float(np.exp(shared.x[0])) if joint is None else None
     of_inertia = None if inertia is None else (inertia, inertia * float(np.hypot(std[0], INERTIA_ERROR)))
-    points, falls = model.points(own), _falls(model, shared, own)
-    notes = _notes(place, points, falls, slip)
-    return AtRest(sigma_0, sigma_1, covariance, points, break_away, of_inertia, falls, notes)
+    falls = _falls(model, shared, own)
+    notes = _notes(place, model, own, falls, slip)
+    return AtRest(sigma_0, sigma_1, covariance, len(responses), break_away, of_inertia, falls, notes)
 
 
 @dataclass(frozen=True)
@@ -205,15 +194,6 @@ class _Model:
         least = np.concatenate([*expansion, np.ones(n_file)])
         return fit.scattered_covariance(np.concatenate([*correlated, np.zeros(n_file)]), least)
 
-    def points(self, fit: Optimum) -> tuple[RestPoint, ...]:
-        """Spring and damper at each amplitude, from a fit with bristles of its own."""
-        points, stds = [], np.sqrt(np.diag(self.covariance(fit)))[self.n_common :].reshape(-1, 3)
-        for response, bristles, std in zip(self.responses, self.bristles(fit.x), stds, strict=True):
-            stiffness = bristles[0] * (1 - second_order(response, bristles[1]))
-            damping_std = self.damping_unit * std[2]
-            points.append(RestPoint(response.torque, stiffness, stiffness * std[0], bristles[2], damping_std))
-        return tuple(points)
-
     def _residual(self, x: FloatArray) -> FloatArray:
         left = []
         for i, response in enumerate(self.responses):
@@ -264,14 +244,13 @@ def _falls(model: _Model, shared: Optimum, own: Optimum) -> bool:
     return bool(chance_of_terms(shared.cost, own.cost, extra, own.dof) < FALSE_ALARM and np.all(np.diff(stiffness) < 0))
 
 
-def _notes(place: str, points: tuple[RestPoint, ...], falls: bool, slip: float) -> tuple[Note, ...]:
-    first, last = points[0], points[-1]
-    texts = []
+def _notes(place: str, model: _Model, own: Optimum, falls: bool, slip: float) -> tuple[Note, ...]:
+    texts, stiffness = [], model.bristles(own.x)[:, 0]
     if falls:
         texts.append(
-            f"stiffness falls from {first.stiffness:.4g} at {first.torque:.3g} to {last.stiffness:.4g} at "
-            f"{last.torque:.3g} of torque, more than one bristle explains: friction is Maxwell slip, which has no "
-            "amplitude below which it is linear; sigma_0 holds for the smallest torque only: measure loops (presliding)"
+            f"stiffness falls from {stiffness[0]:.4g} to {stiffness[-1]:.4g} with the amplitude, more than one bristle "
+            "explains: friction is Maxwell slip, which has no amplitude below which it is linear; sigma_0 holds for "
+            "the smallest torque only: measure loops (presliding)"
         )
     if slip > REST.max_slip:
         texts.append(
@@ -286,13 +265,12 @@ class RestResponse:
     """Receptance G (F,), rad/Nm at freq_hz (F,), with the variance E|dG|^2 (F,) by noise, at one amplitude.
 
     The variance is that of neighbouring lines, times correlated_lines: those over which errors are correlated.
-    torque: peak, Nm.  rms_position, rms_velocity: of the whole motion, noise included, rad and rad/s.
+    rms_position, rms_velocity: of the whole motion, noise included, rad and rad/s.
     """
 
     freq_hz: FloatArray
     G: ComplexArray
     variance: FloatArray
-    torque: float
     rms_position: float
     rms_velocity: float
     correlated_lines: float = 1.0
@@ -324,10 +302,9 @@ class RestResponse:
         # Above one and a half times the highest line, the noise of the encoder dominates.
         lowest_hz = 0.75 * first.rate_hz / periodic[0].period_samples if periodic[0].is_periodic else G.freq_hz[0] / 2
         position, velocity = _motion(periodic, (lowest_hz, 1.5 * float(G.freq_hz[-1])), first.resolution)
-        peak = max(float(np.ptp(_mean_period(record, record.u))) / 2 for record in periodic)
         smooth, _, _ = smooth_variance(G.noise.variance[:, 0, 0], G.G[:, 0, 0], G.noise.dof)
         variance = smooth * G.correlated_lines
-        return cls(G.freq_hz, G.G[:, 0, 0], variance, peak, position, velocity, G.correlated_lines)
+        return cls(G.freq_hz, G.G[:, 0, 0], variance, position, velocity, G.correlated_lines)
 
 
 def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:

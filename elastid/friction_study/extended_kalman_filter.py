@@ -84,8 +84,6 @@ class FollowedJoint:
     def __post_init__(self) -> None:
         if (self.stiffness > 0) != (self.link_inertia > 0):
             raise ValueError("a joint with a spring has inertias on both of its sides; give both, or neither")
-        if "f" in self.followed and {"f+", "f-"} & set(self.followed):
-            raise ValueError("viscous friction is followed as one number (f) or one a direction (f+, f-), not both")
         if unknown := sorted(set(self.tolerances) - set(TOLERANCES)):
             raise ValueError(f"tolerances of {', '.join(unknown)}: a filter holds {', '.join(TOLERANCES)}")
         if not all(0 <= std < 1 for std in self.tolerances.values()):
@@ -158,33 +156,30 @@ class FilterNoise:
     """Standard deviations of the noise and drift of a filter, one side of the gear, SI.
 
     angle: of a sample of the motor's angle; encoder counts have count / sqrt(12).  torque: white, of a sample.
-    correlated: of w, in torque.  link: of a sample of the link's torque.  drift: of the followed numbers, in a root
-    second; of the logarithms relative.  slip: of the bristle in z_s = F_c / sigma_0, for each z_s of slip, as a random
-    walk: a filter that takes its bristle for certain gets F_c wrong at every stop.
+    correlated: of w, in torque.  drift: of the followed numbers, in a root second; of the logarithms relative.
+    slip: of the bristle in z_s = F_c / sigma_0, for each z_s of slip, as a random walk: a filter that takes its bristle
+    for certain gets F_c wrong at every stop.
     """
 
     angle: float
     torque: float
     correlated: float = 0.0
-    link: float = 0.0
     drift: Mapping[str, float] = field(default_factory=dict)
     slip: float = 0.1
 
     def vector(self, joint: FollowedJoint, rate_hz: float) -> FloatArray:
-        """The arguments (5 + n_followed,) of a filter's step: variances of a sample."""
+        """The arguments (4 + n_followed,) of a filter's step: variances of a sample."""
         fade = math.exp(-2 / (rate_hz * joint.correlation_s)) if joint.correlation_s > 0 else 1.0
         drift = [self.drift.get(name, 0.0) ** 2 / rate_hz for name in joint.followed]
-        return np.array(
-            [self.angle**2, self.torque**2, self.correlated**2 * (1 - fade), self.link**2, self.slip**2, *drift]
-        )
+        return np.array([self.angle**2, self.torque**2, self.correlated**2 * (1 - fade), self.slip**2, *drift])
 
     def scaled(self, **factors: float) -> FilterNoise:
-        """With some of angle, torque, correlated, link multiplied by factors."""
+        """With some of angle, torque, correlated, slip multiplied by factors."""
         return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
 
 
 def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
-    """(x (n,), P (n, n + m), u, g, y, noise (5 + n_followed,)) -> (x, P, innovation e, its variance S).
+    """(x (n,), P (n, n + m), u, g, y, noise (4 + n_followed,)) -> (x, P, innovation e, its variance S).
 
     P: covariance of the states, then their cross covariance with the m held numbers, over the std of these.
     u, g: torque of the motor and of the load, held from the sample before.  y: angle now.  noise: FilterNoise.vector.
@@ -192,7 +187,7 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     n, m = len(joint.states), len(joint.held)
     x, P, c = ca.SX.sym("x", n), ca.SX.sym("P", n, n + m), ca.SX.sym("c", m)
     u, g, y = ca.SX.sym("u"), ca.SX.sym("g"), ca.SX.sym("y")
-    noise = ca.SX.sym("noise", 5 + len(joint.followed))
+    noise = ca.SX.sym("noise", 4 + len(joint.followed))
     moved = joint.step(rate_hz)(x, c, u, g)
     predicted, by_held = ca.substitute([moved, ca.jacobian(moved, c)], [c], [ca.SX.zeros(m)])
     F = ca.jacobian(predicted, x)
@@ -200,7 +195,7 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     carried, added = F @ P[:, n:], by_held @ ca.diag(std)
     cross, mixed = carried + added, carried @ added.T
     spread = F @ _symmetric(P[:, :n]) @ F.T + mixed + mixed.T + added @ added.T
-    spread = _symmetric(spread + _process_noise(joint, rate_hz, predicted, x, u, g, noise))
+    spread = _symmetric(spread + _process_noise(joint, rate_hz, predicted, x, u, noise))
     ignored = cross[:, [i for i, name in enumerate(joint.held) if name not in WEIGHED]]
     towards = spread[:, 0] - ignored @ ignored[0, :].T
     S = towards[0] + noise[0]
@@ -215,21 +210,19 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     )  # fmt: skip
 
 
-def _process_noise(
-    joint: FollowedJoint, rate_hz: float, predicted: ca.SX, x: ca.SX, u: ca.SX, g: ca.SX, noise: ca.SX
-) -> ca.SX:
+def _process_noise(joint: FollowedJoint, rate_hz: float, predicted: ca.SX, x: ca.SX, u: ca.SX, noise: ca.SX) -> ca.SX:
     names = joint.states
-    by_u, by_g = ca.jacobian(predicted, u), ca.jacobian(predicted, g)
+    by_u = ca.jacobian(predicted, u)
     coulomb = ca.exp(x[names.index("Fc")]) if "Fc" in names else joint.coulomb
     z_s = coulomb / joint.bristle_stiffness
     slipped = ca.fabs(x[names.index("v_m")]) / rate_hz / z_s
     own = ca.SX.zeros(len(names))
-    own[names.index("z")] = noise[4] * z_s**2 * slipped * ca.exp(-slipped)
+    own[names.index("z")] = noise[3] * z_s**2 * slipped * ca.exp(-slipped)
     if "w" in names:
         own[names.index("w")] = noise[2]
     for i, name in enumerate(joint.followed):
-        own[names.index(name)] = noise[5 + i]
-    return noise[1] * by_u @ by_u.T + noise[3] * by_g @ by_g.T + ca.diag(own)
+        own[names.index(name)] = noise[4 + i]
+    return noise[1] * by_u @ by_u.T + ca.diag(own)
 
 
 def _symmetric(A: ca.SX) -> ca.SX:

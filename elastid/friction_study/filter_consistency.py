@@ -20,9 +20,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import chi2
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.friction_study.extended_kalman_filter import Track
 
 
@@ -34,8 +33,6 @@ class FilterThresholds:
     """
 
     nis_band: tuple[float, float] = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift
-    around_a_stop_s: float = 0.2  # in which a filter that takes its bristle for certain goes wrong
-    standing_share: float = 0.02  # of the largest velocity: a joint stands below
     max_correlation: float = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
     least_moving: float = 0.1  # of the samples: below, innovations at standstill count for correlation too
     max_std_ratio: float = 0.9  # of a number's std over that without the log: above, the log does not identify it
@@ -43,7 +40,6 @@ class FilterThresholds:
     lags_s: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which a followed number is compared with itself
     max_movement: float = 0.2  # mean square, over the variances of both ends; 1 of errors that do not depend
     max_excess: float = 2.0  # the same over what noise and drift allow
-    diverged_stds: float = 5.0  # of the prior, by which a filter has diverged
 
 
 FILTER = FilterThresholds()
@@ -73,14 +69,11 @@ class Movement:
 class Consistency:
     """Of the samples after a filter has settled at which the joint moves (Track.moves).
 
-    nis, nis_at_stops: means; NaN at stops where there are none.  band: 95 % of the mean of white innovations.
-    autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
+    nis: mean.  autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
     movements: of each followed number the largest.
     """
 
     nis: float
-    nis_at_stops: float
-    band: tuple[float, float]
     autocorrelation: FloatArray
     n_eff: float
     movements: tuple[Movement, ...] = ()
@@ -91,9 +84,8 @@ class Consistency:
 
         Nothing sees an error of held numbers that the band does not have and the followed ones take up for good.
         """
-        means = [mean for mean in (self.nis, self.nis_at_stops) if not np.isnan(mean)]
-        tested = max(means) <= FILTER.nis_band[1] and self.autocorrelation[1] < FILTER.max_correlation
-        return tested and not self.restless
+        is_tested = self.nis <= FILTER.nis_band[1] and self.autocorrelation[1] < FILTER.max_correlation
+        return is_tested and not self.restless
 
     @property
     def restless(self) -> tuple[Movement, ...]:
@@ -113,22 +105,13 @@ def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
         left = max(0, len(track.innovation) - first)
         raise ValueError(f"{left} samples after {settled_s:g} s are too few to judge a filter; record longer")
     # At standstill the error of a rounded angle is constant, and no noise.
-    moves = (
-        track.moves[first:] if track.moves[first:].mean() > FILTER.least_moving else np.ones_like(track.moves[first:])
-    )
-    nis, at_stops = track.nis[first:], _around_stops(track)[first:] & moves
+    moves = track.moves[first:]
+    moves = moves if moves.mean() > FILTER.least_moving else np.ones_like(moves)
     nu = np.where(moves, track.innovation[first:] / np.sqrt(track.variance[first:]), 0.0)
     power = float(nu @ nu)
     rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
-    n_eff = max(1.0, moves.sum() * (1 - rho[1]) / (1 + rho[1]))
-    return Consistency(
-        nis=float(nis[moves].mean()),
-        nis_at_stops=float(nis[at_stops].mean()) if at_stops.any() else float("nan"),
-        band=(float(chi2.ppf(0.025, n_eff) / n_eff), float(chi2.ppf(0.975, n_eff) / n_eff)),
-        autocorrelation=rho,
-        n_eff=float(min(n_eff, moves.sum())),
-        movements=tuple(_movements(track, first)),
-    )
+    n_eff = float(np.clip(moves.sum() * (1 - rho[1]) / (1 + rho[1]), 1.0, moves.sum()))
+    return Consistency(float(track.nis[first:][moves].mean()), rho, n_eff, tuple(_movements(track, first)))
 
 
 def _movements(track: Track, first: int) -> Iterator[Movement]:
@@ -152,18 +135,3 @@ def _movements(track: Track, first: int) -> Iterator[Movement]:
             excess = float(np.mean(square / noise))
             found.append(Movement(name, float(lag_s), float(np.sqrt(square.mean())), ratio, excess))
         yield max(found, key=lambda movement: movement.size)
-
-
-def _standing(track: Track) -> BoolArray:
-    """Samples at which the joint stands."""
-    speed = np.abs(track.values("v_m"))
-    return np.asarray(speed < FILTER.standing_share * float(np.quantile(speed, 0.99)))
-
-
-def _around_stops(track: Track) -> BoolArray:
-    """Samples within `around_a_stop_s` of one at which the joint stands."""
-    stands = _standing(track)
-    reach = round(FILTER.around_a_stop_s * track.rate_hz)
-    if not stands.any() or stands.all():
-        return np.zeros(len(stands), bool)
-    return np.asarray(np.convolve(stands, np.ones(2 * reach + 1), "same") > 0.5)

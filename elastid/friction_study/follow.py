@@ -170,7 +170,7 @@ def follow(
     times = np.concatenate([m.start_s + np.arange(1, len(m.samples.angle) + 1) / rate_hz for m in motions])[instants]
     place = f"joint {name}"
     # Warnings to be read before the bands of a filter are believed.
-    notes = (*_excitation(place, track, prior), *_divergence(place, track, prior), *_noise(place, judged))
+    notes = (*_excitation(place, track, prior), *_noise(place, judged))
     return FollowedFriction(
         name, slides, joint.followed, times, values, low, high, unknown(track, prior)[instants], mean_nis, judged,
         noise, joint, rate_hz, notes,
@@ -267,41 +267,25 @@ def _excitation(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
         yield Note("filter/not-excited", text, place, severity="warning")
 
 
-def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
-    names = track.joint.followed
-    p, start = len(names), first_estimate(track.joint, 0.0).x[-len(names) :]
-    for i in np.flatnonzero(np.abs(track.last.x[-p:] - start) > FILTER.diverged_stds * prior):
-        text = (
-            f"{names[i]} went to {track.values(names[i])[-1]:.4g}, {FILTER.diverged_stds:g} standard deviations from "
-            "its prior: the filter has lost the log; correct inertia, spring and friction of the joint, or give "
-            "filter.torque_std"
-        )
-        yield Note("filter/inconsistent", text, place, severity="warning")
-
-
 def _noise(place: str, judged: Consistency) -> Iterator[Note]:
-    if judged.autocorrelation[1] > FILTER.max_correlation:  # alternating ones make no band too narrow
-        text = (
-            f"innovations are correlated by {judged.autocorrelation[1]:.2f} from sample to sample, and only "
-            f"{judged.n_eff:.3g} samples are independent: the torque noise is not white or the model is wrong, and the "
-            "bands are too narrow; give filter.correlation_time, or correct inertia, spring and bristles"
-        )
-        yield Note("filter/inconsistent", text, place, severity="warning")
-    means = {"over all": judged.nis, "around stops": judged.nis_at_stops}
+    """The reasons why bands are not to be believed, in one note."""
     low, high = FILTER.nis_band
-    for words, mean in [each for each in means.items() if each[1] < low or each[1] > high][:1]:
-        than, bands = ("larger", "narrow") if mean > 1 else ("smaller", "wide")
+    reasons = [
+        f"{moved.name} changes by {moved.change:.3g} (rms) within {moved.lag_s:.2g} s, {np.sqrt(moved.excess):.2g} "
+        "times as much as noise and filter.drift allow"
+        for moved in judged.restless
+    ]
+    if judged.autocorrelation[1] > FILTER.max_correlation:  # alternating ones make no band too narrow
+        reasons.append(f"innovations are correlated by {judged.autocorrelation[1]:.2f} from sample to sample")
+    if judged.nis > high:
+        reasons.append(f"mean NIS is {judged.nis:.2f}, above {high}: innovations are larger than expected")
+    if reasons:
         text = (
-            f"mean NIS {words} is {mean:.2f}, outside {low} to {high}: innovations are {than} than expected and the "
-            f"bands too {bands}; correct inertia, spring or bristles of the joint, or give filter.torque_std"
-        )
-        yield Note("filter/inconsistent", text, place, severity="warning" if mean > 1 else "information")
-    for moved in judged.restless:
-        change = f"{moved.change:.3g}" if moved.name == "offset" else f"{moved.change:.1%}"
-        text = (
-            f"{moved.name} changes by {change} (rms) within {moved.lag_s:.2g} s, {np.sqrt(moved.excess):.2g} times as "
-            "much as noise and filter.drift allow: friction depends on the angle or the load, gravity is wrong, or "
-            "friction changes faster, and the bands are too narrow; correct gravity and payload, or give a larger "
-            "filter.drift"
+            f"{'; '.join(reasons)}; the model or its noise is wrong, and the bands are too narrow: correct inertia, "
+            "spring, bristles, gravity and payload of the joint, or give filter.correlation_time, filter.torque_std or "
+            "a larger filter.drift"
         )
         yield Note("filter/inconsistent", text, place, severity="warning")
+    elif judged.nis < low:
+        text = f"mean NIS is {judged.nis:.2f}, below {low}: the bands are too wide; give filter.torque_std"
+        yield Note("filter/inconsistent", text, place, severity="information")

@@ -252,18 +252,11 @@ def check_sides(
     if power == 0 or abs(math.log(wrong) - power * math.log(ratio)) > math.log(SIDES.close_factor):
         return
     unit = "kg" if joint.slides else "kg*m^2"
-    many = "torque and angle are" if abs(power) > 1 else "either torque or angle is"
-    advice = (
-        f"{many} of the motor: give the channel side: motor"
-        if wrong < 1
-        else f"{many} of the joint, but marked side: motor: leave that out"
+    found = (
+        f"the motion gives joint {joint.name} an inertia of {inertia:.4g} {unit}, the robot's file {known:.4g}: "
+        f"{wrong:.3g} times as much"
     )
-    raise DataError(
-        "friction/rigid-body",
-        f"the motion gives joint {joint.name} an inertia of {inertia:.4g} {unit}, the robot's file "
-        f"{known:.4g}: {wrong:.3g} times as much, and the gear's ratio is {ratio:.4g}; {advice}, or correct its unit",
-        place,
-    )
+    raise _wrong_side(found, power, ratio, place)
 
 
 def check_torques(
@@ -280,13 +273,15 @@ def check_torques(
     power = float(np.median(powers)) if powers else 0.0
     if round(power) == 0:
         return
+    found = f"torques are {'smaller' if power < 0 else 'larger'} than those of the robot's file"
+    raise _wrong_side(found, power, float(np.median([abs(robot.ratio(joint)) for joint in measured])), place)
+
+
+def _wrong_side(found: str, power: float, ratio: float, place: str) -> DataError:
+    """Of numbers that are off by a power of the gear's ratio."""
     advice = "of the motors: give their channels side: motor" if power < 0 else "of the joints: leave side: motor out"
-    raise DataError(
-        "friction/rigid-body",
-        f"torques are {'smaller' if power < 0 else 'larger'} than those of the robot's file by about the "
-        f"ratios of the gears (in the middle, by their power {power:.2f}): they are {advice}, or correct their unit",
-        place,
-    )
+    text = f"{found}, and the ratio of the gear is {ratio:.4g}: torques or angles are {advice}, or correct their unit"
+    return DataError("friction/rigid-body", text, place)
 
 
 def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.display import percent
 from elastid.base.errors import FitError
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.levels import LEVELS, Levels
@@ -317,15 +316,9 @@ def _directions_refusal(levels: Levels, speeds: int) -> str:
             f"{speeds} speeds; a difference between the directions is one of slopes over speed, which needs "
             f"{MIN_UNEVEN_SPEEDS}, since a constant one cannot be distinguished from an offset of the torque"
         )
-    # Directions are alike where all of the interval of their difference is within 5 % of friction.
-    if levels.max_difference < 0.05:
-        return f"{ABSENT}: the directions are alike within {percent(levels.max_difference)}, offset included"
-    bound = (
-        f"; both together are within {percent(levels.max_difference)} of friction" if levels.max_difference > 0 else ""
-    )
     return (
         "the difference between the directions does not change with speed beyond chance, and a constant one cannot be "
-        f"distinguished from an offset of the torque{bound}"
+        "distinguished from an offset of the torque"
     )
 
 

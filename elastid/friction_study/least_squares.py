@@ -42,8 +42,6 @@ _STATE_TERMS, _STATE_CHANCE = 8, 0.05
 _LEAST_MEAN = 0.1
 # Directions of R below this share of its largest are zero.
 RANK_TOLERANCE = 1e-6
-# Ridges that are tried, of columns of unit length.
-RIDGES = (0.0, 0.03, 0.1, 0.3, 1.0)
 
 
 @dataclass(frozen=True)
@@ -236,35 +234,6 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation, dof, widening, influences)
 
 
-def shrunk_numbers(logs: Sequence[Equations], solution: Solution) -> FloatArray:
-    r"""The numbers pi (n_r,) of `solution` by ridge regression, for the prediction of other logs.
-
-    .. math:: \min_\pi \sum_t |w\, (y - X \beta - R \pi)|^2 + \lambda^2 \sum_i (|w R_i|\, \pi_i)^2
-
-    lambda: that of RIDGES with which fifths of the record are predicted best by the rest of it. Numbers that the logs
-    barely excite are large, of either sign, and predict no other motion (Hoerl and Kennard, Technometrics 12, 1970).
-    """
-    X, R, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("X", "R", "y"))
-    target = y - X @ solution.beta
-    weight = 1 / np.maximum(np.sqrt(np.mean((target - R @ solution.pi) ** 2, axis=0)), 1e-300)
-    target, R = weight * target, weight[:, None] * R
-    size = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300)
-    parts = np.array_split(np.arange(len(y)), 5)
-    errors = np.zeros(len(RIDGES))
-    for part in parts:
-        ends = _ridge(np.delete(R, part, axis=0) / size, np.delete(target, part, axis=0))
-        errors += [np.sum((target[part] - R[part] @ (pi / size)) ** 2) for pi in ends]
-    return np.asarray(_ridge(R / size, target)[int(np.argmin(errors))] / size)
-
-
-def _ridge(R: FloatArray, y: FloatArray) -> list[FloatArray]:
-    """The numbers (n_r,) of columns R (n, m, n_r) for each of RIDGES."""
-    U, s, Vt = np.linalg.svd(R.reshape(-1, R.shape[2]), full_matrices=False)
-    known = s > RANK_TOLERANCE * s[0]
-    part = U[:, known].T @ y.ravel()
-    return [Vt[known].T @ (s[known] / (s[known] ** 2 + ridge**2) * part) for ridge in RIDGES]
-
-
 def shift_between(first: Solution, second: Solution, rate_hz: float) -> tuple[FloatArray, FloatArray]:
     """Numbers (n_x,) of the second less those of the first, and the std of the difference.
 
@@ -342,11 +311,3 @@ def _basis(R: FloatArray) -> FloatArray:
         return np.zeros((len(R), 0))
     U, s, _ = np.linalg.svd(R[:, size > 0] / size[size > 0], full_matrices=False)
     return np.asarray(U[:, s > RANK_TOLERANCE * s[0]])
-
-
-def with_lags(total: FloatArray, X: FloatArray, weights: FloatArray) -> FloatArray:
-    """X^T Gamma X (n_x, n_x) of columns X (n, n_x), Gamma the Toeplitz matrix of the weights; total: that of lag 0."""
-    for lag in range(1, min(len(weights), len(X))):
-        product = X[lag:].T @ X[:-lag]
-        total = total + weights[lag] * (product + product.T)
-    return np.asarray(total)

@@ -21,12 +21,12 @@ from scipy.linalg import block_diag
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note
-from elastid.base.statistics import QUANTILE_95, chi_square_tail
+from elastid.base.statistics import chi_square_tail
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.pass_detection import usable_passes
-from elastid.friction_study.passes import Pass, PassRegression, about_mean, one_way, passes_of, steady_velocity
+from elastid.friction_study.passes import Pass, PassRegression, about_mean, one_way, passes_of
 from elastid.record import FrictionRecord, drive_unit, motion_unit
 
 COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")  # (n,) of levels
@@ -38,8 +38,7 @@ class Levels:
 
     speed (n,): |v|, positive.  direction (n,): 1, -1, or 0 where the level is the mean of both directions.
     torque (n,): that brakes, positive, viscous friction included.  std (n,): of torque.  load (n,): |torque| on the
-    joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.  max_difference: of the directions,
-    over friction: the farther end of its 95 % interval at any speed, an offset counted as one; NaN where not known.
+    joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.
 
     Raises ValueError where shapes disagree, DataError for a level that cannot be: a speed of zero, no std, friction
     that drives at every condition.
@@ -53,7 +52,6 @@ class Levels:
     load: FloatArray
     temperature: FloatArray
     slides: bool = False
-    max_difference: float = float("nan")
 
     def __post_init__(self) -> None:
         columns = [getattr(self, name) for name in COLUMNS]
@@ -104,7 +102,6 @@ class LevelLimits:
     max_relative_std: float = 0.2  # std over level, above which a level does not count
     same_speed: float = 0.03  # relative difference of speeds up to which pairs have the same condition
     same_kelvin: float = 2.0  # the same for temperatures
-    min_speeds: int = 5  # through which a curve of friction goes
 
 
 LEVELS = LevelLimits()
@@ -135,18 +132,14 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     pairs = _pairs(used)
     design = PassRegression.of(used, pairs, has_gravity, turn)
     values, covariance, left = design.solve()
-    n_k, moved = len(pairs), np.zeros(len(pairs))
+    n_k = len(pairs)
     conditions = np.array([_condition(members) for members in pairs.values()])
     speed = conditions[:, 0]
-    if wanders := _wander(used, speed, values[:n_k], np.sqrt(np.diag(covariance)[:n_k])):
-        wandering = values[:n_k]
-        values, covariance, left = design.without(wanders).solve()
-        moved = values[:n_k] - wandering
     g, o = values[:n_k], values[n_k : 2 * n_k]
     scale = _scatter_scale(g, np.sqrt(np.diag(covariance)[:n_k]), conditions)
     covariance = covariance * scale
-    uneven, offset, max_difference = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed, g)
-    std = np.sqrt(np.diag(covariance)[:n_k] + moved**2)
+    uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
+    std = np.sqrt(np.diag(covariance)[:n_k])
     known = std < LEVELS.max_relative_std * np.abs(g)
     unit, torque_unit = motion_unit("velocity", used[0].slides), drive_unit(used[0].slides)
     notes += [
@@ -169,34 +162,8 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
     levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
-    levels = replace(levels, max_difference=max_difference)
     per_row = sum(len(each.torque) for each in used) / len(left)  # samples, whose mean has less noise than one
     return PassLevels(levels, shared, float(np.sqrt(per_row * np.mean(left**2))), tuple(notes), turn)
-
-
-def _wander(passes: Sequence[Pass], speed: FloatArray, g: FloatArray, std: FloatArray) -> list[FloatArray]:
-    r"""Torque (n,) of each pass by its speed, which cogging makes wander, along the curve through the levels g.
-
-    .. math:: s\, [h(|\dot q|) - h(\overline{|\dot q|})], \quad h(v) = a + b v + c e^{-(v / \nu)^2}
-
-    Empty where levels (n_k,) at speeds are too few for a curve, or passes steady within the least std of a level.
-    """
-    if len(np.unique(np.round(np.log(speed) / LEVELS.same_speed))) < LEVELS.min_speeds:
-        return []
-
-    def columns(v: FloatArray, nu: float) -> FloatArray:
-        return np.stack([np.ones_like(v), v, np.exp(-((v / nu) ** 2))], axis=1)
-
-    curves = []
-    for nu in np.geomspace(speed.min() / 2, speed.max(), 24).tolist():
-        A = columns(speed, nu) / std[:, None]
-        numbers = np.linalg.lstsq(A, g / std, rcond=None)[0]
-        curves.append((float(np.sum((g / std - A @ numbers) ** 2)), nu, numbers))
-    _, nu, numbers = min(curves, key=lambda curve: curve[0])
-    speeds = [np.abs(steady_velocity(each)) for each in passes]
-    pairs = zip(passes, speeds, strict=True)
-    wanders = [each.direction * (columns(v, nu) - columns(v.mean()[None], nu)) @ numbers for each, v in pairs]
-    return wanders if max(float(np.std(wander)) for wander in wanders) > std.min() else []
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
@@ -234,13 +201,8 @@ def _scatter_scale(g: FloatArray, std: FloatArray, conditions: FloatArray) -> fl
     return squares / dof if dof and chi_square_tail(squares, dof) < FALSE_ALARM else 1.0
 
 
-def _uneven(
-    o: FloatArray, covariance: FloatArray, v: FloatArray, g: FloatArray
-) -> tuple[FloatArray, tuple[float, float], float]:
-    """Excess of friction forwards (n_k,), a slope of o (n_k,) over speed where an F test finds it; the offset and std.
-
-    Last the farthest end of the 95 % interval of 2 (o_0 + o_1 v) / g, a line through o; NaN of few pairs.
-    """
+def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
+    """Excess of friction forwards (n_k,), a slope of o over speed where an F test finds it; the offset and its std."""
     W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
 
     def fitted(*columns: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -253,14 +215,11 @@ def _uneven(
     mean, of_mean, cost = fitted(one)
     even = np.zeros_like(v), (float(mean[0]), float(np.sqrt(max(1.0, cost / max(1, len(o) - 1)) * of_mean[0, 0])))
     if len(o) < 4 or np.ptp(v) <= 0:
-        return *even, float("nan")
+        return even
     (line, of_line, less), dof = fitted(one, v), len(o) - 2
-    A, scale = np.stack([one, v], axis=1), max(1.0, less / dof)
-    reach = QUANTILE_95 * np.sqrt(scale * np.sum(A @ of_line * A, axis=1))
-    farthest = float(np.max(2 * (np.abs(A @ line) + reach) / np.abs(g)))
-    if chance_of_terms(cost, less, 1, dof) < FALSE_ALARM:
-        return line[1] * v, (float(line[0]), float(np.sqrt(scale * of_line[0, 0]))), farthest
-    return *even, farthest
+    if chance_of_terms(cost, less, 1, dof) > FALSE_ALARM:
+        return even
+    return line[1] * v, (float(line[0]), float(np.sqrt(max(1.0, less / dof) * of_line[0, 0])))
 
 
 def _levels(
@@ -293,8 +252,7 @@ def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn
         for note in each.notes
     )
     columns: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in levels]) for name in COLUMNS}
-    max_difference = max(each.max_difference for each in levels)
-    whole = replace(levels[0], **columns, max_difference=max_difference)
+    whole = replace(levels[0], **columns)
     return replace(by_load[0], levels=whole, residual_rms=rms, notes=notes)
 
 
@@ -371,7 +329,7 @@ def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> 
     every, means = np.concatenate(places), [float(speed[own].mean()) for own in places]
     A = block_diag(*(np.stack([np.ones(len(own)), about_mean(speed[own])], axis=1) for own in places))
     numbers = np.repeat(np.arange(len(places)), [len(own) for own in places])
-    regression = PassRegression(A, friction[every], numbers, np.zeros((len(A), 0), complex), (), 1)
+    regression = PassRegression(A, friction[every], numbers, np.zeros((len(A), 0), complex), ())
     values, covariance, _ = regression.solve()
     found = zip(means, values[::2].tolist(), np.sqrt(np.diag(covariance)[::2]).tolist(), strict=True)
     return [(mean, s, level, std, record.load_torque, record.mean_temperature) for mean, level, std in found]

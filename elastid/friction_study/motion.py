@@ -39,9 +39,9 @@ from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.motion_terms import (
     ANGLE,
     MotionTerms,
+    change_of,
     columns_of,
     equations_of,
-    find_spring,
     full_rate_columns,
     regressed,
     shown_terms,
@@ -53,11 +53,12 @@ from elastid.robot.friction_numbers import TERMS
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
-ADVICE = "move more slowly, or identify the spring from frequency responses"
 # Share of the time of sliding at lower speeds, which is short.
 _SLOWEST_SHARE = 0.02
 # Numbers of what is no friction.
 RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset", "delay")
+# Numbers that are compared between both bands.
+JUDGED = ("inertia", "viscous", "coulomb")
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class RigidBody:
     Y: the regressor of all frames (10 n_l), rotors and offsets of the joints, n_c in all; chosen: places of Y_b in it.
     A base parameter is its number and regrouped (n_b, n_c) times those which the motions could not separate from it
     (Gautier, J. Robotic Systems 8(4), 1991).  columns: names of all n_c; units: of the base parameters.
-    values: by least squares, with std; predicting: by ridge regression, for other logs (`shrunk_numbers`).
+    values: by least squares, with std; predicting: by ridge regression, for other logs.
     """
 
     joints: tuple[str, ...]
@@ -225,61 +226,84 @@ def _no_heat(terms: MotionTerms) -> str:
 
 def _judged(fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> MotionFriction:
     """With the reason of a misfit, and the errors of the model that show between bands in the intervals."""
-    chosen, texts = fit.chosen, []
-    narrow = _narrow_signals(fit, motions)
-    shift, std = _shift_between_bands(fit, motions, signals, narrow)
-    if np.max(np.abs(shift) / std) > LIMITS.max_shift:
-        chosen = replace(chosen, covariance=chosen.covariance + np.outer(shift, shift))
-    spring = find_spring(motions, signals, fit.terms.at(fit.chosen), fit.chosen)
-    if spring is not None:
-        stds = np.max(np.abs(spring.change) / np.maximum(np.sqrt(np.diag(fit.chosen.covariance)), 1e-300))
-        chosen = replace(chosen, covariance=chosen.covariance + np.outer(spring.change, spring.change))
-        if stds > LIMITS.spring_shift:
-            low, high = spring.between_hz
-            texts.append(
-                f"the torque has the part of a spring between motor and link, which swings at {low:.2g} to {high:.2g} "
-                f"Hz where the motor is held; with it numbers change by up to {stds:.2g} std; {ADVICE}"
-            )
-    names = [name for name in ("inertia", "viscous", "coulomb") if name in chosen.names]
-    error, name = max((chosen.std(name) / max(abs(chosen[name]), 1e-300), name) for name in names)
-    if chosen.widening > 1 and error > LIMITS.max_error:
-        texts.append(
-            f"{chosen.relative_error:.1%} of the torque is left, and it repeats with angle or velocity, so that errors "
-            f"of the model widen the intervals {chosen.widening:.2g} times ({name} is known to {error:.0%} only): the "
-            "law lacks a part; measure passes, which show it"
-        )
-    judged = replace(fit, misfit="; ".join(texts))
-    return replace(judged, apart=chosen) if fit.are_apart else replace(judged, alike=chosen)
-
-
-def _narrow_signals(fit: MotionFriction, motions: Sequence[Motion]) -> list[MotionSignals]:
-    """Those of the narrow band; none where the logs are too short or reverse too often for it."""
-    try:
-        narrow = [MotionSignals.of(motion, LIMITS.narrow * fit.passband_hz) for motion in motions]
-    except DataError:
-        return []
-    return [] if any(each.used.all() for each in narrow) else narrow
-
-
-def _shift_between_bands(
-    fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[MotionSignals], narrow: Sequence[MotionSignals]
-) -> tuple[FloatArray, FloatArray]:
-    """Of the numbers (n_x,) in the narrow band, less those of all, and its std; zero without a narrow band."""
-    of_all = np.zeros(len(fit.chosen.names)), np.ones(len(fit.chosen.names))
-    if not narrow:
-        return of_all
-    inner = [slice(each.kept.start, each.kept.stop, own.kept.step) for each, own in zip(narrow, signals, strict=True)]
-    both = [
-        [replace(each, kept=kept) for each, kept in zip(of_band, inner, strict=True)] for of_band in (signals, narrow)
-    ]
-    terms = fit.terms.at(fit.chosen)
-    wide, slow = (solve(equations_of(motions, each, terms)[1], signals[0].kept_hz) for each in both)
-    shift, std = shift_between(wide, slow, signals[0].kept_hz)
+    bands, terms = both_bands(motions, signals), fit.terms.at(fit.chosen)
     names = [name for name in fit.chosen.names if name not in terms.searched]  # held in both
-    judged = [names.index(name) for name in ("inertia", "viscous", "coulomb")]
-    places = [fit.chosen.names.index(names[i]) for i in judged]
-    of_all[0][places], of_all[1][places] = shift[judged], np.maximum(std[judged], 1e-300)
-    return of_all
+    moved: dict[str, tuple[float, float]] = {}
+    if bands is not None:
+        wide, slow = (solve(equations_of(motions, each, terms)[1], signals[0].kept_hz) for each in bands)
+        moved = moved_numbers(names, *shift_between(wide, slow, signals[0].kept_hz))
+    chosen, misfit = judged(fit.chosen, moved, fit.passband_hz, "the law lacks a part; measure passes, which show it")
+    if bands is not None:
+        change, spring = _by_spring(fit.chosen, motions, bands[1], terms)
+        chosen = replace(chosen, covariance=chosen.covariance + np.outer(change, change))
+        misfit = "; ".join(filter(None, (spring, misfit)))
+    fit = replace(fit, misfit=misfit)
+    return replace(fit, apart=chosen) if fit.are_apart else replace(fit, alike=chosen)
+
+
+def _by_spring(
+    numbers: Regression, motions: Sequence[Motion], slow: Sequence[MotionSignals], terms: MotionTerms
+) -> tuple[FloatArray, str]:
+    """The change of the numbers (n_x,) by a spring between motor and link, 0 within chance, and a misfit's reason."""
+    rigid, elastic = (regressed(motions, slow, replace(terms, spring=shows), steps=0) for shows in (False, True))
+    if elastic.chance("spring", 1) > FALSE_ALARM:
+        return np.zeros(len(numbers.names)), ""
+    change = change_of(rigid, elastic)
+    stds = np.max(np.abs(change) / np.maximum(np.sqrt(np.diag(numbers.covariance)), 1e-300))
+    highest_hz = np.sqrt(max(elastic["inertia"], 0.0) / elastic["spring"]) / 2 / np.pi
+    text = (
+        f"the torque has the part of a spring between motor and link, which swings below {highest_hz:.2g} Hz where the "
+        f"motor is held; with it numbers change by {stds:.2g} std; move more slowly, or identify the spring from "
+        "frequency responses"
+    )
+    return change, text if stds > LIMITS.spring_shift else ""
+
+
+def both_bands(
+    motions: Sequence[Motion], signals: Sequence[MotionSignals]
+) -> tuple[list[MotionSignals], list[MotionSignals]] | None:
+    """All of the band and its narrow part at the same samples; None where logs are too short or reverse too often."""
+    try:
+        narrow = [
+            MotionSignals.of(motion, LIMITS.narrow * each.passband_hz)
+            for motion, each in zip(motions, signals, strict=True)
+        ]
+    except DataError:
+        return None
+    if any(each.used.all() for each in narrow):
+        return None
+    inner = [slice(slow.kept.start, slow.kept.stop, each.kept.step) for slow, each in zip(narrow, signals, strict=True)]
+    wide, slow = (
+        [replace(each, kept=kept) for each, kept in zip(band, inner, strict=True)] for band in (signals, narrow)
+    )
+    return wide, slow
+
+
+def moved_numbers(names: Sequence[str], shift: FloatArray, std: FloatArray) -> dict[str, tuple[float, float]]:
+    """Of those that are compared between both bands by name: the shift (n,) and its std (n,)."""
+    pairs = zip(shift.tolist(), np.maximum(std, 1e-300).tolist(), strict=True)
+    return {name: pair for name, pair in zip(names, pairs, strict=True) if name in JUDGED}
+
+
+def judged(
+    numbers: Regression, moved: Mapping[str, tuple[float, float]], passband_hz: float, advice: str
+) -> tuple[Regression, str]:
+    """Numbers with their change between bands in the intervals where it is beyond chance, and a misfit's reason."""
+    shift = np.array([moved.get(name, (0.0, 1.0))[0] for name in numbers.names])
+    stds, worst = max(((abs(change) / std, name) for name, (change, std) in moved.items()), default=(0.0, ""))
+    texts = []
+    if stds > LIMITS.max_shift:
+        numbers = replace(numbers, covariance=numbers.covariance + np.outer(shift, shift))
+        texts.append(
+            f"below {LIMITS.narrow * passband_hz:g} Hz {worst} is {stds:.2g} std off that below {passband_hz:g} Hz"
+        )
+    if numbers.widening > 1:
+        texts.append(f"the torque that is left repeats with angle or velocity, {numbers.widening:.2g} times chance")
+    known = [name for name in JUDGED if name in numbers.names]
+    error, name = max((numbers.std(name) / max(abs(numbers[name]), 1e-300), name) for name in known)
+    if not texts or error <= LIMITS.max_error:
+        return numbers, ""
+    return numbers, f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: {advice}"
 
 
 def rigid_torque(friction: MotionFriction, signals: MotionSignals, torque: FloatArray) -> FloatArray:

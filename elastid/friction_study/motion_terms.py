@@ -1,12 +1,9 @@
 r"""Parts of the regression of a motion that its data show: Stribeck effect, ripple, load, heat, delay; its columns.
 
-A spring between the motor of an axis and its link, in the residuals of a regression of it as a rigid body.
+A spring between motor and link, behind which J_l of the inertia moves, has a column far below its frequency omega:
 
-.. math:: u = J \ddot q + J_l (H - 1) \ddot q + \dots, \qquad
-          H(s) = \frac{2 \zeta \omega s + \omega^2}{s^2 + 2 \zeta \omega s + \omega^2}
-
-J_l of the inertia J moves behind the spring, and H \ddot q, its motion, swings at omega where the motor is held.
-Torques that change faster than the motion excite it: reversals of friction, ends of ramps.
+.. math:: J \ddot q + J_l (H - 1) \ddot q \approx J \ddot q - \frac{J_l}{\omega^2} \ddddot q, \qquad
+          H(s) = \frac{\omega^2}{s^2 + \omega^2}
 """
 
 from __future__ import annotations
@@ -16,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial.legendre import legval, legvander
-from scipy.signal import freqz, lfilter
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import f_test
@@ -42,7 +38,7 @@ class MotionTerms:
     stribeck_velocity: 0 without a Stribeck effect, of an exponent.  waves: of `turn_waves`.  heat: of HEAT,
     about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  power: of the
     speed in quadratic friction, 2 but for a test.  angles: ends of those over which dry friction changes, empty where
-    it does not.
+    it does not.  spring: between motor and link.
     """
 
     apart: bool = True
@@ -59,6 +55,7 @@ class MotionTerms:
     quadratic: bool = False
     power: float = 2.0
     angles: tuple[float, ...] = ()
+    spring: bool = False
 
     def at(self, numbers: Regression) -> MotionTerms:
         """Those of a regression with these parts, which has found its own nonlinear numbers."""
@@ -105,20 +102,16 @@ def _by_angle(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms
 
 def _curve(motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     """With quadratic friction, which brakes, a Stribeck effect or both, beginning with the one that explains more."""
-    bent, falling = replace(terms, quadratic=True), replace(terms, stribeck_velocity=0.0)
-    falling = replace(falling, stribeck_velocity=_stribeck_velocity(motions, signals, terms))
-    of_bent = regressed(motions, signals, bent)
-    if of_bent.chance("quadratic", 1) < FALSE_ALARM:
-        if not falling.stribeck_velocity:
-            return replace(bent, stribeck_velocity=_stribeck_velocity(motions, signals, bent))
-        if of_bent.sum_of_squares < regressed(motions, signals, falling).sum_of_squares:
-            terms = replace(bent, stribeck_velocity=_stribeck_velocity(motions, signals, bent))
-        else:
-            both = replace(falling, quadratic=True)
-            shows = regressed(motions, signals, both).chance("quadratic", 1) < FALSE_ALARM
-            terms = both if shows else falling
-    else:
-        terms = falling
+    for _ in range(2):
+        curves = {}
+        if not terms.stribeck_velocity and (velocity := _stribeck_velocity(motions, signals, terms)):
+            falling = replace(terms, stribeck_velocity=velocity)
+            curves[falling] = regressed(motions, signals, falling)
+        bent = replace(terms, quadratic=True)
+        fit = regressed(motions, signals, bent)
+        if not terms.quadratic and fit.chance("quadratic", 1) < FALSE_ALARM:
+            curves[bent] = fit
+        terms = min(curves, key=lambda curve: curves[curve].sum_of_squares, default=terms)
     if not terms.stribeck_velocity:
         return terms
     fits = {a: regressed(motions, signals, replace(terms, exponent=a)) for a in EXPONENTS}
@@ -145,17 +138,17 @@ def with_other_curves(
         unseen = regressed(motions, signals, replace(own_terms, stribeck_velocity=velocity), steps=0)
         shows = unseen.sum_of_squares * (1 + MAX_COST / _independent(signals, fit)) < fit.sum_of_squares
         if unseen["stiction"] > unseen["coulomb"] and shows:
-            change = _change(fit, unseen)
+            change = change_of(fit, unseen)
     limit = fit.sum_of_squares * (1 + MAX_COST / _independent(signals, fit))
     for curve in others:
         other = regressed(motions, signals, curve)
-        own = _change(fit, other)
+        own = change_of(fit, other)
         if other.sum_of_squares < limit and abs(own[place]) > abs(change[place]):
             change = own
     return replace(fit, covariance=fit.covariance + np.outer(change, change))
 
 
-def _change(fit: Regression, other: Regression) -> FloatArray:
+def change_of(fit: Regression, other: Regression) -> FloatArray:
     """Of the numbers (n_x,) in the other regression; that of another power of the speed is another number."""
     shared = [name in other.names and name != "quadratic" for name in fit.names]
     return np.array([
@@ -310,6 +303,8 @@ def full_rate_columns(
             columns["stribeck_velocity"] = (about["stiction"] - about["coulomb"]) * s * fall * terms.exponent * x / nu
     if terms.load:
         columns["load.coulomb"] = motion.load * s
+    if terms.spring:
+        columns["spring"] = -np.gradient(np.gradient(signals.derivatives[1])) * signals.rate_hz**2
     if terms.quadratic:
         columns["quadratic"] = v * np.abs(v) ** (terms.power - 1)
     if terms.angles:
@@ -340,98 +335,3 @@ def _columns_of_heat(
             of_decay = v * np.exp(-theta / T_V) * theta / T_V**2
             columns["temperature.decay"] = about["temperature.viscous"] * of_decay
     return columns
-
-
-# Frequencies at which links are tried, over the passband, and damping ratio.
-_FREQUENCIES, _DAMPING = np.geomspace(0.125, 2.0, 13), 0.03
-
-
-@dataclass(frozen=True)
-class Spring:
-    """between_hz: where the link swings with the motor held.  change (n_x,): of the numbers of the rigid axis with it.
-
-    Slow motions show J_l / omega^2 alone: the upper end is the frequency for a link of all of the inertia.
-    """
-
-    between_hz: tuple[float, float]
-    change: FloatArray
-
-
-def find_spring(
-    motions: Sequence[Motion], signals: Sequence[MotionSignals], terms: MotionTerms, rigid: Regression
-) -> Spring | None:
-    """The spring that explains most of the residuals of a rigid axis; None where it is within chance."""
-    names, logs = equations_of(motions, signals, terms)
-    every = [(log, own, _noise_variance(motion, own)) for log, motion, own in zip(logs, motions, signals, strict=True)]
-    frequencies = _FREQUENCIES * signals[0].passband_hz
-    i = _best(every, rigid["inertia"], frequencies)
-    between = np.geomspace(frequencies[max(i - 1, 0)], frequencies[min(i + 1, len(frequencies) - 1)], 7)
-    freq_hz = float(between[_best(every, rigid["inertia"], between)])
-    elastic, part, by_noise = _with_link(every, rigid["inertia"], freq_hz)
-    fit = solve(elastic, signals[0].kept_hz).of_joint(0, range(len(names) + 1), (*names, "spring"))
-    clear = replace(fit, values=np.append(fit.values[:-1], fit["spring"] * (1 - by_noise / part)))
-    if clear.chance("spring", 1) * len(frequencies) > FALSE_ALARM:
-        return None
-    change = dict(zip(names, fit.values[:-1] - solve(logs, signals[0].kept_hz).beta, strict=True))
-    highest_hz = freq_hz * np.sqrt(max(rigid["inertia"] / clear["spring"], 1.0))
-    return Spring((freq_hz, float(highest_hz)), np.array([change.get(name, 0.0) for name in rigid.names]))
-
-
-_Log = tuple[Equations, MotionSignals, float]
-
-
-def _best(every: Sequence[_Log], inertia: float, frequencies: FloatArray) -> int:
-    """The place of the frequency (m,) whose link, of positive inertia, explains most of the torque."""
-    parts = [_with_link(every, inertia, freq_hz)[1:] for freq_hz in frequencies]
-    return int(np.argmax([part - by_noise for part, by_noise in parts]))
-
-
-def _with_link(every: Sequence[_Log], inertia: float, freq_hz: float) -> tuple[list[Equations], float, float]:
-    """With the column of a link as the last; its part of the torque's norm, and that which is by noise of the angle.
-
-    The noise is in the acceleration of the rigid axis, whose inertia leaves it in the residuals, and in the column.
-    """
-    elastic = [_of_link(log, signals, freq_hz) for log, signals, _ in every]
-    X, y = (np.concatenate([getattr(log, name)[:, 0] for log in elastic]) for name in ("X", "y"))
-    Q, R = np.linalg.qr(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300))
-    own = Q[:, -1] * np.sign(R[-1, -1])
-    product = sum(_noise_product(signals, freq_hz, variance) for _, signals, variance in every)
-    return elastic, float(own @ y), float(-inertia * product / max(own @ X[:, -1], 1e-300))
-
-
-def _link(rate_hz: float, freq_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of H, by the bilinear transform that is exact at the frequency of the link."""
-    w, z = 2 * np.pi * min(freq_hz, 0.4 * rate_hz), _DAMPING
-    K = w / np.tan(w / 2 / rate_hz)
-    over = np.array([2 * z * w * K + w**2, 2 * w**2, w**2 - 2 * z * w * K])
-    under = np.array([K**2 + 2 * z * w * K + w**2, 2 * w**2 - 2 * K**2, K**2 - 2 * z * w * K + w**2])
-    return over / under[0], under / under[0]
-
-
-def _of_link(log: Equations, signals: MotionSignals, freq_hz: float) -> Equations:
-    """Of a log, with the column (H - 1) q'' as the last; without all that swings freely, as it may at the start."""
-    first = signals.kept.start // 2  # derivatives before are spoilt
-    acceleration = signals.derivatives[1, first:]
-    moved = lfilter(*_link(signals.rate_hz, freq_hz), acceleration - acceleration[0]) + acceleration[0]
-    swing = 2 * np.pi * freq_hz / signals.rate_hz * (1j * np.sqrt(1 - _DAMPING**2) - _DAMPING)
-    free = np.exp(swing * np.arange(len(moved)))
-    of_link = np.stack([moved - acceleration, free.real, free.imag], axis=1)
-    columns = signals.filtered(np.concatenate([np.zeros((first, 3)), of_link])) * signals.used[:, None]
-    both = np.concatenate([log.X[:, 0], columns[:, :1], log.y], axis=1)
-    swings = np.linalg.qr(columns[:, 1:])[0]
-    left = both - swings @ (swings.T @ both)
-    return replace(log, X=left[:, None, :-1], y=left[:, -1:])
-
-
-def _noise_variance(motion: Motion, signals: MotionSignals) -> float:
-    """Of white noise of the angle, by what smoothing takes from it."""
-    smoothed = min(6 * signals.passband_hz / motion.rate_hz, 0.9)  # share of all frequencies that passes
-    inner = slice(signals.kept.start, signals.kept.stop)
-    return float(np.var((motion.acting_position - signals.position)[inner]) / (1 - smoothed))
-
-
-def _noise_product(signals: MotionSignals, freq_hz: float, variance: float) -> float:
-    r"""Sum over the samples in use of q'' (H - 1) q'' of white noise, behind the filter of both sides."""
-    freq, H = freqz(*_link(signals.rate_hz, freq_hz), worN=4096, fs=signals.rate_hz)
-    _, smooth = freqz(signals.taps, worN=4096, fs=signals.rate_hz)
-    return float(signals.used.sum() * variance * np.mean((2 * np.pi * freq) ** 4 * np.abs(smooth) ** 2 * (H - 1).real))

@@ -24,7 +24,6 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
-from elastid.friction_study.least_squares import with_lags
 from elastid.record import FrictionRecord
 
 # Ripple of a motor turn and of its half are always in the regression where passes cover a turn; further harmonics up to
@@ -70,7 +69,6 @@ class PassRegression:
     """Columns A (n, n_x) and torque y (n,), rows of the passes of_pass (n,); shared: names of the columns behind g, o.
 
     waves (n, N_WAVES): of `turn_waves`; (n, 0) where no pass covers a turn.
-    step: samples of a row.
     """
 
     A: FloatArray
@@ -78,7 +76,6 @@ class PassRegression:
     of_pass: IntArray
     waves: ComplexArray
     shared: tuple[str, ...]
-    step: int
 
     @classmethod
     def of(cls, passes: Sequence[Pass], pairs: dict[str, list[Pass]], has_gravity: bool, turn: float) -> PassRegression:
@@ -105,42 +102,25 @@ class PassRegression:
             numbers.append(np.full(len(torques[-1]), number))
         names = ["inertia", "slope", *(name for load in loads for name in gravity_names(load))]
         y, of_pass = np.concatenate(torques), np.concatenate(numbers)
-        regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), tuple(names), step)
+        regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), tuple(names))
         return regression._with_ripple() if has_ripple else regression
-
-    def without(self, torques: Sequence[FloatArray]) -> PassRegression:
-        """Without known parts (n,) of the torque of each pass."""
-        return replace(self, y=self.y - np.concatenate([_means(torque, self.step) for torque in torques]))
 
     def solve(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Numbers (n_x,), covariance (n_x, n_x) and residual (n,)."""
         size = np.linalg.norm(self.A, axis=0)
         size[size == 0] = 1.0
         B = self.A / size
-        Q, R = np.linalg.qr(B)
-        U, s, Vt = np.linalg.svd(R, full_matrices=False)
+        U, s, Vt = np.linalg.svd(B, full_matrices=False)
         good = s > 1e-10 * s[0]
-        values = (Vt[good].T / s[good]) @ (U[:, good].T @ (Q.T @ self.y))
+        values = (Vt[good].T / s[good]) @ (U[:, good].T @ self.y)
         left = self.y - B @ values
         bread = (Vt[good].T / s[good] ** 2) @ Vt[good]
         autocovariance = self._autocovariance(left)
-        covariance = bread @ self._meat(B, autocovariance) @ bread
-        if np.any(np.diag(covariance) < 0):
-            # Cut off where it is still large, an autocovariance is none; tapered to zero it is.
-            tapered = autocovariance * (1 - np.arange(len(autocovariance)) / len(autocovariance))
-            covariance = bread @ self._meat(B, tapered) @ bread
+        # Of numbers that change more slowly than the residuals forget, as levels do.
+        long_run = autocovariance[0] + 2 * float(autocovariance[1:].sum())
         # Every number takes its share of the long-run variance from each autocovariance of the residuals.
         spare = 1 + (2 * len(autocovariance) - 1) * B.shape[1] / len(self.y)
-        return values / size, spare * covariance / np.outer(size, size), left
-
-    def _meat(self, B: FloatArray, autocovariance: FloatArray) -> FloatArray:
-        """B^T Gamma B of all passes: each has columns of its own pair and the shared ones alone."""
-        meat = np.zeros((B.shape[1], B.shape[1]))
-        for own in self._passes:
-            used = np.flatnonzero(np.any(B[own], axis=0))
-            X = B[own][:, used]
-            meat[np.ix_(used, used)] += with_lags(autocovariance[0] * X.T @ X, X, autocovariance)
-        return meat
+        return values / size, spare * long_run * bread / np.outer(size, size), left
 
     def _with_ripple(self) -> PassRegression:
         first, others = self._with_waves(np.arange(2)), np.arange(2, N_WAVES)
@@ -237,12 +217,6 @@ def motion_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray]:
     if velocity is None:
         velocity = np.gradient(sosfiltfilt(smooth, record.position), 1 / record.rate_hz)
     return velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
-
-
-def steady_velocity(own: Pass) -> FloatArray:
-    """Of a pass, (n,), with little of the encoder's noise."""
-    sos = butter(2, min(PLATEAUS.steady_hz, 0.45 * own.rate_hz), fs=own.rate_hz, output="sos")
-    return np.asarray(sosfiltfilt(sos, own.velocity, padlen=min(9, len(own.velocity) - 1)))
 
 
 def _inner(start: int, stop: int, rate_hz: float) -> slice:

@@ -84,7 +84,6 @@ class Presliding:
     spectrum: Elements
     few: Elements
     errors: FloatArray
-    spectrum_error: float
     position: FloatArray
 
 
@@ -105,13 +104,12 @@ def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
     candidates = ((q, _fit(q, loops.torque, thresholds, used)) for q in _smoothed(loops))
     q, spectrum = min(candidates, key=lambda each: each[1].relative_error * each[1].break_away)
     folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
-    spectrum_error = np.sqrt(np.mean([_missed(q, loops.torque, thresholds, used, fold) for fold in folds]))
     counts = range(1, MAX_ELEMENTS + 1) if elements is None else (elements,)
     fits = {count: _few(q, loops.torque, spectrum, count, used) for count in counts}
     missed = [[_missed(q, loops.torque, fit.threshold, used, fold) for fold in folds] for fit in fits.values()]
     errors = np.sqrt([np.mean(each) for each in missed])
     chosen = elements or _fewest(missed)
-    return Presliding(spectrum, fits[chosen], errors, float(spectrum_error), q)
+    return Presliding(spectrum, fits[chosen], errors, q)
 
 
 def _smoothed(loops: Loops) -> Iterator[FloatArray]:

@@ -200,7 +200,7 @@ def number_of_gain(joint: str, gain: float, std: float) -> FrictionNumber:
 
 def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
     """Stiffness and damping of the bristles."""
-    learnt, stds = f"responses at rest, {len(rest.points)} amplitudes", np.sqrt(np.diag(rest.covariance)).tolist()
+    learnt, stds = f"responses at rest, {rest.amplitudes} amplitudes", np.sqrt(np.diag(rest.covariance)).tolist()
     for key, value, std in zip(("stiffness", "damping"), (rest.sigma_0, rest.sigma_1), stds, strict=True):
         term = TERMS[f"lugre.{key}"]
         yield _number(joint, term, term.unit_at(slides), (value, std, *_ends(value, std)), learnt, truth)

@@ -27,10 +27,17 @@ from elastid.friction_study.least_squares import (
     Regression,
     Solution,
     shift_between,
-    shrunk_numbers,
     solve,
 )
-from elastid.friction_study.motion import LIMITS, MotionFriction, RigidBody, parts_held, refuse_driving
+from elastid.friction_study.motion import (
+    MotionFriction,
+    RigidBody,
+    both_bands,
+    judged,
+    moved_numbers,
+    parts_held,
+    refuse_driving,
+)
 from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
@@ -42,6 +49,9 @@ _OF_FRAME = ("m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 _UNITS = ("kg", *("kg*m",) * 3, *("kg*m^2",) * 6)
 # Part of a column that is no combination of the base columns, above which other motions have not identified it.
 MAX_UNIDENTIFIED = 1e-3
+# Of columns of unit length: numbers that logs barely excite are large, of either sign, and predict no other motion
+# (Hoerl and Kennard, Technometrics 12, 1970).
+RIDGE = 0.1
 GRAVITY_HIDES = "Coulomb friction that differs between the directions cannot be distinguished from offset and gravity"
 
 
@@ -74,14 +84,13 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
     chosen, regrouped = _base_columns(robot, joints, logs, signals)
     rigid = [_columns(robot, joints, joints, chosen, *pair) for pair in zip(logs, signals, strict=True)]
     rate_hz = signals[0][joints[0]].kept_hz
-    equations = _both_equations(signals, rigid)
-    solutions = [solve(each, rate_hz) for each in equations]
-    shifts = _shifts_between_bands(robot, logs, signals, rigid, chosen, passband_hz)
+    solutions = [solve(each, rate_hz) for each in _both_equations(signals, rigid)]
+    shifts = _shifts_between_bands(robot, logs, signals, chosen)
     names, units = zip(*_numbers(robot, joints), strict=True)
     least = solutions[0]
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
     every = [_equations(*pair, False, False) for pair in zip(signals, rigid, strict=True)]
-    shrunk, own = shrunk_numbers(every, least), _rigid_numbers(every, least.beta)
+    shrunk, own = (_rigid_numbers(every, least, ridge) for ridge in (RIDGE, 0.0))
     of_base = tuple(units[i] for i in chosen)
     body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
     torques = [columns @ own for columns in rigid]
@@ -246,12 +255,14 @@ def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: b
     return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1))
 
 
-def _rigid_numbers(logs: Sequence[Equations], beta: FloatArray) -> FloatArray:
-    """The numbers (n_b,) of the rigid body that leave least of the torque of these logs with the friction beta."""
-    R, target = (np.concatenate(each) for each in ([log.R for log in logs], [log.y - log.X @ beta for log in logs]))
-    size = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300)
-    flat = (R / size).reshape(-1, R.shape[2])
-    return np.asarray(np.linalg.lstsq(flat, target.ravel(), rcond=RANK_TOLERANCE)[0] / size)
+def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridge: float) -> FloatArray:
+    """The numbers (n_b,) of the rigid body by ridge regression on the torque of these logs without friction."""
+    weight = 1 / np.maximum(np.sqrt(solution.sum_of_squares), 1e-300)
+    R = np.concatenate([weight[:, None] * log.R for log in logs])
+    target = np.concatenate([weight * (log.y - log.X @ solution.beta) for log in logs])
+    size, n_b = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300), R.shape[2]
+    flat = np.concatenate([(R / size).reshape(-1, n_b), ridge * np.eye(n_b)])
+    return np.asarray(np.linalg.lstsq(flat, np.append(target, np.zeros(n_b)), rcond=RANK_TOLERANCE)[0] / size)
 
 
 def _both_equations(
@@ -263,33 +274,23 @@ def _both_equations(
 
 
 def _shifts_between_bands(
-    robot: Robot,
-    logs: Sequence[RobotLog],
-    signals: Sequence[Mapping[str, MotionSignals]],
-    rigid: Sequence[FloatArray],
-    chosen: IntArray,
-    passband_hz: float,
+    robot: Robot, logs: Sequence[RobotLog], signals: Sequence[Mapping[str, MotionSignals]], chosen: IntArray
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Of the numbers of both regressions, from all of the band to its narrow part, and their std; empty without it."""
-    joints, none = tuple(signals[0]), 2 * [(np.zeros(0), np.zeros(0))]
-    try:
-        narrow = [
-            {joint: MotionSignals.of(log.motions[joint], LIMITS.narrow * passband_hz) for joint in joints}
-            for log in logs
-        ]
-    except DataError:
-        return none
-    if any(each.used.all() for log in narrow for each in log.values()):
-        return none
-    inner, thinned = [], []
-    for log, own in zip(narrow, signals, strict=True):
-        kept = slice(log[joints[0]].kept.start, log[joints[0]].kept.stop, own[joints[0]].kept.step)
-        inner.append({joint: replace(each, kept=kept) for joint, each in own.items()})
-        thinned.append({joint: replace(each, kept=kept) for joint, each in log.items()})
-    slow_rigid = [_columns(robot, joints, joints, chosen, *pair) for pair in zip(logs, thinned, strict=True)]
-    rate_hz = signals[0][joints[0]].kept_hz
-    both = zip(_both_equations(inner, rigid), _both_equations(thinned, slow_rigid), strict=True)
-    return [shift_between(solve(wide, rate_hz), solve(slow, rate_hz), rate_hz) for wide, slow in both]
+    joints = tuple(signals[0])
+    by_joint = {}
+    for joint in joints:
+        bands = both_bands([log.motions[joint] for log in logs], [each[joint] for each in signals])
+        if bands is None:
+            return []
+        by_joint[joint] = bands
+    solutions = []
+    for side in (0, 1):
+        own = [{joint: by_joint[joint][side][k] for joint in joints} for k in range(len(logs))]
+        rigid = [_columns(robot, joints, joints, chosen, *pair) for pair in zip(logs, own, strict=True)]
+        solutions.append([solve(each, signals[0][joints[0]].kept_hz) for each in _both_equations(own, rigid)])
+    both = zip(solutions[0], solutions[1], strict=True)
+    return [shift_between(wide, slow, signals[0][joints[0]].kept_hz) for wide, slow in both]
 
 
 def _of_joint(
@@ -300,51 +301,29 @@ def _of_joint(
 ) -> MotionFriction:
     """The i-th joint's numbers; logs: its motions without the rigid body, and their signals."""
     motion, signals = logs[0][0], [each for _, each in logs]
-    names = ("viscous", "coulomb", "directions.viscous")
-    places = [range(width * i, width * (i + 1)) for width in (2, 3)]
-    shared, directed = (
-        solution.of_joint(i, own, names[: len(own)]) for solution, own in zip(solutions, places, strict=True)
+    names, passband_hz = ("viscous", "coulomb", "directions.viscous"), signals[0].passband_hz
+    advice = (
+        "the rigid body and its friction do not explain the torque; measure passes of this joint alone, which do not "
+        "depend on the rigid body"
     )
-    refuse_driving(motion.place, shared)
-    chance = directed.chance("directions.viscous", 0)
-    moved = [
-        (shift[list(own)], std[list(own)]) if len(shift) else (np.zeros(len(own)), np.ones(len(own)))
-        for (shift, std), own in zip(shifts, places, strict=True)
-    ]
-    (shared, text), (directed, directed_text) = (
-        _with_shift(numbers, *each, signals[0].passband_hz)
-        for numbers, each in zip((shared, directed), moved, strict=True)
-    )
+    regressions = []
+    for k, width in enumerate((2, 3)):
+        own = list(range(width * i, width * (i + 1)))
+        moved = moved_numbers(names[:width], *(each[own] for each in shifts[k])) if shifts else {}
+        numbers = solutions[k].of_joint(i, own, names[:width])
+        regressions.append((numbers, *judged(numbers, moved, passband_hz, advice)))
+    (raw, shared, text), (directed_raw, directed, directed_text) = regressions
+    refuse_driving(motion.place, raw)
+    chance = directed_raw.chance("directions.viscous", 0)
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
     held = (*parts_held(plateaus, motion.slides), Held("directions.coulomb", GRAVITY_HIDES))
     notes = (_rigid_body_note(motion.place, signals, shared),)
     seconds = {name: sum(each.seconds[name] for each in signals) for name in signals[0].seconds}
     are_apart = chance < FALSE_ALARM
     return MotionFriction(
-        motion, shared, directed, are_apart, chance, plateaus, held, signals[0].passband_hz, notes, seconds,
+        motion, shared, directed, are_apart, chance, plateaus, held, passband_hz, notes, seconds,
         directed_text if are_apart else text,
     )  # fmt: skip
-
-
-def _with_shift(numbers: Regression, shift: FloatArray, std: FloatArray, passband_hz: float) -> tuple[Regression, str]:
-    """Numbers with their change between bands in the intervals where it is beyond chance, and a misfit's reason."""
-    worst = int(np.argmax(np.abs(shift) / np.maximum(std, 1e-300)))
-    stds, texts = abs(shift[worst]) / max(float(std[worst]), 1e-300), []
-    if stds > LIMITS.max_shift:
-        numbers = replace(numbers, covariance=numbers.covariance + np.outer(shift, shift))
-        texts.append(
-            f"below {LIMITS.narrow * passband_hz:g} Hz {numbers.names[worst]} is {stds:.2g} std off that below "
-            f"{passband_hz:g} Hz"
-        )
-    if numbers.widening > 1:
-        texts.append(f"the torque that is left repeats with angles or velocities, {numbers.widening:.2g} times chance")
-    error, name = max((numbers.std(name) / max(abs(numbers[name]), 1e-300), name) for name in ("viscous", "coulomb"))
-    if not texts or error <= LIMITS.max_error:
-        return numbers, ""
-    return numbers, (
-        f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: the rigid body and its friction do not "
-        "explain the torque; measure passes of this joint alone, which do not depend on the rigid body"
-    )
 
 
 def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regression) -> Note:

@@ -1,19 +1,19 @@
 r"""The temperature of a joint from the power that friction and motor turn into heat, and friction that follows it.
 
-. math:: C \dot T = P - h (T - T_a), \quad P = \tau_f v + r u^2, \qquad
+.. math:: C \dot T = P - h (T - T_a), \quad P = \tau_f v + r u^2, \qquad
           T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
 
 exact over a step of constant power. A gear that warms with its motor is a second node, P shared between them:
 
-. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad
+.. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad
           w_1 = \frac{s}{1 - T_2 / T_1}, \quad w_2 = 1 - w_1
 
 with s = 0 to 1 for any place of the joint: where P enters both w are positive, and a place that is warmed through the
 other node, such as the housing with its thermometer, has s = 1, so that w_2 is negative. Known: readings of a
 thermometer, levels of test passes, or both. With levels alone the law's dependence on temperature must be known; where
-it is not, kelvins cannot be known either, and the levels at each test speed follow a relative temperature u, 1 where
-the largest power would lead: level = c_0 + c_1 u + c_2 u^2. With a thermometer they follow a u of their own, of the
-same time constants, where the law at the thermometer's temperature explains less: the grease is elsewhere.
+it is not, kelvins cannot be known either, and levels at each test speed follow a relative temperature u, 1 where the
+largest power would lead: level = c_0 + c_1 u + c_2 u^2. Beside a thermometer, whose place need not be that of the
+grease, they do so wherever a speed has enough of them.
 """
 
 from __future__ import annotations
@@ -63,11 +63,6 @@ class WarmUp:
     start_std: float = 0.0
 
     def __post_init__(self) -> None:
-        n, m = len(self.power), len(self.level)
-        if len(self.time_s) != n + 1 or len(self.readings) != n + 1:
-            raise ValueError(f"warm-up: {n} powers need {n + 1} times and readings")
-        if not {len(self.test), len(self.test_speed), len(self.level_std)} == {m}:
-            raise ValueError(f"warm-up: {m} levels need as many tests, speeds and stds")
         if np.any(np.diff(self.time_s) <= 0):
             raise DataError(
                 "friction/warm-up", "its times do not increase; sort the log, or correct its clock", "warm-up"
@@ -87,10 +82,6 @@ class WarmUpLimits:
     max_share: float = 1.2  # of s: a little above 1 stands for further nodes on the way to a thermometer
     closest: float = 0.9  # ratio of two time constants at most
     max_log_std: float = 0.3  # of a time constant: a warm-up with a wider one was too short
-    # Of the smaller node in readings or levels: below, it is what a parabola misses of the law, unless the readings
-    # themselves, rms over their rise, are as far from a single node.
-    min_share: float = 0.1
-    min_apart: float = 0.01
     parabola: float = 0.01  # of a level, which a parabola over the heat may miss
 
 
@@ -125,14 +116,12 @@ class ThermalModel:
         return _kelvin(warm_up, self.time_constants, self.shares, self.h, self.start_degc)
 
     def levels(self, warm_up: WarmUp, level_of: LevelOf | None) -> FloatArray:
-        """Levels (m,) at the tests of a warm-up."""
-        if len(self.series):
-            at_tests = self._relative(warm_up)[warm_up.tests]
-            place = [int(np.argmin(np.abs(self.speeds - speed))) for speed in warm_up.test_speed]
-            return np.asarray(np.sum(self.series[place] * np.vander(at_tests, 3, increasing=True), axis=1))
-        if level_of is None:
-            raise ValueError("a model in kelvins needs a law to give levels")
-        return level_of(warm_up.test_speed, self.temperature(warm_up)[warm_up.tests])
+        """Levels (m,) at the tests of a warm-up: of a law at the temperature, without one of the parabolas."""
+        if level_of is not None and self.scale == "kelvin":
+            return level_of(warm_up.test_speed, self.temperature(warm_up)[warm_up.tests])
+        at_tests = self._relative(warm_up)[warm_up.tests]
+        place = [int(np.argmin(np.abs(self.speeds - speed))) for speed in warm_up.test_speed]
+        return np.asarray(np.sum(self.series[place] * np.vander(at_tests, 3, increasing=True), axis=1))
 
     def _relative(self, warm_up: WarmUp) -> FloatArray:
         return np.asarray(_heat(warm_up, self.time_constants, self.level_shares) / self.power_at_one)
@@ -166,37 +155,16 @@ def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalMode
     is_law = level_of is not None and math.isfinite(warm_up.start_degc)
     _, counts = np.unique(np.round(warm_up.test_speed, 9), return_counts=True)
     is_course = has_readings and len(counts) > 0 and counts.min() > 4  # more levels than a parabola has numbers
-    if is_course:  # a parabola is not quite the law
-        warm_up = replace(warm_up, level_std=np.hypot(warm_up.level_std, LIMITS.parabola * warm_up.level))
-    own = _fitted(_Problem(warm_up, None, has_series=True)) if is_course or not (has_readings or is_law) else None
-    if own is not None and not is_law:
-        return own
-    by_law = _fitted(_Problem(warm_up, level_of if is_law else None))
-    added = 0 if own is None else by_law.dof - own.dof
-    pays = own is not None and added > 0 and chance_of_terms(by_law.cost, own.cost, added, own.dof) < FALSE_ALARM
-    return own if own is not None and pays else by_law
-
-
-def _fitted(problem: _Problem) -> ThermalModel:
-    """With one node, or with two where these pay."""
+    if is_course or not (has_readings or is_law):
+        problem = _Problem(warm_up, None, has_series=True)
+    else:
+        problem = _Problem(warm_up, level_of if is_law else None)
     single = problem.fit()
     double = replace(problem, nodes=2).fit(float(single.time_constants[0]))
-    if double.dof < 1:
-        return single
-    chance = chance_of_terms(single.cost, double.cost, single.dof - double.dof, double.dof)
-    smaller = max(float(np.abs(shares).min()) for shares in (double.shares, double.level_shares))
-    apart = _apart(problem.warm_up, single, double)
-    matters = smaller > LIMITS.min_share or apart > LIMITS.min_apart
-    return double if chance < FALSE_ALARM and matters else single
-
-
-def _apart(warm_up: WarmUp, single: ThermalModel, double: ThermalModel) -> float:
-    """Difference of two models where a thermometer was read, rms over the rise of its readings; 0 without any."""
-    read = np.isfinite(warm_up.readings)
-    if not read.any():
-        return 0.0
-    difference = (double.temperature(warm_up) - single.temperature(warm_up))[read]
-    return float(np.sqrt(np.mean(difference**2)) / max(np.ptp(warm_up.readings[read]), 1e-9))
+    pays = double.dof > 0 and (
+        chance_of_terms(single.cost, double.cost, single.dof - double.dof, double.dof) < FALSE_ALARM
+    )
+    return double if pays else single
 
 
 @dataclass(frozen=True)
@@ -245,8 +213,13 @@ class _Problem:
                 parts.append((warm_up.level - level) / warm_up.level_std)
         if self.has_series:
             A, c = self.series(constants, level_shares)
-            parts.append(warm_up.level / warm_up.level_std - A @ c)
+            parts.append(warm_up.level / self.level_std - A @ c)
         return np.concatenate(parts)
+
+    @property
+    def level_std(self) -> FloatArray:
+        """Of the levels (m,), with what a parabola over the heat may miss."""
+        return np.hypot(self.warm_up.level_std, LIMITS.parabola * self.warm_up.level)
 
     def series(self, constants: FloatArray, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Columns (m, 3 n_speeds) of the parabolas over the std of the levels, and their numbers, all c_0 first."""
@@ -254,8 +227,8 @@ class _Problem:
         speeds, place = np.unique(np.round(warm_up.test_speed, 9), return_inverse=True)
         heat = _heat(warm_up, constants, shares)[warm_up.tests] / warm_up.power.max()
         by_speed = np.eye(len(speeds))[place]
-        A = np.hstack([by_speed * heat[:, None] ** power for power in range(3)]) / warm_up.level_std[:, None]
-        return A, np.asarray(np.linalg.lstsq(A, warm_up.level / warm_up.level_std, rcond=None)[0])
+        A = np.hstack([by_speed * heat[:, None] ** power for power in range(3)]) / self.level_std[:, None]
+        return A, np.asarray(np.linalg.lstsq(A, warm_up.level / self.level_std, rcond=None)[0])
 
     def fit(self, constant: float | None = None) -> ThermalModel:
         """The best of a few starts, constant: that of one node; FitError where none leads to an optimum."""

@@ -25,7 +25,7 @@ from elastid.response import Response
 from elastid.robot import Robot
 from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
-from elastid.validation.twin_run import NO_TWIN, TwinFindings
+from elastid.validation.twin import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
     from elastid.modal.modes import Modes  # brings SciPy's linear algebra

@@ -11,7 +11,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
-from elastid.validation.twin_run import LINK, NO_PREDICTION, NO_TWIN, TORQUE, Prediction, TwinFindings
+from elastid.validation.twin import LINK, NO_PREDICTION, NO_TWIN, TORQUE, Prediction, TwinFindings
 
 # The first answer, by the status.
 GOOD = {

@@ -13,7 +13,7 @@ from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.reading import read_part, read_value
 from elastid.store.values import write_artefact
-from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
+from elastid.validation.twin import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
 
 PLAN, RECORDS, LEVELS = "friction plan", "friction records", "friction levels"
 FRICTION, FILTER = "friction", "filter"

@@ -22,7 +22,7 @@ from elastid.store.values import write_artefact
 from elastid.use.map import WorkspaceMap
 from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
-from elastid.validation.twin_run import NO_TWIN, TwinFindings
+from elastid.validation.twin import NO_TWIN, TwinFindings
 
 if TYPE_CHECKING:
     from elastid.use.command.tune import TunedMove

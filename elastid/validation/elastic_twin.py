@@ -37,8 +37,23 @@ from elastid.robot.simplified import elastic_coordinates, stiffened, without_fri
 from elastid.simulation.closed_loop import Commands
 from elastid.simulation.controller import rigid_path
 from elastid.validation.replay import last_period, settled_periods, signals_of
-from elastid.validation.twin import DRY, ELASTICITY, RIGID_BODY, VISCOUS, TorqueBalance, torque_balance
-from elastid.validation.twin_run import LINK, LONGEST_S, MOTION, TORQUE, TwinPlant, TwinRun, TwinSignal, twin_signal
+from elastid.validation.twin import (
+    DRY,
+    ELASTICITY,
+    LINK,
+    LONGEST_S,
+    MOTION,
+    RIGID_BODY,
+    TORQUE,
+    VISCOUS,
+    SignalKind,
+    TorqueBalance,
+    TwinPlant,
+    TwinRun,
+    TwinSignal,
+    torque_balance,
+    twin_signal,
+)
 
 # Models of the motors' own motion in one configuration, each with its numbers (n_theta,): as fitted, without viscous
 # friction, and without springs either.
@@ -193,13 +208,12 @@ def _compared(
 
     (y, u), (y_twin, u_twin) = in_time(record, 1.0), in_time(full, late)
     y_free, u_free = (None, None) if free is None else in_time(free, late)
-    edges = float(freq_hz[0]), float(freq_hz[-1]) * (1 + 1e-9)
     signals = []
     for i, place in enumerate(record.inputs):
-        runs = (u[:, i], u_twin[:, i], None if u_free is None else u_free[:, i])
-        signals.append(twin_signal(TORQUE, place, record.units_of_inputs[i], runs, rate_hz, edges))
+        free_torque = None if u_free is None else u_free[:, i]
+        signals.append(twin_signal(TORQUE, place, record.units_of_inputs[i], u[:, i], u_twin[:, i], free_torque))
     for i, place in enumerate(record.outputs):
-        runs = (y[:, i], y_twin[:, i], None if y_free is None else y_free[:, i])
+        kind: SignalKind = MOTION if place in record.inputs else LINK
         unit = motion_unit("position", place in record.sliding)
-        signals.append(twin_signal(MOTION if place in record.inputs else LINK, place, unit, runs, rate_hz, edges))
+        signals.append(twin_signal(kind, place, unit, y[:, i], y_twin[:, i], None if y_free is None else y_free[:, i]))
     return tuple(signals)

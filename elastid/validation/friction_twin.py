@@ -14,9 +14,9 @@ Logs are judged by the numbers of others, too (`predict_logs`), compared with a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -25,8 +25,8 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.friction_study.joint_levels import find_joint_levels, motion_logs, robot_log
-from elastid.friction_study.motion import MotionFriction, RigidBody, motion_parts, rigid_torque
-from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.motion import MotionFriction, motion_parts, rigid_torque
+from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.result import JointFriction
 from elastid.friction_study.robot_motion import RobotLog, rigid_body_torques
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
@@ -34,19 +34,25 @@ from elastid.robot import Robot
 from elastid.robot.simplified import without_friction
 from elastid.simulation.closed_loop import Commands, Trajectory
 from elastid.simulation.controller import Gains, feed_forward
-from elastid.validation.twin import DRY, GRAVITY, INERTIA, RIGID_BODY, VISCOUS, TorqueBalance, torque_balance
-from elastid.validation.twin_run import (
+from elastid.validation.twin import (
+    DRY,
+    GRAVITY,
+    INERTIA,
     LINK,
     LONGEST_S,
     MOTION,
+    RIGID_BODY,
     TORQUE,
+    VISCOUS,
     Drive,
     Prediction,
     SignalKind,
+    TorqueBalance,
     TwinFindings,
     TwinPlant,
     TwinRun,
     TwinSignal,
+    torque_balance,
     twin_signal,
 )
 
@@ -227,8 +233,10 @@ def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tup
 def _compared(robot: Robot, log: _Log, full: tuple[TwinPlant, Trajectory], free: Trajectory | None) -> list[TwinSignal]:
     """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
     plant, moved = full
-    names, compared = [joint.name for joint in robot.driven], []
+    names, compared, n = [joint.name for joint in robot.driven], list[TwinSignal](), len(moved.u)
     for record, signals in zip(log.records, log.signals, strict=True):
+        # Of a log that is not simulated to its end, without the rest.
+        kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, n), signals.kept.step))
         i, k = names.index(record.joint), plant.plant.model.index(f"joint {record.joint}")
         motor, turning = f"motor {record.joint}", motion_unit("position", record.slides)
         own, frictionless = (
@@ -240,20 +248,11 @@ def _compared(robot: Robot, log: _Log, full: tuple[TwinPlant, Trajectory], free:
         places = (motor, turning), (motor, drive_unit(record.slides)), (f"joint {record.joint}", turning)
         for kind, (place, unit), *three in zip(kinds, places, measured, own, frictionless, strict=True):
             if three[0] is not None:
-                compared.append(_filtered(kind, place, unit, signals, three, len(moved.u)))
+                y, y_twin, y_free = (None if each is None else kept.filtered(each[:n]) for each in three)
+                assert y is not None
+                assert y_twin is not None
+                compared.append(twin_signal(kind, place, unit, y, y_twin, y_free))
     return compared
-
-
-def _filtered(
-    kind: SignalKind, place: str, unit: str, signals: MotionSignals, three: Sequence[FloatArray | None], n: int
-) -> TwinSignal:
-    """The signals behind the filter of the regression; of a log that is not simulated to its end, without the rest."""
-    shortened = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, n), signals.kept.step))
-    measured, simulated, free = (None if each is None else shortened.filtered(each[:n]) for each in three)
-    assert measured is not None
-    assert simulated is not None
-    rate_hz = signals.rate_hz / int(signals.kept.step)
-    return twin_signal(kind, place, unit, (measured, simulated, free), rate_hz, (0.0, signals.passband_hz))
 
 
 def predict_logs(
@@ -294,43 +293,24 @@ def _along_logs(
     known = {joint.joint: joint for joint in joints}
     for log in motion_logs(measured):
         motions = robot_log(robot, log)
-        rigid = cache(partial(_rigid_torques, robot, motions))  # of each rigid body once for all of its joints
         for name, record in log.items():
             try:
-                yield _along(known.get(name), record, motions.motions, rigid)
+                yield _along(robot, known.get(name), record, motions)
             except DataError as error:
                 yield name, f"{record.name}: {error}"
 
 
-@dataclass(frozen=True)
-class _Body:
-    """A rigid body and the band of its regression, the same for all joints that moved together."""
-
-    joints: tuple[str, ...]
-    passband_hz: float
-    body: RigidBody = field(compare=False)
-
-
-def _rigid_torques(robot: Robot, log: RobotLog, of: _Body) -> Mapping[str, FloatArray]:
-    return rigid_body_torques(robot, of.body, log, of.passband_hz)
-
-
-def _along(
-    source: JointFriction | None,
-    record: FrictionRecord,
-    motions: Mapping[str, Motion],
-    rigid: Callable[[_Body], Mapping[str, FloatArray]],
-) -> JointFriction:
+def _along(robot: Robot, source: JointFriction | None, record: FrictionRecord, log: RobotLog) -> JointFriction:
     """The joint with its motion of a log, less the torque of a rigid body where it shares one; else DataError."""
     if source is None or source.motion is None:
         raise DataError("predict/mismatch", "the result has no regression of a motion of it")
     if source.slides != record.slides:
         raise DataError("predict/mismatch", "it slides in one of the two robots and turns in the other")
-    fit, motion = source.motion, motions[record.joint]
+    fit, motion = source.motion, log.motions[record.joint]
     if fit.rigid_body is not None:
-        body = _Body(fit.rigid_body.joints, fit.passband_hz, fit.rigid_body)
-        motion = replace(motion, torque=motion.torque - rigid(body)[record.joint])
-    elif len(motions) > 1:
+        rigid = rigid_body_torques(robot, fit.rigid_body, log, fit.passband_hz)
+        motion = replace(motion, torque=motion.torque - rigid[record.joint])
+    elif len(log.motions) > 1:
         raise DataError(
             "predict/mismatch",
             "it moves with others, and alone in the logs of the result, which know no rigid body of all",

@@ -149,4 +149,4 @@ def test_logs_of_one_amplitude_at_rest_are_realisations(tmp_path: Path) -> None:
     (joint,) = result_of(study(tmp_path, *files)).joints
     assert joint.at_rest is not None
     assert joint.at_rest is not None
-    assert len(joint.at_rest.points) == 1
+    assert joint.at_rest.amplitudes == 1

@@ -128,8 +128,6 @@ def test_maxwell_slip_is_named() -> None:
     records = [rigid(peak, r, thresholds, stiffness, 0.03) for peak in (0.05, 0.1, 0.2) for r in range(2)]
     found = fit_at_rest("joint 1", rest_responses(records))
     assert found.falls
-    stiffnesses = [point.stiffness for point in found.points]
-    assert stiffnesses[0] > 1.2 * stiffnesses[-1]
     assert "friction is Maxwell slip" in str(found.notes[0])
 
 

@@ -13,9 +13,8 @@ import pytest
 from plants.friction_records import records, template
 
 from elastid.base.arrays import FloatArray
-from elastid.base.display import percent
 from elastid.base.errors import DataError
-from elastid.friction_study.laws import ABSENT, StaticLaw
+from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import find_levels, levels_of_records
 from elastid.friction_study.passes import Pass
 from elastid.friction_study.spec import LawSpec
@@ -94,18 +93,6 @@ def test_slopes_of_two_directions_are_no_offset() -> None:
     assert law.values["directions.viscous"] == pytest.approx(6e-4, rel=0.15)
     alike = find_levels(passes(3), True, 2 * np.pi / RATIO).levels
     assert set(alike.direction) == {0.0}
-
-
-def test_directions_are_alike_only_where_an_offset_is_none() -> None:
-    """An offset of 0.05 Nm would be a difference of 6 % of 1.5 Nm and 10 % of 1 Nm: said, as what it may be."""
-    levels = find_levels(passes(3), True, 2 * np.pi / RATIO).levels
-    assert 0.06 < levels.max_difference < 0.15
-    (reason,) = (held.reason for held in StaticLaw.of(levels, LawSpec()).held if held.part == "directions")
-    assert f"both together are within {percent(levels.max_difference)} of friction" in reason
-    assert not reason.startswith(ABSENT)
-    within = replace(levels, max_difference=0.03)
-    (reason,) = (held.reason for held in StaticLaw.of(within, LawSpec()).held if held.part == "directions")
-    assert reason == f"{ABSENT}: the directions are alike within 3.0 %, offset included"
 
 
 def test_the_law_through_the_levels_is_the_true_one() -> None:

@@ -13,8 +13,7 @@ from scipy.io import loadmat
 
 from elastid.base.errors import DataError
 from elastid.friction_study.motion import MotionFriction, regress_motion
-from elastid.friction_study.motion_signals import Motion, MotionSignals
-from elastid.friction_study.motion_terms import MotionTerms, find_spring, regressed
+from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.passes import distinct_speeds
 
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
@@ -204,30 +203,9 @@ def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none() -
     """A link at 6 to 15 Hz; one at 1 kHz is rigid, though the noise of its angle is in acceleration and torque."""
     for resonance_hz in (6.0, 15.0):
         fit = regress_motion(with_link(resonance_hz))
-        low, high = map(float, re.findall(r"swings at ([0-9.]+) to ([0-9.]+) Hz", fit.misfit)[0])
-        assert low < resonance_hz < high < 1.6 * resonance_hz
+        highest = float(re.findall(r"swings below ([0-9.]+) Hz", fit.misfit)[0])
+        assert resonance_hz < highest < 1.6 * resonance_hz
         assert abs(fit.chosen["inertia"] - INERTIA) < 1.96 * fit.chosen.std("inertia")
     fit = regress_motion(with_link(1000.0))
     assert not fit.misfit
     assert abs(fit.chosen["inertia"] - INERTIA) < 3 * fit.chosen.std("inertia")
-
-
-def test_a_link_that_swings_after_reversals_is_found_at_its_frequency() -> None:
-    """The motor follows slow sines, friction at the motor reverses, and a link at 9 Hz rings down."""
-    rate, w, inertia, rng = 2000.0, 2 * np.pi * 9.0, 3.0, np.random.default_rng(1)
-    t = np.arange(round(20 * rate)) / rate
-    jerk = np.where(t % 0.7 < 1 / rate, 0.02 * (-1.0) ** (t // 0.7), 0.0)  # steps of speed
-    v = 0.8 * np.sin(2 * np.pi * 0.3 * t) + np.cumsum(jerk)
-    q, swing, speed, torque = np.cumsum(v) / rate, 0.0, 0.0, np.zeros(len(t))
-    acceleration = np.gradient(v, 1 / rate)
-    for i, a in enumerate(acceleration):  # of the link relative to the motor
-        pull = -(w**2) * swing - 0.06 * w * speed
-        torque[i] = INERTIA * a + inertia * pull
-        speed += (pull - a) / rate
-        swing += speed / rate
-    torque += SLOPE * v + COULOMB * np.sign(v) + rng.standard_normal(len(t))
-    motion = Motion("joint 1", rate / 4, np.round(q[::4] / 6e-6) * 6e-6, torque[::4])
-    signals, terms = [MotionSignals.of(motion, 20.0)], MotionTerms(apart=False)
-    spring = find_spring([motion], signals, terms, regressed([motion], signals, terms))
-    assert spring is not None
-    assert abs(spring.between_hz[0] / 9.0 - 1) < 0.05

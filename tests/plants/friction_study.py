@@ -8,7 +8,7 @@ import numpy as np
 
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PassLimits
-from elastid.friction_study.at_rest import AtRest, RestPoint
+from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import Held, StaticLaw
 from elastid.friction_study.levels import Levels, PassLevels
 from elastid.friction_study.motion import MotionFriction, regress_motion
@@ -62,7 +62,7 @@ def presliding() -> Presliding:
     q = np.asarray(5e-3 * t / 10 * np.sin(2 * np.pi * 0.5 * t))
     few = Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1, 0.01)
     spectrum = Elements(np.array([0.0, 300.0, 500.0]), np.array([1e-4, 1e-3, 3e-3]), 0.1, 0.005)
-    return Presliding(spectrum, few, np.array([0.2, 0.02, 0.02]), 0.015, q)
+    return Presliding(spectrum, few, np.array([0.2, 0.02, 0.02]), q)
 
 
 def thermal() -> ThermalModel:
@@ -75,9 +75,8 @@ def thermal() -> ThermalModel:
 
 
 def at_rest() -> AtRest:
-    """Two amplitudes, 1 % apart."""
-    points = (RestPoint(0.5, 9.9e3, 60.0, 12.0, 0.5), RestPoint(1.0, 9.8e3, 30.0, 14.0, 0.3))
-    return AtRest(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, points, None)
+    """Two amplitudes."""
+    return AtRest(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, 2, None)
 
 
 def number(name: str, symbol: str, value: float, std: float, truth: float | None) -> FrictionNumber:

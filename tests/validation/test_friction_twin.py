@@ -19,7 +19,7 @@ from elastid.robot.friction_numbers import with_laws
 from elastid.simulation.closed_loop import Commands, simulate
 from elastid.simulation.controller import Gains
 from elastid.validation.friction_twin import friction_runs
-from elastid.validation.twin_run import TORQUE, TwinRun
+from elastid.validation.twin import TORQUE, TwinRun
 
 RATE_HZ, SECONDS = 500.0, 12.0
 COULOMB, VISCOUS = 20.0, 15.0

@@ -45,8 +45,7 @@ from elastid.store.measured import write_pass_reference, write_torque_reference
 from elastid.store.results import read_twin
 from elastid.study.sections import ReportSpec
 from elastid.validation.friction_twin import friction_balances, friction_runs, predict_logs
-from elastid.validation.twin import describe_balance
-from elastid.validation.twin_run import NO_PREDICTION, TwinFindings
+from elastid.validation.twin import NO_PREDICTION, TwinFindings, describe_balance
 
 
 def design_motions(

@@ -40,8 +40,7 @@ from elastid.validation.predicted import PredictedResponse, predict_response
 from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
 from elastid.validation.spec import ValidationSpec
-from elastid.validation.twin import TorqueBalance, describe_balance
-from elastid.validation.twin_run import NO_TWIN, TwinFindings, TwinRun
+from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
 
 
 @dataclass(frozen=True)

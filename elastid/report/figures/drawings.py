@@ -17,7 +17,7 @@ from elastid.report.content import ReportContent, ResponsesContent, parameter_ro
 from elastid.report.figures import fit, friction
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.validation.twin_run import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
+from elastid.validation.twin import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
 
 if TYPE_CHECKING:
     from elastid.friction_study.follow import FollowedFriction

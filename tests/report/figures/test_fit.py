@@ -17,8 +17,19 @@ from elastid.report.page.page_of_friction import html_of_friction
 from elastid.response import Levels, Quality
 from elastid.store.friction_study import FRICTION, write_friction_result
 from elastid.store.results import read_twin
-from elastid.validation.twin import DRY, INERTIA, TorqueBalance, torque_balance
-from elastid.validation.twin_run import LINK, MOTION, TORQUE, SignalKind, TwinFindings, TwinRun, twin_signal
+from elastid.validation.twin import (
+    DRY,
+    INERTIA,
+    LINK,
+    MOTION,
+    TORQUE,
+    SignalKind,
+    TorqueBalance,
+    TwinFindings,
+    TwinRun,
+    torque_balance,
+    twin_signal,
+)
 
 
 def test_the_identifiability_figure_writes_strong_correlations_into_the_matrix():
@@ -142,10 +153,7 @@ def run() -> TwinRun:
     rows: list[tuple[SignalKind, str, FloatArray | None]] = [
         (MOTION, "motor 1", 0.5 * slow), (TORQUE, "motor 1", None), (LINK, "joint 1", None), (TORQUE, "motor 2", None),
     ]  # fmt: skip
-    signals = tuple(
-        twin_signal(kind, place, "N*m", (slow + 0.1 * fast, slow, free), 200.0, (0.0, 32.0))
-        for kind, place, free in rows
-    )
+    signals = tuple(twin_signal(kind, place, "N*m", slow + 0.1 * fast, slow, free) for kind, place, free in rows)
     return TwinRun("log", "torque", 0.5, 5.0, 200.0, signals)
 
 
