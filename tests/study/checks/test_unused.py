@@ -52,7 +52,7 @@ def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[s
     }
     used |= {"excitation"} if kind in ("recorded", "responses") else set()  # a remark on how the data were made
     used |= {"compare", "validation", "fit", "model"} if kind in ("simulated", "recorded", "responses") else set()
-    refused = {key for each in UNUSED if kind in each.kinds for key in each.keys}
+    refused = {key for kinds, keys in UNUSED if kind in kinds for key in keys}
     refused |= {"validation"} if kind.startswith("friction") else set()  # by its keys
     missing = {field.name for field in fields(Study)} - used - refused
     assert not missing - ({"estimator"} if kind == "frf-responses" else set())
