@@ -31,7 +31,10 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
     motors, signals = places.motor_locations, set[tuple[str, str, int]]()
     for i, channel in enumerate(channels):
         if channel.role == "d" and channel.at not in motors:
-            yield i, "at", _no_motor(channel.at, motors)
+            text = (
+                f"a known disturbance acts at a motor, not at '{channel.at}': {did_you_mean(channel.at, motors)}"
+            )
+            yield i, "at", text
         elif channel.role in ("r", "u", "reference") and channel.at not in motors:
             yield i, "at", f"no motor or input is called '{channel.at}'; {did_you_mean(channel.at, motors)}"
         else:
@@ -60,19 +63,6 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         first = next(i for i, channel in enumerate(channels) if channel.role == "r")
         text = f"channels with role r act at {', '.join(sorted(of['r']))}, those with role u at"
         yield first, "at", f"{text} {', '.join(sorted(of['u']))}; list r for every input or for none"
-
-
-def _no_motor(at: str, motors: Sequence[str]) -> str:
-    """Why a disturbance cannot act at a place that is no motor, and what can be done."""
-    own = "motor " + at.removeprefix("joint ")
-    if at.startswith("joint ") and own in motors:
-        then = f"where joint {at.removeprefix('joint ')} has no spring, give at: {own}, which is the same"
-    else:
-        then = f"give one of {', '.join(motors)} where its torque there is known"
-    return (
-        f"a known disturbance is added to the torque of a motor, and '{at}' is none: {then}; what acts behind a spring "
-        "or on a body is no input of the model: cut that time off with samples"
-    )
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -232,18 +222,3 @@ def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_h
     own = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
     is_held = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
     return tuple(rate_hz / rate if held else 0.0 for held, rate in zip(is_held, own, strict=True))
-
-
-def check_holds(recorded: RecordedSpec, robot: Places) -> None:
-    """StudyError where gears mix torques of different holds, so that the torque of a joint has neither."""
-    torques = [channel for channel in recorded.channels if channel.role == "u"]
-    held = hold_samples(recorded, torques, 1.0)
-    for row in to_joints(torques, robot):
-        mixed = [torques[i] for i in np.flatnonzero(row)]
-        if len({held[torques.index(channel)] for channel in mixed}) > 1:
-            names = ", ".join(f"{channel.name_in_file} ({channel.hold or recorded.hold})" for channel in mixed)
-            raise StudyError(
-                "study/recorded",
-                f"gears couple the motors of the channels {names}, whose torques are held in different ways, so that "
-                "the torque of a joint has neither: log commands or measured torques for all of them, with one hold",
-            )
