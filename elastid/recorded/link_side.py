@@ -31,9 +31,7 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
     motors, signals = places.motor_locations, set[tuple[str, str, int]]()
     for i, channel in enumerate(channels):
         if channel.role == "d" and channel.at not in motors:
-            text = (
-                f"a known disturbance acts at a motor, not at '{channel.at}': {did_you_mean(channel.at, motors)}"
-            )
+            text = f"a known disturbance acts at a motor, not at '{channel.at}': {did_you_mean(channel.at, motors)}"
             yield i, "at", text
         elif channel.role in ("r", "u", "reference") and channel.at not in motors:
             yield i, "at", f"no motor or input is called '{channel.at}'; {did_you_mean(channel.at, motors)}"
