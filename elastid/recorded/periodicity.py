@@ -316,8 +316,7 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         needed = "one period is" if half_wave else "two periods are"
         raise DataError(
             "records/period-mismatch",
-            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least "
-            f"{needed} needed{_half_wave_hint(excitation, N, half_wave, log) or _shorter(excitation, log)}",
+            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}",
             path,
         )
     result = repetition(excitation, repeat, sign)
@@ -343,11 +342,10 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
             f"{problem}; it repeats every {_span(result.best_samples, log)} (correlation "
             f"{result.best_correlation:.3f}): correct the period or the rate",
         )
-    hint = _half_wave_hint(excitation, 2 * repeat, half_wave, log)
     raise DataError(
         "records/period-mismatch",
-        f"{problem}, nor at any other lag (best correlation {result.best_correlation:.3f}){hint}; with a period "
-        f"elastid needs a periodic excitation{'' if hint else f'; {NO_LINES}'}",
+        f"{problem}, nor at any other lag (best correlation {result.best_correlation:.3f}); with a period "
+        f"elastid needs a periodic excitation; {NO_LINES}",
     )
 
 
@@ -381,20 +379,6 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
     shift = shifts.pop()
     across = lags.index(shift) * L
     return shift, across + N if lags[0] == 0 else starts[len(lags) - 1 - lags[::-1].index(shift)] + L
-
-
-def _shorter(excitation: FloatArray, log: Log) -> str:
-    period = find_period(excitation).best_samples
-    return f". It repeats every {_span(period, log)}: correct the period or the rate" if period else f", and {NO_LINES}"
-
-
-def _half_wave_hint(excitation: FloatArray, N: int, half_wave: bool, log: Log) -> str:
-    if half_wave or N % 2 or len(excitation) < N or not repetition(excitation[:N], N // 2, sign=-1).is_as_stated:
-        return ""
-    return (
-        f". The second half of {_span(N, log)} is minus the first: with period_samples: {N} and "
-        "half_wave: true one period is enough"
-    )
 
 
 def _span(samples: float, log: Log) -> str:
