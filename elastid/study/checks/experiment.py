@@ -13,8 +13,8 @@ from elastid.base.errors import StudyError
 from elastid.base.names import posture_of
 from elastid.excitation.spec import planned_lines
 from elastid.experiment.specs.recorded import RecordedSpec
-from elastid.experiment.specs.simulated import SimulatedSpec, WarmingSpec
-from elastid.robot import Joint, Robot
+from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.robot import Joint
 from elastid.study.checks.names import check_names, check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
@@ -116,14 +116,12 @@ def _angle_refusal(angle: float, joint: Joint, swing: float) -> str:
 
 
 def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
-    """Gains, a carrier in units of the joints, and temperatures that act; what else a rig needs its own stage says."""
+    """Gains, and a carrier in units of the joints; what else a rig needs its own stage says."""
     robot, carrier = study.as_robot(), simulated.carrier
     yield from _check_controller(study, simulated)
     if carrier is not None:
         yield from check_units((*_SIMULATED, "carrier", "amplitude"), carrier.amplitude, robot)
         yield from check_units((*_SIMULATED, "carrier", "velocity"), carrier.velocity, robot)
-    if simulated.warming is not None:
-        yield from _check_temperatures(robot, simulated.warming)
 
 
 def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
@@ -136,25 +134,6 @@ def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Proble
         joints = [joint.name for joint in study.as_robot().driven]
         for keys, refused in controller.gains.refusals(joints, study.excitation.rate_hz):
             yield Problem((*path, "gains", *keys), refused)
-
-
-def _check_temperatures(robot: Robot, warming: WarmingSpec) -> Iterator[Problem]:
-    """Temperatures act on some friction law, and leave each a stiction."""
-    if warming.temperature is None:
-        return
-    from elastid.friction.robot_friction import frictions  # brings CasADi, which few checks need
-
-    path: KeyPath = (*_SIMULATED, "warming", "temperature")
-    laws = [law for law in frictions(robot) if law.spec.temperature is not None]
-    if not laws:
-        message = "no friction of the robot depends on temperature; give a `temperature` to its friction, or drop this"
-        yield Problem(path, message)
-    for law in laws:
-        for temperature in warming.temperature:
-            try:
-                law.curve(0.0, temperature)
-            except ValueError as error:
-                yield Problem(path, str(error))
 
 
 def check_structure(study: Study) -> Iterator[Problem]:
