@@ -22,7 +22,7 @@ from elastid.recorded.evidence import (
     torque_relation,
     travel,
 )
-from elastid.recorded.link_side import link_side_factor, to_joints
+from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
 from elastid.robot import Joint, Robot
 
 
@@ -84,14 +84,8 @@ def channel_doubts(
     channels: Sequence[ChannelSpec], values: FloatArray, rate_hz: float, robot: Places
 ) -> Iterator[Doubt]:
     """Doubts about channels of one rate from the values (n, c) of a log, as they stand in the file."""
-    constant = [i for i, x in enumerate(values.T) if not np.isfinite(x).any() or np.nanmax(x) == np.nanmin(x)]
-    moving = {channels[i].role for i in set(range(len(channels))) - set(constant)}
-    for i in constant:
-        # An input may rest while others act; a temperature and a reference may be constant.
-        if channels[i].role == "y" or (channels[i].role == "u" and "u" not in moving):
-            known = values[np.isfinite(values[:, i]), i]
-            state = f"is constant at {known[0]:g}" if known.size else "holds no finite number"
-            yield Doubt(i, "channel", f"{channels[i].name_in_file} {state}; check its name and its sensor")
+    constant = dict(value_refusals(channels, list(values.T)))
+    yield from (Doubt(i, "channel", f"{channels[i].name_in_file} {text}") for i, text in constant.items())
     by_names = list(doubts_by_names(channels))
     yield from by_names
     if by_names or constant or len(values) < LIMITS.min_samples or not isinstance(robot, Robot):

@@ -133,35 +133,32 @@ def check_values(
 
     may_rest: further roles of channels that may be constant.
     """
+    for i, text in value_refusals(channels, columns, may_rest):
+        raise DataError("records/values", f"{channels[i].full_name} {text}", path)
     still = []
     for channel, column in zip(channels, columns, strict=True):
         values = column[np.isfinite(column)]
-        if values.size == 0:
-            raise DataError(
-                "records/values",
-                f"{channel.full_name}: none of its {len(column)} samples is a finite number; check its name",
-                path,
-            )
-        if (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE:
-            raise DataError(
-                "records/values",
-                f"{channel.full_name} reaches {largest:.3g}, which no sensor gives; check its name, and the "
-                "log's placeholder for missing values",
-                path,
-            )
-        if np.ptp(values) > 0 or channel.role in ("d", "t", "reference", *may_rest):
-            continue
-        same_role = [x for c, x in zip(channels, columns, strict=True) if c.role == channel.role]
-        if channel.role == "y" or not any(np.nanmax(x) > np.nanmin(x) for x in same_role):
-            raise DataError(
-                "records/values",
-                f"{channel.full_name} is constant at {values[0]:g} over all {len(column)} samples; check its "
-                "sensor and its name in the file",
-                path,
-            )
-        text = f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment"
-        still.append(Note("records/not-excited", text))
+        if np.ptp(values) == 0 and channel.role in ("u", "r") and channel.role not in may_rest:
+            text = f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment"
+            still.append(Note("records/not-excited", text))
     return tuple(still)
+
+
+def value_refusals(
+    channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], may_rest: Collection[str] = ()
+) -> Iterator[tuple[int, str]]:
+    """Place and reason of each column (n,) that no sensor of its role gives; may_rest: roles that may be constant."""
+    known = [column[np.isfinite(column)] for column in columns]
+    moving = {channel.role for channel, x in zip(channels, known, strict=True) if np.any(x != x[:1])}
+    # An input may rest while others act.
+    resting = ("d", "t", "reference", *may_rest, *(moving - {"y"}))
+    for i, (channel, values) in enumerate(zip(channels, known, strict=True)):
+        if values.size == 0:
+            yield i, "holds no finite number; check its name"
+        elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE:
+            yield i, f"reaches {largest:.3g}, which no sensor gives; check its name, and how missing values are written"
+        elif np.ptp(values) == 0 and channel.role not in resting:
+            yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples; check its sensor and its name"
 
 
 def _own_side_factor(channel: ChannelSpec, robot: Places) -> float:

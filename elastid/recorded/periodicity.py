@@ -15,7 +15,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.recorded.repair import Finding, Log
+from elastid.recorded.repair import Finding, Log, flat
 from elastid.recorded.repair.time_stamps import CLOCK, at_times
 
 
@@ -105,9 +105,9 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
     n = len(x)
     if n < LIMITS.min_periods * lag or lag < 1 or known.size == 0:
         return _NONE
-    flat = without_ramps(x[:, None], lag)[:, 0] if n >= 2 * lag else _levelled(x, lag)
-    rho = autocorrelation(flat)
-    P = len(flat) // lag
+    level = flat(x, lag).ravel() if n >= 2 * lag else _levelled(x, lag)
+    rho = autocorrelation(level)
+    P = len(level) // lag
     stated = Repetition(0.0, float(lag), 0.0, _rest_is_noise(rho, lag, sign))
     for repeats in sorted({1, max(1, P // 2)}):
         middle = repeats * lag
@@ -118,14 +118,14 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
             # Estimators leave the first repetition out where it differs.
             if starts and n >= 3 * lag and (later := _repetition(x[lag:], lag, sign, starts=False)).is_as_stated:
                 return later
-            other = max((_anywhere(flat), _best(x)), key=lambda result: result.rank)
+            other = max((_anywhere(level), _best(x)), key=lambda result: result.rank)
             return replace(other, correlation=correlation)
     return stated
 
 
 def _best(x: FloatArray) -> Repetition:
     """The lag at which a signal (n,) repeats, with or without a drift."""
-    levelled = (x - np.nanmean(x), without_ramps(x[:, None], len(x))[:, 0])
+    levelled = (x - np.nanmean(x), flat(x, len(x)).ravel())
     best = max((_anywhere(signal) for signal in levelled), key=lambda result: result.rank)
     return _anywhere(_levelled(x, round(best.best_samples))) if best.best_samples else best
 
@@ -227,21 +227,6 @@ def autocorrelation(x: FloatArray) -> FloatArray:
         # Rounding in parts that are nothing relative to the signal correlates with anything.
         rho = np.where(size > 1e-12 * max(float(size[0]), 1e-300), product / size, 0.0)
     return np.asarray(np.nan_to_num(rho, posinf=0.0, neginf=0.0)[: n - n // 8], dtype=np.float64)
-
-
-def without_ramps(signals: FloatArray, block: int) -> FloatArray:
-    """Signals (n, c) without the mean and the slope of every whole block of samples (least squares, NaN left out)."""
-    n, c = signals.shape
-    X = signals[: n // block * block].reshape(-1, block, c)
-    t = np.broadcast_to(np.arange(block)[None, :, None] - (block - 1) / 2, X.shape)
-    known = np.isfinite(X)
-    count = np.maximum(known.sum(axis=1, keepdims=True), 1)
-    mean = np.where(known, X, 0.0).sum(axis=1, keepdims=True) / count
-    centred = np.where(known, t - np.where(known, t, 0.0).sum(axis=1, keepdims=True) / count, 0.0)
-    away = X - mean
-    spread = np.sum(centred**2, axis=1, keepdims=True)
-    slope = np.sum(centred * np.where(known, away, 0.0), axis=1, keepdims=True) / np.where(spread > 0, spread, 1.0)
-    return np.asarray((away - slope * centred).reshape(-1, c))
 
 
 NO_LINES = (

@@ -168,7 +168,7 @@ def _with(name: str, at: Any, value: float) -> Change:
             _with("phi", [23, 223, 423, 623], np.inf),
             r"4 of 800 .* in every period .* first sample 23 \(0.23 s\)",
         ),
-        (_with("phi", slice(None), np.nan), r"phi \(y at motor 1\): none of its 800 samples is a finite number"),
+        (_with("phi", slice(None), np.nan), r"phi \(y at motor 1\) holds no finite number"),
         (_with("w2", slice(None), 0.25), r"w2 \(y at joint 2\) is constant at 0.25 over all 800 samples"),
         (lambda log: {k: v[:370] for k, v in log.items()}, r"370 samples \(3.7 s\) are 1.85 periods of 200 samples"),
     ],
