@@ -52,15 +52,6 @@ TARGETS: dict[str, Writer] = {
 RESPONSE_TARGETS: dict[str, ResponseWriter] = {
     "control": write_responses_control, "matlab": write_responses_matlab, "csv": write_responses_csv, "uff": write_uff,
 }  # fmt: skip
-# What each target has of the effects of gears, besides robot and fmu, which have all of them.
-_STIFFENING = "stiffening is in its springs; friction, hysteresis and errors are left out, which robot and fmu have"
-_TANGENT = "it is linear, with the stiffness under gravity, and has none of the effects, which robot and fmu have"
-_LEFT_OUT = {
-    "c": _STIFFENING, "casadi": _STIFFENING, "control": _TANGENT, "matlab": _TANGENT,
-    "mujoco": "Coulomb friction before and behind them is its frictionloss; stiffening, hysteresis, errors and "
-    "friction by load are left out, which robot and fmu have",
-    "urdf": "Coulomb friction is in it; the other effects are left out, which robot and fmu have",
-}  # fmt: skip
 # Of these, targets that take the modes of a study without a robot too.
 WITH_MODES = ("csv", "uff")
 # The targets that are no other tool's: elastid's own, robots drawn from the fit, the filter of a study of friction.
@@ -103,8 +94,9 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     write = (own | TARGETS)[target]
     if target == "mujoco" and found is not None:
         write = partial(write_mujoco, found=found)
-    if gears is not None and gears.effects and target in _LEFT_OUT:
-        run.console.say(f"export: {target} has k and d as found beside the effects of the gears; {_LEFT_OUT[target]}")
+    if gears is not None and gears.effects and target not in (ROBOT, "fmu"):
+        words = "k and d as found beside the effects of the gears, some of which are left out: robot and fmu have all"
+        run.console.say(f"export: {target} has {words}")
     paths = tuple(path for label, model in models.items() for path in write(folder / file_name(label), model))
     warn_of_distrust(run, "export", result)
     return _reported(run, paths)

@@ -27,7 +27,7 @@ from elastid.report.page.page_of_use import html_of_answer
 from elastid.store.files import changed_texts, keep_checksums, write_rows
 from elastid.study import load
 from elastid.study.fleet import Fleet, Member
-from elastid.validation.fleet import FleetValue, find_changes, find_spreads
+from elastid.validation.fleet import FleetValue, find_changes
 
 MEMBERS = "members"
 # Files written next to the members' folders.
@@ -64,7 +64,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         table, values = _write_table(folder, rows), _values(rows)
         findings = find_changes(values, fleet.false_discovery_rate)
         units = {row["parameter"]: row["unit"] for row in rows}
-        answer = answer_of_fleet(fleet.name, find_spreads(values), findings, outcomes, fleet.false_discovery_rate)
+        answer = answer_of_fleet(fleet.name, findings, outcomes, fleet.false_discovery_rate)
         html = partial(html_of_answer, answer, software())
         page = write_page(html, drawings_of_fleet(values, units, findings), folder, ("png",), name="fleet.html")
         keep_checksums(folder, WRITTEN)

@@ -18,7 +18,6 @@ from elastid.app.logs_of_robot import MAX_SAMPLES, ONE_STATE, angles_of, in_orde
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line
-from elastid.experiment.specs.channels import MOTIONS
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.channel_guess import (
     ChannelGuess,
@@ -202,17 +201,10 @@ def _clock(log: Log) -> Clock:
 
 
 def _no_guess(path: Path, signals: Sequence[ChannelGuess]) -> str:
-    count = len(signals)
-    if signals and all(each.quantity in MOTIONS for each in signals):
-        return (
-            f"{path}: all {count} signals that change in it are motions by their names or units, and none a force or "
-            "torque, without which there is no response; log that of the hammer, the shaker or the motors too"
-        )
-    if count < 2:
-        return f"{path}: no two signals of one length change in it; `elastid inspect {path}` shows its content"
+    named = ", ".join(f"{each.name} ({each.quantity or 'unknown'})" for each in signals[:8]) or "none"
     return (
-        f"{path}: {count} signals change in it, and no names say which are torques and which motions; begin with "
-        "`elastid new --template recorded` and name them, or give the log headings such as tau_1 and q_1"
+        f"{path}: no names and units say which signals are torques (of motors, hammer or shaker) and which motions; "
+        f"log both, under headings such as tau_1 and q_1. Those that change in it: {named}"
     )
 
 

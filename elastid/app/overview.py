@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from elastid.app.stage_table import stages_of_study
 from elastid.base.display import columns
-from elastid.excitation.spec import MultisineSpec, planned_lines
-from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.excitation.spec import planned_lines
 from elastid.fit.parameter_choice import choose
 from elastid.fit.tolerances import with_tolerances
 from elastid.study import Study
@@ -18,8 +18,9 @@ def overview(study: Study) -> str:
         parts = [_robot(study), _friction(study)]
     else:
         about = [_structure(study)] if study.robot is None else [_robot(study), _unknowns(study)]
-        parts = [*about, _experiments(study), _plan_of_work(study)]
-    return "\n\n".join("\n".join(part) for part in parts)
+        parts = [*about, _experiments(study)]
+    stages = f"stages: {', '.join(stages_of_study(study))}"
+    return "\n\n".join(["\n".join(part) for part in parts] + [stages])
 
 
 def _robot(study: Study) -> Iterator[str]:
@@ -31,7 +32,6 @@ def _robot(study: Study) -> Iterator[str]:
         f"  {bodies}, {joints}, of which {len(robot.driven)} driven "
         f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
     )
-    yield from _nonlinear(study)
     coordinates = _plural(len((*robot.joints, *robot.flexible)), "coordinate")
     loops = (
         f", {_plural(len(robot.loops), 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
@@ -41,21 +41,14 @@ def _robot(study: Study) -> Iterator[str]:
     carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
     yield f"  {coordinates}{loops}, {formulation} model{variant}{carried}"
     motors = ((joint.name, joint.motor) for joint in robot.driven)
-    if riding := [f"{name} on {motor.on}" for name, motor in motors if motor is not None and motor.on]:
-        yield f"  motors that ride on bodies: {', '.join(riding)}"
-    if robot.gears:
-        yield f"  coupled gears: {', '.join(f'motor {gear.motor} with joint {gear.joint}' for gear in robot.gears)}"
-
-
-def _nonlinear(study: Study) -> Iterator[str]:
-    springs = {joint.name: joint.spring for joint in study.as_robot().joints if joint.spring is not None}
-    if bent := [name for name, spring in springs.items() if not spring.is_linear]:
-        yield f"  nonlinear springs: {', '.join(bent)}; the fit uses their tangent under gravity"
-    if gaps := [f"{name} (+-{spring.backlash:.3g})" for name, spring in springs.items() if spring.backlash is not None]:
-        yield f"  backlash: {', '.join(gaps)}; take configurations in which gravity loads these joints"
-    for compensator in study.as_robot().compensators:
-        kind = "coil" if compensator.coil is not None else "gas spring"
-        yield f"  compensator {compensator.name}: {kind} from {' to '.join(end.body for end in compensator.ends)}"
+    for what, names in (
+        ("motors that ride on bodies", [f"{name} on {motor.on}" for name, motor in motors if motor and motor.on]),
+        ("coupled gears", [f"motor {gear.motor} with joint {gear.joint}" for gear in robot.gears]),
+        ("nonlinear springs", [each.name for each in robot.joints if each.spring and not each.spring.is_linear]),
+        ("compensators", [compensator.name for compensator in robot.compensators]),
+    ):
+        if names:
+            yield f"  {what}: {', '.join(names)}"
 
 
 def _structure(study: Study) -> Iterator[str]:
@@ -109,38 +102,12 @@ def _experiments(study: Study) -> Iterator[str]:
     factors[1:1] = [_plural(L, "amplitude")] if L > 1 else []
     yield f"{_plural(Q * L * M * E, 'experiment')}: {' x '.join(factors)}"
     if excitation is not None:
-        yield from _run(experiment, excitation, study.seed or 0, Q * L * M * E)
-
-
-def _run(experiment: ExperimentSpec, excitation: MultisineSpec, seed: int, runs: int) -> Iterator[str]:
-    periods = experiment.periods + experiment.transient_periods
-    duration = periods * excitation.period + 2 * (experiment.ramp + experiment.hold)
-    lines, (low, high) = planned_lines(excitation, seed), excitation.band_hz
-    yield (
-        f"  {_plural(periods, 'period')} of {excitation.period:g} s ({experiment.transient_periods} of transient), "
-        f"{runs * duration:g} s in all; {len(lines.excited)} {excitation.grid} lines from {low:g} to {high:g} Hz"
-    )
-    if experiment.simulated is not None and experiment.simulated.carrier is None:
-        yield "  the robot rests in each configuration: sticking friction then looks like stiffness"
-
-
-def _plan_of_work(study: Study) -> Iterator[str]:
-    first = {
-        "simulated": "design, simulate the experiments, estimate the responses",
-        "recorded": "import the logs, estimate the responses",
-        "responses": "import the responses",
-    }[study.experiment.kind]
-    if study.robot is None:
-        yield f"will {first} in {study.estimator.quantity} per input, find their modes, write the report"
-        return
-    left_out = study.validation.left_out
-    judged = f"judge it on {', '.join(left_out)}, not fitted" if left_out else "judge it on the fitted configurations"
-    judged = f"lay its gears open, {judged}" if study.gears is not None else judged
-    log_first = "logarithmic criterion first, then " if study.fit.log_first and study.fit.criterion != "log" else ""
-    yield (
-        f"will {first} in {study.estimator.quantity}, fit from {_plural(study.fit.starts, 'start')} "
-        f"({log_first}{study.fit.criterion}), {judged}, write the report"
-    )
+        periods, lines = experiment.periods + experiment.transient_periods, planned_lines(excitation, study.seed or 0)
+        low, high = excitation.band_hz
+        yield (
+            f"  {_plural(periods, 'period')} of {excitation.period:g} s ({experiment.transient_periods} of transient); "
+            f"{len(lines.excited)} {excitation.grid} lines from {low:g} to {high:g} Hz"
+        )
 
 
 def _friction(study: Study) -> Iterator[str]:
@@ -149,8 +116,6 @@ def _friction(study: Study) -> Iterator[str]:
     yield f"friction of joint{'s' if len(joints) > 1 else ''} {', '.join(joint.name for joint in joints)}"
     if recorded is not None:
         yield f"  {_plural(len(recorded.files), 'log file')}; passes are found in them, the rest is regressed"
-        if stated := [f"{file.path}: {file.speed:.4g}" for file in recorded.files if file.speed is not None]:
-            yield f"  speeds given (SI): {', '.join(stated)}"
     else:
         from elastid.design.friction import design_friction  # brings CasADi, which other overviews do not need
 
@@ -158,11 +123,6 @@ def _friction(study: Study) -> Iterator[str]:
         yield f"  {_plural(len(plan.motions), 'motion')}, {plan.robot_time_s / 60:.3g} min of the robot's time"
         yield from (f"  will be known: {sentence}" for sentence in plan.known)
         yield from (f"  will not be known: {sentence}" for sentence in plan.unknown)
-    yield ""
-    yield (
-        f"will {'import the logs' if recorded is not None else 'plan and simulate the motions'}, find the levels, "
-        "identify the law, write identified_robot.yml and the report"
-    )
 
 
 def _plural(number: int, noun: str, plural: str = "") -> str:

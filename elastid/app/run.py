@@ -16,7 +16,7 @@ from pkgutil import resolve_name
 from typing import Any
 
 from elastid.app.console import Console
-from elastid.app.stage_table import FRICTION, SIMULATED, Stage, stages_of, stages_of_study
+from elastid.app.stage_table import Stage, stages_of, stages_of_study
 from elastid.app.work import Work, handed_values, software
 from elastid.app.work import stamps as stamps_of
 from elastid.base.errors import StudyError
@@ -107,30 +107,14 @@ class Run:
         }  # fmt: skip
 
     def require_stage(self, name: str) -> None:
-        """Refuse a stage that this study, or its kind of study or experiment, does not have; StudyError."""
+        """Refuse a stage that this study does not have; StudyError."""
         if name in self.stages:
             return
-        self.study.as_robot()
-        of_friction = self.study.friction is not None
-        stages = stages_of(FRICTION if of_friction else SIMULATED)
-        if name not in stages:
-            raise StudyError(
-                "study/stage",
-                f"the study identifies {'friction' if of_friction else 'elasticity'}, which has no "
-                f"stage `{name}`; its stages are {', '.join(self.stages)}",
-                self.loaded.path,
-            )
-        if needed := stages[name].needs:
-            raise StudyError(
-                "study/stage",
-                f"`{name}` needs the section `{needed}` of the study; give {needed}: {{}}, all of "
-                "its keys have defaults",
-                self.loaded.path,
-            )
-        kind = {"responses": "frequency responses from elsewhere"}.get(self.study.experiment.kind, "recorded")
+        needed = next((each.needs for each in stages_of(self.study.kind).values() if each.name == name), "")
+        advice = f"; give it the section {needed}: {{}}, all of whose keys have defaults" if needed else ""
         raise StudyError(
             "study/stage",
-            f"the experiment is {kind}, there is nothing to {name}; the first stage is `{next(iter(self.stages))}`",
+            f"a study of kind {self.study.kind} has no stage `{name}`{advice}; its stages are {', '.join(self.stages)}",
             self.loaded.path,
         )
 

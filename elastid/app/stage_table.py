@@ -163,7 +163,7 @@ STAGES = (
         "design", (SIMULATED,), ("plan.h5",), "elastid.app.stages.design:design",
         values=(
             *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out"),
-            *values("estimator.quantity", "estimator.friction", "gears"), Value("fit", without=SEARCH),
+            *values("estimator.quantity", "estimator.friction"), Value("fit", without=SEARCH),
         ),
         files=earlier_measurements, patterns=("references/*.csv",),
     ),

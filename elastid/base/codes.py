@@ -119,7 +119,6 @@ CODES: Final[Mapping[str, str]] = {
     "records/quantised": "A channel has coarse steps.",
     "records/repaired": "Samples, periods or times of a log were mended from the other periods, and counted.",
     "records/same-signal": "Two channels are the same signal.",
-    "records/stopped": "The robot stopped during a record.",
     "records/text": "A text file cannot be read as a table of numbers.",
     "records/torque": "A measured torque is late or mirrored relative to its command.",
     "records/units": "A channel is probably in another unit or on the other side of the gear.",

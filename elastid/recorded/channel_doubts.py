@@ -18,14 +18,11 @@ from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpe
 from elastid.recorded.channel_guess import Doubt, doubts_by_names, guess_by_name
 from elastid.recorded.evidence import (
     MIN_CORRELATION,
-    WIDTHS,
-    correlation,
-    derivative,
     motion_relations,
     torque_relation,
     travel,
 )
-from elastid.recorded.link_side import link_side_factor, to_joints
+from elastid.recorded.link_side import link_side_factor, to_joints, value_refusals
 from elastid.robot import Joint, Robot
 
 
@@ -39,7 +36,6 @@ class DoubtLimits:
     max_factor: float = 0.1
     max_play: float = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
     max_turns: float = 4.0  # that no joint behind a gear makes
-    max_inertia: float = 1.5  # |log| of an inertia by torque and motion beyond those of the robot's file
     min_samples: int = 200
 
 
@@ -49,10 +45,7 @@ _UNUSUAL = ("arcmin", "arcsec", "mrad", "rev")  # that no log has, unless it say
 
 @dataclass(frozen=True)
 class JointSignals:
-    """Torque and motions of one joint in SI, link side, as a study reads them; places of channels in its list.
-
-    inertia: the least and the largest that the robot's file has for the joint, in any posture.
-    """
+    """Torque and motions of one joint in SI, link side, as a study reads them; places of channels in its list."""
 
     joint: Joint
     ratio: float
@@ -61,7 +54,6 @@ class JointSignals:
     motions: tuple[int, ...]
     channels: Sequence[ChannelSpec]
     signals: FloatArray
-    inertia: tuple[float, float]
 
     def order(self, i: int) -> int:
         """The derivative of the position that a motion is, as stated."""
@@ -92,22 +84,15 @@ def channel_doubts(
     channels: Sequence[ChannelSpec], values: FloatArray, rate_hz: float, robot: Places
 ) -> Iterator[Doubt]:
     """Doubts about channels of one rate from the values (n, c) of a log, as they stand in the file."""
-    constant = [i for i, x in enumerate(values.T) if not np.isfinite(x).any() or np.nanmax(x) == np.nanmin(x)]
-    moving = {channels[i].role for i in set(range(len(channels))) - set(constant)}
-    for i in constant:
-        # An input may rest while others act; a temperature and a reference may be constant.
-        if channels[i].role == "y" or (channels[i].role == "u" and "u" not in moving):
-            known = values[np.isfinite(values[:, i]), i]
-            state = f"is constant at {known[0]:g}" if known.size else "holds no finite number"
-            yield Doubt(i, "channel", f"{channels[i].name_in_file} {state}; check its name and its sensor")
+    constant = dict(value_refusals(channels, list(values.T)))
+    yield from (Doubt(i, "channel", f"{channels[i].name_in_file} {text}") for i, text in constant.items())
     by_names = list(doubts_by_names(channels))
     yield from by_names
     if by_names or constant or len(values) < LIMITS.min_samples or not isinstance(robot, Robot):
         return
     joints = _joints(channels, values, rate_hz, robot)
     too_far = [doubt for joint in joints for doubt in _travels(joint)]
-    others = too_far or list(_rate([doubt for joint in joints for doubt in _motions(joint)], rate_hz))
-    yield from others or [doubt for joint in joints for doubt in _inertias(joint)]
+    yield from too_far or _rate([doubt for joint in joints for doubt in _motions(joint)], rate_hz)
 
 
 def _joints(
@@ -117,50 +102,14 @@ def _joints(
     whole = [np.interp(rows, rows[k], x[k]) for x, k in zip(values.T, known, strict=True)]
     si = [x * link_side_factor(c, robot) for x, c in zip(whole, channels, strict=True)]
     signals = np.stack(si, axis=1) @ to_joints(channels, robot).T
-    result, inertia = [], _inertias_of_file(robot)
+    result = []
     for joint in robot.driven:
         places = (f"motor {joint.name}", f"joint {joint.name}")
         ours = [i for i, c in enumerate(channels) if c.at in places]
         torque = next((i for i in ours if channels[i].role == "u"), None)
         motions = tuple(i for i in ours if channels[i].role == "y")
-        own = robot.ratio(joint.name), rate_hz, torque, motions, channels, signals, inertia[joint.name]
-        result.append(JointSignals(joint, *own))
+        result.append(JointSignals(joint, robot.ratio(joint.name), rate_hz, torque, motions, channels, signals))
     return tuple(result)
-
-
-def _inertias_of_file(robot: Robot) -> dict[str, tuple[float, float]]:
-    """The least and the largest inertia of each driven joint, that of its motor alone to that of all that it moves."""
-    from elastid.model.rigid_body import inverse_dynamics  # brings CasADi, which reading logs does without
-
-    names, n = [joint.name for joint in robot.joints], len(robot.joints)
-    tau, theta = inverse_dynamics(robot), np.array([value for value, _ in robot.parameters().values()])
-    postures, inertia = np.random.default_rng(0).uniform(-np.pi, np.pi, (16, n)), dict[str, tuple[float, float]]()
-    none = np.zeros(n)
-    for joint in robot.driven:
-        unit = np.eye(n)[names.index(joint.name)]
-        moved = [float(unit @ (tau(q, none, unit, theta) - tau(q, none, none, theta)).full()[:, 0]) for q in postures]
-        motor = joint.motor.inertia * robot.ratio(joint.name) ** 2 if joint.motor is not None else 0.0
-        inertia[joint.name] = motor or min(moved), motor + max(moved)
-    return inertia
-
-
-def _inertias(joint: JointSignals) -> Iterator[Doubt]:
-    """A torque whose inertia is far from all that the robot's file has: another constant, unit or side."""
-    if joint.torque is None or not joint.motions or joint.inertia[0] <= 0:
-        return
-    i, turns = joint.motions[0], not joint.joint.slides
-    u, y = joint.signals[:, joint.torque], joint.signals[:, i]
-    relation, (low, high) = torque_relation(u, y, joint.order(i), joint.rate_hz, turns), joint.inertia
-    limit = float(np.exp(LIMITS.max_inertia))
-    if relation.is_joint and relation.inertial > LIMITS.max_gain and not low / limit < relation.inertia < high * limit:
-        name = joint.channels[joint.torque].name_in_file
-        text = (
-            f"torque {name} and motion {joint.channels[i].name_in_file} of joint {joint.joint.name} make an inertia of "
-            f"{relation.inertia:.3g} {'kg*m^2' if turns else 'kg'}, and the robot's file has {low:.3g} (motor) to "
-            f"{high:.3g}; check torque constant, unit, scale and side of {name}, and inertia and ratio of the motor in "
-            "the file"
-        )
-        yield Doubt(joint.torque, "scale", text)
 
 
 def _travels(joint: JointSignals) -> Iterator[Doubt]:
@@ -207,26 +156,8 @@ def _motions(joint: JointSignals) -> Iterator[Doubt]:
             yield Doubt(i, "sign", f"{text}{stated.correlation:.3f}); give one of them sign: -1")
         elif joint.is_against(a):
             yield _against(joint, joint.torque, a)
-    yield from _exchanged(joint)
     if not found and joint.motions and joint.is_against(joint.motions[0]):
         yield _against(joint, joint.motions[0], joint.motions[0])
-
-
-def _exchanged(joint: JointSignals) -> Iterator[Doubt]:
-    """A motion at the load that follows the torque where that of the motor does not: behind a spring it cannot."""
-    own = {joint.channels[i].at.partition(" ")[0]: i for i in joint.motions}
-    if joint.torque is None or len(own) < 2:
-        return
-    u, width = joint.signals[:, joint.torque], WIDTHS[0]
-    at = {
-        place: abs(
-            correlation(derivative(u, 0, 1.0, width), derivative(joint.signals[:, i], 2 - joint.order(i), 1.0, width))
-        )
-        for place, i in own.items()
-    }
-    if at["joint"] > LIMITS.max_stated_correlation > 2 * at["motor"]:
-        text = f"{joint.channels[own['joint']].name_in_file} follows the torque and"
-        yield Doubt(own["motor"], "at", f"{text} {joint.channels[own['motor']].name_in_file} does not: exchange them")
 
 
 def _against(joint: JointSignals, i: int | None, motion: int) -> Doubt:
@@ -240,10 +171,7 @@ def _of_gain(joint: JointSignals, a: int, b: int, gain: float, order: int, text:
     factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
     fitting = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= LIMITS.max_factor]
     for i, keys in sorted(fitting, key=lambda each: not each[1].startswith("side"))[:1]:
-        is_motor = keys == "side: motor" and joint.torque is not None and joint.channels[joint.torque].side == "link"
-        torque = joint.channels[joint.torque or 0].name_in_file
-        too = f"; as a rule the torque {torque} has side: motor then, too" if is_motor else ""
-        yield Doubt(i, keys.partition(":")[0], f"{text}: {keys} would make both agree{too}")
+        yield Doubt(i, keys.partition(":")[0], f"{text}: {keys} would make both agree")
     if not fitting and order == 0 and abs(np.log(gain)) > LIMITS.max_play:
         what = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
         yield Doubt(b, "scale", f"{text}: check {what}, and unit and scale of both")

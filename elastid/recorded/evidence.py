@@ -53,11 +53,6 @@ class TorqueRelation:
     inertia: float = 0.0
 
     @property
-    def is_joint(self) -> bool:
-        """True if it explains most of the torque, by a positive inertia and friction that takes power."""
-        return self.explained > MIN_EXPLAINED and self.inertial > 0 and self.dissipated > 0
-
-    @property
     def is_against_motion(self) -> bool:
         """True if it does so with the inertia negative or power out of friction, neither contradicted by the other."""
         low, high = sorted((self.inertial, self.dissipated))

@@ -42,10 +42,7 @@ class JointLimits:
     # Travel below which a joint is held by its controller, in m where it slides and in rad.
     held_travel_m: float = 1e-3
     held_travel_rad: float = 5e-3
-    max_turns: float = 4.0  # turns that no joint of a robot makes, but its motor does
-    # degC that no joint has, and such as only a very hot one has.
     impossible_degc: float = 150.0
-    hot_degc: float = 95.0
     min_part_s: float = 2.0  # of a motion between two gaps; shorter ones are hardly more than their ends
 
 
@@ -285,18 +282,10 @@ class _LogReader:
         return {joint.name: abs(float(torque)) for joint, torque in zip(self.robot.driven, held, strict=True)}
 
     def _moves(self, joint: Joint, positions: Mapping[str, FloatArray], signals: Signals) -> bool:
-        """True if it moves by more than its controller's errors; DataError for a position that only motors can have."""
+        """True if it moves by more than its controller's errors."""
         if joint.name not in positions or ("u", f"motor {joint.name}", "") not in signals:
             return False
         travel = float(np.ptp(positions[joint.name]))
-        ratio, turns = abs(self.robot.ratio(joint.name)), travel / (2 * np.pi)
-        if not joint.slides and min(turns, ratio) > LIMITS.max_turns:
-            raise DataError(
-                "records/units",
-                f"joint {joint.name} would turn {turns:.3g} times; its position is that of the motor, "
-                f"whose ratio is {ratio:.4g}: give that channel side: motor, or correct its unit",
-                self.path,
-            )
         return self.file.purpose in STILL or joint.name == self.file.joint or travel > self._held(joint)
 
     def _held(self, joint: Joint) -> float:
@@ -320,15 +309,11 @@ class _LogReader:
         if degrees is None:
             is_start = self.file.purpose == "warm_up"  # of the log, not of all its samples
             return None if is_start or self.file.temperature is None else np.full(n, float(self.file.temperature))
-        low, high = float(degrees.min()), float(degrees.max())
-        if high > LIMITS.hot_degc:
-            is_impossible = high > LIMITS.impossible_degc
-            unit, scale = ("K", "kelvin") if is_impossible and low > 200 else ("degF", "degrees Fahrenheit")
+        if float(degrees.max()) > LIMITS.impossible_degc:
             raise DataError(
                 "records/channels",
-                f"the temperature of joint {joint} is {low:.4g} to {high:.4g} degC, "
-                f"{'which no joint bears' if is_impossible else 'hotter than grease bears'}; if the thermometer is in "
-                f"{scale}, give that channel unit: {unit}",
+                f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which no joint bears; give that "
+                "channel its unit, K or degF",
                 self.path,
             )
         return degrees

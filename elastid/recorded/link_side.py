@@ -31,7 +31,8 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
     motors, signals = places.motor_locations, set[tuple[str, str, int]]()
     for i, channel in enumerate(channels):
         if channel.role == "d" and channel.at not in motors:
-            yield i, "at", _no_motor(channel.at, motors)
+            text = f"a known disturbance acts at a motor, not at '{channel.at}': {did_you_mean(channel.at, motors)}"
+            yield i, "at", text
         elif channel.role in ("r", "u", "reference") and channel.at not in motors:
             yield i, "at", f"no motor or input is called '{channel.at}'; {did_you_mean(channel.at, motors)}"
         else:
@@ -60,19 +61,6 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         first = next(i for i, channel in enumerate(channels) if channel.role == "r")
         text = f"channels with role r act at {', '.join(sorted(of['r']))}, those with role u at"
         yield first, "at", f"{text} {', '.join(sorted(of['u']))}; list r for every input or for none"
-
-
-def _no_motor(at: str, motors: Sequence[str]) -> str:
-    """Why a disturbance cannot act at a place that is no motor, and what can be done."""
-    own = "motor " + at.removeprefix("joint ")
-    if at.startswith("joint ") and own in motors:
-        then = f"where joint {at.removeprefix('joint ')} has no spring, give at: {own}, which is the same"
-    else:
-        then = f"give one of {', '.join(motors)} where its torque there is known"
-    return (
-        f"a known disturbance is added to the torque of a motor, and '{at}' is none: {then}; what acts behind a spring "
-        "or on a body is no input of the model: cut that time off with samples"
-    )
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -145,35 +133,32 @@ def check_values(
 
     may_rest: further roles of channels that may be constant.
     """
+    for i, text in value_refusals(channels, columns, may_rest):
+        raise DataError("records/values", f"{channels[i].full_name} {text}", path)
     still = []
     for channel, column in zip(channels, columns, strict=True):
         values = column[np.isfinite(column)]
-        if values.size == 0:
-            raise DataError(
-                "records/values",
-                f"{channel.full_name}: none of its {len(column)} samples is a finite number; check its name",
-                path,
-            )
-        if (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE:
-            raise DataError(
-                "records/values",
-                f"{channel.full_name} reaches {largest:.3g}, which no sensor gives; check its name, and the "
-                "log's placeholder for missing values",
-                path,
-            )
-        if np.ptp(values) > 0 or channel.role in ("d", "t", "reference", *may_rest):
-            continue
-        same_role = [x for c, x in zip(channels, columns, strict=True) if c.role == channel.role]
-        if channel.role == "y" or not any(np.nanmax(x) > np.nanmin(x) for x in same_role):
-            raise DataError(
-                "records/values",
-                f"{channel.full_name} is constant at {values[0]:g} over all {len(column)} samples; check its "
-                "sensor and its name in the file",
-                path,
-            )
-        text = f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment"
-        still.append(Note("records/not-excited", text))
+        if np.ptp(values) == 0 and channel.role in ("u", "r") and channel.role not in may_rest:
+            text = f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment"
+            still.append(Note("records/not-excited", text))
     return tuple(still)
+
+
+def value_refusals(
+    channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], may_rest: Collection[str] = ()
+) -> Iterator[tuple[int, str]]:
+    """Place and reason of each column (n,) that no sensor of its role gives; may_rest: roles that may be constant."""
+    known = [column[np.isfinite(column)] for column in columns]
+    moving = {channel.role for channel, x in zip(channels, known, strict=True) if np.any(x != x[:1])}
+    # An input may rest while others act.
+    resting = ("d", "t", "reference", *may_rest, *(moving - {"y"}))
+    for i, (channel, values) in enumerate(zip(channels, known, strict=True)):
+        if values.size == 0:
+            yield i, "holds no finite number; check its name"
+        elif (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE:
+            yield i, f"reaches {largest:.3g}, which no sensor gives; check its name, and how missing values are written"
+        elif np.ptp(values) == 0 and channel.role not in resting:
+            yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples; check its sensor and its name"
 
 
 def _own_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -232,18 +217,3 @@ def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_h
     own = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
     is_held = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
     return tuple(rate_hz / rate if held else 0.0 for held, rate in zip(is_held, own, strict=True))
-
-
-def check_holds(recorded: RecordedSpec, robot: Places) -> None:
-    """StudyError where gears mix torques of different holds, so that the torque of a joint has neither."""
-    torques = [channel for channel in recorded.channels if channel.role == "u"]
-    held = hold_samples(recorded, torques, 1.0)
-    for row in to_joints(torques, robot):
-        mixed = [torques[i] for i in np.flatnonzero(row)]
-        if len({held[torques.index(channel)] for channel in mixed}) > 1:
-            names = ", ".join(f"{channel.name_in_file} ({channel.hold or recorded.hold})" for channel in mixed)
-            raise StudyError(
-                "study/recorded",
-                f"gears couple the motors of the channels {names}, whose torques are held in different ways, so that "
-                "the torque of a joint has neither: log commands or measured torques for all of them, with one hold",
-            )

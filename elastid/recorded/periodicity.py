@@ -15,7 +15,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.recorded.repair import Finding, Log
+from elastid.recorded.repair import Finding, Log, flat
 from elastid.recorded.repair.time_stamps import CLOCK, at_times
 
 
@@ -105,9 +105,9 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
     n = len(x)
     if n < LIMITS.min_periods * lag or lag < 1 or known.size == 0:
         return _NONE
-    flat = without_ramps(x[:, None], lag)[:, 0] if n >= 2 * lag else _levelled(x, lag)
-    rho = autocorrelation(flat)
-    P = len(flat) // lag
+    level = flat(x, lag).ravel() if n >= 2 * lag else _levelled(x, lag)
+    rho = autocorrelation(level)
+    P = len(level) // lag
     stated = Repetition(0.0, float(lag), 0.0, _rest_is_noise(rho, lag, sign))
     for repeats in sorted({1, max(1, P // 2)}):
         middle = repeats * lag
@@ -118,14 +118,14 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
             # Estimators leave the first repetition out where it differs.
             if starts and n >= 3 * lag and (later := _repetition(x[lag:], lag, sign, starts=False)).is_as_stated:
                 return later
-            other = max((_anywhere(flat), _best(x)), key=lambda result: result.rank)
+            other = max((_anywhere(level), _best(x)), key=lambda result: result.rank)
             return replace(other, correlation=correlation)
     return stated
 
 
 def _best(x: FloatArray) -> Repetition:
     """The lag at which a signal (n,) repeats, with or without a drift."""
-    levelled = (x - np.nanmean(x), without_ramps(x[:, None], len(x))[:, 0])
+    levelled = (x - np.nanmean(x), flat(x, len(x)).ravel())
     best = max((_anywhere(signal) for signal in levelled), key=lambda result: result.rank)
     return _anywhere(_levelled(x, round(best.best_samples))) if best.best_samples else best
 
@@ -229,21 +229,6 @@ def autocorrelation(x: FloatArray) -> FloatArray:
     return np.asarray(np.nan_to_num(rho, posinf=0.0, neginf=0.0)[: n - n // 8], dtype=np.float64)
 
 
-def without_ramps(signals: FloatArray, block: int) -> FloatArray:
-    """Signals (n, c) without the mean and the slope of every whole block of samples (least squares, NaN left out)."""
-    n, c = signals.shape
-    X = signals[: n // block * block].reshape(-1, block, c)
-    t = np.broadcast_to(np.arange(block)[None, :, None] - (block - 1) / 2, X.shape)
-    known = np.isfinite(X)
-    count = np.maximum(known.sum(axis=1, keepdims=True), 1)
-    mean = np.where(known, X, 0.0).sum(axis=1, keepdims=True) / count
-    centred = np.where(known, t - np.where(known, t, 0.0).sum(axis=1, keepdims=True) / count, 0.0)
-    away = X - mean
-    spread = np.sum(centred**2, axis=1, keepdims=True)
-    slope = np.sum(centred * np.where(known, away, 0.0), axis=1, keepdims=True) / np.where(spread > 0, spread, 1.0)
-    return np.asarray((away - slope * centred).reshape(-1, c))
-
-
 NO_LINES = (
     "it does not repeat: there is no FRF of lines in it. With period: none the whole record is one transient, of which "
     "estimator.method local_rational, local_polynomial or h1 make a response where the torque has power"
@@ -316,8 +301,7 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         needed = "one period is" if half_wave else "two periods are"
         raise DataError(
             "records/period-mismatch",
-            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least "
-            f"{needed} needed{_half_wave_hint(excitation, N, half_wave, log) or _shorter(excitation, log)}",
+            f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {needed} needed. {NO_LINES}",
             path,
         )
     result = repetition(excitation, repeat, sign)
@@ -343,11 +327,10 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
             f"{problem}; it repeats every {_span(result.best_samples, log)} (correlation "
             f"{result.best_correlation:.3f}): correct the period or the rate",
         )
-    hint = _half_wave_hint(excitation, 2 * repeat, half_wave, log)
     raise DataError(
         "records/period-mismatch",
-        f"{problem}, nor at any other lag (best correlation {result.best_correlation:.3f}){hint}; with a period "
-        f"elastid needs a periodic excitation{'' if hint else f'; {NO_LINES}'}",
+        f"{problem}, nor at any other lag (best correlation {result.best_correlation:.3f}); with a period "
+        f"elastid needs a periodic excitation; {NO_LINES}",
     )
 
 
@@ -381,20 +364,6 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
     shift = shifts.pop()
     across = lags.index(shift) * L
     return shift, across + N if lags[0] == 0 else starts[len(lags) - 1 - lags[::-1].index(shift)] + L
-
-
-def _shorter(excitation: FloatArray, log: Log) -> str:
-    period = find_period(excitation).best_samples
-    return f". It repeats every {_span(period, log)}: correct the period or the rate" if period else f", and {NO_LINES}"
-
-
-def _half_wave_hint(excitation: FloatArray, N: int, half_wave: bool, log: Log) -> str:
-    if half_wave or N % 2 or len(excitation) < N or not repetition(excitation[:N], N // 2, sign=-1).is_as_stated:
-        return ""
-    return (
-        f". The second half of {_span(N, log)} is minus the first: with period_samples: {N} and "
-        "half_wave: true one period is enough"
-    )
 
 
 def _span(samples: float, log: Log) -> str:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.recorded.periodicity import LIMITS, grid_samples, repetition
+from elastid.recorded.periodicity import LIMITS, grid_samples
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.converter import find_clipping, find_steps
 from elastid.recorded.repair.masks import without_spikes, without_standstill, without_stops
@@ -36,7 +36,7 @@ def repair(
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)
     start = _in_whole_samples(signals, period, N, L)
-    going = without_stops(start.signals, roles, L, lambda x: repetition(x, L, sign).is_as_stated, log)
+    going = without_stops(start.signals, roles["u"], L, log)
     moving = without_standstill(going.signals, L, log)
     clock = _at_the_clock(moving.signals, drivers, N, log)
     check(clock.signals[:, drivers])

@@ -21,7 +21,6 @@ from elastid.recorded.evidence import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, is_single, naming, rows_of
 from elastid.recorded.link_side import (
     channel_refusals,
-    check_holds,
     disturbances,
     hold_samples,
     link_side_factor,
@@ -49,7 +48,6 @@ class RecordedRig:
         checked_configurations(self.spec, self.robot)
         _check_files(self.spec, self._recorded, self.base)
         _check_channels(self._recorded.channels, self.robot)
-        check_holds(self._recorded, self.robot)
         for file in self._recorded.files:
             samples = self._recorded.period_of(file)
             if self._recorded.half_wave and isinstance(samples, float) and samples % 2 == 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +14,7 @@ from elastid.report.figures.drawings import Drawing
 from elastid.report.figures.fit import fleet_parameter
 
 if TYPE_CHECKING:
-    from elastid.validation.fleet import Finding, FleetValue, Spread  # brings SciPy's statistics
+    from elastid.validation.fleet import Finding, FleetValue  # brings SciPy's statistics
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,8 @@ class Outcome:
         return f"{self.robot} on {self.date}"
 
 
-def answer_of_fleet(
-    title: str, spreads: Sequence[Spread], findings: Sequence[Finding], outcomes: Sequence[Outcome], rate: float
-) -> Answer:
-    """Three questions as on every page, findings, spreads, and every study; rate: false discovery rate."""
+def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[Outcome], rate: float) -> Answer:
+    """Three questions as on every page, findings, and every study; rate: false discovery rate."""
     n_robots, failed = len({each.robot for each in outcomes}), [each for each in outcomes if each.failed]
     robots = f"{n_robots} robot{'s' if n_robots > 1 else ''}"
     lost = f", not those of {', '.join(dict.fromkeys(each.robot for each in failed))}" if failed else ""
@@ -49,7 +48,7 @@ def answer_of_fleet(
         found = "; ".join(each.words for each in findings[:3])
         found += f"; and {len(findings) - 3} more." if len(findings) > 3 else "."
         advice = f"Look at {findings[0].parameter} of {findings[0].robot} first, and measure it again."
-    elif all(each.between_robots is None and each.between_dates is None for each in spreads):
+    elif max(n_robots, *Counter(each.robot for each in outcomes).values()) < 3:
         found = "3 robots, or 3 dates of one, would show which differences are natural; add members to the fleet."
     questions = (
         ("Are the numbers good?", (good,)),
@@ -66,13 +65,8 @@ def answer_of_fleet(
         )
         for each in findings
     ]
-    stds = [
-        (each.parameter, *(_std(std, each.is_relative) for std in (each.between_robots, each.between_dates)))
-        for each in spreads
-    ]
     tables = (
         Display("Findings", ("of", "finding", "change", "change / std", "chance"), changes),
-        Display("Spread beyond that of the fits (std)", ("parameter", "between robots", "between dates"), stds),
         Display(
             "Robots and dates",
             ("robot", "date", "status", "message"),
@@ -84,10 +78,6 @@ def answer_of_fleet(
         f"robots and dates; at most {percent(rate)} of them are chance (false discovery rate)."
     )
     return Answer(title, questions, tables if findings else tables[1:], (note,))
-
-
-def _std(std: float | None, is_relative: bool) -> str:
-    return "unknown" if std is None else percent(std) if is_relative else number(std, 2)
 
 
 def drawings_of_fleet(

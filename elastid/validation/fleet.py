@@ -112,19 +112,6 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Spread:
-    """Std of a parameter between robots and between dates beyond that of the fits, relative where it is positive.
-
-    None where there are fewer than three robots, or no robot has three dates.
-    """
-
-    parameter: str
-    is_relative: bool
-    between_robots: float | None
-    between_dates: float | None
-
-
-@dataclass(frozen=True)
 class _Excess:
     """Sum of squares beyond that of the fits, and its degrees of freedom."""
 
@@ -201,17 +188,6 @@ def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> t
     tests.sort(key=lambda finding: (finding.p, finding.parameter, finding.robot))
     is_discovery = discoveries(np.array([test.p for test in tests]), false_discovery_rate) if tests else ()
     return tuple(test for test, is_true in zip(tests, is_discovery, strict=True) if is_true)
-
-
-def find_spreads(values: Sequence[FleetValue]) -> tuple[Spread, ...]:
-    """Differences of robots and of dates, of each parameter."""
-    spreads = []
-    for each in _parameters(values):
-        dates = sum((s.about_line for s in each.series), _Excess())
-        robots = each.between_robots() if len(each.series) > 2 else _Excess()
-        between = [math.sqrt(excess.variance) if excess.dof else None for excess in (robots, dates)]
-        spreads.append(Spread(each.name, each.is_relative, *between))
-    return tuple(spreads)
 
 
 def _parameters(values: Sequence[FleetValue]) -> list[_Parameter]:

@@ -70,7 +70,7 @@ def test_a_hammer_test_without_its_force_is_refused(tmp_path: Path, capsys: pyte
         log = tmp_path / f"{n}.csv"
         np.savetxt(log, a[:, :n], delimiter=",", header=",".join(columns.split(",")[:n]), comments="")
         assert cli.run_command(["new", str(tmp_path / f"s{n}"), "--from", str(log)]) == code
-    assert "none a force or torque, without which there is no response" in capsys.readouterr().err
+    assert "no names and units say which signals are torques" in capsys.readouterr().err
     assert "# Not used" not in (tmp_path / "s3" / "study.yml").read_text()
 
 

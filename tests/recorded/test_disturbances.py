@@ -105,11 +105,8 @@ def test_a_reference_without_a_controller_is_a_note(tmp_path: Path) -> None:
     assert record.rate_hz == RATE
 
 
-@pytest.mark.parametrize(
-    ("at", "advice"),
-    [("joint 1", "has no spring, give at: motor 1, which is the same"), ("body arm z", "no input of the model")],
-)
-def test_a_disturbance_behind_the_motor_is_refused_with_what_to_do(at: str, advice: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("at", ["joint 1", "body arm z"])
+def test_a_disturbance_behind_the_motor_is_refused(at: str, tmp_path: Path) -> None:
     robot = "bodies: [{name: arm, joints: [{name: 1, axis: z, motor: {inertia: 1e-3, ratio: 50}}], inertia: 1}]"
     (tmp_path / "robot.yml").write_text(f"name: one\n{robot}\n")
     np.savetxt(tmp_path / "log.csv", np.random.default_rng(0).standard_normal((300, 3)), header="u,q,d", comments="")
@@ -119,6 +116,6 @@ def test_a_disturbance_behind_the_motor_is_refused_with_what_to_do(at: str, advi
         "      - {role: y, at: motor 1, channel: q, quantity: position}\n"
         f"      - {{role: d, at: {at}, channel: d}}\n    files:\n      - {{path: log.csv}}\n"
     )
-    with pytest.raises(StudyError, match=advice) as refused:
+    with pytest.raises(StudyError) as refused:
         load(tmp_path / "study.yml")
     assert "study.yml:10:" in str(refused.value)

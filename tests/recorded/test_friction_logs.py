@@ -70,14 +70,6 @@ def test_spikes_of_the_torque_are_taken_out(tmp_path: Path) -> None:
     assert read(tmp_path, FileSpec("clean.csv"))[0].notes == ()
 
 
-def test_the_motors_angle_as_that_of_the_joint_is_refused(tmp_path: Path) -> None:
-    """A joint that turns more than four times, with a gear."""
-    write_log(tmp_path / "log.csv", Q, U)
-    channels = (CHANNELS[0], replace(CHANNELS[1], side="link"))
-    with pytest.raises(DataError, match=r"would turn 12.7 times; its position is that of the motor, .* side: motor"):
-        read(tmp_path, FileSpec("log.csv"), channels=channels)
-
-
 def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
     write_log(tmp_path / "log.csv", 1e-4 * Q, U)
     with pytest.raises(DataError, match="no joint moves in it whose torque and position are logged"):

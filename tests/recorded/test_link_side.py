@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants.gears import wrist
 from plants.lab_logs import CHANNELS, RATE, measured, save_csv, study_of
 
-from elastid.base.errors import StudyError
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.rig import RecordedRig
 
 FIRST, SECOND, *MOTIONS = CHANNELS
 
@@ -44,17 +41,3 @@ def test_hold_is_a_key_of_torques_that_act() -> None:
     for channel in (MOTIONS[0], ChannelSpec("r", "motor 1", "r1")):
         with pytest.raises(ValueError, match=r"hold is of an acting torque \(role u\).*leave it out"):
             replace(channel, hold="zero-order")
-
-
-def test_gears_do_not_mix_torques_of_different_holds(tmp_path: Path) -> None:
-    """The torque of a joint would be half held; with one hold for all of them the rig is accepted."""
-    robot = wrist()
-    torques = tuple(ChannelSpec("u", f"motor {n}", f"t{n}", side="motor") for n in "456")
-    motions = tuple(replace(c, role="y", quantity="position", channel=f"q{c.at[-1]}") for c in torques)
-    (tmp_path / "log.csv").touch()
-    alike = study_of("log.csv", (*torques, *motions), hold="zero-order")
-    alike = replace(alike, configurations={"home": (0.0, 0.0, 0.0)})
-    RecordedRig(robot, alike, tmp_path)
-    mixed = (replace(torques[0], hold="band-limited"), *torques[1:], *motions)
-    with pytest.raises(StudyError, match=r"t4 \(band-limited\).*t5 \(zero-order\).*with one hold"):
-        RecordedRig(robot, replace(alike, recorded=replace(alike.as_recorded(), channels=mixed)), tmp_path)

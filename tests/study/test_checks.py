@@ -35,11 +35,11 @@ def refusals(study: Path, *overrides: str) -> list[str]:
 @pytest.mark.parametrize(
     ("overrides", "key", "message"),
     [
-        (["experiment.experiments=3"], "experiment.experiments", "an orthogonal set for 2 motors has 2"),
+        (["experiment.experiments=3"], "experiment.experiments", "to 2 for 2 motors"),
         (
             ["experiment.experiments=1", "estimator.method=arithmetic"],
             "experiment.experiments",
-            "estimator.method arithmetic needs at least 2",
+            "estimator.method arithmetic takes 2 to 2",
         ),
         (
             [
@@ -69,12 +69,12 @@ def refusals(study: Path, *overrides: str) -> list[str]:
         (
             ["estimator.friction=curve", f"{SIMULATED}.outputs=[motor 1, joint 2]"],
             "estimator.friction",
-            "motor 2 is not among the outputs; add to experiment.simulated.outputs",
+            "the motion of every motor",
         ),
         (
             ["estimator.friction=coulomb", "experiment.realisations=1", "excitation.grid=full"],
             "estimator.friction",
-            "give experiment.realisations: 2 or more",
+            "two realisations",
         ),
         (["validation.left_out=[a, b, c, d]"], "validation.left_out", "leave at least one to the fit"),
     ],
@@ -189,10 +189,10 @@ def test_files_and_channels_are_each_given_once(
 @pytest.mark.parametrize(
     ("kind", "channels", "period", "message"),
     [
-        ("recorded", CHANNELS, "2", "motor 2 is not among the outputs; give a channel of role y there"),
+        ("recorded", CHANNELS, "2", "the motion of every motor"),
         ("recorded", f"{CHANNELS}, {{role: y, at: motor 2, channel: y, quantity: position}}", "2", ""),
-        ("recorded", CHANNELS, "none", "a.csv is recorded without a period; give experiment.recorded.period"),
-        ("responses", CHANNELS, "", "take it out where they are estimated"),
+        ("recorded", CHANNELS, "none", "periodic records"),
+        ("responses", CHANNELS, "", "periodic records"),
     ],
 )
 def test_friction_that_cannot_be_found_in_the_data_is_refused_with_a_remedy(

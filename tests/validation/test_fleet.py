@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elastid.validation.fleet import FleetValue, find_changes, find_spreads
+from elastid.validation.fleet import FleetValue, find_changes
 
 
 def fleet(seed: int, robots: int, softened: float = 0.0, drift: float = 0.0) -> list[FleetValue]:
@@ -45,16 +45,6 @@ def test_a_gear_that_is_a_tenth_soft_is_named_among_robots_that_differ() -> None
     findings = [find_changes(natural(seed, softened=0.1), 0.05) for seed in range(100)]
     assert np.mean([any((f.robot, f.parameter) == ("r2", "k_1") for f in each) for each in findings]) >= 0.95
     assert np.mean([any(f.robot != "r2" for f in each) for each in findings]) <= 0.05
-
-
-def test_spreads_between_robots_and_dates_are_those_of_the_fleet() -> None:
-    """1.5 and 0.53 % of 60 robots, whatever the fits' own std; none can be said of two robots on one date."""
-    dates = (0.0, 60.0, 120.0, 180.0)
-    for spread in find_spreads(natural(3, days=dates, robots=60)):
-        assert spread.is_relative
-        assert spread.between_robots == pytest.approx(0.015, rel=0.3)
-        assert spread.between_dates == pytest.approx(0.0053, rel=0.2)
-    assert {(s.between_robots, s.between_dates) for s in find_spreads(natural(0, robots=2))} == {(None, None)}
 
 
 def test_two_dates_that_differ_as_dates_do_are_no_trend() -> None:

@@ -1,7 +1,7 @@
 """The study of a live identification, refused where live cannot measure it, and its folder: plans out, logs in.
 
 DIR/live/x1.h5: the plan of the first experiment; references/x1-r0-e0.csv: a run of it; logs/x1-r0-e0.csv, or of any
-other format that is read: its log; x1-fit.h5: the fit of all experiments so far; study.yml, robot.yml: the study of all
+other format that is read: its log; x1: the results of all experiments so far; study.yml, robot.yml: the study of all
 logs. What is there is whole: a killed command leaves nothing that the next has to undo.
 """
 
@@ -51,9 +51,9 @@ class LiveFolder:
         """The plan of an experiment, from 1."""
         return self.path / f"x{step}.h5"
 
-    def fit(self, step: int) -> Path:
-        """The fit of all experiments up to this one."""
-        return self.path / f"x{step}-fit.h5"
+    def results(self, step: int) -> Path:
+        """The folder of the results of all experiments up to this one."""
+        return self.path / f"x{step}"
 
     def log(self, run: Experiment) -> Path | None:
         """The log of a run; None until it is there. DataError where there are several."""
@@ -155,14 +155,18 @@ def require_one_robot_in_any_posture(study: Study, path: str) -> None:
     own = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
     offset = simulated.carrier is not None and simulated.carrier.kind == "offset"
     weighed = any(factor.configurations for factor in study.fit.weights.factors)
-    payload = "live measures all postures with the payload of the robot's file"
-    for is_wrong, text, place in (
-        (missing, f"live needs the position of {', '.join(missing)}; add it", "experiment.simulated.outputs"),
-        (offset, "live has none of constant velocity; take sine or square", "experiment.simulated.carrier"),
-        (study.fit.robots, "live identifies one robot; give each a study of its own", "fit.robots"),
-        (own, "live chooses the configurations, so that no groups are known", f"fit.parameters.{''.join(own[:1])}.per"),
-        (weighed, "live chooses the configurations; leave their names out of the factors", "fit.weights.factors"),
-        (study.experiment.without_payload, payload, "experiment.without_payload"),
+    for is_wrong, place in (
+        (missing, "experiment.simulated.outputs"),
+        (offset, "experiment.simulated.carrier"),
+        (study.fit.robots, "fit.robots"),
+        (own, f"fit.parameters.{''.join(own[:1])}.per"),
+        (weighed, "fit.weights.factors"),
+        (study.experiment.without_payload, "experiment.without_payload"),
     ):
         if is_wrong:
-            raise StudyError("live/study", text, place)
+            raise StudyError(
+                "live/study",
+                "live chooses the configurations of one robot itself, without a carrier of constant velocity, and "
+                "reads the position of every motor; leave this key out",
+                place,
+            )

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -19,9 +19,9 @@ from elastid.app.live.folder import (
     wait_until_whole,
     write_simulated_log,
 )
-from elastid.app.run import Run, logged_in, run_all
+from elastid.app.run import Run, carry_out, logged_in, run_all
 from elastid.app.stages.fit import TRUSTED
-from elastid.app.work import file_hash, hash_of
+from elastid.app.work import hash_of
 from elastid.app.work import stamps as stamps_of
 from elastid.base.display import degrees, number
 from elastid.base.errors import DataError, FitError, StudyError
@@ -34,24 +34,16 @@ from elastid.experiment.plan.movement import reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import Result
 from elastid.friction.robot_friction import coulomb_levels
-from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.places import on_shafts, shaft_couplings
-from elastid.nonlinear.take_out import estimate_without_friction
-from elastid.record import Record
 from elastid.recorded.planned_run import PlannedRun, contradiction
-from elastid.recorded.rig import RecordedRig
-from elastid.response import Response
 from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import EXACT
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import remove_leftovers
-from elastid.store.measured import read_plan, write_plan
-from elastid.store.results import read_fit, write_fit
+from elastid.store.measured import read_plan, read_responses, write_plan
+from elastid.store.results import read_fit
 from elastid.study import load
 from elastid.study.loading import study_data
 from elastid.use.draws import draw_robots, estimated_robot
@@ -96,8 +88,6 @@ class Session:
     goal: Goal
     folder: LiveFolder
     problem: DesignProblem
-    records: dict[str, Record] = field(default_factory=dict)
-    responses: dict[int, list[Response]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Run, asked: Asked) -> Session:
@@ -175,8 +165,7 @@ class Session:
         assert design is not None
         if not plans or design.noise.frf or design.noise.absolute is not None:
             return design
-        with self._execution("distortion") as execution:
-            measured = [r for r in self._responses(plans, execution) if r.distortion is not None]
+        measured = read_responses(self.folder.results(len(plans)) / "frf.h5")
         shares = [np.median(r.distortion.variance / np.abs(r.G) ** 2) for r in measured if r.distortion is not None]
         level = math.sqrt(np.mean(shares)) if shares else design.noise.distortion
         return replace(design, noise=replace(design.noise, distortion=level))
@@ -260,7 +249,7 @@ class Session:
         step, problem, logs = len(before) + 1, self._at(result), self.folder.path / "logs"
         logs.mkdir(exist_ok=True)
         missing = [run for run in plan.experiments if self.folder.log(run) is None]
-        if not missing and self._is_fitted([*before, plan]):
+        if not missing and any(run.is_current("fit") for run in self._runs([*before, plan])):
             return  # they were checked before that
         with self._execution(f"rehearsal of x{step}") as execution:
             rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
@@ -294,50 +283,23 @@ class Session:
             wait_until_whole(path)
         return path
 
-    def _fit_stamp(self, plans: Sequence[Plan]) -> Stamp:
-        """Of the fit of all logs of some plans, as they are."""
-        logs = [file_hash(path) for plan in plans for run in plan.experiments if (path := self.folder.log(run))]
-        return replace(self.stamp, inputs=hash_of([self.stamp.inputs, logs]))
-
-    def _is_fitted(self, plans: Sequence[Plan]) -> bool:
-        """True if the fit of all logs of some plans is there, and none has changed since."""
-        known = read_stamp(self.folder.fit(len(plans)))
-        return known is not None and known.is_of(self._fit_stamp(plans))
+    def _runs(self, plans: Sequence[Plan]) -> Iterator[Run]:
+        """Runs of all logs so far, from one start of the fit and, since that may end in a false valley, from all."""
+        study = self.folder.write_study(study_data(self.run.loaded.path, self.run.loaded.overrides), plans)
+        for starts in dict.fromkeys((1, self.problem.fit.starts)):
+            loaded = load(study, (f"fit.starts={starts}", "fit.profile=[]", "fit.bootstrap=0"))
+            yield replace(self.run, loaded=loaded, folder=self.folder.results(len(plans)))
 
     def _fitted(self, plans: Sequence[Plan]) -> Result:
         """The fit of all logs so far, kept until one of them changes."""
-        path = self.folder.fit(len(plans))
-        if self._is_fitted(plans):
-            return read_fit(path)
-        with self._execution(f"fit of {len(plans)} experiments") as execution:
-            responses = self._responses(plans, execution)
-            spec = replace(self.problem.fit, profile=(), bootstrap=0)
-            fit = partial(identify, responses, self.folder.robot, model=self.problem.model, execution=execution)
-            result = fit(replace(spec, starts=1))
-            if result.status not in TRUSTED and spec.starts > 1:  # a first start may end in a false valley
-                result = fit(spec)
-        write_fit(path, result, self._fit_stamp(plans))
+        for run in self._runs(plans):
+            for name in ("measure", "estimate", "fit"):
+                if not run.is_current(name):
+                    carry_out(run, name)
+            result = read_fit(run.path("fit"))
+            if result.status in TRUSTED:
+                break
         return result
-
-    def _responses(self, plans: Sequence[Plan], execution: Execution) -> list[Response]:
-        """One of each experiment, the friction of the motors taken out, as the stage `estimate` has them."""
-        if len(plans) in self.responses:
-            return self.responses[len(plans)]
-        robot, estimator = self.folder.robot, self.run.study.estimator
-        configurations = {c.name: tuple(c.angles.tolist()) for plan in plans for c in plan.configurations}
-        experiment = ExperimentSpec(configurations, recorded=self.folder.recorded(plans))
-        rig = RecordedRig(robot, experiment, self.folder.path)
-        new = [run for run in rig.experiments if run.name not in self.records]
-        self.records.update(zip((run.name for run in new), execution.ordered(rig.measure, new), strict=True))
-        E = shaft_couplings(robot)
-        records = [tuple(self.records[run.name] for run in plan.experiments) for plan in plans]
-        friction = None
-        if estimator.friction != "none":
-            friction = find_friction(
-                [[on_shafts(each, E) for each in own] for own in records], estimator, None, execution
-            )
-        self.responses[len(plans)] = [estimate_without_friction(own, friction, estimator, None, E) for own in records]
-        return self.responses[len(plans)]
 
     def _say_plan(self, proposal: NextExperiment, step: int) -> None:
         plan = proposal.plan

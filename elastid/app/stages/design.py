@@ -25,7 +25,6 @@ from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import Friction
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Configuration, Motion
 from elastid.response import Response
 from elastid.robot import Robot
@@ -47,7 +46,6 @@ def design(
     quantity: Motion,
     friction: Friction,
     left_out: tuple[str, ...],
-    gears: GearsSpec | None,
     files: Path,
     work: Work,
 ) -> Artefacts:
@@ -89,23 +87,11 @@ def design(
         else:
             console.table(forecast_table(forecast))
         console.notes(forecast.notes)
-        if gears is not None and len(excitation.levels) == 1:
-            console.say(f"design: {_second_amplitude(plan)}")
 
     def write(path: Path, stamp: Stamp) -> None:
         write_plan(path, plan, stamp, movements, limit_use, forecast)
 
     return Artefacts({"references": partial(_write_references, plan, movements, work), "plan.h5": write}, report)
-
-
-def _second_amplitude(plan: Plan) -> str:
-    """The proposal of a second amplitude where gears are laid open, with numbers to paste."""
-    rms = np.sqrt(np.sum(np.abs(plan.R) ** 2, axis=3) / 2).max(axis=(0, 1, 2))
-    levels = ", ".join(f"[{', '.join(f'{factor * torque:.3g}' for torque in rms)}]" for factor in (1.0, 0.5))
-    return (
-        "the gears are laid open at one amplitude, and their law is not tried at another; to see that it holds at half "
-        f"of it give torque_rms: [{levels}], with half the realisations for the same robot time"
-    )
 
 
 def _reference(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:

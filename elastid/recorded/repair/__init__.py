@@ -18,7 +18,6 @@ from elastid.base.errors import Note
 _CODES = {  # of findings that mend nothing
     "quantised channels": "records/quantised",
     "samples at a limit": "records/clipped",
-    "stops": "records/stopped",
 }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,8 @@ import numpy as np
 from elastid.base.errors import StudyError
 from elastid.base.names import posture_of
 from elastid.excitation.spec import planned_lines
-from elastid.experiment.specs.recorded import RecordedSpec
-from elastid.experiment.specs.simulated import SimulatedSpec, WarmingSpec
-from elastid.robot import Joint, Robot
+from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.robot import Joint
 from elastid.study.checks.names import check_names, check_units
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
@@ -29,19 +28,12 @@ def check_count(study: Study) -> Iterator[Problem]:
     given, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
     if given is None or experiment.simulated is None:
         return
-    if given > n_u:
-        yield Problem(
-            path,
-            f"{given} experiments in a realisation, but an orthogonal set for {n_u} motors has {n_u}; give {n_u} at "
-            "most, and more realisations instead",
-        )
     needed = estimator.experiments_needed(n_u, experiment.realisations)
-    if given < needed:
+    if not needed <= given <= n_u:
         yield Problem(
             path,
-            f"{given} experiments in each of {experiment.realisations} realisations, but estimator.method "
-            f"{estimator.method} needs at least {needed} to separate {n_u} motors; give {needed}, or take "
-            "estimator.method local_rational, local_polynomial or auto",
+            f"{given} experiments in each of {experiment.realisations} realisations; estimator.method "
+            f"{estimator.method} takes {needed} to {n_u} for {n_u} motors",
         )
     if excitation is None or given >= n_u or excitation.orthogonal == "zippered":
         return
@@ -116,14 +108,12 @@ def _angle_refusal(angle: float, joint: Joint, swing: float) -> str:
 
 
 def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
-    """Gains, a carrier in units of the joints, and temperatures that act; what else a rig needs its own stage says."""
+    """Gains, and a carrier in units of the joints; what else a rig needs its own stage says."""
     robot, carrier = study.as_robot(), simulated.carrier
     yield from _check_controller(study, simulated)
     if carrier is not None:
         yield from check_units((*_SIMULATED, "carrier", "amplitude"), carrier.amplitude, robot)
         yield from check_units((*_SIMULATED, "carrier", "velocity"), carrier.velocity, robot)
-    if simulated.warming is not None:
-        yield from _check_temperatures(robot, simulated.warming)
 
 
 def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
@@ -136,25 +126,6 @@ def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Proble
         joints = [joint.name for joint in study.as_robot().driven]
         for keys, refused in controller.gains.refusals(joints, study.excitation.rate_hz):
             yield Problem((*path, "gains", *keys), refused)
-
-
-def _check_temperatures(robot: Robot, warming: WarmingSpec) -> Iterator[Problem]:
-    """Temperatures act on some friction law, and leave each a stiction."""
-    if warming.temperature is None:
-        return
-    from elastid.friction.robot_friction import frictions  # brings CasADi, which few checks need
-
-    path: KeyPath = (*_SIMULATED, "warming", "temperature")
-    laws = [law for law in frictions(robot) if law.spec.temperature is not None]
-    if not laws:
-        message = "no friction of the robot depends on temperature; give a `temperature` to its friction, or drop this"
-        yield Problem(path, message)
-    for law in laws:
-        for temperature in warming.temperature:
-            try:
-                law.curve(0.0, temperature)
-            except ValueError as error:
-                yield Problem(path, str(error))
 
 
 def check_structure(study: Study) -> Iterator[Problem]:
@@ -199,56 +170,25 @@ def check_excitation(study: Study) -> Iterator[Problem]:
 
 def check_estimator(study: Study) -> Iterator[Problem]:
     """Records of periodic experiments with the motion of the motors, and more than one response explains."""
-    wanted, experiment = study.estimator.friction, study.experiment
+    wanted, experiment, motors = study.estimator.friction, study.experiment, study.places.motor_locations
     if wanted not in ("coulomb", "curve"):  # `auto` leaves friction alone where it cannot be found
         return
-    if experiment.responses is not None:
-        refusal = (
-            "responses from elsewhere have no records that show friction; take it out where they are estimated (list "
-            "their logs under experiment.recorded), or take none"
+    recorded, simulated, excitation = experiment.recorded, experiment.simulated, study.excitation
+    is_shown = False
+    if recorded is not None:
+        outputs = {channel.at for channel in recorded.channels if channel.role == "y"}
+        inputs = {channel.at for channel in recorded.channels if channel.role == "u"}
+        is_shown = inputs <= outputs and all(recorded.period_of(file) is not None for file in recorded.files)
+    elif simulated is not None:
+        count = experiment.realisations * experiment.runs(len(motors))
+        is_shown = count > len(motors) or excitation is None or excitation.grid != "full"
+        is_shown = is_shown and (not simulated.outputs or {*motors} <= {*simulated.outputs})
+    if not is_shown:
+        text = (
+            "friction is found where periodic records hold the motion of every motor with a torque, in more "
+            "experiments than one response explains (two realisations, or an odd grid); measure so, or take none"
         )
-    elif experiment.recorded is not None:
-        refusal = _refusal_of_logs(experiment.recorded)
-    else:
-        refusal = _refusal_of_rig(study, experiment.as_simulated())
-    if refusal:
-        yield Problem(("estimator", "friction"), f"{wanted}: {refusal}")
-
-
-def _refusal_of_rig(study: Study, simulated: SimulatedSpec) -> str:
-    motors, experiment, excitation = study.places.motor_locations, study.experiment, study.excitation
-    missing = [motor for motor in motors if simulated.outputs and motor not in simulated.outputs]
-    if missing:
-        return _refusal_of_outputs(missing, "add to experiment.simulated.outputs")
-    count = experiment.realisations * experiment.runs(len(motors))
-    if count > len(motors) or excitation is None or excitation.grid != "full":
-        return ""
-    return (
-        f"{count} experiments on a full grid agree with one response of {len(motors)} inputs whatever friction is; "
-        "give experiment.realisations: 2 or more, excitation.grid: odd, or take none"
-    )
-
-
-def _refusal_of_logs(recorded: RecordedSpec) -> str:
-    without = [file.path for file in recorded.files if recorded.period_of(file) is None]
-    if without:
-        return (
-            f"friction is found from differences between periodic experiments, and {without[0]} is recorded without a "
-            "period; give experiment.recorded.period (a time, or find), or take none"
-        )
-    inputs = dict.fromkeys(channel.at for channel in recorded.channels if channel.role == "u")
-    outputs = {channel.at for channel in recorded.channels if channel.role == "y"}
-    missing = [place for place in inputs if place not in outputs]
-    if missing:
-        return _refusal_of_outputs(missing, "give a channel of role y there in experiment.recorded.channels")
-    return ""
-
-
-def _refusal_of_outputs(missing: Sequence[str], how: str) -> str:
-    return (
-        f"friction is a function of the motors' own motion, and {', '.join(missing)} "
-        f"{'is' if len(missing) == 1 else 'are'} not among the outputs; {how}, or take none"
-    )
+        yield Problem(("estimator", "friction"), f"{wanted}: {text}")
 
 
 _DESIGN: KeyPath = ("design",)

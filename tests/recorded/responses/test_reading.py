@@ -359,7 +359,7 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
     assert (folder / "report.html").is_file()
     assert not (folder / "records.h5").exists()
     assert Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
-    with pytest.raises(StudyError, match="there is nothing to measure; the first stage is `estimate`"):
+    with pytest.raises(StudyError, match="has no stage `measure`"):
         run_all(run, ["measure"])
     again = elsewhere.with_name("again.yml")
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b.mat", "run/frf.h5")

@@ -19,7 +19,7 @@ from elastid.report.fleet import Outcome, answer_of_fleet
 from elastid.report.page.page import html, html_of_responses
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.report.page.page_of_use import html_of_answer
-from elastid.validation.fleet import FleetValue, find_changes, find_spreads
+from elastid.validation.fleet import FleetValue, find_changes
 
 # What a reader of the screen needs, as one sentence for each fault.
 FAULTS = """
@@ -116,7 +116,7 @@ def fleet(folder: Path) -> Path:
     values = tuple(FleetValue(robot, day, "k_2", value, 900.0) for robot, day, value in numbers)
     outcomes = tuple(Outcome(f"robot {i}", "2026-01-01", "converged", "cut short" if i else "") for i in range(6))
     findings = tuple(find_changes(values, false_discovery_rate=0.05))
-    answer = answer_of_fleet("A cell", find_spreads(values), findings, outcomes, 0.05)
+    answer = answer_of_fleet("A cell", findings, outcomes, 0.05)
     return written(folder, html_of_answer(answer, "us", []))
 
 

@@ -48,11 +48,10 @@ def test_what_cannot_be_excited_is_refused_with_what_would_fit(tiny: Path, overr
     assert len(str(refusal.value).splitlines()) == 1
 
 
-def test_the_overview_tells_lines_and_movement(tiny: Path) -> None:
+def test_the_overview_tells_lines(tiny: Path) -> None:
     """What `elastid check` prints."""
     plain = overview(load(tiny).study)
     assert "48 odd lines from 5 to 100 Hz" in plain
-    assert "the robot rests in each configuration" in plain
 
 
 def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_path: Path) -> None:
@@ -103,7 +102,7 @@ def test_a_section_that_no_stage_is_handed_is_refused(kind: str, studies: dict[s
     }
     used |= {"excitation"} if kind in ("recorded", "responses") else set()  # a remark on how the data were made
     used |= {"compare", "validation", "fit", "model"} if kind in ("simulated", "recorded", "responses") else set()
-    refused = {key for each in UNUSED if kind in each.kinds for key in each.keys}
+    refused = {key for kinds, keys in UNUSED if kind in kinds for key in keys}
     refused |= {"validation"} if kind.startswith("friction") else set()  # by its keys
     missing = {field.name for field in fields(Study)} - used - refused
     assert not missing - ({"estimator"} if kind == "frf-responses" else set())
