@@ -41,6 +41,7 @@ from typing import Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+from plants.gear_levels import find_gear_effects
 from plants.two_mass_gear import LINES, Gear, records, robot
 
 from elastid.base.arrays import FloatArray
@@ -49,7 +50,6 @@ from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.gear.choice import find_gear_effects
 from elastid.record import Record
 
 
@@ -111,7 +111,7 @@ def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
     spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0), starts=1)
     linear = identify([response], robot(replace(gear, k=1.5e5, d=80.0, f=20.0)), spec)
     began = time.process_time()
-    found = find_gear_effects([measured], [response], linear, robot(gear), SPEC, planned=LINES)
+    found = find_gear_effects([measured], [response], linear, robot(gear), SPEC, LINES)
     numbers = linear.parameters.as_dict(found.x)
     names = linear.parameters.free_names
     std = np.sqrt(np.diag(found.covariance))

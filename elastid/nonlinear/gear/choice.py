@@ -4,27 +4,19 @@ The normal equations of parameters and levels are summed up for each realisation
 found so far. Of the candidates, a group (a sine with its cosine) is added while it lowers V in realisations to which
 its levels were not fitted. Parameters, levels and motion are then found again, until no group is added. Levels below
 three of their standard deviations are left out.
-
-find_gear_effects: records, their responses and a fit -> what the gears do besides being springs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError
-from elastid.fit.result import Result
-from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
-from elastid.model.formulation import EXACT
-from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear.effects import GearEffect, Kind
-from elastid.nonlinear.gear.geometry import without_arm
 from elastid.nonlinear.gear.levels import (
     Levels,
     NormalEquations,
@@ -35,10 +27,9 @@ from elastid.nonlinear.gear.levels import (
     start_levels,
 )
 from elastid.nonlinear.gear.motion import estimate_motion
-from elastid.nonlinear.gear.period_lines import PeriodLines, drive_lines, elastic_joints, gather_lines
+from elastid.nonlinear.gear.period_lines import PeriodLines, drive_lines, elastic_joints
 from elastid.nonlinear.gear.straightness import find_bends
 from elastid.parameters import Parameters
-from elastid.record import Record
 from elastid.response import Response
 from elastid.robot import Robot
 
@@ -343,42 +334,6 @@ def held_out(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen
         step = np.linalg.lstsq(A / np.outer(size, size), b / size, rcond=1e-10)[0] / size
         V += float(sums.c[i] - 2 * sums.b[i][chosen] @ step + step @ sums.A[i][square] @ step)
     return V
-
-
-def find_gear_effects(
-    measured: Sequence[Iterable[Record]],
-    responses: Sequence[Response],
-    result: Result,
-    robot: Robot,
-    spec: EstimatorSpec,
-    *,
-    model: ModelSpec = EXACT,
-    planned: IntArray | None = None,
-    orders: Sequence[float] = ORDERS,
-) -> Levels:
-    """Effects that the records of all configurations show, with their levels and the parameters beside them.
-
-    measured, responses: of each configuration in one order, friction still in both.  result: the fit of these
-    responses.  The parameters of the fit move with the levels, from its optimum on; stiffnesses are those at zero
-    torque.  orders: of transmission errors and ripples, in turns of the motor.
-    Raises DataError for records without a period, without the angle of an excited motor, and of a robot without elastic
-    gears; StudyError as `analysed_lines` does.
-    """
-    linearisation = Linearisation.of_robot(robot, model, result.parameters.names)
-    if not elastic_joints(linearisation):
-        raise DataError(
-            "robot/no-spring",
-            f"robot {robot.name} has no driven joint with a spring in its gear: what gears do is found by "
-            "their springs",
-        )
-    data = [gather_lines(tuple(records), spec, planned) for records in measured]
-    drives = [
-        drive_lines(lines, linearisation, G, result.parameters, result.x)
-        for lines, G in zip(data, responses, strict=True)
-    ]
-    net = [without_arm(lines, drive, robot) for lines, drive in zip(data, drives, strict=True)]
-    bent = bent_gears(data, responses, robot)
-    return choose_effects(net, responses, linearisation, result.parameters, result.x, bent, orders)
 
 
 def bent_gears(data: Sequence[PeriodLines], responses: Sequence[Response], robot: Robot) -> set[str]:

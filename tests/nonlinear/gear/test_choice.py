@@ -11,7 +11,7 @@ from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.choice import _is_second, candidate_groups, find_gear_effects
+from elastid.nonlinear.gear.choice import _is_second, candidate_groups
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import Levels, start_levels
 from elastid.nonlinear.gear.period_lines import gather_lines
@@ -21,6 +21,7 @@ from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from tests.nonlinear.gear.test_levels import SPEC, linear_fit
 from tests.nonlinear.gear.test_period_lines import record
+from tests.plants.gear_levels import find_gear_effects
 from tests.plants.geared_arms import measure, parallel_linkage
 from tests.plants.two_mass_gear import LINES, Gear, records, robot
 
@@ -29,7 +30,7 @@ def found(gear: Gear, substeps: int = 6) -> tuple[Levels, dict[str, float]]:
     """What is chosen, and the numbers of the model beside it."""
     measured = records(gear, substeps=substeps)
     response, linear = linear_fit(gear, measured)
-    levels = find_gear_effects([measured], [response], linear, robot(gear), SPEC, planned=LINES)
+    levels = find_gear_effects([measured], [response], linear, robot(gear), SPEC, LINES)
     return levels, linear.parameters.as_dict(levels.x)
 
 
@@ -143,7 +144,7 @@ def test_friction_on_both_sides_is_found_on_a_parallel_linkage() -> None:
     response = estimate(measured, SPEC, LINES)
     spec = FitSpec(parameters={key: ParameterSpec() for key in arm.free}, weights=WeightSpec(floor=0.0), starts=1)
     linear = identify([response], arm.robot, spec)
-    levels = find_gear_effects([measured], [response], linear, arm.robot, SPEC, planned=LINES)
+    levels = find_gear_effects([measured], [response], linear, arm.robot, SPEC, LINES)
     numbers, true = linear.parameters.as_dict(levels.x), arm.robot.parameters()
     for joint in ("2", "3"):
         assert numbers[f"k_{joint}"] == pytest.approx(true[f"k_{joint}"][0], rel=3e-3)
@@ -161,8 +162,8 @@ def test_robots_without_elastic_gears_and_records_without_a_period_are_refused()
     response, linear = linear_fit(Gear(), measured)
     rigid = Robot("rigid", (Body("link", joints=(Joint("1", "z", motor=Motor(1e-3, 100.0)),), inertia=1.0),))
     with refused("robot/no-spring"):
-        find_gear_effects([measured], [response], linear, rigid, SPEC, planned=LINES)
+        find_gear_effects([measured], [response], linear, rigid, SPEC, LINES)
     noise = record()
     endless = [replace(noise, period_samples=noise.n_samples, is_periodic=False)]
     with refused("gears/records", place="configuration a"):
-        find_gear_effects([endless], [response], linear, robot(Gear()), SPEC, planned=LINES)
+        find_gear_effects([endless], [response], linear, robot(Gear()), SPEC, LINES)
