@@ -148,11 +148,11 @@ class Directions:
 
 @section
 class MeasuredRange:
-    """Ranges in which a friction law was measured; simulation beyond them is reported."""
+    """Ranges in which a friction law was measured."""
 
     # fmt: off
     speed: Annotated[tuple[JointVelocity, JointVelocity] | None, Key("Lowest and highest measured speed, without sign.",
-        "of all passes used; simulation beyond it is extrapolated and says so.")] = None
+        "of all passes used; the law is extrapolated beyond it.")] = None
     load: Annotated[tuple[JointTorque, JointTorque] | None, Key("Lowest and highest measured load on the joint, "
         "without sign.", "of postures and payloads together, as torque about the joint.")] = None
     temperature: Annotated[tuple[Temperature, Temperature] | None, Key("Lowest and highest measured temperature.",
@@ -166,14 +166,6 @@ class MeasuredRange:
                 raise ValueError(f"measured: {name} is [{ends[0]:g}, {ends[1]:g}]; give [lowest, highest]")
             if ends is not None and name != "temperature":
                 require_not_negative(f"measured: {name}", ends[0])
-
-    def beyond(self, name: str, lowest: float, highest: float) -> bool:
-        """True if `speed`, `load` or `temperature` from lowest to highest leaves the range, by more than rounding."""
-        ends = getattr(self, name)
-        if ends is None:
-            return False
-        slack = 1e-9 * max(abs(ends[0]), abs(ends[1]))
-        return bool(lowest < ends[0] - slack or highest > ends[1] + slack)
 
 
 @section

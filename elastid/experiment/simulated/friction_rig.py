@@ -26,7 +26,7 @@ from elastid.experiment.plan.friction import (
     pass_time,
     planned_pass,
 )
-from elastid.experiment.simulated.hardware import Noise, draw_noise, drifting, extrapolated, loads_of
+from elastid.experiment.simulated.hardware import Noise, draw_noise, drifting, loads_of
 from elastid.experiment.simulated.plant import Plant, model_of, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import ControllerSpec, HeatSpec, SimulatedSpec
@@ -243,13 +243,7 @@ class SimulatedFrictionRig:
         self, run: FrictionRun, trajectory: Trajectory, noise: Noise, temperature: FloatArray | None
     ) -> FrictionRecord:
         motion, path, i = run.motion, run.path, run.index
-        contacts, T = run.plant.loop.contacts, run.temperature
-        loads = loads_of(contacts, run.plant.model.robot, run.point)
-        temperatures = () if T is None else (float(T.min()), float(T.max()))
-        notes = (
-            *_torque_notes(trajectory.u[:, i], run.plant, i, motion.name),
-            *extrapolated(contacts, trajectory.q, self.plan.rate_hz, loads, temperatures),
-        )
+        notes = _torque_notes(trajectory.u[:, i], run.plant, i, motion.name)
         first = motion.period_samples or 0 if motion.purpose == "at_rest" else 0
         planned = motion.planned
         return FrictionRecord(

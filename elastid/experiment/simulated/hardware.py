@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import Note, StudyError
+from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.specs.simulated import (
     EncoderRippleSpec,
@@ -227,40 +227,6 @@ def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[fl
         held = 0.0 if joint.spring is None else joint.spring.stiffness * point.q[index]
         loads.append(float(abs(point.u[driven.index(name)] if name in driven else held)))
     return loads
-
-
-def extrapolated(
-    contacts: Contacts, q: FloatArray, rate_hz: float, loads: Sequence[float], temperatures: Sequence[float]
-) -> tuple[Note, ...]:
-    """A note for every friction law that a run q (n, n_q) takes beyond the range in which its numbers were measured.
-
-    loads: of each law in Nm, link side.  temperatures: degC that the run has, none where it has no temperature.
-    """
-    fastest = np.abs(np.diff(q @ contacts.P, axis=0)).max(axis=0, initial=0.0) * rate_hz
-    notes = []
-    for law, speed, load in zip(contacts.laws, fastest.tolist(), loads, strict=True):
-        measured = law.spec.measured
-        if measured is None:
-            continue
-        torque, velocity = ("N", "m/s") if law.slides else ("N*m", "rad/s")
-        # A reversing motion passes every lower speed.
-        slowest = max(0.0, measured.speed[0]) if measured.speed is not None else 0.0
-        ranges = [
-            ("speed", slowest, max(slowest, speed * law.scale), velocity),
-            ("load", abs(load) / law.scale, abs(load) / law.scale, torque),
-        ]
-        if temperatures:
-            ranges.append(("temperature", min(temperatures), max(temperatures), "degC"))
-        for name, lowest, highest, unit in ranges:
-            if measured.beyond(name, lowest, highest):
-                ends = getattr(measured, name)
-                reached = lowest if lowest < ends[0] else highest
-                text = (
-                    f"its friction was measured at a {name} of {ends[0]:.4g} to {ends[1]:.4g} {unit}, and the run goes "
-                    f"to {reached:.4g} {unit}: the law is extrapolated; stay inside, or measure there"
-                )
-                notes.append(Note("experiment/simulated", text, law.place))
-    return tuple(notes)
 
 
 def filter_motions(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:

@@ -18,10 +18,8 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.hardware import (
     Noise,
     draw_noise,
-    extrapolated,
     filter_motions,
     friction_of_a_run,
-    loads_of,
     logged_quantity,
     sense,
     sense_movement,
@@ -103,14 +101,11 @@ class SimulatedRig:
     def measure(self, experiment: Experiment) -> Record:
         """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
         run = self._prepared(experiment)
-        plant, spec, trajectory = run.plant, self.simulated, self._moved(run, 1.0, self._end)
-        warming = None if spec.warming is None else spec.warming.temperature
-        loads = loads_of(plant.loop.contacts, plant.model.robot, run.point)
+        plant, trajectory = run.plant, self._moved(run, 1.0, self._end)
         notes = (
             *_clipped(trajectory.u[self.measured], plant, experiment),
             *_exceeded(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
             *_opened(plant.model, trajectory),
-            *extrapolated(plant.loop.contacts, trajectory.q, self.plan.rate_hz, loads, warming or ()),
         )
         return self._record(run, trajectory, notes)
 

@@ -40,7 +40,6 @@ from elastid.robot import (
     LoadDependence,
     LuGre,
     MaxwellSlip,
-    MeasuredRange,
     Motor,
     Robot,
     Spring,
@@ -327,20 +326,3 @@ def test_with_friction_the_response_tends_to_the_linear_one_with_friction_over_a
     errors = [departure(robot(level), 60.0, none, carrier=carrier, substeps=4)[1] for level in (0.02, 0.01, 0.005)]
     rates = np.log2([errors[0] / errors[1], errors[1] / errors[2]])
     np.testing.assert_allclose(rates, 1.0, atol=0.25)
-
-
-def test_a_run_beyond_the_measured_range_of_its_friction_says_so() -> None:
-    """Speed, load and temperature, each with the range and where the run goes; inside the range nothing."""
-    wide = MeasuredRange((0.0, 1e4), (0.0, 1e4), (0.0, 100.0))
-    narrow = MeasuredRange((0.0, 1e-3), (0.0, 1e-6), (30.0, 50.0))
-    warming = WarmingSpec(60.0, 0.5, 30.0, (20.0, 60.0))
-    said = []
-    for measured in (wide, narrow):
-        friction = Friction(0.1, load=LoadDependence(0.02), measured=measured)
-        simulated = rig(arm(friction=friction), SimulatedSpec(warming=warming), runs=1)
-        record = simulated.measure(simulated.experiments[0])
-        said.append([str(note) for note in record.notes if note.code == "experiment/simulated"])
-    assert said[0] == []
-    assert [text.split(" at a ")[1].split(" of ")[0] for text in said[1]] == ["speed", "load", "temperature"]
-    assert all(text.startswith("motor ") and "extrapolated" in text for text in said[1])
-    assert "30 to 50 degC, and the run goes to 20 degC" in said[1][2]
