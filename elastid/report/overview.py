@@ -1,10 +1,8 @@
 r"""The first screen of the page as values: verdict, width of each interval, where the model fails, what to do next.
 
-.. math:: \Sigma' = \Sigma - \Sigma e_p e_p^T \Sigma / (\Sigma_{pp} + \sigma_p^2), \qquad
-          \sigma_p'^2 = \sigma_p^2 / (1 + s_{qp} (m - 1))
+.. math:: \sigma_p'^2 = \sigma_p^2 / (1 + s_{qp} (m - 1))
 
-for a prior of standard deviation sigma_p, and for m times the experiments in a configuration q that holds the share
-s_qp of the information about p.
+for m times the experiments in a configuration q that holds the share s_qp of the information about p.
 """
 
 from __future__ import annotations
@@ -246,10 +244,8 @@ class Advice:
     """Thresholds of the advice on the first screen; none was measured."""
 
     actions: int = 3
-    # Relative standard deviation of the prior that is weighed.
+    # Relative standard deviation of the prior of a number that explains the residuals.
     prior_std: float = 0.05
-    # Share by which a prior must narrow an interval.
-    gain: float = 0.1
     # Half-width of an interval that needs no further measurement.
     half_width: float = 0.005
 
@@ -279,7 +275,7 @@ def next_steps(result: Result, rows: Sequence[ParameterRow], plan: Plan | None =
     if result.status == "model_error" and any(index.place == 1 and not index.members for index in result.indices):
         candidates.reverse()  # a reading of the channels says more than to check them
     if poor is not None and half_width(poor) > ADVICE.half_width and not is_wrong(result):
-        candidates += [_of_prior(result, poor), None if result.exceeds_noise else _of_experiments(result, plan, poor)]
+        candidates.append(None if result.exceeds_noise else _of_experiments(result, plan, poor))
     actions = [action for action in candidates if action is not None]
     if is_wrong(result):
         last = Action(
@@ -328,31 +324,6 @@ def _of_residuals(result: Result) -> Action | None:
         return Action("Measure at half the torque, too, to learn what the residuals are.", gain)
     advice = "Declare further joints as elastic, and let the search find those that the data show."
     return Action(advice, "No number that was held explains the residuals.", "elastid compare STUDY --search")
-
-
-def _of_prior(result: Result, poor: ParameterRow) -> Action | None:
-    """The other number whose prior would narrow the widest one most; only of positive ones, whose prior is relative."""
-    names = result.parameters.free_names
-    covariance, i = result.covariance, names.index(poor.name)
-    variance = float(covariance[i, i])
-    if not np.isfinite(covariance).all() or variance <= 0:
-        return None
-    gains = [
-        float(covariance[i, p] ** 2 / (covariance[p, p] + ADVICE.prior_std**2)) / variance
-        if parameter.log and p != i and not parameter.tolerated
-        else 0.0
-        for p, parameter in enumerate(result.parameters.free)
-    ]
-    best = int(np.argmax(gains))
-    left = np.sqrt(max(1 - gains[best], 0.0))
-    if 1 - left < ADVICE.gain:
-        return None
-    before, after = percent(half_width(poor)), percent(half_width(poor) * left)
-    return Action(
-        f"Give {names[best]} a prior of {percent(ADVICE.prior_std)}.",
-        f"The interval of {poor.name} would go from ±{before} to ±{after}.",
-        f"--set 'fit.parameters.{names[best]}={{prior: {{std: {ADVICE.prior_std}}}}}'",
-    )
 
 
 def _of_experiments(result: Result, plan: Plan | None, poor: ParameterRow) -> Action | None:

@@ -15,8 +15,6 @@ from elastid.modal.estimate import estimate_modes
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
 from elastid.report.content import ResponsesContent, model_lines, parameter_rows
 from elastid.report.overview import (
-    ADVICE,
-    half_width,
     next_steps,
     numbers_answer,
     questions_of_responses,
@@ -59,24 +57,6 @@ def test_the_page_of_responses_answers_its_three_questions_by_the_modes():
     assert f"damping at {number(float(modes.freq_hz[least]), 4)} Hz is known least" in following
     none = ResponsesContent("a bench", (), (), "", {})
     assert questions_of_responses(none)[1][1] == ("None that stands out of the noise.",)
-
-
-def test_a_prior_is_advised_with_the_interval_that_conditioning_gives():
-    """Of two numbers correlated with 0.99, a prior on the other narrows the wider one as Bayes' rule says."""
-    result = fit_result()
-    std = np.array([0.1, 0.5, 0.01, 0.001])
-    r = np.eye(4)
-    r[0, 1] = r[1, 0] = -0.99
-    covariance = r * np.outer(std, std)
-    result = replace(result, covariance=covariance, status="converged")
-    found = next_steps(result, rows_of(result), report_content(result=result).plan)
-    prior = next(action for action in found if "prior" in action.what)
-    e = np.eye(4)[0]
-    posterior = np.linalg.inv(np.linalg.inv(covariance) + np.outer(e, e) / ADVICE.prior_std**2)
-    assert "k_1" in prior.what
-    expected = half_width(rows_of(result)[1]) * np.sqrt(posterior[1, 1] / covariance[1, 1])
-    assert f"to ±{percent(expected)}." in prior.gain
-    assert prior.text == "--set 'fit.parameters.k_1={prior: {std: 0.05}}'"
 
 
 def test_the_answer_says_how_exact_what_was_held_must_be():
