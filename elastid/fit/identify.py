@@ -34,11 +34,11 @@ from elastid.fit.assembly import (
     relinearise,
 )
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
-from elastid.fit.diagnosis.bounds import at_bound
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS
 from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.diagnosis.judge import diagnose, judge
 from elastid.fit.diagnosis.second_source import static_agreement, tool_agreement
+from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.parameter_choice import choose

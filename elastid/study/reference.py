@@ -14,8 +14,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from pydantic import TypeAdapter
 
-from elastid.base.codes import CODES
-from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.errors import CODES, StudyError, did_you_mean
 from elastid.base.section import Key
 from elastid.base.units import InUnit
 from elastid.robot import Robot

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 import elastid
-from elastid.base.codes import CODES
-from elastid.base.errors import StudyError
+from elastid.base.errors import CODES, StudyError
 from elastid.study.reference import explain
 
 PACKAGE = Path(elastid.__file__).parent

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from plants.elastic_arm import measure, pendulum
 
-from elastid.fit.diagnosis.bounds import bound_notes
+from elastid.fit.diagnosis.status import bound_notes
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.parameters import Parameters
