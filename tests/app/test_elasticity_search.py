@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.refusals import refused
-from plants.two_axes import ROBOT, STUDY, measured
+from plants.two_axes import ROBOT, measured
 
 from elastid.app.compare import search_elasticity
 from elastid.app.run import Run
@@ -16,14 +16,6 @@ from elastid.study import load
 # In the truth 1x is as good as rigid; the study may find it so, since its bounds are wide.
 STIFF = "robot.bodies.0.joints.1.spring.stiffness=4e8"
 FIT = "fit.starts=1", "fit.parameters.k_1x={start: 1e6, bounds: [1e3, 1e10]}"
-
-
-@pytest.fixture
-def study(tmp_path: Path) -> Path:
-    """The path of a study with the further elastic joints 1x and 2x, whose responses are not there yet."""
-    (tmp_path / "robot.yml").write_text(ROBOT)
-    (tmp_path / "study.yml").write_text(STUDY)
-    return tmp_path / "study.yml"
 
 
 def plan(study: Path, *overrides: str, **options: object) -> Run:

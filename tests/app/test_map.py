@@ -7,71 +7,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.arm_study import command
 
-from elastid.app import cli
 from elastid.store.results import read_fit, read_map
 from elastid.study import load_robot
 
-STUDY = """\
-name: arm
-seed: 1
-robot:
-  name: arm
-  bodies:
-    - name: upper
-      joints: [{name: 1, axis: y, motor: {inertia: 2e-3, ratio: 80, viscous: 1e-3},
-        spring: {stiffness: 4e4, damping: 80}, limits: {angle: [-90 deg, 90 deg]}}]
-      mass: 30
-      center_of_mass: [0.4, 0, 0]
-      inertia: 1.5
-    - name: fore
-      parent: upper
-      placement: {xyz: [0.8, 0, 0]}
-      joints: [{name: 2, axis: y, motor: {inertia: 2e-3, ratio: 80, viscous: 1e-3},
-        spring: {stiffness: 2e4, damping: 40}, limits: {angle: [-90 deg, 90 deg]}}]
-      mass: 20
-      center_of_mass: [0.35, 0, 0]
-      inertia: 1
-  frames: [{name: tool, body: fore, placement: {xyz: [0.6, 0, 0]}}]
-excitation: {rate_hz: 200, period: 2 s, band_hz: [2, 40], torque_rms: 20}
-experiment:
-  configurations: {down: [20 deg, 40 deg], out: [-10 deg, 10 deg]}
-  simulated: {noise: {torque_std: 0.2, encoder_counts: 1048576}}
-fit: {starts: 1, parameters: {"k_*": {}, "d_*": {}}}
-"""
-
-
-@pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One that has been fitted, in its own folder."""
-    folder = tmp_path_factory.mktemp("arm")
-    (folder / "study.yml").write_text(STUDY, encoding="utf-8")
-    assert command("run", folder / "study.yml", "design", "measure", "estimate", "fit") == 0
-    return folder / "study.yml"
-
-
-def command(name: str, study: Path, *words: str | Path) -> int:
-    return cli.run_command([name, str(study), *map(str, words), "--run", str(study.parent / "run"), "-q"])
-
 
 @pytest.mark.slow
-def test_a_fitted_study_is_mapped_at_random_on_a_path_and_by_poses(study: Path) -> None:
+def test_a_fitted_study_is_mapped_at_random_on_a_path_and_by_poses(fitted_arm: Path) -> None:
     """The same seed gives the same bytes; a path's postures are those of its rows; the result answers itself."""
-    run = study.parent / "run"
-    assert command("map", study, "--random", "30") == 0
+    run = fitted_arm.parent / "run"
+    assert command("map", fitted_arm, "--random", "30") == 0
     first = (run / "map.csv").read_bytes()
-    assert command("map", study, "--random", "30", "--jobs", "1") == 0
+    assert command("map", fitted_arm, "--random", "30", "--jobs", "1") == 0
     assert (run / "map.csv").read_bytes() == first
     assert {"map.h5", "map.csv", "map.html", "map.png"} <= {path.name for path in run.iterdir()}
-    path = study.parent / "path.csv"
+    path = fitted_arm.parent / "path.csv"
     path.write_text("1 deg,2 deg\n20,40\n-10,10\n", encoding="utf-8")
-    assert command("map", study, "--path", path, "--normal", "0", "0", "1", "--load", "0", "0", "-10") == 0
+    assert command("map", fitted_arm, "--path", path, "--normal", "0", "0", "1", "--load", "0", "0", "-10") == 0
     workspace = read_map(run / "map.h5")
     np.testing.assert_allclose(workspace.angles, np.radians([[20, 40], [-10, 10]]))
     stiff = read_fit(run / "fit.h5").at("down", axes="world").stiffness()
     np.testing.assert_allclose(workspace["compliance_z"].value[0], stiff.compliance[2, 2], rtol=1e-6)
     path.write_text("x,y,z\n1.0,0,-0.3\n5,0,0\n", encoding="utf-8")
-    assert command("map", study, "--path", path) == 0
+    assert command("map", fitted_arm, "--path", path) == 0
     with (run / "map.csv").open(encoding="utf-8") as file:
         (row,) = csv.DictReader(file)
     # The frame hangs below where it would be without gravity.
@@ -82,11 +41,11 @@ def test_a_fitted_study_is_mapped_at_random_on_a_path_and_by_poses(study: Path) 
 
 @pytest.mark.slow
 def test_draws_are_written_as_robots_and_wrong_options_end_in_words(
-    study: Path, capsys: pytest.CaptureFixture[str]
+    fitted_arm: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A robot file is read back; two places at once, a band that falls and a frame that is not there are refused."""
-    assert command("export", study, "--to", "draws", "--count", "5") == 0
-    folder = study.parent / "run" / "export" / "draws"
+    assert command("export", fitted_arm, "--to", "draws", "--count", "5") == 0
+    folder = fitted_arm.parent / "run" / "export" / "draws"
     assert len(list((folder / "robots").iterdir())) == len(list((folder / "mujoco").iterdir())) == 5
     assert load_robot(folder / "robots" / "robot_3.yml").name == "arm"
     for words, says in (
@@ -95,5 +54,5 @@ def test_draws_are_written_as_robots_and_wrong_options_end_in_words(
         (("--frame", "nose"), "has no frame nose"),
         (("--normal", "0", "0", "0"), "zero vector"),
     ):
-        assert command("map", study, *words) == 2
+        assert command("map", fitted_arm, *words) == 2
         assert says in capsys.readouterr().err

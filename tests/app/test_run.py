@@ -127,8 +127,6 @@ def test_a_result_that_has_changed_on_the_disk_is_made_again(copy: Path, capsys:
     ("name", "stage"),
     [
         ("summary.json", "fit"),
-        ("identified_robot.yml", "fit"),
-        ("validation.json", "validate"),
         ("report.html", "report"),
         ("references/*.csv", "design"),
     ],

@@ -67,17 +67,6 @@ def test_a_response_is_that_of_its_state_space_to_rounding(name: str, motors: st
     np.testing.assert_allclose(model.state_space().response(LINES), G, atol=1e-9 * np.abs(G).max())
 
 
-@pytest.mark.slow
-def test_both_formulations_of_a_linkage_predict_the_same_tool() -> None:
-    """Constrained and minimal, with a force that no motor can make."""
-    answers = []
-    for formulation in ("constrained", "minimal"):
-        fitted = fitted_model(f"linkage_arm {formulation}")
-        own = replace(fitted.result, robot=fitted.model.robot, equations=ModelSpec(formulation))
-        answers.append(own.at(fitted.linear[0].configuration.angles).stiffness().compliance)
-    np.testing.assert_allclose(answers[0], answers[1], atol=1e-9 * np.abs(answers[0]).max())
-
-
 def test_what_samples_between_response_and_state_space_is_an_argument() -> None:
     """A torque that is held and an angle that is sampled contain images; a fast rate has none of them."""
     model = result().at(ANGLES, ["motor 1"], ["motor 1"], motors="free", quantity="acceleration")

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from elastid.app import cli
-from elastid.store.measured import read_records
 
 N, NAMES = 16384, ("torque", "motor", "load")
 STUDY = """\
@@ -68,25 +67,6 @@ def _measure(folder: Path) -> tuple[Path, int]:
     done = subprocess.run([sys.executable, "-c", START], cwd=folder, capture_output=True, text=True, check=True)
     (records,) = (folder / "runs").rglob("records.h5")
     return records, int(done.stdout) * 1024
-
-
-@pytest.mark.slow
-def test_single_precision_is_written_once_and_stays_what_it_is(tmp_path: Path) -> None:
-    """No times, no doubles, no channel that is not asked for; a spike is repaired, the rest is the log's own."""
-    asked = _write(tmp_path, 86)
-    with h5py.File(tmp_path / "log.h5", "r+") as file:
-        file["load"][50 * N + 77] += 3
-        load = file["load"][:]
-    records, _ = _measure(tmp_path)
-    assert asked < records.stat().st_size < asked + 64 * 1024
-    with h5py.File(records) as file:
-        (record,) = (group for name, group in file["records"].items() if name != "%names")
-        assert {record[role].dtype for role in ("u", "y")} == {np.dtype(np.float32)}
-        stored = record["y"][:, 1]
-    changed = np.flatnonzero(stored != np.deg2rad(load.astype(np.float64)).astype(np.float32))
-    assert changed.tolist() == [50 * N + 77]
-    (measured,) = read_records(records)
-    assert measured.repairs == {"samples taken as missing": 1}
 
 
 @pytest.mark.slow
