@@ -114,7 +114,8 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         content = [*_head("responses", first), *_responses(guess, clock, period, names, why), *files]
     else:
         firsts = {name: logs[names.index(name)] for name in names}
-        postures = {name: angles_of(path, form, guess) for name, path in firsts.items()}
+        motions = [joint.motion for joint in guess.joints]
+        postures = {name: angles_of(path, form, motions)[0] for name, path in firsts.items()}
         content = [*_head("elasticity", first), *_elasticity(guess, robot, clock, period, postures), *files]
         content.append(
             "# Inertias of motors are guesses, too; leave Jm_* out where robot.yml has those of data sheets."
