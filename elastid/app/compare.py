@@ -115,21 +115,14 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
 
 
 def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
-    """Parts left out, other equations of loops, springs on the other side of gears; none with further studies."""
+    """Parts left out, and other equations of loops; none with further studies."""
     if has_further:
         return ()
     robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
     rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
-    sides = {gear.springs for gear in robot.gears} if any(joint.spring for joint in robot.driven) else set()
-    gears = range(len(robot.gears))
-    moved = [
-        VariantSpec(f"springs {side} the gears", set=tuple(f"robot.gears.{i}.springs={side}" for i in gears))
-        for side in ("before", "after")
-        if sides and sides != {side}
-    ]
-    return (*_of_loops(study), *coupling, *moved, *rigid)
+    return (*_of_loops(study), *coupling, *rigid)
 
 
 def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
