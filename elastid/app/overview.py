@@ -54,14 +54,9 @@ def _robot(study: Study) -> Iterator[str]:
 def _structure(study: Study) -> Iterator[str]:
     source = "responses from elsewhere" if study.experiment.responses is not None else "responses of recorded logs"
     yield f"study {study.name}, no robot: {source}"
-    channels = study.experiment.channels
-    if not channels:
-        yield "  its files name the inputs and outputs"
-        return
     for role, noun in (("u", "input"), ("y", "output")):
-        ours = [channel for channel in channels if channel.role == role]
-        places = (f"{channel.at} ({channel.quantity}{f', {channel.unit}' if channel.unit else ''})" for channel in ours)
-        yield f"  {_plural(len(ours), noun)}: {', '.join(places)}"
+        places = [f"{channel.at} ({channel.quantity})" for channel in study.experiment.channels if channel.role == role]
+        yield f"  {_plural(len(places), noun)}: {', '.join(places) or 'named by the files'}"
 
 
 def _unknowns(study: Study) -> Iterator[str]:
