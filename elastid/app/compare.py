@@ -215,22 +215,11 @@ def search_elasticity(run: Run) -> None:
         everything, trials = tuple(coordinates), []
         for trial in search(everything, fitted, start):
             trials.append(trial)
-            if trial.taken:
-                run.console.say(f"search: step {trial.step}: {_move(trial)}: {_errors(trial)}")
+            say = run.console.say if trial.taken else run.console.detail
+            say(f"search: step {trial.step}: {_move(trial)}: {_errors(trial)}")
         comparison = rank(names, *zip(*fits.values(), strict=True))
         verdict = f"{describe_search(everything, trials, start)} {comparison.verdict}"
-        run.console.table(trial_table(trials))
         finish(run, replace(comparison, verdict=verdict, trials=tuple(trials)))
-
-
-def trial_table(trials: Sequence[Trial]) -> list[list[str]]:
-    """Headings, then a line for each trial in the order of the search."""
-    rows = [["step", "trial", "parameters", "left out: error / sigma", "change of misfit", "change of QAIC", ""]]
-    for trial in trials:
-        change = "{} ± {}".format(*(number(v, 2) for v in (trial.change, trial.standard_error)))
-        line = [str(trial.step), _move(trial), str(trial.n_free), _errors(trial), change, number(trial.criterion, 4)]
-        rows.append([*line, "taken" if trial.taken else ""])
-    return rows
 
 
 def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
