@@ -11,7 +11,6 @@ import shlex
 import sys
 from codecs import register_error
 from collections.abc import Sequence
-from errno import EACCES, EDQUOT, EFBIG, ENOENT, ENOSPC, EPERM, EROFS
 from io import StringIO, TextIOWrapper
 from pathlib import Path
 from typing import Any
@@ -351,13 +350,8 @@ def explained(error: Exception) -> int:
             return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
         case OSError():
             where = f"{error.filename}: " if error.filename else ""
-            full = error.errno in (ENOSPC, EDQUOT, EFBIG)
-            advice = "; make room, and the same command goes on where it was" if full else ""
-            if error.errno in (EACCES, EPERM, EROFS):
-                advice = "; check who may read and write there, or give another folder with --run"
-            if error.errno == ENOENT:
-                advice = "; it, or a folder above it, was removed or renamed during the run; give the command again"
-            return _ended(f"{where}{error.strerror or error}{advice}", 1)
+            advice = "give the command again when there is room, and the files can be read and written, or with --run"
+            return _ended(f"{where}{error.strerror or error}; {advice}", 1)
     raise error
 
 

@@ -115,21 +115,14 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
 
 
 def _default(study: Study, has_further: bool) -> tuple[VariantSpec, ...]:
-    """Parts left out, other equations of loops, springs on the other side of gears; none with further studies."""
+    """Parts left out, and other equations of loops; none with further studies."""
     if has_further:
         return ()
     robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
     rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
-    sides = {gear.springs for gear in robot.gears} if any(joint.spring for joint in robot.driven) else set()
-    gears = range(len(robot.gears))
-    moved = [
-        VariantSpec(f"springs {side} the gears", set=tuple(f"robot.gears.{i}.springs={side}" for i in gears))
-        for side in ("before", "after")
-        if sides and sides != {side}
-    ]
-    return (*_of_loops(study), *coupling, *moved, *rigid)
+    return (*_of_loops(study), *coupling, *rigid)
 
 
 def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
@@ -222,22 +215,11 @@ def search_elasticity(run: Run) -> None:
         everything, trials = tuple(coordinates), []
         for trial in search(everything, fitted, start):
             trials.append(trial)
-            if trial.taken:
-                run.console.say(f"search: step {trial.step}: {_move(trial)}: {_errors(trial)}")
+            say = run.console.say if trial.taken else run.console.detail
+            say(f"search: step {trial.step}: {_move(trial)}: {_errors(trial)}")
         comparison = rank(names, *zip(*fits.values(), strict=True))
         verdict = f"{describe_search(everything, trials, start)} {comparison.verdict}"
-        run.console.table(trial_table(trials))
         finish(run, replace(comparison, verdict=verdict, trials=tuple(trials)))
-
-
-def trial_table(trials: Sequence[Trial]) -> list[list[str]]:
-    """Headings, then a line for each trial in the order of the search."""
-    rows = [["step", "trial", "parameters", "left out: error / sigma", "change of misfit", "change of QAIC", ""]]
-    for trial in trials:
-        change = "{} ± {}".format(*(number(v, 2) for v in (trial.change, trial.standard_error)))
-        line = [str(trial.step), _move(trial), str(trial.n_free), _errors(trial), change, number(trial.criterion, 4)]
-        rows.append([*line, "taken" if trial.taken else ""])
-    return rows
 
 
 def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:

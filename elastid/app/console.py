@@ -12,7 +12,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elastid.base.display import digits, interval_of, number
+from elastid.base.display import Display, number
 from elastid.base.errors import Note, grouped
 from elastid.base.escape import printable
 from elastid.base.execution import Progress, silent
@@ -173,44 +173,14 @@ def _lines(title: str) -> Progress:
     return progress
 
 
-def parameter_table(rows: Sequence[ParameterRow]) -> list[list[str]]:
-    """Headings, then a line for each parameter; the truth and the deviation from it where the rig is simulated."""
+def result_table(display: Display, rows: Sequence[ParameterRow | FrictionNumber]) -> list[list[str]]:
+    """Headings and lines of a result, a line for each of the rows; the truth where the rig is simulated."""
     simulated = any(row.truth is not None for row in rows)
-    has_parts = any(row.by_file is not None for row in rows)
-    headings = _headings("parameter", simulated)
-    headings[-2:-2] = ["by noise", "by file"] * has_parts
-    table = [headings + ["off / std"] * simulated]
-    for row in rows:
-        line = _line(row.name, row.unit, row.truth, simulated, row.estimate, row.std, row.interval)
-        line[-2:-2] = [_deviation(std, row.estimate) for std in (row.by_noise, row.by_file) if std is not None]
-        if row.at_bound:  # no standard deviation says how far a number could go that may go to one side only
-            line[-2 - 2 * has_parts : -1] = ["–"] * (1 + 2 * has_parts)
-            line[-1] += " (at bound)"
-        known = row.deviation is not None and math.isfinite(row.deviation)
-        table.append(line + [f"{row.deviation:+.1f}" if known else "–"] * simulated)
-    return table
-
-
-def friction_table(numbers: Sequence[FrictionNumber]) -> list[list[str]]:
-    """Headings, then a line for each number of friction; the truth where the rig is simulated."""
-    simulated = any(each.truth is not None for each in numbers)
-    lines = (
-        [*_line(n.name, n.unit, n.truth, simulated, n.value, n.std, (n.low, n.high)), n.learnt_from] for n in numbers
-    )
-    return [[*_headings("number", simulated), "learnt from"], *lines]
-
-
-def _headings(noun: str, simulated: bool) -> list[str]:
-    return [noun, "unit", *["true"] * simulated, "estimate", "std", "95 % interval"]
-
-
-def _line(
-    name: str, unit: str, truth: float | None, simulated: bool, value: float, std: float, ends: tuple[float, float]
-) -> list[str]:
-    """A number with its truth, standard deviation in percent where it is not zero, and interval, to as many digits."""
-    n = digits(value, std)
-    true = [number(truth, max(n, 4))] * simulated
-    return [name, unit, *true, number(value, n), _deviation(std, value), " to ".join(interval_of(ends, n))]
+    lines = zip(display.rows, rows, strict=True)
+    return [
+        [*display.headings, *["true"] * simulated],
+        *([*cells, *[number(row.truth)] * simulated] for cells, row in lines),
+    ]
 
 
 def _deviation(std: float, value: float) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -100,7 +100,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess.is_motion:
         heat = [] if together else [(each, x) for each, x in signals if each.quantity == "temperature"]
-        content = [*_head("friction", first), *_friction(guess, clock, heat, robot), text]
+        content = [*_head("friction", first), *_study(guess, robot, clock, heat=heat), text]
         content += _files(paths, (), (), together)
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = {joint.torque.key for joint in guess.joints}
@@ -109,16 +109,21 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     realisations = () if together else realisations_of(logs, form, guess.joints, period[0])
     states, why = ([0] * len(logs), ONE_STATE) if together else states_of(logs, form, guess)
     names = ["bench" if max(states) == 0 else f"state_{state + 1}" for state in states]
-    files = [text, *_files(paths, names, realisations, together)]
-    if robot is None:
-        content = [*_head("responses", first), *_responses(guess, clock, period, names, why), *files]
-    else:
-        firsts = {name: logs[names.index(name)] for name in names}
-        postures = {name: angles_of(path, form, guess) for name, path in firsts.items()}
-        content = [*_head("elasticity", first), *_elasticity(guess, robot, clock, period, postures), *files]
-        content.append(
-            "# Inertias of motors are guesses, too; leave Jm_* out where robot.yml has those of data sheets."
-        )
+    angles, motions = dict.fromkeys(names, ""), [joint.motion for joint in guess.joints]
+    if robot is not None:
+        why = "the means of the positions, or 0 where there are none"
+        for name in angles:
+            mean, _ = angles_of(logs[names.index(name)], form, motions)
+            angles[name] = ", ".join(f"{angle:.5g}" for angle in mean)
+    configurations = (f"  configurations: # guessed: {why}", *(f"    {name}: [{x}]" for name, x in angles.items()))
+    content = [*_head("responses" if robot is None else "elasticity", first)]
+    content += [
+        *_study(guess, robot, clock, configurations, period),
+        text,
+        *_files(paths, names, realisations, together),
+    ]
+    if robot is not None:
+        content.append("# Inertias of motors are guesses too; leave Jm_* out where robot.yml has those of data sheets.")
         content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}")
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         content.append("estimator: {method: auto} # one that needs no period, or fewer logs than inputs")
@@ -217,53 +222,42 @@ def _head(kind: str, first: Path) -> Iterator[str]:
     yield f"name: {kind}"
 
 
-def _friction(
+def _study(
     guess: LogGuess,
-    clock: Clock,
-    temperatures: Sequence[tuple[ChannelGuess, FloatArray]],
     robot: Robot | None,
+    clock: Clock,
+    configurations: Sequence[str] = (),
+    period: Sequence[str] = (),
+    heat: Sequence[tuple[ChannelGuess, FloatArray]] = (),
 ) -> Iterator[str]:
-    """temperatures: signals (n,) that are named so, believed where there is one for each joint."""
-    names = _joints(guess, robot)
-    guessed = " # guessed: geometry, ratios and inertias are not in the logs" if robot is None else ""
-    yield f"robot: robot.yml{guessed}"
-    yield "friction: {passes: detect} # guessed: slow motion of joints, whose friction can be found"
-    yield "experiment:"
-    yield "  recorded:"
-    yield from _rate(clock)
-    yield "    channels:"
-    yield from _motors(guess, names)
-    for name, (sensor, x) in zip(names, temperatures if len(temperatures) == len(names) else (), strict=False):
-        # No machine is at 200 degC.
-        yield _channel("t", f"joint {name}", replace(sensor, unit="K" if np.median(x) > 200.0 else "degC"))
+    """A study down to its channels; configurations, period: its lines.
 
-
-def _joints(guess: LogGuess, robot: Robot | None) -> Sequence[str]:
-    """The names of the joints that move: those of the robot, in whose order they are, or their numbers."""
-    return [str(i + 1) for i in range(len(guess.joints))] if robot is None else [joint.name for joint in robot.driven]
-
-
-def _motors(guess: LogGuess, names: Sequence[str]) -> Iterator[str]:
+    heat: signals (n,) that are named as temperatures, believed where there is one for each joint.
+    """
+    names = [joint.name for joint in robot.driven] if robot is not None else []
+    if guess.is_motion and robot is None:
+        names = [str(i + 1) for i in range(len(guess.joints))]
+        yield "robot: robot.yml # guessed: geometry, ratios and inertias are not in the logs"
+    elif robot is not None:
+        yield "robot: robot.yml"
+    else:
+        yield "# Stiffness and damping of gears need a robot, too: `elastid new DIR --template recorded` shows how."
+    if guess.is_motion:
+        yield "friction: {passes: detect} # guessed: slow motion of joints, whose friction can be found"
+    yield from ("experiment:", *configurations, "  recorded:", *_rate(clock), *period)
+    yield "    channels: # places are names of your choice; of a robot `side: motor` is for signals of the motor's side"
+    if not names:
+        motions = {joint.motion.place: joint.motion for joint in guess.joints}
+        yield from (_channel("u", joint.torque.place, joint.torque) for joint in guess.joints)
+        yield from (_channel("y", motion.place, motion) for motion in (*motions.values(), *guess.further))
+        return
     for name, joint in zip(names, guess.joints, strict=True):
         yield _channel("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
         yield _channel("y", f"motor {name}", joint.motion)
-
-
-def _elasticity(
-    guess: LogGuess, robot: Robot, clock: Clock, period: Sequence[str], postures: Mapping[str, FloatArray]
-) -> Iterator[str]:
-    """postures: angles (n_u,) of the joints by the name of the configuration."""
-    yield "robot: robot.yml"
-    yield "experiment:"
-    yield "  configurations: # guessed: the means of the positions, or 0 where there are none"
-    for name, angles in postures.items():
-        yield f"    {name}: [{', '.join(f'{angle:.5g}' for angle in angles)}]"
-    yield "  recorded:"
-    yield from _rate(clock)
-    yield from period
-    yield "    channels: # on the link's side of the gears: `side: motor` for signals of the motor's"
-    yield from _motors(guess, _joints(guess, robot))
-    for other in guess.further:
+    for name, (sensor, x) in zip(names, heat if len(heat) == len(names) else (), strict=False):
+        # No machine is at 200 degC.
+        yield _channel("t", f"joint {name}", replace(sensor, unit="K" if np.median(x) > 200.0 else "degC"))
+    for other in () if guess.is_motion else guess.further:
         yield f"      # {one_line(other.name)}: where it belongs to a joint or a frame, {{role: y, at: joint 1, ...}}"
 
 
@@ -286,21 +280,6 @@ def _universal(paths: Sequence[Path], folder: Path) -> Iterator[str]:
     for path, name in zip(paths, names, strict=True):
         shown = Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
         yield f"      - {{path: {_quoted(shown)}, configuration: {name}}}"
-
-
-def _responses(guess: LogGuess, clock: Clock, period: Sequence[str], states: Sequence[str], why: str) -> Iterator[str]:
-    yield "# Stiffness and damping of gears need a robot, too: `elastid new DIR --template recorded` shows how."
-    yield "experiment:"
-    yield f"  configurations: {{{', '.join(f'{name}: []' for name in dict.fromkeys(states))}}} # guessed: {why}"
-    yield "  recorded:"
-    yield from _rate(clock)
-    yield from period
-    yield "    channels: # places are names of your choice"
-    motions = {joint.motion.place: joint.motion for joint in guess.joints}
-    for joint in guess.joints:
-        yield _channel("u", joint.torque.place, joint.torque)
-    for motion in (*motions.values(), *guess.further):
-        yield _channel("y", motion.place, motion)
 
 
 def _rate(clock: Clock) -> Iterator[str]:

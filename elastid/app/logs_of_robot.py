@@ -15,7 +15,7 @@ from elastid.base.errors import DataError
 from elastid.base.units import TABLE, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.channel_guess import JointGuess, LogGuess
+from elastid.recorded.channel_guess import ChannelGuess, JointGuess, LogGuess
 from elastid.recorded.files.formats import opened_log, values_of
 from elastid.recorded.repair.time_stamps import delay
 from elastid.robot import Joint, Robot
@@ -114,27 +114,23 @@ def _is_one_excitation(first: FloatArray, second: FloatArray) -> bool:
 def states_of(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> tuple[list[int], str]:
     """The state of the structure in each log, by the angles of its joints, and why."""
     motions = [*(j.motion for j in guess.joints), *guess.further]
-    motions = [m for m in motions if TABLE[m.unit][0] == "rad"]
-    ys = [ChannelSpec("y", "any", m.name, m.column, quantity="position") for m in motions]
     seen, states = list[FloatArray](), list[int]()
-    for path in logs if ys else ():
-        with opened_log(path, form) as log:
-            y = np.nan_to_num(values_of(log, ys, 0, MAX_SAMPLES)) * [TABLE[m.unit][1] for m in motions]
-        reach = max(_MIN_TURN, 5 * float(y.std(axis=0).max()))
-        there = [k for k, other in enumerate(seen) if np.abs(y.mean(axis=0) - other).max() < reach]
+    for path in logs:
+        mean, scatter = angles_of(path, form, motions)
+        there = [k for k, other in enumerate(seen) if np.all(np.abs(mean - other) < max(_MIN_TURN, 5 * scatter))]
         states.append(there[0] if there else len(seen))
-        seen += [] if there else [y.mean(axis=0)]
-    return states or [0] * len(logs), "the joints stand at other angles" if len(seen) > 1 else ONE_STATE
+        seen += [] if there else [mean]
+    return states, "the joints stand at other angles" if len(seen) > 1 else ONE_STATE
 
 
-def angles_of(path: Path, form: TextFormatSpec, guess: LogGuess) -> FloatArray:
-    """Mean positions (n_u,) of the joints in the first file of a log, in SI; 0 of those without one there."""
-    motions = [joint.motion for joint in guess.joints]
+def angles_of(path: Path, form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> tuple[FloatArray, float]:
+    """Mean positions (n,) in the first file of a log, in SI, 0 of motions without one there; their largest std."""
     known = [i for i, motion in enumerate(motions) if motion.quantity == "position" and motion.file == 1]
     ys = [ChannelSpec("y", "any", motions[i].name, motions[i].column, quantity="position") for i in known]
-    angles = np.zeros(len(motions))
+    mean, scatter = np.zeros(len(motions)), 0.0
     with opened_log(path, form) as log:
-        means = np.nanmean(values_of(log, ys, 0, MAX_SAMPLES), axis=0) if ys else []
-    for i, mean in zip(known, means, strict=True):
-        angles[i] = motions[i].sign * motions[i].scale * TABLE[motions[i].unit][1] * mean
-    return angles
+        signals = values_of(log, ys, 0, MAX_SAMPLES).T if ys else np.zeros((0, 1))
+    for i, x in zip(known, signals, strict=True):
+        si = motions[i].sign * motions[i].scale * TABLE[motions[i].unit][1] * x
+        mean[i], scatter = np.nanmean(si), max(scatter, float(np.nanstd(si)))
+    return mean, scatter

@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
-from elastid.base.errors import ElastidError
-
 if TYPE_CHECKING:
     from elastid.app.run import Run
 
@@ -94,24 +92,11 @@ def run_of(study: Path, options: dict[str, Any]) -> Run:
     from elastid.study import load
 
     jobs = options["jobs"] or all_cores()
-    _require_resources(jobs)
     click.get_current_context().with_resource(on_dask(options.get("dask", "")))
     loaded = load(study, options.get("overrides", ()))
     folder = options["folder"] or Path("runs") / loaded.study.name
     console = Console(options["verbose"] - options["quiet"])
     return Run(loaded, folder, jobs, console)
-
-
-def _require_resources(jobs: int) -> None:
-    """ElastidError where this process may use so little that libraries hang while they are loaded."""
-    try:
-        from resource import RLIMIT_AS, RLIMIT_NOFILE, getrlimit
-    except ImportError:  # not on every system
-        return
-    needed = ((RLIMIT_AS, 500_000_000, "bytes of memory"), (RLIMIT_NOFILE, 16 + 4 * jobs, "open files"))
-    for limit, least, kind in needed:
-        if 0 <= (allowed := getrlimit(limit)[0]) < least:
-            raise ElastidError("workers/died", f"{allowed} {kind} (ulimit), {jobs} processes need {least}")
 
 
 @contextmanager

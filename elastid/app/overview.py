@@ -54,14 +54,9 @@ def _robot(study: Study) -> Iterator[str]:
 def _structure(study: Study) -> Iterator[str]:
     source = "responses from elsewhere" if study.experiment.responses is not None else "responses of recorded logs"
     yield f"study {study.name}, no robot: {source}"
-    channels = study.experiment.channels
-    if not channels:
-        yield "  its files name the inputs and outputs"
-        return
     for role, noun in (("u", "input"), ("y", "output")):
-        ours = [channel for channel in channels if channel.role == role]
-        places = (f"{channel.at} ({channel.quantity}{f', {channel.unit}' if channel.unit else ''})" for channel in ours)
-        yield f"  {_plural(len(ours), noun)}: {', '.join(places)}"
+        places = [f"{channel.at} ({channel.quantity})" for channel in study.experiment.channels if channel.role == role]
+        yield f"  {_plural(len(places), noun)}: {', '.join(places) or 'named by the files'}"
 
 
 def _unknowns(study: Study) -> Iterator[str]:
@@ -111,18 +106,9 @@ def _experiments(study: Study) -> Iterator[str]:
 
 
 def _friction(study: Study) -> Iterator[str]:
-    """Plain text below the lines on the robot; StudyError where a simulated study cannot be planned."""
     joints, recorded = study.friction_joints, study.experiment.recorded
     yield f"friction of joint{'s' if len(joints) > 1 else ''} {', '.join(joint.name for joint in joints)}"
-    if recorded is not None:
-        yield f"  {_plural(len(recorded.files), 'log file')}; passes are found in them, the rest is regressed"
-    else:
-        from elastid.design.friction import design_friction  # brings CasADi, which other overviews do not need
-
-        plan = design_friction(study.as_friction(), joints, study.experiment, study.as_robot(), study.seed)
-        yield f"  {_plural(len(plan.motions), 'motion')}, {plan.robot_time_s / 60:.3g} min of the robot's time"
-        yield from (f"  will be known: {sentence}" for sentence in plan.known)
-        yield from (f"  will not be known: {sentence}" for sentence in plan.unknown)
+    yield "  simulated" if recorded is None else f"  {_plural(len(recorded.files), 'log file')}"
 
 
 def _plural(number: int, noun: str, plural: str = "") -> str:

@@ -130,25 +130,15 @@ class Run:
         path, wanted = self.path(name), self.stamps[name]
         stamp = read_stamp(path)
         command = f"run `elastid run {self.loaded.path} {name}` first, with the same options"
-        if not path.is_file():
-            raise StudyError("run/earlier-stage", command, f"{path} is missing")
-        if stamp is None:
-            raise StudyError("run/earlier-stage", f"{path} cannot be read or is no result of elastid: {command}")
-        if stamp.inputs != wanted.inputs:
+        if stamp is None or stamp.inputs != wanted.inputs:
             raise StudyError(
-                "run/earlier-stage", f"{path} was made from another study, other data or other options: {command}"
+                "run/earlier-stage",
+                f"{path} is missing, damaged, or made from another study, other data or other options: {command}",
             )
-        if not has_checksum(path):
-            self.console.warn(
-                f"{path} carries no checksum, so that damage to it would go unnoticed: it was written by an older "
-                f"elastid, or its first bytes are damaged; it is used as is, and `elastid run "
-                f"{self.loaded.path} {name}` makes it again"
-            )
-        if stamp.code != wanted.code:
-            other = f"other versions ({stamp.software or f'elastid {stamp.version}'})"
-            made_by = "another state of elastid's code" if stamp.software == wanted.software else other
+        other = "" if stamp.code == wanted.code else f"was made by other code or versions ({stamp.software})"
+        if doubt := other or ("" if has_checksum(path) else "carries no checksum, so that damage would go unnoticed"):
             again = f"`elastid run {self.loaded.path} {name}` makes it again"
-            self.console.warn(f"{path} was made by {made_by} and is used as is; {again}")
+            self.console.warn(f"{path} {doubt}, and is used as is; {again}")
 
 
 @contextmanager

@@ -288,7 +288,6 @@ CODES: Final[Mapping[str, str]] = {
     "records/same-signal": "Two channels are the same signal.",
     "records/text": "A text file cannot be read as a table of numbers.",
     "records/torque": "A measured torque is late or mirrored relative to its command.",
-    "records/units": "A channel is probably in another unit or on the other side of the gear.",
     "records/unused-reference": "A logged reference is not used.",
     "records/unwrapped": "Jumps of whole turns were taken out of an angle.",
     "records/values": "A channel has no finite or plausible values.",

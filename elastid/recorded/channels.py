@@ -242,14 +242,7 @@ def _aligned(
         shifts[number] = shift
         moved += own
         up_to = "" if N is None else " (up to whole periods)"
-        about = (
-            ""
-            if is_exact
-            else (
-                f"; to whole samples only, since {paths[0].name} has no r, so that channels of {name} may be up to "
-                f"{500 / base[0].rate_hz:.2g} ms early or late: log r in both files, or let fit.parameters have a delay"
-            )
-        )
+        about = "" if is_exact else "; to whole samples only: log r in both files, or let fit.parameters have a delay"
         text = f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}: shifted into step{about}"
         if not _by_motor(own, "r", N, channels):
             clock = "row by row, as many samples" if own[0].first_s is None else f"by their times ({shift:.6g} samples)"

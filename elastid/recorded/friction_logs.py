@@ -180,7 +180,6 @@ class _LogReader:
     ) -> tuple[Repaired, int | None, float]:
         """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
         if self.file.purpose == "at_rest":
-            self._check_at_rest(gathered)
             roles = {role: [i for i, c in enumerate(gathered.channels) if c.role == role] for role in ("r", "u", "y")}
             return repaired_signals(gathered, roles, recorded, log)
         bridged = bridged_gaps(gathered.signals, log)
@@ -290,19 +289,6 @@ class _LogReader:
 
     def _held(self, joint: Joint) -> float:
         return LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
-
-    def _check_at_rest(self, gathered: GatheredChannels) -> None:
-        """DataError for a joint that slides."""
-        for channel, signal in zip(gathered.channels, gathered.signals.T, strict=True):
-            joint = next((joint for joint in self.robot.driven if joint.name == _joint_of(channel)), None)
-            travel = float(np.nanmax(signal) - np.nanmin(signal))
-            if joint is not None and channel.quantity == "position" and travel > self._held(joint):
-                raise DataError(
-                    "records/units",
-                    f"joint {joint.name} travels {travel:.3g} {joint.unit}, more than contacts bend: "
-                    "it slides, and is not at rest; take purpose: motion or loops, or lower the torque",
-                    self.path,
-                )
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)

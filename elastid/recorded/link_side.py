@@ -75,7 +75,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
         values, turns = _counted_on(values)
     note = Note(UNWRAPPED, f"{turns} starts of its counter were taken out of {channel.name_in_file}")
     signal = values * _own_side_factor(channel, robot) + channel.offset
-    if _may_turn(channel, robot) and not turns:
+    if channel.quantity == "position" and not robot.slides(channel.at) and not turns:
         known = np.isfinite(signal)
         jumps = np.abs(np.diff(signal[known]))
         wraps = jumps > np.pi
@@ -106,10 +106,6 @@ def _counted_on(values: FloatArray) -> tuple[FloatArray, int]:
     result = values.copy()
     result[known] = np.unwrap(counts, period=whole)
     return result, int(jumps.sum())
-
-
-def _may_turn(channel: ChannelSpec, robot: Places) -> bool:
-    return channel.quantity == "position" and not robot.slides(channel.at)
 
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:

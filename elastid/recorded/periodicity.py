@@ -327,6 +327,9 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
             f"{problem}; it repeats every {_span(result.best_samples, log)} (correlation "
             f"{result.best_correlation:.3f}): correct the period or the rate",
         )
+    if not half_wave and repetition(excitation[: 2 * repeat], repeat, sign=-1).is_as_stated:
+        advice = f"the second half of {_span(2 * N, log)} is minus the first: period_samples: {2 * N}, half_wave: true"
+        raise DataError("records/period-mismatch", f"{problem}; {advice}")
     raise DataError(
         "records/period-mismatch",
         f"{problem}, nor at any other lag (best correlation {result.best_correlation:.3f}); with a period "

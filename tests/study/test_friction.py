@@ -110,7 +110,6 @@ def test_sticking_is_told_for_every_law(tiny: Path) -> None:
         ("controller: {kind: pid}", "expected one of pd, cascade"),
         ("controller: {kind: cascade, integral_time: -1}", "integral_time is -1 s"),
         ("torque_ripple: [{amplitude: 1, periods: 0}]", "periods is 0"),
-        ("warming: {time_constant: 5, temperature: [20, 30]}", "no friction of the robot depends on temperature"),
     ],
 )
 def test_wrong_hardware_is_refused_at_its_line(tiny: Path, key: str, word: str) -> None:

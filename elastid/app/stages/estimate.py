@@ -19,7 +19,6 @@ import numpy as np
 from elastid.app.console import Console
 from elastid.app.work import Artefacts, Work, Write
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.display import digits, number
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.plan.plan import checked_configurations
@@ -29,7 +28,7 @@ from elastid.experiment.specs.recorded import ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.places import on_shafts, shaft_couplings
-from elastid.nonlinear.result import FrictionTakenOut, friction_rows
+from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import estimate_without_friction, net_records
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming
@@ -163,28 +162,12 @@ def _artefacts(
         console.notes(notes)
         counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
         console.say(f"estimate: {len(responses)} responses (lines: {counts})")
-        if friction is not None and (line := friction_line(friction)):
-            console.say(f"estimate: {line}")
+        for note in () if friction is None else friction.notes:
+            if note.code == "nonlinear/friction-taken-out":
+                console.say(f"estimate: {note.text}")
 
     frf: Write = lambda path, stamp: write_responses(path, responses, stamp, friction)  # noqa: E731
     return Artefacts({NET_RECORDS: write_net, "frf.h5": frf}, report)
-
-
-def friction_line(friction: FrictionTakenOut) -> str:
-    """One line for the terminal: the levels that were taken out; empty where none was."""
-    rows = [row for row in friction_rows(friction) if row.level is not None]
-    if not rows:
-        return ""
-    parts = (
-        f"{row.place} {number(row.level, digits(row.level, row.std))} ± {row.std:.2g} {row.unit}"
-        for row in rows
-        if row.level is not None and row.std is not None
-    )
-    left = max(row.kept_share for row in rows)
-    return (
-        f"friction taken out of the torque: {', '.join(parts)}; of the power of distortion and noise at most "
-        f"{100 * left:.2g} % is left"
-    )
 
 
 def imported_responses(

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from elastid.app.console import Console, parameter_table
+from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import contents, robot_files, truth
 from elastid.app.run import Run
 from elastid.app.stages.estimate import tool_responses
@@ -135,7 +135,7 @@ def conclude(run: Run) -> None:
     friction = read_friction(run.path("estimate")) if estimated else None
     study = run.study
     rows = fitted_rows(study.as_robot(), study.experiment, study.fit, result, friction)
-    run.console.table(parameter_table(rows))
+    run.console.table(result_table(result.display, rows))
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))
     if opened is not None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.app.console import Console, friction_table
+from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import robot_of_friction, with_identified_friction
 from elastid.app.run import Run
 from elastid.app.stages.measure import measure_parts, report_count
@@ -207,7 +207,7 @@ def conclude(run: Run) -> None:
     result = stored.read_friction_result(path)
     twin, left_out = read_twin(path, stored.FRICTION), stored.read_left_out(path)
     content = FrictionContent(run.study.name, result, "", {}, twin=twin, left_out=left_out)
-    run.console.table(friction_table(result.numbers))
+    run.console.table(result_table(result.display, result.numbers))
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
             joints = f"joint{'s' if len(refusal.joints) > 1 else ''} {', '.join(refusal.joints)}"

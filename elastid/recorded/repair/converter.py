@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair import Finding, Log, blocks, flat, in_runs, runs
+from elastid.recorded.repair import Finding, Log, flat, in_runs, runs
 
 CLIPPED = "samples at a limit"
 
@@ -74,11 +74,9 @@ def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Findin
         size, noise = float(X.mean(axis=0).std()), q / np.sqrt(12)
         if noise < LIMITS.min_noise_share * size:
             continue
-        change = np.diff(blocks(signals[:, c], L, sign), axis=0).std() / np.sqrt(2) if len(X) > 1 else np.inf
-        hidden = " that repeats with the signal, so that the scatter of the periods hides it" if change < noise else ""
         text = (
             f"{name}: steps of {q:.4g} make noise of {noise:.3g}, {100 * noise / max(size, 1e-300):.2g} % of the "
-            f"signal{hidden}"
+            "signal, which the scatter of the periods may not show"
         )
         findings.append(Finding("quantised channels", 1, text))
     return tuple(findings)

@@ -1,8 +1,8 @@
 """Samples that are no measured ones: what other repetitions contradict becomes missing (NaN).
 
-A repetition whose torques move less than usual, as at a stop, is left out.  A channel that hangs repeats its
-last value exactly, and one that drops out leaps to exactly 0 and back, where others do neither.  A spike is one sample
-or two (Hampel's rule across periods):
+A repetition whose torques stand still where those of others move, as at a stop, is left out.  A channel that hangs
+repeats its last value exactly, and one that drops out leaps to exactly 0 and back, where others do neither.  A spike is
+one sample or two (Hampel's rule across periods):
 
     e = x - median of the other periods,   d = |e - running median of e| > 8 sigma
 
@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import DataError
 from elastid.base.statistics import STD_OVER_MAD
 from elastid.recorded.repair import Finding, Log, Repaired, blocks, expected, runs
 from elastid.recorded.repair.converter import step
@@ -31,6 +32,7 @@ MASKED, STOPPED = "samples taken as missing", "stops"
 class StillLimits:
     """Limits that distinguish rest, a channel that hangs, and one that drops out, from motion."""
 
+    windows: int = 20  # of a repetition, samples of one at least
     min_window: int = 8
     # A signal stands still where it scatters by less than this part of its usual scatter.
     max_still_share: float = 0.1
@@ -42,7 +44,8 @@ class StillLimits:
     # A leap to 0, over the step that 99 % of the samples stay below; longest one as a part of the repetition.
     leap: float = 10.0
     max_dropout: float = 0.1
-    min_size: float = 0.8  # mean size of the torques of a repetition, over the usual one
+    min_moving_share: float = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
+    max_still: float = 0.1  # part of a repetition in which torques may stand still
 
 
 @dataclass(frozen=True)
@@ -123,23 +126,31 @@ def _is_dropout(x: FloatArray, start: int, end: int, least: float, L: int) -> bo
 
 
 def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log) -> Repaired:
-    """Signals (n, c), NaN in each repetition of L samples whose torques move less than usual.
+    """Signals (n, c), NaN in each repetition of L samples whose torques stand still for a part.
 
     torques: their columns.  The first repetition may hold the start; the last ones are cut off where they all stop.
     """
-    P = len(signals) // L
-    u = signals[: P * L, list(torques)].reshape(P, L, -1)
-    known = np.isfinite(u)
-    n = np.maximum(known.sum(axis=1, keepdims=True), 1)
-    mean = np.where(known, u, 0.0).sum(axis=1, keepdims=True) / n
-    size = (np.where(known, np.abs(u - mean), 0.0) / n).sum(axis=(1, 2))
-    # The largest may hold spikes.
-    bad = known.any(axis=(1, 2)) & (size < STILL.min_size * max(np.sort(size)[-2:][:1], default=0.0))
+    P, width = len(signals) // L, min(L, max(STILL.min_window, L // STILL.windows))
+    u = signals[: P * L, list(torques)].T.reshape(-1, P, L)[:, :, : L // width * width]
+    scatter = _scatter(u.reshape(*u.shape[:2], -1, width)).sum(axis=0)
+    if P < 2:
+        return Repaired(signals)
+    # The largest may be that of the start, or hold a spike.
+    usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
+    moving = usual > STILL.min_moving_share * np.median(usual)
+    bad = (scatter < STILL.max_still_share * usual)[:, moving].sum(axis=1) > STILL.max_still * moving.sum()
     bad[:1] = False
     if not bad.any():
         return Repaired(signals)
     numbers = ", ".join(str(p + 1) for p in np.flatnonzero(bad))
-    text = f"the torques of repetitions {numbers} of {P} move less than usual, as at a stop: left out"
+    text = f"the torques of repetitions {numbers} of {P} stand still for a part, as at a stop: left out"
+    if P - bad.sum() < 2:
+        raise DataError(
+            "records/missing-samples",
+            f"{text}, and two are needed; measure again, or take samples: [{log.first}, "
+            f"{log.first + int(np.argmax(bad)) * L}] with period: none",
+            log.where,
+        )
     result, end = signals.copy(), 1 + int(np.flatnonzero(~bad)[-1])
     for p in np.flatnonzero(bad):
         result[p * L : (p + 1) * L] = np.nan

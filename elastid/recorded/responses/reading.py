@@ -78,13 +78,14 @@ def link_side_response(
         )
     f_y, f_u = (np.array([link_side_factor(c, robot) for c in side]) for side in (outputs, inputs))
     powers = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[c.quantity] for c in outputs])
-    good = (freq_hz > 0) & np.isfinite(G).all(axis=(1, 2))
+    size = np.abs(np.where(G == 0, 1.0, G))
+    # Beyond these are placeholders of missing values; squares of smaller ones vanish.
+    good = (freq_hz > 0) & np.all((size > 1 / MAX_COMPUTABLE) & (size < MAX_COMPUTABLE), axis=(1, 2))
     variance = None if table.variance is None else table.variance[order][:, rows][:, :, columns]
     if variance is not None:
         good &= np.isfinite(variance).all(axis=(1, 2))
     notes = (*table.notes, *_left_out(table, freq_hz, good))
     freq_hz, G = freq_hz[good], G[good]
-    _refuse_uncomputable(table.path, G, outputs, inputs)
     if np.any(np.diff(freq_hz) == 0):
         raise DataError(
             "responses/lines",
@@ -139,30 +140,13 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
     return H
 
 
-def _refuse_uncomputable(
-    path: Path, G: ComplexArray, outputs: Sequence[ChannelSpec], inputs: Sequence[ChannelSpec]
-) -> None:
-    size = np.abs(np.where(G == 0, 1.0, G))
-    # Squares of smaller values, and their products, vanish.
-    worst = np.argwhere((size < 1e-60) | (size > MAX_COMPUTABLE))
-    if not worst.size:
-        return
-    line, i, j = worst[0]
-    raise DataError(
-        "responses/table",
-        f"the response of {outputs[i].name_in_file} to {inputs[j].name_in_file} is {size[line, i, j]:.3g} at "
-        f"{len(worst)} places, which no sensor measures; check the file's placeholder for missing values",
-        path,
-    )
-
-
 def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tuple[Note, ...]:
     if good.all():
         return ()
     if not good.any():
         raise DataError(
             "responses/lines",
-            f"none of its {len(good)} lines is finite and above 0 Hz in all of its elements",
+            f"none of its {len(good)} lines is finite, of a size that sensors have, and above 0 Hz",
             table.path,
         )
     n_out, static = int(np.sum(~good)), int(np.sum(freq_hz <= 0))

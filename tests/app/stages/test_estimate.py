@@ -64,7 +64,7 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.Captur
     assert f"<td>{shown}</td>" in page[page.index('id="friction"') :]
     assert (run.folder / "figures" / "friction.png").exists()
     said = capsys.readouterr().out
-    assert said.count(f"friction taken out of the torque: motor 1 {shown} ") == 1
+    assert said.count("estimate: motor 1: friction of ") == 1
     assert f"fm_1: {SLOPE}" in said
     assert f"motor 1  {level:.4g}" in described(run.path("estimate"))
     explained = [replay.fit_percent.mean(axis=0).min() for replay in read_validation(run.path("validate")).replays]

@@ -89,7 +89,7 @@ def test_what_follows_a_stop_for_good_is_cut_off(periods: int, tmp_path: Path) -
     save_csv(tmp_path / "log.csv", _stopped(_log(periods), 700, periods * N))
     record = measured(tmp_path, study_of("log.csv"))
     assert (record.n_periods, record.left_out) == (3, ())
-    assert any(f"of {periods} move less" in text for text in said(record.notes))
+    assert any(f"of {periods} stand still" in text for text in said(record.notes))
 
 
 def test_a_robot_that_rests_in_every_period_does_not_stop(tmp_path: Path) -> None:
