@@ -235,34 +235,8 @@ def _levels(
 
 
 def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
-    """The levels of all passes of a joint, as `find_levels`; `shared` is that of the first load."""
-    loads = dict.fromkeys(record.load for record in records)
-    passes = [[each for record in records if record.load == load for each in passes_of(record)] for load in loads]
-    by_load = [find_levels(of_load, has_gravity, turn) for of_load in passes]
-    if len(by_load) == 1:
-        return by_load[0]
-    levels = [each.levels for each in by_load]
-    if not all(each.direction.any() for each in levels):
-        # Directions that differ under one load alone are chance, or that load's own.
-        levels = [_of_both_ways(each) for each in levels]
-    rms = float(np.sqrt(np.mean([each.residual_rms**2 for each in by_load])))
-    notes = tuple(
-        replace(note, place=f"{note.place}, load {load}")
-        for each, load in zip(by_load, loads, strict=True)
-        for note in each.notes
-    )
-    columns: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in levels]) for name in COLUMNS}
-    whole = replace(levels[0], **columns)
-    return replace(by_load[0], levels=whole, residual_rms=rms, notes=notes)
-
-
-def _of_both_ways(levels: Levels) -> Levels:
-    """The mean of both directions at each condition, the forward ones listed first."""
-    if not levels.direction.any():
-        return levels
-    forward, backward = levels.select(levels.direction > 0), levels.select(levels.direction < 0)
-    torque, std = (forward.torque + backward.torque) / 2, np.hypot(forward.std, backward.std) / 2
-    return replace(forward, direction=np.zeros(forward.n_levels), torque=torque, std=std)
+    """The levels of all passes of a joint under all loads, as `find_levels`."""
+    return find_levels([each for record in records for each in passes_of(record)], has_gravity, turn)
 
 
 @dataclass(frozen=True)
