@@ -30,10 +30,11 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
-from elastid.friction_study.least_squares import Equations, solve
+from elastid.friction_study.least_squares import solve
 from elastid.friction_study.levels import PassLevels, levels_of_records, levels_of_run_downs
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.motion_terms import MotionTerms, equations_of
 from elastid.friction_study.pass_detection import check_reversal, detect_passes
 from elastid.friction_study.passes import PLATEAUS
 from elastid.friction_study.result import JointLevels
@@ -322,15 +323,13 @@ def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> 
 
 def find_gain(motions: Sequence[Motion], payloads: Sequence[FloatArray]) -> tuple[float, float]:
     """g and its std from motions of one joint; payloads (n,): the torque of the payload in each, 0 without it."""
-    equations = []
-    for motion, payload in zip(motions, payloads, strict=True):
-        signals = MotionSignals.of(motion, PASSBAND_HZ)
-        q, v = signals.position, signals.velocity
-        rest = [signals.acceleration, v, np.abs(v), signals.direction, np.ones_like(q), np.cos(q), np.sin(q)]
-        sides = (payload[:, None, None], np.stack(rest, axis=1)[:, None, :], motion.torque[:, None])
-        X, R, y = (signals.filtered(side) * signals.used.reshape(-1, *[1] * (side.ndim - 1)) for side in sides)
-        equations.append(Equations(X, R, y, np.zeros((len(y), 0))))
-    solution = solve(equations, MotionSignals.of(motions[0], PASSBAND_HZ).kept_hz)
+    signals = [MotionSignals.of(motion, PASSBAND_HZ) for motion in motions]
+    _, logs = equations_of(motions, signals, MotionTerms())
+    whole = []
+    for log, each, payload in zip(logs, signals, payloads, strict=True):
+        column = (each.filtered(payload) * each.used)[:, None, None]
+        whole.append(replace(log, X=np.concatenate([column, log.X], axis=2), states=log.states[:, :0]))
+    solution = solve(whole, signals[0].kept_hz)
     return float(solution.beta[0]), float(np.sqrt(solution.covariance[0, 0]))
 
 

@@ -233,7 +233,7 @@ class Replay:
 
     records: names.  units (n_y): of the outputs in `quantity`.  fit_percent (n_r, n_y): of each record and output; 100
     for no error, 0 for an error as large as the motion.  reachable_percent (n_r, n_y): of a true model, estimated from
-    the part that does not repeat from period to period; NaN of records of one period.  error_rms (n_r, n_y): in units.
+    the part that does not repeat from period to period; NaN of records of one period.
     shown: the record whose signals follow, that of the worst fit; measured, replayed (N, n_y): one period of it within
     band_hz, sampled at rate_hz.  ValueError where the shapes differ from these.
     """
@@ -246,7 +246,6 @@ class Replay:
     band_hz: tuple[float, float]
     fit_percent: FloatArray = labelled("100 (1 - rms error / rms motion)", "%", "records outputs")
     reachable_percent: FloatArray = labelled("fit of a true model", "%", "records outputs")
-    error_rms: FloatArray = labelled("rms error", "{units}", "records outputs")
     shown: str
     rate_hz: float
     rate_is_known: bool
@@ -256,7 +255,7 @@ class Replay:
     def __post_init__(self) -> None:
         """Check shapes."""
         table, signals = (len(self.records), len(self.outputs)), (len(self.measured), len(self.outputs))
-        for name in ("fit_percent", "reachable_percent", "error_rms"):
+        for name in ("fit_percent", "reachable_percent"):
             if getattr(self, name).shape != table:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {table}")
         if self.measured.shape != signals or self.replayed.shape != signals:

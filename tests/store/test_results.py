@@ -117,7 +117,6 @@ def test_a_validation_comes_back_to_the_last_bit(tmp_path):
         (1.0, 4.5),
         fits,
         fits,
-        fits,
         "r/2",
         10.0,
         False,
