@@ -32,7 +32,7 @@ from elastid.friction_study.result import (
     true_numbers,
 )
 from elastid.friction_study.spec import FrictionSpec, LawSpec
-from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat, warm_up_note, warm_up_of
+from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Directions, Friction, LoadDependence, LuGre, MeasuredRange, Robot, TemperatureDependence
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
@@ -70,7 +70,7 @@ def _joint(
         static = StaticLaw.of(curve, spec.law)
     loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
     before = find_before_sliding(robot, loops, rest, static, spec)
-    warm_up, thermal, notes = _heat(name, measured, static)
+    warm_up, thermal, notes = _heat(name, measured)
     friction, viscous, refused = _law(levels, static, before, spec)
     true = {} if truth is None else true_numbers(truth, name, static)
     numbers = {each.name: each for each in _numbers(levels, None if refused else static, before, true)}
@@ -114,16 +114,14 @@ def _numbers(
         yield from numbers_at_rest(levels.joint, before.at_rest, levels.slides, truth)
 
 
-def _heat(
-    joint: str, measured: FrictionRecords, static: StaticLaw | None
-) -> tuple[WarmUp | None, ThermalModel | None, tuple[Note, ...]]:
+def _heat(joint: str, measured: FrictionRecords) -> tuple[WarmUp | None, ThermalModel | None, tuple[Note, ...]]:
     """The joint's warm-up with its thermal model, or the note on why there is none."""
     log = next((log for log in measured.warm_ups if log.joint == joint), None)
     if log is None:
         return None, None, ()
     try:
         warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
-        thermal = fit_warm_up(warm_up, level_over_heat(static, warm_up))
+        thermal = fit_warm_up(warm_up)
         return warm_up, thermal, warm_up_note(thermal, warm_up, f"warm-up of joint {joint}")
     except (DataError, FitError) as error:
         return None, None, (Note("friction/warm-up", str(error), f"warm-up of joint {joint}"),)

@@ -46,7 +46,7 @@ def predicted(seed: int, folder: Path) -> dict[str, Any]:
     level = warm_rig.friction(whole.test_speed, np.interp(tests_s, time_s, log.gear))
     end = whole.time_s[-1] / 2
     error = (model.temperature(whole) - housing)[whole.time_s > end] / np.ptp(housing)
-    of_level = (model.levels(whole, None) / level - 1)[tests_s > end]
+    of_level = (model.levels(whole) / level - 1)[tests_s > end]
     alarms = [note.code for note in warm_up_note(of_whole, whole, "")]
     return {"temperature": _rms(error), "level": _rms(of_level), "alarms": alarms}
 
