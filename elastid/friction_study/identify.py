@@ -201,22 +201,16 @@ def find_before_sliding(
     """Bristles and elements from the records of one joint; static: the law of its passes."""
     notes, law = list[Note](), spec.law
     at_rest = _at_rest(robot, rest, static, notes) if rest else None
-    if not loops or law.presliding == "no":
-        return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
-    log = _loops(loops[0], spec)
-    if law.presliding == "lugre":
-        if at_rest is None:
-            text = (
-                "loops do not identify the damping of bristles; give responses at rest, or take law.presliding: "
-                "maxwell_slip"
-            )
-            notes.append(Note("friction/presliding", text, f"record {loops[0].name}"))
-        return BeforeSliding(None, at_rest, tuple(notes))
-    try:
-        return BeforeSliding(fit_presliding(log, law.elements), at_rest, tuple(notes))
-    except DataError as error:
-        notes.append(Note("friction/presliding", str(error), f"record {loops[0].name}"))
-        return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
+    presliding, place = None, f"record {loops[0].name}" if loops else ""
+    if loops and law.presliding == "lugre" and at_rest is None:
+        text = "loops do not identify the damping of bristles; give responses at rest, or take law.presliding: maxwell_slip"
+        notes.append(Note("friction/presliding", text, place))
+    if loops and law.presliding not in ("no", "lugre"):
+        try:
+            presliding = fit_presliding(_loops(loops[0], spec), law.elements)
+        except DataError as error:
+            notes.append(Note("friction/presliding", str(error), place))
+    return BeforeSliding(presliding, at_rest, tuple(notes))
 
 
 def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:

@@ -23,7 +23,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
@@ -291,19 +290,22 @@ def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | N
         return False
     if robot.loops:
         return True
-    names, tau, theta = _rigid_body(robot)
-    held, zero = np.zeros((2, len(names)))
-    if posture is not None:
-        held[list(robot.driven_indices)] = posture.angles
     # Of these angles no two have the same gravity, whatever its phase.
-    turned = held + np.outer((0.0, 1.1, 2.3), np.array([name == joint.name for name in names]))
-    torques = [float(np.asarray(tau(q, zero, zero, theta))[names.index(joint.name), 0]) for q in turned]
+    torques = [_file_torque(robot, joint, posture, angle, 0.0) for angle in (0.0, 1.1, 2.3)]
     return bool(np.ptp(torques) > 1e-9 * max(1.0, *map(abs, torques)))
 
 
-def _rigid_body(robot: Robot) -> tuple[list[str], ca.Function, list[float]]:
+def _file_torque(
+    robot: Robot, joint: Joint, posture: Configuration | None, turned: float, acceleration: float
+) -> float:
+    """At a joint that is turned from a posture and accelerates, by the rigid body of the robot's file."""
+    place = [each.name for each in robot.joints].index(joint.name)
+    q, zero, a = np.zeros((3, len(robot.joints)))
+    if posture is not None:
+        q[list(robot.driven_indices)] = posture.angles
+    q[place], a[place] = q[place] + turned, acceleration
     theta = [value for value, _ in robot.parameters().values()]
-    return [joint.name for joint in robot.joints], inverse_dynamics(robot), theta
+    return float(np.asarray(inverse_dynamics(robot)(q, zero, a, theta))[place, 0])
 
 
 def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> float:
@@ -312,13 +314,7 @@ def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> 
     rotor = motor.inertia * motor.ratio**2 if motor is not None else 0.0
     if robot.loops:
         return rotor
-    names, tau, theta = _rigid_body(robot)
-    q, zero, unit = np.zeros((3, len(names)))
-    unit[names.index(joint.name)] = 1.0
-    if posture is not None:
-        q[list(robot.driven_indices)] = posture.angles
-    torque = np.asarray(tau(q, zero, unit, theta)) - np.asarray(tau(q, zero, zero, theta))
-    return rotor + float(torque[names.index(joint.name), 0])
+    return rotor + _file_torque(robot, joint, posture, 0.0, 1.0) - _file_torque(robot, joint, posture, 0.0, 0.0)
 
 
 def find_gain(motions: Sequence[Motion], payloads: Sequence[FloatArray]) -> tuple[float, float]:
