@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.errors import DataError, FitError, Note
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
-from elastid.friction_study.laws import StaticLaw
+from elastid.friction_study.laws import StaticLaw, friction_of
 from elastid.friction_study.motion import MotionFriction
 from elastid.friction_study.presliding import Loops, Presliding, fit_presliding
 from elastid.friction_study.result import (
@@ -34,7 +34,7 @@ from elastid.friction_study.result import (
 from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.record import FrictionRecord, FrictionRecords
-from elastid.robot import Directions, Friction, LoadDependence, LuGre, MeasuredRange, Robot, TemperatureDependence
+from elastid.robot import Friction, LuGre, MeasuredRange, Robot
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.simulation.elastic_joint import ElasticJoint, held_joint
 
@@ -154,22 +154,12 @@ def joint_law(
 
 
 def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
-    fit, viscous = motion.chosen, max(0.0, motion.chosen["viscous"])
-    apart = {name: fit[f"directions.{name}"] for name in ("coulomb", "viscous") if f"directions.{name}" in fit.names}
+    fit, terms = motion.chosen, motion.terms.at(motion.chosen)
     speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
-    measured = MeasuredRange((min(speeds), max(speeds)), None, motion.terms.measured) if speeds else None
-    has_stribeck, terms = "stiction" in fit.names, motion.terms.at(fit)
-    heat = {name.removeprefix("temperature."): fit[name] for name in terms.heat}
-    if heat.get("viscous", 0.0) < 0:  # it grows with heat, which no law has
-        del heat["viscous"]
-    coulomb, quadratic = fit["coulomb"], fit["quadratic"] if terms.quadratic else 0.0
-    return Friction(
-        coulomb, fit["stiction"] if has_stribeck else None, fit["stribeck_velocity"] if has_stribeck else None,
-        quadratic, terms.exponent,
-        load=LoadDependence(fit["load.coulomb"]) if "load.coulomb" in fit.names else None,
-        temperature=TemperatureDependence(terms.reference, decay=terms.decay, **heat) if heat else None,
-        directions=Directions(**apart) if apart else None, measured=measured,
-    ), viscous  # fmt: skip
+    measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
+    held = {"exponent": terms.exponent, "temperature.decay": terms.decay}
+    numbers = held | dict(zip(fit.names, fit.values.tolist(), strict=True))
+    return friction_of(numbers, terms.reference, measured), max(0.0, fit["viscous"])
 
 
 def _lugre(rest: AtRest | None, coulomb: float) -> LuGre | None:
@@ -203,7 +193,7 @@ def find_before_sliding(
     at_rest = _at_rest(robot, rest, static, notes) if rest else None
     presliding, place = None, f"record {loops[0].name}" if loops else ""
     if loops and law.presliding == "lugre" and at_rest is None:
-        text = "loops do not identify the damping of bristles; give responses at rest, or take law.presliding: maxwell_slip"
+        text = "loops do not show the damping of bristles; give responses at rest, or law.presliding: maxwell_slip"
         notes.append(Note("friction/presliding", text, place))
     if loops and law.presliding not in ("no", "lugre"):
         try:
