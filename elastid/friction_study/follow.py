@@ -166,7 +166,7 @@ def follow(
     tracks = _tracks(kalman, motions, noise, start)
     track = _joined(tracks)
     judged, prior = consistency(track, settle_s, LAGS), np.sqrt(np.diag(start.P))[-len(joint.followed) :]
-    values, low, high, mean_nis, instants = _shown(track, [len(each.innovation) for each in tracks])
+    values, low, high, mean_nis, instants = _shown(track)
     times = np.concatenate([m.start_s + np.arange(1, len(m.samples.angle) + 1) / rate_hz for m in motions])[instants]
     place = f"joint {name}"
     # Warnings to be read before the bands of a filter are believed.
@@ -237,15 +237,12 @@ def _joined(tracks: Sequence[Track]) -> Track:
     return Track(last.joint, last.rate_hz, last=last.last, drift=last.drift, starts=tuple(starts), **parts)
 
 
-def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, np.ndarray]:
+def _shown(track: Track) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, np.ndarray]:
     """Values, low, high (m, p) at the ends of blocks, mean NIS of each block (m,), and those ends."""
     n = len(track.innovation)
     step = max(1, n // 2000)  # a result keeps so many points
-    ends = np.cumsum(lengths)
-    last = np.unique(np.concatenate([np.arange(step - 1, n, step), ends - 1]))
-    sums = np.concatenate([[0.0], np.cumsum(track.nis)])
-    first = np.concatenate([[0], last[:-1] + 1])
-    nis = (sums[last + 1] - sums[first]) / (last + 1 - first)
+    last = np.arange(n % step + step - 1, n, step)
+    nis = track.nis[n % step :].reshape(-1, step).mean(axis=1)
     columns = [(track.values(name)[last], *(end[last] for end in track.band(name))) for name in track.joint.followed]
     values, low, high = (np.stack(each, axis=1) for each in zip(*columns, strict=True))
     return values, low, high, nis, last

@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.errors import DataError, FitError, Note
 from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
-from elastid.friction_study.laws import StaticLaw
+from elastid.friction_study.laws import StaticLaw, friction_of
 from elastid.friction_study.motion import MotionFriction
 from elastid.friction_study.presliding import Loops, Presliding, fit_presliding
 from elastid.friction_study.result import (
@@ -32,9 +32,9 @@ from elastid.friction_study.result import (
     true_numbers,
 )
 from elastid.friction_study.spec import FrictionSpec, LawSpec
-from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat, warm_up_note, warm_up_of
+from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.record import FrictionRecord, FrictionRecords
-from elastid.robot import Directions, Friction, LoadDependence, LuGre, MeasuredRange, Robot, TemperatureDependence
+from elastid.robot import Friction, LuGre, MeasuredRange, Robot
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.simulation.elastic_joint import ElasticJoint, held_joint
 
@@ -70,7 +70,7 @@ def _joint(
         static = StaticLaw.of(curve, spec.law)
     loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
     before = find_before_sliding(robot, loops, rest, static, spec)
-    warm_up, thermal, notes = _heat(name, measured, static)
+    warm_up, thermal, notes = _heat(name, measured)
     friction, viscous, refused = _law(levels, static, before, spec)
     true = {} if truth is None else true_numbers(truth, name, static)
     numbers = {each.name: each for each in _numbers(levels, None if refused else static, before, true)}
@@ -114,16 +114,14 @@ def _numbers(
         yield from numbers_at_rest(levels.joint, before.at_rest, levels.slides, truth)
 
 
-def _heat(
-    joint: str, measured: FrictionRecords, static: StaticLaw | None
-) -> tuple[WarmUp | None, ThermalModel | None, tuple[Note, ...]]:
+def _heat(joint: str, measured: FrictionRecords) -> tuple[WarmUp | None, ThermalModel | None, tuple[Note, ...]]:
     """The joint's warm-up with its thermal model, or the note on why there is none."""
     log = next((log for log in measured.warm_ups if log.joint == joint), None)
     if log is None:
         return None, None, ()
     try:
         warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
-        thermal = fit_warm_up(warm_up, level_over_heat(static, warm_up))
+        thermal = fit_warm_up(warm_up)
         return warm_up, thermal, warm_up_note(thermal, warm_up, f"warm-up of joint {joint}")
     except (DataError, FitError) as error:
         return None, None, (Note("friction/warm-up", str(error), f"warm-up of joint {joint}"),)
@@ -156,22 +154,12 @@ def joint_law(
 
 
 def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
-    fit, viscous = motion.chosen, max(0.0, motion.chosen["viscous"])
-    apart = {name: fit[f"directions.{name}"] for name in ("coulomb", "viscous") if f"directions.{name}" in fit.names}
+    fit, terms = motion.chosen, motion.terms.at(motion.chosen)
     speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
-    measured = MeasuredRange((min(speeds), max(speeds)), None, motion.terms.measured) if speeds else None
-    has_stribeck, terms = "stiction" in fit.names, motion.terms.at(fit)
-    heat = {name.removeprefix("temperature."): fit[name] for name in terms.heat}
-    if heat.get("viscous", 0.0) < 0:  # it grows with heat, which no law has
-        del heat["viscous"]
-    coulomb, quadratic = fit["coulomb"], fit["quadratic"] if terms.quadratic else 0.0
-    return Friction(
-        coulomb, fit["stiction"] if has_stribeck else None, fit["stribeck_velocity"] if has_stribeck else None,
-        quadratic, terms.exponent,
-        load=LoadDependence(fit["load.coulomb"]) if "load.coulomb" in fit.names else None,
-        temperature=TemperatureDependence(terms.reference, decay=terms.decay, **heat) if heat else None,
-        directions=Directions(**apart) if apart else None, measured=measured,
-    ), viscous  # fmt: skip
+    measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
+    held = {"exponent": terms.exponent, "temperature.decay": terms.decay}
+    numbers = held | dict(zip(fit.names, fit.values.tolist(), strict=True))
+    return friction_of(numbers, terms.reference, measured), max(0.0, fit["viscous"])
 
 
 def _lugre(rest: AtRest | None, coulomb: float) -> LuGre | None:
@@ -203,22 +191,16 @@ def find_before_sliding(
     """Bristles and elements from the records of one joint; static: the law of its passes."""
     notes, law = list[Note](), spec.law
     at_rest = _at_rest(robot, rest, static, notes) if rest else None
-    if not loops or law.presliding == "no":
-        return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
-    log = _loops(loops[0], spec)
-    if law.presliding == "lugre":
-        if at_rest is None:
-            text = (
-                "loops do not identify the damping of bristles; give responses at rest, or take law.presliding: "
-                "maxwell_slip"
-            )
-            notes.append(Note("friction/presliding", text, f"record {loops[0].name}"))
-        return BeforeSliding(None, at_rest, tuple(notes))
-    try:
-        return BeforeSliding(fit_presliding(log, law.elements), at_rest, tuple(notes))
-    except DataError as error:
-        notes.append(Note("friction/presliding", str(error), f"record {loops[0].name}"))
-        return BeforeSliding(at_rest=at_rest, notes=tuple(notes))
+    presliding, place = None, f"record {loops[0].name}" if loops else ""
+    if loops and law.presliding == "lugre" and at_rest is None:
+        text = "loops do not show the damping of bristles; give responses at rest, or law.presliding: maxwell_slip"
+        notes.append(Note("friction/presliding", text, place))
+    if loops and law.presliding not in ("no", "lugre"):
+        try:
+            presliding = fit_presliding(_loops(loops[0], spec), law.elements)
+        except DataError as error:
+            notes.append(Note("friction/presliding", str(error), place))
+    return BeforeSliding(presliding, at_rest, tuple(notes))
 
 
 def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:

@@ -23,17 +23,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
-from elastid.friction_study.least_squares import Equations, solve
+from elastid.friction_study.least_squares import solve
 from elastid.friction_study.levels import PassLevels, levels_of_records, levels_of_run_downs
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.motion_terms import MotionTerms, equations_of
 from elastid.friction_study.pass_detection import check_reversal, detect_passes
 from elastid.friction_study.passes import PLATEAUS
 from elastid.friction_study.result import JointLevels
@@ -290,19 +290,22 @@ def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | N
         return False
     if robot.loops:
         return True
-    names, tau, theta = _rigid_body(robot)
-    held, zero = np.zeros((2, len(names)))
-    if posture is not None:
-        held[list(robot.driven_indices)] = posture.angles
     # Of these angles no two have the same gravity, whatever its phase.
-    turned = held + np.outer((0.0, 1.1, 2.3), np.array([name == joint.name for name in names]))
-    torques = [float(np.asarray(tau(q, zero, zero, theta))[names.index(joint.name), 0]) for q in turned]
+    torques = [_file_torque(robot, joint, posture, angle, 0.0) for angle in (0.0, 1.1, 2.3)]
     return bool(np.ptp(torques) > 1e-9 * max(1.0, *map(abs, torques)))
 
 
-def _rigid_body(robot: Robot) -> tuple[list[str], ca.Function, list[float]]:
+def _file_torque(
+    robot: Robot, joint: Joint, posture: Configuration | None, turned: float, acceleration: float
+) -> float:
+    """At a joint that is turned from a posture and accelerates, by the rigid body of the robot's file."""
+    place = [each.name for each in robot.joints].index(joint.name)
+    q, zero, a = np.zeros((3, len(robot.joints)))
+    if posture is not None:
+        q[list(robot.driven_indices)] = posture.angles
+    q[place], a[place] = q[place] + turned, acceleration
     theta = [value for value, _ in robot.parameters().values()]
-    return [joint.name for joint in robot.joints], inverse_dynamics(robot), theta
+    return float(np.asarray(inverse_dynamics(robot)(q, zero, a, theta))[place, 0])
 
 
 def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> float:
@@ -311,26 +314,18 @@ def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> 
     rotor = motor.inertia * motor.ratio**2 if motor is not None else 0.0
     if robot.loops:
         return rotor
-    names, tau, theta = _rigid_body(robot)
-    q, zero, unit = np.zeros((3, len(names)))
-    unit[names.index(joint.name)] = 1.0
-    if posture is not None:
-        q[list(robot.driven_indices)] = posture.angles
-    torque = np.asarray(tau(q, zero, unit, theta)) - np.asarray(tau(q, zero, zero, theta))
-    return rotor + float(torque[names.index(joint.name), 0])
+    return rotor + _file_torque(robot, joint, posture, 0.0, 1.0) - _file_torque(robot, joint, posture, 0.0, 0.0)
 
 
 def find_gain(motions: Sequence[Motion], payloads: Sequence[FloatArray]) -> tuple[float, float]:
     """g and its std from motions of one joint; payloads (n,): the torque of the payload in each, 0 without it."""
-    equations = []
-    for motion, payload in zip(motions, payloads, strict=True):
-        signals = MotionSignals.of(motion, PASSBAND_HZ)
-        q, v = signals.position, signals.velocity
-        rest = [signals.acceleration, v, np.abs(v), signals.direction, np.ones_like(q), np.cos(q), np.sin(q)]
-        sides = (payload[:, None, None], np.stack(rest, axis=1)[:, None, :], motion.torque[:, None])
-        X, R, y = (signals.filtered(side) * signals.used.reshape(-1, *[1] * (side.ndim - 1)) for side in sides)
-        equations.append(Equations(X, R, y, np.zeros((len(y), 0))))
-    solution = solve(equations, MotionSignals.of(motions[0], PASSBAND_HZ).kept_hz)
+    signals = [MotionSignals.of(motion, PASSBAND_HZ) for motion in motions]
+    _, logs = equations_of(motions, signals, MotionTerms())
+    whole = []
+    for log, each, payload in zip(logs, signals, payloads, strict=True):
+        column = (each.filtered(payload) * each.used)[:, None, None]
+        whole.append(replace(log, X=np.concatenate([column, log.X], axis=2), states=log.states[:, :0]))
+    solution = solve(whole, signals[0].kept_hz)
     return float(solution.beta[0]), float(np.sqrt(solution.covariance[0, 0]))
 
 

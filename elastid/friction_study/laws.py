@@ -103,24 +103,7 @@ class StaticLaw:
 
     def to_friction(self) -> Friction:
         """The law as a robot's file has it; its presliding is another's."""
-        value, eta = self.values, self.fit.values
-        load, temperature, directions = None, None, None
-        if "load.coulomb" in value or "load.stiction" in value:
-            stiction, velocity = value.get("load.stiction"), value.get("load.stribeck_velocity")
-            load = LoadDependence(max(0.0, value.get("load.coulomb", 0.0)), stiction, velocity)
-        if any(name.startswith("temperature") for name in value):
-            temperature = TemperatureDependence(
-                self.fit.T_0, value.get("temperature.stiction", 0.0), value.get("temperature.stribeck_velocity", 0.0),
-                max(0.0, value.get("temperature.viscous", 0.0)), eta.get("temperature.decay", START_DECAY_K),
-                value.get("temperature.coulomb", 0.0),
-            )  # fmt: skip
-        if "directions.coulomb" in value:
-            directions = Directions(value["directions.coulomb"], value["directions.viscous"])
-        return Friction(
-            value["coulomb"], value.get("stiction"), value.get("stribeck_velocity"),
-            max(0.0, value.get("quadratic", 0.0)), eta.get("exponent", 2.0),
-            load=load, temperature=temperature, directions=directions, measured=self.measured,
-        )  # fmt: skip
+        return friction_of(dict(self.fit.terms.held) | self.values, self.fit.T_0, self.measured)
 
     @property
     def _sum(self) -> FloatArray:
@@ -142,6 +125,23 @@ class StaticLaw:
         if name.startswith("load"):
             return f"{speeds}, loads of {levels.load.min():.3g} to {levels.load.max():.3g} {drive_unit(levels.slides)}"
         return f"{speeds}, both directions" if name.startswith("directions") else speeds
+
+
+def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> Friction:
+    """The law of numbers by name, those by temperature about a reference in degC, as a robot's file has it."""
+    of_part = {
+        part: {name.removeprefix(part): x for name, x in value.items() if name.startswith(part)}
+        for part in ("load.", "temperature.", "directions.")
+    }
+    load, heat, apart = of_part.values()
+    heat |= {"viscous": max(0.0, heat["viscous"])} if "viscous" in heat else {}  # no law grows with heat
+    return Friction(
+        value["coulomb"], value.get("stiction"), value.get("stribeck_velocity"),
+        max(0.0, value.get("quadratic", 0.0)), value.get("exponent", 2.0),
+        load=LoadDependence(max(0.0, load.pop("coulomb", 0.0)), **load) if load else None,
+        temperature=TemperatureDependence(reference, **heat) if set(heat) - {"decay"} else None,
+        directions=Directions(**apart) if apart else None, measured=measured,
+    )  # fmt: skip
 
 
 def _first_curve(levels: Levels) -> CurveFit:

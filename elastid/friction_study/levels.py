@@ -27,7 +27,7 @@ from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.pass_detection import usable_passes
 from elastid.friction_study.passes import Pass, PassRegression, about_mean, one_way, passes_of
-from elastid.record import FrictionRecord, drive_unit, motion_unit
+from elastid.record import FrictionRecord, motion_unit
 
 COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")  # (n,) of levels
 
@@ -111,15 +111,12 @@ LEVELS = LevelLimits()
 class PassLevels:
     """The levels, the parts of the torque that all passes share, and notes on passes that were left out.
 
-    shared: numbers by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`) with their std.  turn: of the joint for
-    a turn of its motor, whose ripple is among them; 0 for none.  residual_rms: of a sample, white noise.
+    shared: numbers by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`, those of ripple) with their std.
     """
 
     levels: Levels
     shared: dict[str, tuple[float, float]]
-    residual_rms: float
     notes: tuple[Note, ...]
-    turn: float = 0.0
 
 
 def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> PassLevels:
@@ -131,7 +128,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     used, notes = usable_passes(passes)
     pairs = _pairs(used)
     design = PassRegression.of(used, pairs, has_gravity, turn)
-    values, covariance, left = design.solve()
+    values, covariance, _ = design.solve()
     n_k = len(pairs)
     conditions = np.array([_condition(members) for members in pairs.values()])
     speed = conditions[:, 0]
@@ -141,29 +138,29 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
     std = np.sqrt(np.diag(covariance)[:n_k])
     known = std < LEVELS.max_relative_std * np.abs(g)
-    unit, torque_unit = motion_unit("velocity", used[0].slides), drive_unit(used[0].slides)
-    notes += [
-        Note(
-            "friction/levels",
-            f"its level at {v:.3g} {unit} is {level:.3g} +- {error:.2g} {torque_unit} and does not count"
-            ": gravity, ripple or noise are too large compared with it; repeat the pass, or make it longer",
-            f"pass {name}",
+    _refuse_unknown(known, g, std, f"passes of {used[0].place}")
+    if not known.all():
+        weak, unit = ", ".join(f"{v:.3g}" for v in speed[~known]), motion_unit("velocity", used[0].slides)
+        text = (
+            f"levels at {weak} {unit} are not known to {LEVELS.max_relative_std:.0%} and do not count: gravity, ripple "
+            "or noise are too large compared with them; repeat these passes, or make them longer"
         )
-        for name, v, level, error, good in zip(pairs, speed, g, std, known, strict=True)
-        if not good
-    ]
-    if not known.any():
-        raise DataError(
-            "friction/levels",
-            f"no level is known to {LEVELS.max_relative_std:.0%}; {notes[-1]}",
-            f"passes of {used[0].place}",
-        )
+        notes.append(Note("friction/levels", text, f"passes of {used[0].place}"))
     shared = {
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
     levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
-    per_row = sum(len(each.torque) for each in used) / len(left)  # samples, whose mean has less noise than one
-    return PassLevels(levels, shared, float(np.sqrt(per_row * np.mean(left**2))), tuple(notes), turn)
+    return PassLevels(levels, shared, tuple(notes))
+
+
+def _refuse_unknown(known: BoolArray, torque: FloatArray, std: FloatArray, place: str) -> None:
+    """DataError where no level (n,) is known."""
+    if not known.any():
+        text = (
+            f"no level is known to {LEVELS.max_relative_std:.0%}, the best is {torque[np.argmin(std)]:.3g} +- "
+            f"{std.min():.2g}; repeat the record, longer or with a finer encoder"
+        )
+        raise DataError("friction/levels", text, place)
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
@@ -235,34 +232,8 @@ def _levels(
 
 
 def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
-    """The levels of all passes of a joint, as `find_levels`; `shared` is that of the first load."""
-    loads = dict.fromkeys(record.load for record in records)
-    passes = [[each for record in records if record.load == load for each in passes_of(record)] for load in loads]
-    by_load = [find_levels(of_load, has_gravity, turn) for of_load in passes]
-    if len(by_load) == 1:
-        return by_load[0]
-    levels = [each.levels for each in by_load]
-    if not all(each.direction.any() for each in levels):
-        # Directions that differ under one load alone are chance, or that load's own.
-        levels = [_of_both_ways(each) for each in levels]
-    rms = float(np.sqrt(np.mean([each.residual_rms**2 for each in by_load])))
-    notes = tuple(
-        replace(note, place=f"{note.place}, load {load}")
-        for each, load in zip(by_load, loads, strict=True)
-        for note in each.notes
-    )
-    columns: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in levels]) for name in COLUMNS}
-    whole = replace(levels[0], **columns)
-    return replace(by_load[0], levels=whole, residual_rms=rms, notes=notes)
-
-
-def _of_both_ways(levels: Levels) -> Levels:
-    """The mean of both directions at each condition, the forward ones listed first."""
-    if not levels.direction.any():
-        return levels
-    forward, backward = levels.select(levels.direction > 0), levels.select(levels.direction < 0)
-    torque, std = (forward.torque + backward.torque) / 2, np.hypot(forward.std, backward.std) / 2
-    return replace(forward, direction=np.zeros(forward.n_levels), torque=torque, std=std)
+    """The levels of all passes of a joint under all loads, as `find_levels`."""
+    return find_levels([each for record in records for each in passes_of(record)], has_gravity, turn)
 
 
 @dataclass(frozen=True)
@@ -296,13 +267,7 @@ def levels_of_run_downs(
     speed, direction, torque, std, load, temperature = np.array(rows).T
     known = std < LEVELS.max_relative_std * np.abs(torque)
     levels = Levels(f"joint {first.joint}", speed, direction, torque, std, load, temperature, first.slides)
-    if not known.any():
-        raise DataError(
-            "friction/levels",
-            f"no level of joint {first.joint} is known to {LEVELS.max_relative_std:.0%}, the best is "
-            f"{torque[np.argmin(std)]:.3g} +- {std.min():.2g}; repeat the run-down, with a finer encoder",
-            first.place,
-        )
+    _refuse_unknown(known, torque, std, first.place)
     unit = "kg" if first.slides else "kg*m^2"
     one_way = "" if len({*direction.tolist()}) > 1 else ", and an offset of the torque is part of Coulomb friction"
     text = (
@@ -310,8 +275,7 @@ def levels_of_run_downs(
         f"1 % of every level, which no interval has in it{one_way}"
     )
     note = Note("friction/inertia", text, f"joint {first.joint}", severity="information")
-    rms = float(np.sqrt(np.mean(std[known] ** 2)))
-    return PassLevels(levels.select(known), {"inertia": (inertia, 0.0)}, rms, (note,))
+    return PassLevels(levels.select(known), {"inertia": (inertia, 0.0)}, (note,))
 
 
 def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> list[tuple[float, ...]]:

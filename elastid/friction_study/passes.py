@@ -201,9 +201,10 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     samples = np.arange(len(record.position))
     lag = samples + record.torque_delay_s * record.rate_hz
     position, velocity, acceleration = (np.interp(lag, samples, x) for x in (record.position, *motion_of(record)))
+    pair = f"{record.name}, load {record.load}" if record.load else record.name
     return tuple(
         Pass(
-            f"joint {record.joint}", record.name, record.rate_hz, position[part], velocity[part], acceleration[part],
+            f"joint {record.joint}", pair, record.rate_hz, position[part], velocity[part], acceleration[part],
             record.torque[part], record.load_torque, _mean_temperature(record, part), record.slides, record.load,
         )
         for part in (_inner(*window, record.rate_hz) for window in (record.there, record.back) if window is not None)

@@ -79,12 +79,11 @@ class Elements:
 
 @dataclass(frozen=True)
 class Presliding:
-    """Spectrum, few elements, cross-validated errors (MAX_ELEMENTS,) of 1, 2, ... elements; position (n,) smoothed."""
+    """Spectrum, few elements, cross-validated errors (MAX_ELEMENTS,) of 1, 2, ... elements."""
 
     spectrum: Elements
     few: Elements
     errors: FloatArray
-    position: FloatArray
 
 
 def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
@@ -109,7 +108,7 @@ def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
     missed = [[_missed(q, loops.torque, fit.threshold, used, fold) for fold in folds] for fit in fits.values()]
     errors = np.sqrt([np.mean(each) for each in missed])
     chosen = elements or _fewest(missed)
-    return Presliding(spectrum, fits[chosen], errors, q)
+    return Presliding(spectrum, fits[chosen], errors)
 
 
 def _smoothed(loops: Loops) -> Iterator[FloatArray]:

@@ -332,11 +332,9 @@ def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regressi
     s = np.concatenate([each.filtered(each.direction)[each.used] for each in signals])
     friction = float(np.linalg.norm(fit["viscous"] * v + fit["coulomb"] * s))
     share = float(np.sqrt(fit.sum_of_squares)) / max(friction, 1e-300)
-    independent = len(v) * (1 - fit.correlation) / (1 + fit.correlation)
     dominates = share > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
     text = (
-        f"{fit.relative_error:.1%} of its torque is left by rigid body and friction, {share:.0%} of what friction "
-        f"takes, correlated so that {len(v)} samples are {independent:.0f} independent ones"
+        f"{fit.relative_error:.1%} of its torque is left by rigid body and friction, {share:.0%} of what friction takes"
     )
     advice = (
         ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, and "

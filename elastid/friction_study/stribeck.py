@@ -1,9 +1,8 @@
 r"""The static law through levels, by variable projection: its linear numbers are eliminated, the others searched for.
 
-.. math:: \min_\eta \| P^\perp(\eta)\, W y \|^2, \quad c = (W \Phi)^+ W y, \quad
-          J = -P^\perp W \frac{\partial \Phi}{\partial \eta} c
+.. math:: \min_\eta \| P^\perp(\eta)\, W y \|^2, \quad c = (W \Phi)^+ W y
 
-(Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973, with Kaufman's Jacobian, BIT 15, 1975.) W = 1 / std of each level.
+(Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.) W = 1 / std of each level.
 """
 
 from __future__ import annotations
@@ -91,7 +90,7 @@ def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
     dof = levels.n_levels - n_numbers
     hits = sum(other <= cost + 1e-3 * max(1.0, cost / dof) for _, other in ends)
     eta = search.eta(x)
-    linear, _, _ = search.project(eta)
+    linear, _ = search.project(eta)
     values = dict(zip(terms.linear, linear.tolist(), strict=True)) | eta
     J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
     covariance = inverse_normal(J) * excess(cost, dof)
@@ -134,19 +133,8 @@ class _Search:
             eta["stribeck_velocity"] = cold - low * (hot - cold) / (high - low)
         return eta
 
-    def slopes_by_x(self, x: FloatArray) -> FloatArray:
-        """d eta / d x (n_searched, n_searched)."""
-        chain = np.diag(np.exp(x))
-        if "temperature.stribeck_velocity" in self.terms.searched:
-            i, j = (self.terms.searched.index(n) for n in ("stribeck_velocity", "temperature.stribeck_velocity"))
-            low, high = self._ends
-            cold, hot = np.exp(x[i]), np.exp(x[j])
-            chain[i, i], chain[i, j] = cold * (1 + low / (high - low)), -low / (high - low) * hot
-            chain[j, i], chain[j, j] = -cold / (high - low), hot / (high - low)
-        return chain
-
-    def project(self, eta: Mapping[str, float]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The best linear numbers at eta, the residual, and orthonormal columns Q of the linear part."""
+    def project(self, eta: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+        """The best linear numbers at eta, and the residual."""
         W = 1 / self.levels.std
         Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
         y = W * self.levels.torque
@@ -156,17 +144,17 @@ class _Search:
             linear = np.asarray(solve_triangular(R, share))
         else:
             linear = np.asarray(np.linalg.lstsq(R, share, rcond=None)[0])
-        return linear, y - Q @ share, Q
+        return linear, y - Q @ share
 
     def ends(self) -> list[tuple[FloatArray, float]]:
         """The ends of the searches from all starts, with their costs."""
         starts = list(self.starts())
         if not self.terms.searched:
-            _, left, _ = self.project(self.eta(starts[0]))
+            _, left = self.project(self.eta(starts[0]))
             return [(starts[0], float(left @ left))]
         optima = minimise(
             lambda x: self.project(self.eta(x))[1], starts,
-            jac=self._jacobian, bounds=self._bounds, x_scale=1.0, ftol=1e-12, xtol=1e-10,
+            jac="3-point", bounds=self._bounds, x_scale=1.0, ftol=1e-12, xtol=1e-10,
         )  # fmt: skip
         return [(end.x, end.cost) for end in optima]
 
@@ -185,14 +173,6 @@ class _Search:
             start = dict(zip(names, values, strict=True))
             start["temperature.stribeck_velocity"] = start.get("stribeck_velocity", 0.0)
             yield np.array([start[name] for name in self.terms.searched])
-
-    def _jacobian(self, x: FloatArray) -> FloatArray:
-        eta = self.eta(x)
-        values, _, Q = self.project(eta)
-        linear = dict(zip(self.terms.linear, values.tolist(), strict=True))
-        moved = slopes(self.levels.conditions, linear, self.terms.searched, eta, self.T_0) / self.levels.std[:, None]
-        J = moved @ self.slopes_by_x(x)
-        return np.asarray(Q @ (Q.T @ J) - J)
 
     @property
     def _bounds(self) -> tuple[FloatArray, FloatArray]:

@@ -10,16 +10,15 @@ exact over a step of constant power. A gear that warms with its motor is a secon
 
 with s = 0 to 1 for any place of the joint: where P enters both w are positive, and a place that is warmed through the
 other node, such as the housing with its thermometer, has s = 1, so that w_2 is negative. Known: readings of a
-thermometer, levels of test passes, or both. With levels alone the law's dependence on temperature must be known; where
-it is not, kelvins cannot be known either, and levels at each test speed follow a relative temperature u, 1 where the
-largest power would lead: level = c_0 + c_1 u + c_2 u^2. Beside a thermometer, whose place need not be that of the
-grease, they do so wherever a speed has enough of them.
+thermometer, levels of test passes, or both. Levels at each test speed follow a relative temperature u, 1 where the
+largest power would lead: level = c_0 + c_1 u + c_2 u^2, of the same time constants as a thermometer, whose place need
+not be that of the grease. Without a thermometer kelvins cannot be known.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -28,14 +27,10 @@ from scipy.linalg import solve_banded
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, FitError, Note
-from elastid.friction.static import Conditions
-from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
 from elastid.friction_study.passes import Pass, PassRegression, alike_speeds, passes_of
 from elastid.record import FrictionRecord, WarmUpLog
 
-# Level(speed (m,), temperature (m,)) of a law, Nm.
-LevelOf = Callable[[FloatArray, FloatArray], FloatArray]
 Scale = Literal["kelvin", "relative"]
 
 
@@ -46,7 +41,6 @@ class WarmUp:
     readings (n + 1,): of a thermometer in degC, NaN where there is none, with reading_std.
     test (m,): index of time_s at which a test pass was made, at test_speed (m,), with its level (m,) and std (m,).
     start_std: of start_degc, 0 where it is exact.  ambient_degc is NaN where it is that of the start.
-    load (m,): |torque| that each test pass carried, Nm; None where none is known.
     """
 
     time_s: FloatArray
@@ -59,7 +53,6 @@ class WarmUp:
     test_speed: FloatArray
     level: FloatArray
     level_std: FloatArray
-    load: FloatArray | None = None
     start_std: float = 0.0
 
     def __post_init__(self) -> None:
@@ -93,7 +86,7 @@ class ThermalModel:
     """Time constants (n_nodes,) in s, their shares (n_nodes,), h in W/K, with the std of their logarithms.
 
     h is NaN and scale `relative` where kelvins cannot be known.  series (n_speeds, 3) are c_0, c_1, c_2 at each test
-    speed, with level_shares (n_nodes,); without any, levels follow the law at the temperature.  start_degc: estimated.
+    speed, with level_shares (n_nodes,); empty where levels are too few.  start_degc: estimated.
     """
 
     scale: Scale
@@ -115,10 +108,8 @@ class ThermalModel:
             return self._relative(warm_up)
         return _kelvin(warm_up, self.time_constants, self.shares, self.h, self.start_degc)
 
-    def levels(self, warm_up: WarmUp, level_of: LevelOf | None) -> FloatArray:
-        """Levels (m,) at the tests of a warm-up: of a law at the temperature, without one of the parabolas."""
-        if level_of is not None and self.scale == "kelvin":
-            return level_of(warm_up.test_speed, self.temperature(warm_up)[warm_up.tests])
+    def levels(self, warm_up: WarmUp) -> FloatArray:
+        """Levels (m,) at the tests of a warm-up, of the parabolas."""
         at_tests = self._relative(warm_up)[warm_up.tests]
         place = [int(np.argmin(np.abs(self.speeds - speed))) for speed in warm_up.test_speed]
         return np.asarray(np.sum(self.series[place] * np.vander(at_tests, 3, increasing=True), axis=1))
@@ -127,23 +118,9 @@ class ThermalModel:
         return np.asarray(_heat(warm_up, self.time_constants, self.level_shares) / self.power_at_one)
 
 
-def level_over_heat(law: StaticLaw | None, warm_up: WarmUp) -> LevelOf | None:
-    """The law's level at test passes under their loads; None where the law does not depend on temperature."""
-    if law is None or not any(name.startswith("temperature") for name in law.names):
-        return None
-    fit, load = law.fit, 0.0 if warm_up.load is None else warm_up.load
-
-    def level(speed: FloatArray, temperature: FloatArray) -> FloatArray:
-        zeros = np.zeros_like(speed)
-        return fit.torque(Conditions(speed, zeros, zeros + load, temperature))
-
-    return level
-
-
-def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalModel:
+def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
     """The thermal model with one node, or with two where an F test at 1 % finds the second.
 
-    level_of: the law's level at speeds and temperatures, where its dependence on temperature is known.
     Raises DataError where nothing warms up or nothing was measured, FitError where no start leads to an optimum.
     """
     has_readings = bool(np.isfinite(warm_up.readings).any())
@@ -152,13 +129,9 @@ def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalMode
     if not np.any(warm_up.power > 0):
         text = "the power is nowhere positive, so that nothing warms; check the signs of torque and speed"
         raise DataError("friction/warm-up", text, "warm-up")
-    is_law = level_of is not None and math.isfinite(warm_up.start_degc)
     _, counts = np.unique(np.round(warm_up.test_speed, 9), return_counts=True)
-    is_course = has_readings and len(counts) > 0 and counts.min() > 4  # more levels than a parabola has numbers
-    if is_course or not (has_readings or is_law):
-        problem = _Problem(warm_up, None, has_series=True)
-    else:
-        problem = _Problem(warm_up, level_of if is_law else None)
+    is_course = len(counts) > 0 and counts.min() > 4  # more levels than a parabola has numbers
+    problem = _Problem(warm_up, has_series=is_course or not has_readings)
     single = problem.fit()
     double = replace(problem, nodes=2).fit(float(single.time_constants[0]))
     pays = double.dof > 0 and (
@@ -171,18 +144,17 @@ def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalMode
 class _Problem:
     """Unknowns x by name: ln T_1, ln T_2 / T_1, s of thermometer and of levels, ln h, start in its std.
 
-    Levels follow level_of, or a parabola of the heat at each speed, whose three numbers are eliminated.
+    Levels follow a parabola of the heat at each speed, whose three numbers are eliminated.
     """
 
     warm_up: WarmUp
-    level_of: LevelOf | None
-    has_series: bool = False
+    has_series: bool
     nodes: int = 1
 
     @property
     def is_kelvin(self) -> bool:
-        """True if readings or a law state kelvins."""
-        return bool(np.isfinite(self.warm_up.readings).any()) or self.level_of is not None
+        """True if readings state kelvins."""
+        return bool(np.isfinite(self.warm_up.readings).any())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -208,9 +180,6 @@ class _Problem:
             T = _kelvin(warm_up, constants, shares, h, start)
             read, std = np.isfinite(warm_up.readings), max(warm_up.reading_std, LIMITS.best_thermometer)
             parts += [(warm_up.readings - T)[read] / std, x[-1:]]
-            if self.level_of is not None:
-                level = self.level_of(warm_up.test_speed, T[warm_up.tests])
-                parts.append((warm_up.level - level) / warm_up.level_std)
         if self.has_series:
             A, c = self.series(constants, level_shares)
             parts.append(warm_up.level / self.level_std - A @ c)
@@ -307,7 +276,7 @@ def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     return WarmUp(
         log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
         np.clip(samples, 0, len(log.time_s) - 1), alike_speeds(np.array(speeds)), levels[:, 0], levels[:, 1],
-        np.array([record.load_torque for record in tests]), log.start_std,
+        log.start_std,
     )  # fmt: skip
 
 

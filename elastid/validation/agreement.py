@@ -63,17 +63,12 @@ def validate(
     Raises StudyError where left_out names a configuration that was not measured, or all of them.
     """
     names = [response.configuration.name for response in measured]
-    unknown = [name for name in left_out if name not in names]
-    if unknown:
+    if not set(left_out) < set(names):
         raise StudyError(
             "validation/left-out",
-            f"{', '.join(unknown)} was not measured; choose among {', '.join(names)}",
+            f"of the configurations that were measured ({', '.join(names)}) some but not all are left out, to fit the "
+            f"others; not {', '.join(left_out)}",
             "validation.left_out",
-        )
-    if set(names) <= set(left_out):
-        raise StudyError(
-            "validation/left-out",
-            "validation.left_out names every configuration; take out at least one, which is then fitted",
         )
     agreements = tuple(
         agreement(Ghat, G, name in left_out, (shifts or {}).get(name))

@@ -274,16 +274,9 @@ def predict_logs(
         levels = find_joint_levels(robot, moved, measured)
     except DataError as error:
         return Prediction(twin, (), f"These logs have no regression of their own: {error}.", missing)
-    regressed = [JointFriction(each.joint, each.slides, motion=_as_regressed(each.motion)) for each in levels]
+    regressed = [JointFriction(each.joint, each.slides, motion=each.motion) for each in levels]
     own = [each for each in _along_logs(robot, regressed, measured) if isinstance(each, JointFriction)]
     return Prediction(twin, friction_balances(own, measured), "", missing)
-
-
-def _as_regressed(fit: MotionFriction | None) -> MotionFriction | None:
-    """With the rigid body by least squares, which leaves least of its own logs."""
-    if fit is None or fit.rigid_body is None:
-        return fit
-    return replace(fit, rigid_body=replace(fit.rigid_body, predicting=fit.rigid_body.values))
 
 
 def _along_logs(

@@ -3,7 +3,7 @@ r"""Modes of the measured responses of a robot beside those of its identified mo
 A measured mode belongs to the model's mode of near frequency, within 10 % or the smaller half width, and like shape,
 each to one; their shapes at the outputs, psi of the measurement and C phi of the model, are compared by
 
-. math:: \mathrm{MAC} = \frac{|\psi^H C \phi|^2}{\psi^H \psi\; (C \phi)^H C \phi}
+.. math:: \mathrm{MAC} = \frac{|\psi^H C \phi|^2}{\psi^H \psi\; (C \phi)^H C \phi}
 
 A mode without one is lacking where the model also misses the response there: at the line of its peak by more than half
 of the height of the peak |R| / (zeta omega), which itself is more than eight standard deviations.  Friction bends
@@ -12,7 +12,6 @@ resonances of a right model by less.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,17 +143,4 @@ def _is_missed(own: Modes, r: int, response: Response, modelled: Response) -> bo
 
 def _seen(own: Modes, r: int) -> str:
     size = np.abs(own.shapes[:, r])
-    return _listed([own.outputs[k] for k in np.flatnonzero(size >= LIMITS.seen_share * size.max())])
-
-
-def _listed(names: Sequence[str]) -> str:
-    """`motors 2 and 3` of `motor 2` and `motor 3`; other names one by one.
-
-    >>> _listed(["motor 2", "motor 3"]), _listed(["motor 1", "tool x"])
-    ('motors 2 and 3', 'motor 1 and tool x')
-    """
-    kinds = {name.partition(" ")[0] for name in names}
-    if len(names) > 1 and kinds == {"motor"}:
-        names = [name.partition(" ")[2] for name in names]
-        return f"motors {_listed(names)}"
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+    return ", ".join(own.outputs[k] for k in np.flatnonzero(size >= LIMITS.seen_share * size.max()))

@@ -60,7 +60,6 @@ def replay(
         records=tuple(name for piece in pieces for name in piece.records),
         fit_percent=np.concatenate([piece.fit_percent for piece in pieces]),
         reachable_percent=np.concatenate([piece.reachable_percent for piece in pieces]),
-        error_rms=np.concatenate([piece.error_rms for piece in pieces]),
     )
 
 
@@ -106,7 +105,6 @@ def _replayed(
         band_hz=(float(freq_hz[0]), float(freq_hz[-1])),
         fit_percent=np.nan_to_num(100 * (1 - error / scale))[None],
         reachable_percent=(100 * (1 - noise / scale))[None],
-        error_rms=error[None],
         shown=record.name,
         rate_hz=record.rate_hz,
         rate_is_known=record.rate_is_known,

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
@@ -72,11 +73,10 @@ def resonances(
     level = sign * np.log(magnitude)
     p, std_p = (1 / G, std / magnitude**2) if sign > 0 else (G, std)
     frequencies = []
-    inner = level[1:-1]
-    for peak in (np.flatnonzero((inner > level[:-2]) & (inner >= level[2:])) + 1).tolist():
-        base = _base(level, peak)
-        prominent = level[peak] - level[base] > prominence_db * math.log(10) / 20
-        if prominent and _is_significant(magnitude[[peak, base]], std[[peak, base]]):
+    peaks, of_peaks = find_peaks(level, prominence=prominence_db * math.log(10) / 20)
+    for peak, *sides in zip(peaks.tolist(), of_peaks["left_bases"], of_peaks["right_bases"], strict=True):
+        base = max(sides, key=level.__getitem__)  # from which prominence counts
+        if _is_significant(magnitude[[peak, base]], std[[peak, base]]):
             f, std_f = _minimum(freq_hz, p, std_p, peak)
             if std_f < PEAKS.max_frequency_std * f:
                 frequencies.append(f)
@@ -102,16 +102,6 @@ def _is_significant(magnitude: FloatArray, std: FloatArray) -> bool:
     """True if two lines differ by 6 standard deviations in |G| or in 1/|G|; one of these may be mostly noise."""
     pairs = ((magnitude, std), (1 / magnitude, std / magnitude**2))
     return any(abs(m[0] - m[1]) > PEAKS.min_prominence_sigmas * math.hypot(*s) / math.sqrt(2) for m, s in pairs)
-
-
-def _base(level: FloatArray, peak: int) -> int:
-    """The line from which prominence counts: the higher of the two lowest lines between the peak and higher ones."""
-    higher = np.flatnonzero(level > level[peak])
-    first = int(higher[higher < peak][-1]) if np.any(higher < peak) else 0
-    last = int(higher[higher > peak][0]) if np.any(higher > peak) else len(level) - 1
-    left = first + int(level[first : peak + 1].argmin())
-    right = peak + int(level[peak : last + 1].argmin())
-    return left if level[left] > level[right] else right
 
 
 def _minimum(freq_hz: FloatArray, p: ComplexArray, std: FloatArray, line: int) -> tuple[float, float]:
@@ -243,7 +233,7 @@ class Replay:
 
     records: names.  units (n_y): of the outputs in `quantity`.  fit_percent (n_r, n_y): of each record and output; 100
     for no error, 0 for an error as large as the motion.  reachable_percent (n_r, n_y): of a true model, estimated from
-    the part that does not repeat from period to period; NaN of records of one period.  error_rms (n_r, n_y): in units.
+    the part that does not repeat from period to period; NaN of records of one period.
     shown: the record whose signals follow, that of the worst fit; measured, replayed (N, n_y): one period of it within
     band_hz, sampled at rate_hz.  ValueError where the shapes differ from these.
     """
@@ -256,7 +246,6 @@ class Replay:
     band_hz: tuple[float, float]
     fit_percent: FloatArray = labelled("100 (1 - rms error / rms motion)", "%", "records outputs")
     reachable_percent: FloatArray = labelled("fit of a true model", "%", "records outputs")
-    error_rms: FloatArray = labelled("rms error", "{units}", "records outputs")
     shown: str
     rate_hz: float
     rate_is_known: bool
@@ -266,7 +255,7 @@ class Replay:
     def __post_init__(self) -> None:
         """Check shapes."""
         table, signals = (len(self.records), len(self.outputs)), (len(self.measured), len(self.outputs))
-        for name in ("fit_percent", "reachable_percent", "error_rms"):
+        for name in ("fit_percent", "reachable_percent"):
             if getattr(self, name).shape != table:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {table}")
         if self.measured.shape != signals or self.replayed.shape != signals:

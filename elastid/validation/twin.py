@@ -148,10 +148,6 @@ def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterat
 def describe_balance(balance: TorqueBalance) -> str:
     """Shares of the parts, in two sentences."""
     pairs = list(zip(balance.parts, balance.shares, strict=True))
-    rigid = [each for each in pairs if each[0] not in FRICTION]
-    if not all(0 <= share <= 1 for _, share in rigid):  # they oppose each other, as about an antiresonance
-        together = " and ".join(part for part, _ in rigid) + " together"
-        pairs = [(together, sum(share for _, share in rigid)), *(each for each in pairs if each[0] in FRICTION)]
     shares = ", ".join(f"{part} {share:.1%}" for part, share in pairs)
     text = f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left"
     if any(part in FRICTION for part in balance.parts):

@@ -58,7 +58,7 @@ def test_numbers_that_no_contact_has_make_no_law() -> None:
     v, s = (x.ravel() for x in np.meshgrid(np.geomspace(0.02, 2, 10), (1.0, -1.0), indexing="ij"))
     one = np.ones_like(v)
     levels = Levels("joint 1", v, s, 9 + (0.5 + 3 * s) * v, 0.01 * one, 0 * one, np.nan * one)
-    found = JointLevels("1", False, PassLevels(levels, {}, 0.1, ()))
+    found = JointLevels("1", False, PassLevels(levels, {}, ()))
     study = template().study
     result = identify_friction(study.as_robot(), [found], FrictionRecords(()), study.as_friction())
     assert (result.status, result.at("1").friction) == ("failed", None)

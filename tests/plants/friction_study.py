@@ -43,7 +43,7 @@ def pass_levels() -> PassLevels:
                  np.zeros(1), np.full(1, np.nan))  # fmt: skip
     shared = {"inertia": INERTIA, "slope": VISCOUS, "gravity.cos": GRAVITY, "gravity.sin": 0.0, "offset": OFFSET}
     shared |= {"ripple.1c": 0.0, "ripple.1s": RIPPLE, "ripple.2c": 0.0, "ripple.2s": 0.0}
-    return PassLevels(one, {name: (value, 0.01) for name, value in shared.items()}, NOISE, (), TURN)
+    return PassLevels(one, {name: (value, 0.01) for name, value in shared.items()}, ())
 
 
 def motion() -> MotionFriction:
@@ -58,11 +58,9 @@ def motion() -> MotionFriction:
 
 def presliding() -> Presliding:
     """Two elements, and a spectrum that is them."""
-    t = np.arange(round(10 * RATE)) / RATE
-    q = np.asarray(5e-3 * t / 10 * np.sin(2 * np.pi * 0.5 * t))
     few = Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1, 0.01)
     spectrum = Elements(np.array([0.0, 300.0, 500.0]), np.array([1e-4, 1e-3, 3e-3]), 0.1, 0.005)
-    return Presliding(spectrum, few, np.array([0.2, 0.02, 0.02]), q)
+    return Presliding(spectrum, few, np.array([0.2, 0.02, 0.02]))
 
 
 def thermal() -> ThermalModel:

@@ -145,7 +145,6 @@ def replays(configuration="c1", seed=0):
         (2.0, 60.0),
         fit,
         np.array([[99.0, 98.0], [99.5, 97.0]]),
-        0.1 * np.ones((2, 2)),
         "r2",
         250.0,
         True,

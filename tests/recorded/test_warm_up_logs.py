@@ -72,7 +72,7 @@ def test_the_second_half_of_another_thermal_structure_is_predicted_to_one_percen
     assert np.sqrt(np.mean(error**2)) < 0.01 * np.ptp(housing)
     gear = np.interp(whole.time_s[whole.tests], np.arange(len(log.gear)) / log.rate_hz, log.gear)
     true = friction(whole.test_speed, gear)
-    assert np.sqrt(np.mean((model.levels(whole, None) / true - 1)[late_tests] ** 2)) < 0.01
+    assert np.sqrt(np.mean((model.levels(whole) / true - 1)[late_tests] ** 2)) < 0.01
     assert np.sqrt(np.mean((friction(whole.test_speed, ROOM) / true - 1)[late_tests] ** 2)) > 0.15
     slow = model.time_constants[0]
     single = replace(model, time_constants=np.array([slow]), shares=np.ones(1), level_shares=np.ones(1))

@@ -129,9 +129,7 @@ def measured_and_modelled(errors_db):
     )
 
 
-@pytest.mark.parametrize(
-    ("left_out", "message"), [(["c9"], "c9 was not measured.*c1, c2"), (["c1", "c2"], "every configuration")]
-)
+@pytest.mark.parametrize(("left_out", "message"), [(["c9"], "c1, c2.*not c9"), (["c1", "c2"], "not c1, c2")])
 def test_left_out_configurations_that_make_no_sense_are_refused(left_out, message):
     """One that was not measured, and all of them."""
     with pytest.raises(StudyError, match=message):

@@ -54,7 +54,7 @@ def test_a_mode_that_the_model_lacks_is_named_with_its_motors() -> None:
     (note,) = own.notes
     assert note.code == "validation/missing-mode"
     assert note.text.startswith("a mode at 31.2 Hz, 2")
-    assert "seen at motors 2 and 3" in note.text
+    assert "seen at motor 2, motor 3" in note.text
     assert [row for row in own.rows if "missing" in row]
     (note,) = replace(own, frequency_unit="of the sampling rate").notes
     assert note.text.startswith("a mode at 31.2 of the sampling rate, 2")
