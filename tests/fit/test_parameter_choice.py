@@ -1,7 +1,6 @@
 """Which parameters a study identifies."""
 
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -263,26 +262,6 @@ def test_one_or_two_of_a_few_configurations_of_another_robot_are_named(data, for
     assert any(word.startswith(sentences) for word in said(result.notes)), said(result.notes)
     alone = said(identify(data, bench(), FitSpec(starts=3)).notes)
     assert not any("far better" in word or "disagree" in word for word in alone)
-
-
-def test_advice_on_a_bound_says_where_the_responses_would_end_without_it(data):
-    """A bound above the true damping is to be widened to that; torques that are early leave no damping to find."""
-    spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(bounds=(0.09, 10.0))}, starts=1)
-    (first, second) = (note for note in said(identify(data[:1], bench(d=0.2), spec).notes) if "ended at" in note)
-    assert "d_1 ended at its lower bound of 0.09 N*m*s/rad: it leaves it where the others" in first  # truly 0.1
-    assert float(re.search(r"widen the bound to beyond (\S+) N", second)[1]) == pytest.approx(0.05, rel=0.1)
-    early = replace(data[0], G=data[0].G * np.exp(2j * np.pi * 2e-3 * FREQ)[:, None, None])
-    notes = said(identify([early], bench(), FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()})).notes)
-    (lost,) = (note for note in notes if "ended at" in note)
-    assert "a wider one does not help" in lost
-    assert "apart in time" in lost
-    assert "widen" not in lost
-    small = bench().with_parameters({"d_2": 1e-7})
-    rough = measure(small, "c1", np.random.default_rng(0), 0.05)
-    notes = said(identify([rough], bench(), FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()})).notes)
-    assert any(
-        "d_2 ended at its lower bound of 0.0005 N*m*s/rad: values beyond it fit as well" in note for note in notes
-    )
 
 
 def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):

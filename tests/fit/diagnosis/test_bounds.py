@@ -21,4 +21,4 @@ def test_an_estimate_at_its_bound_says_so():
     assert any(note.code == "fit/at-bound" and "k_1 " in note.text and " 95 " in note.text for note in result.notes)
     assert result.model_error > 1.5
     of_file = Parameters(tuple(replace(parameter, tolerated=True) for parameter in result.parameters))
-    assert len([*bound_notes(replace(result, parameters=of_file), None)]) == 1
+    assert len([*bound_notes(replace(result, parameters=of_file))]) == 1
