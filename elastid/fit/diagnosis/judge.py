@@ -35,7 +35,6 @@ from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis, Scores, explanations, hypothesis_of_index
 from elastid.fit.diagnosis.lateness import as_delay
-from elastid.fit.diagnosis.other_robots import find_missing_gravity
 from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, ScoreTest, find_load
 from elastid.fit.diagnosis.scoring import score
 from elastid.fit.diagnosis.second_source import static_notes, tool_notes
@@ -232,7 +231,6 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
         # A cause that explains all explains bounds and residuals, too; their own advice would be another.
         estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
     undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
-    undetectable = (*undetectable, *find_missing_gravity(evidence))
     static = (*static_notes(result), *tool_notes(result))
     of_families = (note for family_notes in by_family.values() for note in family_notes)
     first = friction_note(evidence)

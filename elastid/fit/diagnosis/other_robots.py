@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import ElastidError, Note
+from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
@@ -192,31 +192,6 @@ def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationI
         name = named("the payload of the file not carried", "payload of the file")
         variants.append((name, of_robot(evidence, robot.with_parameters(left), about(parameters, left))))
     return best(_judged(variant, evidence, scores) for variant in variants)
-
-
-def find_missing_gravity(evidence: Evidence) -> tuple[Note, ...]:
-    """A note where the file has no gravity, and that of the earth along -z would move a number by more than its std."""
-    own, result, x = evidence.assembly, evidence.result, evidence.optimum.end.x
-    robot = own.linearisation.model.robot
-    if any(robot.gravity) or evidence.is_unexplained:  # residuals have words of their own
-        return ()
-    try:
-        assembly = of_robot(evidence, replace(robot, gravity=(0.0, 0.0, -EARTH)), own.parameters)
-        end = solve(assembly.at(x, own.spec.criterion).problem, x, ROUGH, LIMITS.iterations).x
-    except (ElastidError, np.linalg.LinAlgError):  # no robot stands there
-        return ()
-    n = len(result.parameters.asked)
-    std = np.sqrt(np.diag(result.covariance)[:n])
-    moved = np.divide((end - x)[:n], std, out=np.zeros(n), where=np.isfinite(std) & (std > 0))
-    worst = int(np.argmax(np.abs(moved)))
-    if not abs(moved[worst]) > 1:
-        return ()
-    text = (
-        f"the robot's file has no gravity: with {EARTH} m/s^2 along -z of its base {own.parameters.free[worst].name} "
-        f"would move by {abs(moved[worst]):.2g} standard deviations, and no residual shows it; give gravity in the "
-        "robot's file"
-    )
-    return (Note("fit/undetectable", text, severity="information"),)
 
 
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
