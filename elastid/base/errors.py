@@ -255,7 +255,6 @@ CODES: Final[Mapping[str, str]] = {
     "gears/coarse-encoder": "The steps of an encoder are coarse relative to the effects of its gear.",
     "gears/effects-alike": "Two effects of a gear cannot be distinguished on these records.",
     "gears/left-out": "An effect of a gear was looked for and left out.",
-    "gears/linear-fit-off": "The linear fit, without the effects of the gears, is off by so much.",
     "gears/not-straight": "The spring of a gear is not straight: the section gears finds its law.",
     "gears/records": "The records do not let the effects of gears be found.",
     "gears/still-bent": "The spring of a gear remains bent after its effects were found.",

@@ -1,4 +1,4 @@
-"""Notes on the numbers of gears: effects that are hidden or alike, and numbers of the linear fit that are off."""
+"""Notes on effects of gears that are hidden or alike, and on gears of which nothing was found."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from elastid.base.errors import Note
-from elastid.fit.result import Result
 from elastid.nonlinear.gear.choice import SPRINGS
 from elastid.nonlinear.gear.effects import GearEffect
 from elastid.nonlinear.gear.levels import Levels
@@ -18,7 +17,6 @@ from elastid.nonlinear.gear_result import BENT_STILL
 from elastid.response import BENT, NOT_STRAIGHT, Response
 
 _SAME = 0.95  # correlation from which two effects cannot be told apart
-_OFF = 3.0  # std by which a number of the linear fit differs from that beside the effects
 HYSTERESIS = ("stop", "bristle")
 
 
@@ -64,25 +62,6 @@ def bent_notes(responses: Sequence[Response], found: Levels) -> list[Note]:
     bent = dict.fromkeys(text.removeprefix(BENT).partition(" is ")[0].strip() for text in every)
     text = "its gear is no straight spring, and nothing of it was found: its stiffness is that of this amplitude"
     return [Note(BENT_STILL, text, f"joint {joint}") for joint in bent if joint not in laws]
-
-
-def off_notes(result: Result, found: Levels) -> list[Note]:
-    """Springs and dampers of the linear fit that are off: their numbers are those of the records' amplitude."""
-    before, after = result.parameters.as_dict(result.x), result.parameters.as_dict(found.x)
-    std = np.sqrt(np.diag(found.covariance))
-    notes = []
-    for i, p in enumerate(result.parameters.free):
-        own = math.hypot(float(std[i]), math.sqrt(max(float(result.covariance[i, i]), 0.0)))
-        off = float(result.x[i] - found.x[i])
-        if p.name[:2] in ("k_", "d_") and abs(off) > _OFF * own and found.effects:
-            change = before[p.name] / after[p.name] - 1
-            text = (
-                f"the linear fit has {before[p.name]:.6g} {p.unit}, {100 * change:+.2g} % ({abs(off) / own:.1f} "
-                f"std) of the {after[p.name]:.6g} found beside the effects of the gears: its number is that of these "
-                "records' amplitude"
-            )
-            notes.append(Note("gears/linear-fit-off", text, p.name, "information"))
-    return notes
 
 
 def alike_notes(found: Levels, bounds: Mapping[tuple[GearEffect, ...], Bound]) -> list[Note]:

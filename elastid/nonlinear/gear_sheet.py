@@ -43,7 +43,7 @@ from elastid.nonlinear.gear_limits import (
     refusal,
     unsettled_notes,
 )
-from elastid.nonlinear.gear_notes import HYSTERESIS, alike_notes, bent_notes, off_notes, preloads, rigid_gears
+from elastid.nonlinear.gear_notes import HYSTERESIS, alike_notes, bent_notes, preloads, rigid_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
@@ -109,7 +109,6 @@ def open_gears(
         *preloaded,
         *rigid_gears(found, [joint for joint in joints if joint not in elastic]),
         *bent_notes(responses, found),
-        *off_notes(result, found),
         *alike_notes(found, bounds),
     )
     before = left(measured_lines, drives, [np.zeros((*lines.s.shape, drive.model.n, 1)) for lines, drive in pairs])
