@@ -284,7 +284,7 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
 
 
 def _twin(twin: TwinFindings) -> dict[str, Any]:
-    """Torques part by part and errors of runs, over all and by octave, without the signals."""
+    """Torques part by part, over all and by octave, and errors of runs, without the signals."""
     signal = "signal=kind place error error_without_friction"
     return {
         "torque": [

@@ -1,11 +1,5 @@
 r"""Checks before a fit: responses of this robot, none twice; possible geometry, an effect of each parameter, a scale.
 
-The ends a_1, a_2 of a compensator, within their bounds, at the closest that they come in a configuration:
-
-.. math:: \min_{a_1, a_2} |p_2 + R_2 a_2 - p_1 - R_1 a_1|
-
-where they meet its force has no direction, and its lateral stiffness k L_0 / L no bound.
-
 .. math:: \hat G = \frac{g_y}{g_u}\, G(M, D, K), \qquad G(c M, c D, c K) = G(M, D, K) / c
 
 Where all inertias, stiffnesses and dampings that a gain multiplies are free, their common factor is that of the gain;
@@ -26,11 +20,10 @@ from elastid.base.errors import DataError, FitError, Note, StudyError, check_kin
 from elastid.base.names import posture_of
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.linear.linear_model import is_load
-from elastid.model.closed_posture import assembled, followed
-from elastid.model.kinematics import frame_poses
-from elastid.parameters import Parameter, Parameters
+from elastid.model.closed_posture import assembled
+from elastid.parameters import Parameters
 from elastid.response import Response
-from elastid.robot import BASE, Compensator, Robot
+from elastid.robot import Robot
 
 # Of |G1 - G2| over its standard deviation, the median of the lines: 0.83 by chance where that is known.
 DEPENDENCE = 3.0
@@ -207,78 +200,25 @@ def _check_robot(response: Response, robot: Robot) -> None:
 
 
 Configurations: TypeAlias = Mapping[str, Sequence[float] | FloatArray]  # by name, the motors' angles (n_u,)
-MIN_DISTANCE_M = 1e-3  # two ends nearer to each other are one point
 
 
-def geometry_problems(
-    parameters: Parameters, robot: Robot, configurations: Configurations
-) -> Iterator[tuple[str, str]]:
-    """Each parameter whose start or bounds are impossible in one of the configurations, with a message."""
+def check_geometry(parameters: Parameters, robot: Robot, configurations: Configurations) -> None:
+    """StudyError with the first free parameter whose start is impossible in one of the configurations."""
     free = [p for p in parameters.free if p.stands_for in robot.geometry]
-    if not free:
-        return
-    for name, angles in configurations.items():
+    for name, angles in configurations.items() if free else ():
         moved = [p for p in free if not p.only or posture_of(name) in p.only]
-        table = robot.parameters(parameters.names)
         numbers = dict(zip(parameters.names, parameters.expand(parameters.x, name).tolist(), strict=True))
-        started = ", ".join(f"{p.stands_for} = {p.value:g} m" for p in moved)
+        table = robot.parameters(parameters.names)
         try:
             placed = robot.with_parameters({key: numbers[key] for key in table if key in robot.geometry})
             assembled(placed, np.array(angles, dtype=float))
         except (StudyError, ValueError) as error:
-            yield moved[0].name, f"the robot cannot stand at the start {started} in configuration {name}: {error}"
-            return
-        for compensator in placed.compensators:
-            mine = [p for p in moved if p.stands_for in compensator.geometry]
-            # All but a coil without rest length pull where their ends meet.
-            coil, rest = compensator.coil, f"L0_{compensator.name}"
-            pulls = coil is None or coil.rest_length > 0 or any(p.stands_for == rest for p in parameters.free)
-            if mine and pulls:
-                yield from _meeting(placed, compensator, mine, name, np.array(angles, dtype=float))
-
-
-def check_geometry(parameters: Parameters, robot: Robot, configurations: Configurations) -> None:
-    """StudyError with the first of the `geometry_problems`."""
-    for name, message in geometry_problems(parameters, robot, configurations):
-        raise StudyError("fit/parameters", message, f"fit.parameters.{name}")
-
-
-def _meeting(
-    robot: Robot, compensator: Compensator, free: Sequence[Parameter], configuration: str, angles: FloatArray
-) -> Iterator[tuple[str, str]]:
-    """The problem where the ends come together at the start of these coordinates, or within their bounds."""
-    from scipy.optimize import lsq_linear  # slow to load, for the few robots with compensators
-
-    q = followed(robot, angles[None])
-    (start, first), (end, second) = (_pose(robot, q, anchor.body) for anchor in compensator.ends)
-    points = [np.array(anchor.point, dtype=float) for anchor in compensator.ends]
-    bounded = [p for p in free if np.isfinite(p.upper - p.lower)]
-    axes = np.zeros((3, len(bounded)))
-    for column, parameter in enumerate(bounded):
-        _, i, _, axis = compensator.geometry[parameter.stands_for][1]
-        axes[:, column] = (second if i else -first)[:, int(axis)]
-    gap = end + second @ points[1] - start - first @ points[0]
-    values, low, high = (np.array([getattr(p, which) for p in bounded]) for which in ("value", "lower", "upper"))
-    if np.linalg.norm(gap) > MIN_DISTANCE_M and bounded:
-        solution = lsq_linear(axes, axes @ values - gap, (low, high)).x
-        gap, values = gap + axes @ (solution - values), solution
-    if np.linalg.norm(gap) > MIN_DISTANCE_M:
-        return
-    places = ", ".join(f"{p.stands_for} = {value:.4g} m" for p, value in zip(bounded, values, strict=True))
-    yield (
-        (bounded or list(free))[0].name,
-        f"within the bounds both ends of compensator {compensator.name} come together in configuration "
-        f"{configuration}, at {places or 'its start'}, where its force has no direction; narrow them, so that its ends "
-        "stay apart",
-    )
-
-
-def _pose(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:
-    """Origin (3,) and axes (3, 3) of a body in the base frame."""
-    if body == BASE:
-        return np.zeros(3), np.eye(3)
-    poses = frame_poses(robot, q, body)
-    return poses.position[0], poses.rotation[0]
+            started = ", ".join(f"{p.stands_for} = {p.value:g} m" for p in moved)
+            raise StudyError(
+                "fit/parameters",
+                f"the robot cannot stand at the start {started} in configuration {name}: {error}",
+                f"fit.parameters.{moved[0].name}",
+            ) from None
 
 
 MIN_PART = 1e-3  # of a combination of length one; a parameter with a larger part belongs to it

@@ -11,16 +11,14 @@ import numpy as np
 import pytest
 from plants.marks import SEEDS, slow
 from plants.measured_robots import deviations, responses_of
-from plants.refusals import refused
 
 from elastid.app import cli
 from elastid.base.errors import FitError, StudyError
 from elastid.fit.assembly import Assembly
-from elastid.fit.checks import check_geometry
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec
+from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.model.spec import ModelSpec
 from elastid.response import Response
 from elastid.robot import (
@@ -37,7 +35,6 @@ from elastid.robot import (
     Rod,
     Spring,
 )
-from elastid.study import load
 
 FREQ = np.linspace(1, 50, 50)
 MOTOR = Motor(2e-3, 60, 1e-3)
@@ -262,14 +259,3 @@ def test_a_study_says_what_is_wrong_with_its_geometry(
     path.write_text(STUDY.replace("a: [0.2]", "a: [0.0]"))
     assert cli.run_command(["check", str(path), "--set", f"{key}={value}"]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_bounds_within_which_the_ends_of_a_balancer_meet_are_refused(tmp_path: Path) -> None:
-    """Its force has no direction there."""
-    path = tmp_path / "study.yml"
-    path.write_text(STUDY)
-    study = load(path).study
-    known = ParameterSpec(start=0.4, bounds=(0.05, 0.5), prior=PriorSpec(mean=0.3, std=0.1))
-    parameters = choose(replace(study.fit, parameters={"pc1_balancer_z": known}), study.as_robot())
-    with refused("fit/parameters", place="fit.parameters.pc1_balancer_z"):
-        check_geometry(parameters, study.as_robot(), {"a": (0.0,)})
