@@ -67,24 +67,6 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
         )
 
 
-def find_same_postures(
-    responses: Sequence[Response], parameters: Parameters, robots: Mapping[str, Sequence[str]]
-) -> tuple[Note, ...]:
-    """A note on configurations that are one posture of one robot, with the same parameters, under two names."""
-
-    def group(name: str) -> tuple[object, ...]:
-        own = tuple(p.name for p in parameters if name in p.only)
-        return own, tuple(robot for robot, members in robots.items() if name in members)
-
-    pairs = ((first.configuration.name, second.configuration.name) for first, second in _of_one_posture(responses))
-    duplicates = [f"{first} and {second}" for first, second in pairs if group(first) == group(second)]
-    text = (
-        f"the same posture under two names: {', '.join(duplicates)}; both count, as is right where it was measured "
-        "twice; leave one out where it was not, and name them in fit.robots where they are of two robots"
-    )
-    return (Note("fit/responses", text),) if duplicates else ()
-
-
 def find_contradictions(responses: Sequence[Response], robots: Mapping[str, Sequence[str]]) -> tuple[Note, ...]:
     """A warning where responses of one robot at the same declared angles differ far beyond their noise.
 

@@ -317,13 +317,12 @@ def _estimate(
 
 
 def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
-    """Known before the result is diagnosed: data that count twice, data left out, an optimum that still moves."""
+    """Known before the result is diagnosed: data that contradict each other or are left out, an optimum that moves."""
     responses = assembly.responses
     robots = assembly.spec.robots
-    twice = checks.find_same_postures(responses, assembly.parameters, robots)
     unlike = (*checks.find_contradictions(responses, robots), *checks.find_dependence_on_amplitude(responses))
     moved = (*optimum.notes, *motion_notes(assembly, optimum))
-    return (*unlike, *twice, *assembly.notes, *moved, *assembly.spring_notes(optimum.end.x))
+    return (*unlike, *assembly.notes, *moved, *assembly.spring_notes(optimum.end.x))
 
 
 # Of data and prior, in standard deviations of their difference; by chance one prior in two thousand.
