@@ -1,8 +1,8 @@
 r"""The results of validation as values: agreements, replays, folds, and resonances of an element between its lines.
 
-.. math:: f_r = \arg\min_f |p(f)|^2, \qquad p \text{ a complex quadratic through } 1/G \text{ near a peak of } |G|
+.. math:: f_r^2 = \arg\min_x p(x), \qquad p(f^2) \text{ a parabola through } 1/|G|^2 \text{ near a peak of } |G|
 
-1/G of a single mode is a quadratic in f, however sharp its peak between two lines; a parabola through log |G| is not.
+1/|G|^2 of a single mode is a parabola in f^2, however sharp its peak between two lines; one through log |G| is not.
 Antiresonances are the resonances of 1/G.
 """
 
@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
@@ -31,7 +30,6 @@ class PeakLimits:
 
     min_prominence_db: float = 3.0
     min_prominence_sigmas: float = 6.0  # the same in standard deviations
-    max_frequency_std: float = 0.01  # relative, of the frequency of a peak
     max_frequency_ratio: float = 1.25  # up to which two frequencies may be of the same mode
 
 
@@ -63,24 +61,22 @@ def resonances(
 ) -> FloatArray:
     """Frequencies (n,) of the peaks of |G| (F,) (sign 1) or of its dips (-1), increasing, none at the ends of the band.
 
-    A peak has a prominence of prominence_db; with std (F,) of G, also of 6 standard deviations, and the standard
-    deviation of its frequency is below 1 %.  An element that is zero somewhere has none.
+    A peak has a prominence of prominence_db, and with std (F,) of G of 6 standard deviations, in |G| or in 1/|G|, one
+    of which may be mostly noise.  An element that is zero somewhere has none.
     """
+    from scipy.signal import find_peaks  # slow to load, and a fit looks for no peaks
+
     magnitude = np.abs(G)
     if len(G) < 3 or not np.all(magnitude > 0):
         return np.array([])
-    std = np.zeros(len(G)) if std is None else std
-    level = sign * np.log(magnitude)
-    p, std_p = (1 / G, std / magnitude**2) if sign > 0 else (G, std)
-    frequencies = []
-    peaks, of_peaks = find_peaks(level, prominence=prominence_db * math.log(10) / 20)
-    for peak, *sides in zip(peaks.tolist(), of_peaks["left_bases"], of_peaks["right_bases"], strict=True):
-        base = max(sides, key=level.__getitem__)  # from which prominence counts
-        if _is_significant(magnitude[[peak, base]], std[[peak, base]]):
-            f, std_f = _minimum(freq_hz, p, std_p, peak)
-            if std_f < PEAKS.max_frequency_std * f:
-                frequencies.append(f)
-    return np.array(frequencies)
+    level, std = sign * 20 * np.log10(magnitude), np.zeros(len(G)) if std is None else std
+    peaks, of_peaks = find_peaks(level, prominence=prominence_db)
+    left, right = of_peaks["left_bases"], of_peaks["right_bases"]
+    base = np.where(level[left] > level[right], left, right)  # from which prominence counts
+    pairs = ((magnitude, std), (1 / magnitude, std / magnitude**2))
+    sigmas = [np.abs(m[peaks] - m[base]) / np.maximum(np.hypot(s[peaks], s[base]), 1e-300) for m, s in pairs]
+    is_significant = np.max(sigmas, axis=0) > PEAKS.min_prominence_sigmas / math.sqrt(2)
+    return np.array([_minimum(freq_hz, magnitude ** (-2 * sign), peak) for peak in peaks[is_significant].tolist()])
 
 
 def paired_resonances(measured: FloatArray, modelled: FloatArray) -> FloatArray:
@@ -89,53 +85,24 @@ def paired_resonances(measured: FloatArray, modelled: FloatArray) -> FloatArray:
     if len(measured) == 0 or len(modelled) == 0:
         return partner
     distance = np.abs(np.log(measured[:, None] / modelled[None, :]))
-    nearest = distance.argmin(axis=1)
-    rows = np.arange(len(measured))
-    mutual = (distance.argmin(axis=0)[nearest] == rows) & (
-        distance[rows, nearest] < math.log(PEAKS.max_frequency_ratio)
-    )
-    partner[mutual] = modelled[nearest[mutual]]
+    nearest, rows = distance.argmin(axis=1), np.arange(len(measured))
+    is_mutual = distance.argmin(axis=0)[nearest] == rows
+    near = is_mutual & (distance[rows, nearest] < math.log(PEAKS.max_frequency_ratio))
+    partner[near] = modelled[nearest[near]]
     return partner
 
 
-def _is_significant(magnitude: FloatArray, std: FloatArray) -> bool:
-    """True if two lines differ by 6 standard deviations in |G| or in 1/|G|; one of these may be mostly noise."""
-    pairs = ((magnitude, std), (1 / magnitude, std / magnitude**2))
-    return any(abs(m[0] - m[1]) > PEAKS.min_prominence_sigmas * math.hypot(*s) / math.sqrt(2) for m, s in pairs)
+def _minimum(freq_hz: FloatArray, p: FloatArray, line: int) -> float:
+    """Frequency of the minimum of a parabola through p (F,) over f^2, at the lines around a low one.
 
-
-def _minimum(freq_hz: FloatArray, p: ComplexArray, std: FloatArray, line: int) -> tuple[float, float]:
-    """Frequency of the minimum of |p| near a line, and its standard deviation.
-
-    p = a + b t + c t^2 is fitted to the lines within 3 dB of the lowest; |p| is least where g = Re(p* p') = 0, a cubic.
+    As many on either side, those within 1.5 dB of it, at least one; beyond may be other modes.
     """
-    window = _within_3db(np.abs(p), line)
-    width = freq_hz[window][-1] - freq_hz[window][0]
-    t = (freq_hz[window] - freq_hz[line]) / width
-    X = t[:, None] ** np.arange(3)
-    scale = np.abs(p[window]).max()
-    a, b, c = np.linalg.lstsq(X, p[window] / scale, rcond=None)[0]
-    cubic = (2 * abs(c) ** 2, 3 * (b * c.conj()).real, abs(b) ** 2 + 2 * (a * c.conj()).real, (a * b.conj()).real)
-    roots = np.roots(cubic)
-    roots = roots.real[np.abs(roots.imag) < 1e-9]
-    # The ends of the window are candidates too: the minimum of the quadratic may be outside it.
-    candidates = np.concatenate([t[[0, -1]], roots[(roots >= t[0]) & (roots <= t[-1])]])
-    t_r = candidates[np.abs(a + b * candidates + c * candidates**2).argmin()]
-
-    p_r, slope = a + b * t_r + c * t_r**2, b + 2 * c * t_r
-    w = slope * np.array([1, t_r, t_r**2]) + p_r * np.array([0, 1, 2 * t_r])
-    variance_g = np.mean((std[window] / scale) ** 2) / 2 * (w.conj() @ np.linalg.solve(X.T @ X, w)).real
-    curvature = abs(slope) ** 2 + (p_r.conj() * 2 * c).real
-    return float(freq_hz[line] + width * t_r), float(width * np.sqrt(variance_g) / abs(curvature))
-
-
-def _within_3db(magnitude: FloatArray, line: int) -> slice:
-    """The lines around a low one within 3 dB of it, as many on either side, at least one; beyond may be other modes."""
-    above = np.flatnonzero(magnitude > math.sqrt(2) * magnitude[line])
-    left = line - 1 - (int(above[above < line][-1]) if np.any(above < line) else -1)
-    right = (int(above[above > line][0]) if np.any(above > line) else len(magnitude)) - 1 - line
-    reach = max(1, min(left, right))
-    return slice(line - reach, line + reach + 1)
+    above = np.flatnonzero(np.append(p > 1.4 * p[line], True))
+    before = above[above < line][-1] if np.any(above < line) else -1
+    reach = max(1, min(line - before, above[above > line][0] - line) - 1)
+    near = slice(line - reach, line + reach + 1)
+    parabola = np.polynomial.Polynomial.fit(freq_hz[near] ** 2, p[near], 2)
+    return float(np.sqrt(np.clip(parabola.deriv().roots()[0].real, *freq_hz[near][[0, -1]] ** 2)))
 
 
 @frozen_value

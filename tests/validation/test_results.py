@@ -17,11 +17,11 @@ from elastid.validation.results import paired_resonances, resonances
 )
 @settings(deadline=None, max_examples=40)
 def test_the_resonances_of_two_masses_are_found_between_the_lines(stiffness, damping, first_hz, step_hz):
-    """Within 0.1 % of the closed form, also where the half-power width is far below the spacing of the lines."""
+    """Within a fifth of the lines' spacing of the closed form, also where the half-power width is far below it."""
     f = np.arange(first_hz, 250, step_hz)
     G, resonance, antiresonance = two_mass(f, stiffness, damping)
-    np.testing.assert_allclose(resonances(f, G[:, 0, 0]), [resonance], rtol=1e-3)
-    np.testing.assert_allclose(resonances(f, G[:, 0, 0], sign=-1), [antiresonance], rtol=1e-3)
+    np.testing.assert_allclose(resonances(f, G[:, 0, 0]), [resonance], atol=step_hz / 5)
+    np.testing.assert_allclose(resonances(f, G[:, 0, 0], sign=-1), [antiresonance], atol=step_hz / 5)
     assert resonances(f, G[:, 1, 0], sign=-1).size == 0
 
 
@@ -66,11 +66,3 @@ def test_a_peak_above_the_noise_counts_though_its_base_is_below():
     G = 0.05 / (1 - (f / 33.3) ** 2 + 0.02j * f / 33.3) + 0.1 * circular(rng, len(f))
     (found,) = resonances(f, G, np.full(len(f), 0.1))
     assert found == pytest.approx(33.3, rel=0.01)
-
-
-def test_a_peak_whose_frequency_is_uncertain_does_not_count():
-    """Flat within its noise over a tenth of its frequency: its location would scatter by more than 1 %."""
-    f = np.arange(10.0, 60.0, 2.0)
-    G = 1 / (1 - (f / 33.3) ** 2 + 0.5j * f / 33.3)
-    assert resonances(f, G, np.full(len(f), 0.005)).size == 1
-    assert resonances(f, G, np.full(len(f), 0.15)).size == 0
