@@ -61,8 +61,8 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     if not left.any():
         raise StudyError(
             "design/candidates",
-            f"none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}; "
-            f"{_remedy(spec, robot, angles, list(refused))}",
+            f"none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}; give others, or "
+            "relax what refuses them",
             "design.candidates",
         )
     return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist()), refused)
@@ -179,32 +179,16 @@ def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
     return values(angles)[:, rank - 1]
 
 
-def _remedy(spec: CandidateSpec, robot: Robot, angles: FloatArray, reasons: Sequence[str]) -> str:
-    remedies = []
-    if any("floor" in reason for reason in reasons) and spec.floor is not None:
-        height = (_along(skeleton(robot, angles, spec.points)) @ upwards(robot)).min(axis=1).max()
-        remedies.append(f"a floor below {height - spec.clearance:.3g} m would let the highest of them in")
-    if any("box" in reason for reason in reasons):
-        remedies.append("make the boxes or clearance smaller")
-    if any("singular" in reason for reason in reasons):
-        remedies.append(f"the best of them has {dexterity(robot, angles).max():.3g}: lower singular")
-    if any("limits" in reason for reason in reasons):
-        remedies.append("give angles within the limits of the robot")
-    return "; ".join(remedies)
-
-
 @dataclass(frozen=True)
 class Choice:
     """chosen: measured in addition to the configurations given.  periods: of each experiment.
 
-    efficiency: of the whole experiments, relative to the best possible shares.  than_random: expected mean standard
-    deviation of the median random choice, relative to that of this one.  n_candidates: admissible ones.
+    efficiency: of the whole experiments, relative to the best possible shares.  n_candidates: admissible ones.
     """
 
     chosen: tuple[ChosenConfiguration, ...]
     periods: int
     efficiency: float
-    than_random: float
     n_candidates: int
 
     @property
@@ -213,8 +197,7 @@ class Choice:
         names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in self.chosen)
         return (
             f"chosen among {self.n_candidates} candidates: {names}, {self.periods} periods each; "
-            f"{100 * self.efficiency:.1f} % of the best possible allocation, standard deviations "
-            f"{self.than_random:.2f} times smaller in the mean than for the median of random choices"
+            f"{100 * self.efficiency:.1f} % of the best possible allocation"
         )
 
 
@@ -224,7 +207,6 @@ def choose_configurations(
     configurations: Sequence[Configuration],
     x: FloatArray,
     taken: Sequence[str],
-    seed: int,
     execution: Execution,
 ) -> Choice:
     """The best whole experiments among candidate configurations, for the best of the tasks.
@@ -242,9 +224,8 @@ def choose_configurations(
         numbers = whole_experiments(H, shares.weights, count, seen, known)
         value = _value(H, numbers, seen, known)
         efficiency = math.exp(min(0.0, value - math.log(count) - shares.bound))
-        than_random = math.exp((value - _random_value(H, count, seen, known, seed)) / 2)
         chosen = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
-        choices.append((value, Choice(chosen, prospect.plan.periods, efficiency, than_random, len(rows))))
+        choices.append((value, Choice(chosen, prospect.plan.periods, efficiency, len(rows))))
     return max(choices, key=lambda choice: choice[0])[1]
 
 
@@ -309,13 +290,6 @@ def visible(
 
 def _value(H: FloatArray, numbers: IntArray, criterion: DesignCriterion, known: FloatArray) -> float:
     return float(criterion.value(known + np.einsum("q,sqij->sij", numbers, H)))
-
-
-def _random_value(H: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray, seed: int) -> float:
-    draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x4D,)))
-    Q = H.shape[1]
-    draws = (draw.choice(Q, count, replace=count > Q) for _ in range(100))
-    return float(np.median([_value(H, np.bincount(drawn, minlength=Q), criterion, known) for drawn in draws]))
 
 
 def _named(

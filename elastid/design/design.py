@@ -140,7 +140,7 @@ def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> C
             + f"; lower count to {n}, give more candidates, or more realisations of each",
         )
     given = tuple(problem.experiment.configurations)
-    return choose_configurations(criterion, tasks, candidates.configurations, x, given, problem.seed, execution)
+    return choose_configurations(criterion, tasks, candidates.configurations, x, given, execution)
 
 
 def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> tuple[Prospect, int, FloatArray]:

@@ -45,7 +45,7 @@ class Forecast:
 
     nominal (n,) and units: SI.  log (n,): whether covariance is of ln p.  covariance (n, n): of the solver's variables,
     inf on the diagonal where a parameter is undetermined.  share (Q, F, n): of the information, summing to 1 for each
-    parameter.  blind (n_b, n): undetermined directions, of length one.  configurations: those that the fit uses.
+    parameter.  configurations: those that the fit uses.
     notes: to be read before the robot moves.  choice: how the configurations were chosen.  noise (n, n): the part of
     covariance with the numbers of the robot's file known; without rows where the file is exact.
     """
@@ -58,7 +58,6 @@ class Forecast:
     configurations: tuple[str, ...]
     freq_hz: FloatArray = labelled("excited frequency")
     share: FloatArray = labelled("share of the information about a parameter", "", "configurations freq_hz parameters")
-    blind: FloatArray = labelled("relative changes that the plan does not inform", "", "direction parameters")
     notes: tuple[Note, ...]
     choice: str = ""
     parts: FloatArray = labelled(
@@ -124,14 +123,14 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray, is_taken_out: 
     covariance = uncertainty.covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
-    blind, share = _blind(np.asarray(R), parameters, x), _share(fit, x, np.asarray(R))[..., :n]
+    share = _share(fit, x, np.asarray(R))[..., :n]
     names, units, log = (tuple(getattr(p, kind) for p in free) for kind in ("name", "unit", "log"))
     nominal = np.array([parameters.as_dict(x)[p.name] for p in free])
     configurations = tuple(e.response.configuration.name for e in expected)
-    notes = tuple(_undetermined(blind, names, len(expected), len(freq_hz)))
+    notes = tuple(_undetermined(_blind(np.asarray(R), parameters, x), names))
     by_noise = covariance_by_noise(covariance, n)
     parts = np.stack([uncertainty.repeated[:n], uncertainty.lasting[:n]]) if n < len(x) else np.zeros((0, 0))
-    known = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share, blind
+    known = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, share
     return Forecast(*known, (*notes, *_correlated(names, by_noise)), parts=parts)
 
 
@@ -169,8 +168,8 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
     return np.asarray(Vt[singular_values < 1 / LIMITS.direction_std])
 
 
-def _undetermined(blind: FloatArray, names: Sequence[str], configurations: int, lines: int) -> list[Note]:
-    """A note for each undetermined direction (n_b, n), and one that counts them."""
+def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
+    """A note for each undetermined direction (n_b, n)."""
     notes = []
     for direction in blind:
         largest = np.argsort(-np.abs(direction), kind="stable")
@@ -184,14 +183,6 @@ def _undetermined(blind: FloatArray, names: Sequence[str], configurations: int, 
         text = (
             f"this plan cannot determine the combination {terms} (relative changes) of {who}: fix or tie one of them, "
             "or measure a configuration that distinguishes them"
-        )
-        notes.append(Note("fit/undetermined", text))
-    if len(blind):
-        many = f"{configurations} configuration" + ("s" if configurations > 1 else "")
-        text = (
-            f"{many} with {lines} lines cannot determine the {len(names)} unknowns: {len(blind)} of them, or "
-            "combinations, stay undetermined; measure more configurations (`design` chooses the most informative), log "
-            "more places, excite more, or fix some of fit.parameters"
         )
         notes.append(Note("fit/undetermined", text))
     return notes

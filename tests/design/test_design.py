@@ -186,13 +186,12 @@ def test_robot_time_is_filled_with_the_periods_that_tell_most() -> None:
 
 @pytest.mark.slow
 def test_what_was_measured_before_counts() -> None:
-    """After fifty measurements one more hardly matters, whichever it is; without any the choice is worth something."""
-    first = design(_with(count=1))
-    measured = 50 * tuple(_measured(PROBLEM, first.plan, 3))
-    seeing = design(replace(_with(count=1), measured=measured))
-    gains = [float(d.forecast.choice.split(" times smaller")[0].split()[-1]) for d in (first, seeing)]
-    assert gains[0] > 1.15
-    assert 1.0 <= gains[1] < 1.02
+    """Fifty measurements are known before the choice begins, fifty times what one is."""
+    measured = tuple(_measured(PROBLEM, design(_with(count=1)).plan, 3))
+    problems = (replace(PROBLEM, measured=times * measured) for times in (0, 1, 50))
+    none, one, many = (problem.prior_information(problem.guesses) for problem in problems)
+    assert np.linalg.eigvalsh(one - none).min() > 0
+    np.testing.assert_allclose(many - none, 50 * (one - none), rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -240,10 +239,8 @@ def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     seen = dict(zip(forecasted.parameters, np.isfinite(forecasted.std), strict=True))
     assert seen == {"k_2": True, "I_upper": False, "m_upper": False}
     # I changes by dI, m by dm: dI / I * 0.1 + dm / m * 5 * 0.2^2 = 0, so that the ratio is -2.
-    direction = dict(zip(forecasted.parameters, forecasted.blind[0], strict=True))
-    assert direction["I_upper"] / direction["m_upper"] == pytest.approx(-2.0, rel=1e-3)
     assert "cannot determine the combination +0.89 I_upper -0.45 m_upper" in said(forecasted.notes)[0]
-    assert [note.code for note in forecasted.notes[:2]] == ["fit/undetermined"] * 2
+    assert [note.code for note in forecasted.notes if note.code == "fit/undetermined"] == ["fit/undetermined"]
     alone = replace(fit, parameters={"k_2": ParameterSpec(), "c_upper_z": ParameterSpec()})
     note = said(design(replace(problem, fit=alone)).forecast.notes)[0]
     assert "cannot determine c_upper_z: fix it" in note

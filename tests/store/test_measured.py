@@ -93,7 +93,6 @@ def test_limits_and_forecast_come_back_to_the_last_bit(tmp_path):
         ("home",),
         np.array([0.5, 1.5]),
         np.arange(4.0).reshape(1, 2, 2),
-        np.array([[0.0, 1.0]]),
         NOTES,
         "by D-optimality",
     )

@@ -24,7 +24,7 @@ def forecast():
     share /= share.sum(axis=(0, 1))
     freq_hz = np.array([2.0, 10.0, 40.0, 40.1])
     return Forecast(("k", "d", "m"), ("",) * 3, np.ones(3), (True,) * 3, np.eye(3), ("a", "b"), freq_hz, share,
-                    np.empty((0, 3)), ())  # fmt: skip
+                    ())  # fmt: skip
 
 
 def test_the_information_figure_shows_the_shares_of_the_forecast():
