@@ -1,4 +1,4 @@
-r"""Natural frequencies, damping, mode shapes, antiresonances and strain energies of a LinearModel.
+r"""Natural frequencies, damping, mode shapes and strain energies of a LinearModel.
 
 .. math:: (\lambda^2 M + \lambda D + K)\, \phi = 0, \qquad f = |\lambda| / 2\pi, \quad
           \zeta = -\mathrm{Re}\,\lambda / |\lambda|
@@ -12,28 +12,17 @@ soften the mode, as the weight of an upright arm does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy.linalg
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, number
-from elastid.base.errors import index_of
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LinearModel
 from elastid.model.elastic import ElasticModel
 
-
-@dataclass(frozen=True)
-class ModeLimits:
-    """Judgement of poles and zeros."""
-
-    rigid_rate: float = 1e-6  # of the largest |lambda|: below, a rigid-body mode; rounding splits a double zero so far
-    zero_ratio: float = 10.0  # of the highest natural frequency: zeros beyond are indistinguishable from infinity
-
-
-LIMITS = ModeLimits()
+# Of the largest |lambda|: below, a rigid-body mode; rounding splits a double zero so far.
+RIGID_RATE = 1e-6
 
 
 @frozen_value
@@ -73,43 +62,21 @@ def modes_display(
 
 def modes(model: LinearModel, theta: FloatArray) -> Modes:
     """Modes with the motors free, at theta (n_theta,): the poles of the frequency response."""
-    return _modes(*model.matrices(theta), basis=np.eye(model.n), highest=np.inf)
+    poles, shapes = _eigenvalues(*model.matrices(theta))
+    scale = np.abs(poles).max(initial=0.0)
+    poles = np.where(np.abs(poles) <= RIGID_RATE * scale, 0.0, poles)
+    is_real = np.abs(poles.imag) <= RIGID_RATE * scale
+    oscillating = np.flatnonzero(~is_real & (poles.imag > 0))
+    oscillating = oscillating[np.argsort(np.abs(poles[oscillating]))]
+    decaying, poles = poles[is_real].real, poles[oscillating]
+    freq_hz, zeta = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)
+    return Modes(freq_hz, zeta, _normalised(shapes[:, oscillating]), decaying[np.argsort(np.abs(decaying))])
 
 
 def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
     """Shapes (n, n_m) of a model as they are in all coordinates of the robot (n_q, n_m), the largest entry 1."""
     assert model.Z is not None  # set when it is made
     return _normalised(model.Z @ shapes)
-
-
-def antiresonances(model: LinearModel, theta: FloatArray, output: str, input: str) -> Modes:
-    """Zeros of one element of the response, at theta (n_theta,); UnknownNameError for a name that is none of the model.
-
-    Motion q = N_c x that the output does not see, under forces that the input alone supplies:
-    N_b^T (s^2 M + s D + K) N_c x = 0, N_c and N_b the null spaces of the output's row and the input's column. Where
-    output and input coincide these are the modes with that motor locked.
-    """
-    M, D, K = model.matrices(theta)
-    column, row = index_of(input, model.inputs, "input"), index_of(output, model.outputs, "output")
-    B, C = model.B[:, [column]], model.readout(theta)[0][[row]]
-    N_b, N_c = scipy.linalg.null_space(B.T), scipy.linalg.null_space(C)
-    highest = LIMITS.zero_ratio * float(np.abs(_eigenvalues(M, D, K)[0]).max())
-    return _modes(N_b.T @ M @ N_c, N_b.T @ D @ N_c, N_b.T @ K @ N_c, basis=N_c, highest=highest)
-
-
-def _modes(M: FloatArray, D: FloatArray, K: FloatArray, basis: FloatArray, highest: float) -> Modes:
-    """Modes of coordinates x, q = basis x, without those beyond |lambda| = highest (1/s)."""
-    poles, x = _eigenvalues(M, D, K)
-    is_finite = np.isfinite(poles) & (np.abs(poles) <= highest)
-    poles, shapes = poles[is_finite], basis @ x[:, is_finite]
-    scale = np.abs(poles).max(initial=0.0)
-    poles = np.where(np.abs(poles) <= LIMITS.rigid_rate * scale, 0.0, poles)
-    is_real = np.abs(poles.imag) <= LIMITS.rigid_rate * scale
-    oscillating = np.flatnonzero(~is_real & (poles.imag > 0))
-    oscillating = oscillating[np.argsort(np.abs(poles[oscillating]))]
-    decaying, poles = poles[is_real].real, poles[oscillating]
-    freq_hz, zeta = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)
-    return Modes(freq_hz, zeta, _normalised(shapes[:, oscillating]), decaying[np.argsort(np.abs(decaying))])
 
 
 def _normalised(shapes: ComplexArray) -> ComplexArray:
@@ -121,7 +88,7 @@ def _normalised(shapes: ComplexArray) -> ComplexArray:
 
 
 def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """lambda (2 n,) in 1/s and phi (n, 2 n) of (lambda^2 M + lambda D + K) phi = 0; infinite where M is singular."""
+    """lambda (2 n,) in 1/s and phi (n, 2 n) of (lambda^2 M + lambda D + K) phi = 0."""
     n = M.shape[0]
     if n == 0:
         return np.empty(0, complex), np.empty((0, 0), complex)
@@ -131,11 +98,8 @@ def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexAr
     I, O = np.eye(n), np.zeros((n, n))  # noqa: E741
     A = np.block([[O, I], [-K / stiffness, -D * rate / stiffness]])
     E = np.block([[I, O], [O, M * rate**2 / stiffness]])
-    (alpha, beta), vectors = scipy.linalg.eig(A, E, homogeneous_eigvals=True)
-    poles = np.full(2 * n, np.inf, complex)
-    finite = np.abs(beta) > np.finfo(float).eps * np.abs(alpha)
-    poles[finite] = rate * alpha[finite] / beta[finite]
-    return poles, vectors[:n]
+    values, vectors = scipy.linalg.eig(A, E)
+    return rate * values, vectors[:n]
 
 
 @frozen_value
