@@ -51,9 +51,13 @@ _LARGEST_SHIFT = 30.0
 def effect_of_motion(
     model: ElasticModel, linear: LinearModel, theta: FloatArray, response: Response, share: float = 1.0
 ) -> ComplexArray | None:
-    """`posture_effect` in a measured response, on a share of the lines; None where no motion is known of it.
+    """dG (F, n_y, n_u) that the motion of a measured response adds to that of a model about its posture at rest.
 
-    None, too, where it cannot matter, and for a motion to where the equations have no number (a gas spring at its end).
+    linear: of `model` in a configuration, at theta (n_theta,), which ends with the delay.  Motors that were not
+    measured count as standing still.  share: of the lines of the motion, neighbours being put together, and of those of
+    the response between which it is interpolated.  StudyError as `equilibrium`.
+    None where no motion is known, where it cannot matter, and for a motion to where the equations have no number (a gas
+    spring at its end).
     No parameter of a fit moves by more standard deviations than the effect has, divided by those of all elements.
     """
     motion, known, freq_hz = response.motion, response.uncertainty, response.freq_hz
@@ -73,25 +77,6 @@ def effect_of_motion(
     return effect if np.isfinite(effect).all() else None
 
 
-def posture_effect(
-    model: ElasticModel,
-    linear: LinearModel,
-    theta: FloatArray,
-    motion: MotorMotion,
-    freq_hz: FloatArray,
-    most: int = _MOST_LINES,
-) -> ComplexArray:
-    """dG (F, n_y, n_u) that a motion adds to the response of a model about its posture at rest.
-
-    linear: of `model` in a configuration, at theta (n_theta,), which ends with the delay.  Motors that were not
-    measured count as standing still.  most: lines of the motion, neighbours being put together, and lines of the
-    response between which it is interpolated.  StudyError as `equilibrium`.
-    """
-    if not motion.power.any():
-        return np.zeros((len(freq_hz), len(linear.outputs), len(linear.inputs)), complex)
-    return _About.of(model, linear, theta, motion).effect(freq_hz, most)
-
-
 @dataclass(frozen=True, eq=False)
 class _About:
     """A motion about a posture: what its effect is worked out of, on any lines.
@@ -109,14 +94,14 @@ class _About:
 
     @classmethod
     def of(cls, model: ElasticModel, linear: LinearModel, theta: FloatArray, motion: MotorMotion) -> _About:
-        """Arguments as `posture_effect`."""
+        """Arguments as `effect_of_motion`."""
         expansion = _expand(model, linear, theta)
         places = [motion.motors.index(motor) if motor in motion.motors else -1 for motor in model.inputs]
         mean = _mean(expansion, motion, linear.configuration.angles, places)
         return cls(model, linear, theta, motion, expansion, places, mean)
 
     def effect(self, freq_hz: FloatArray, most: int) -> ComplexArray:
-        """dG (F, n_y, n_u) of `posture_effect`."""
+        """dG (F, n_y, n_u) of a motion of at most so many lines."""
         expansion, linear, omega = self.expansion, self.linear, 2 * np.pi * freq_hz
         moved = _Moved.of(expansion, self.motion, self.places, self.mean, most)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]

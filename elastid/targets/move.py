@@ -20,24 +20,6 @@ from elastid.targets.numbers import c_row
 from elastid.use.command.tune import TunedMove
 
 
-def interpolated(tuned: TunedMove, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position, velocity, torque (N, n_u) at times (N,) from the first sample, as `move_at` in C has them.
-
-    Position by cubic Hermite polynomials, velocity their derivative, torque held from sample to sample.
-    """
-    step = float(np.diff(tuned.time_s).mean())
-    cells = len(tuned.time_s) - 1
-    x = np.clip(t / step, 0.0, cells)
-    k, held = np.minimum(x.astype(int), cells - 1), (x + 1e-6).astype(int)
-    x = (x - k)[:, None]
-    a, b = tuned.position[k], tuned.position[k + 1]
-    c, d = step * tuned.velocity[k], step * tuned.velocity[k + 1]
-    e = b - a
-    q = a + x * (c + x * (3 * e - 2 * c - d + x * (c + d - 2 * e)))
-    v = (c + x * (2 * (3 * e - 2 * c - d) + 3 * x * (c + d - 2 * e))) / step
-    return q, v, tuned.torque[held]
-
-
 def write_move_c(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
     """move.c and move.h: `move_at(t, q, v, u)`, which returns 1 from the last sample on."""
     texts = move_sources(tuned)

@@ -7,13 +7,13 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from plants.moved_posture import posture_effect
 
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.moving_posture import posture_effect
 from elastid.linear.response.transfer import to_response
 from elastid.record import Configuration
 from elastid.response import Covariance, MotorMotion, Response

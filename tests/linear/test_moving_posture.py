@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.arm_modes import ARM
+from plants.moved_posture import posture_effect
 
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
@@ -18,7 +19,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.moving_posture import NEGLIGIBLE, effect_of_motion, posture_effect
+from elastid.linear.moving_posture import NEGLIGIBLE, effect_of_motion
 from elastid.linear.response.transfer import to_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.spec import ModelSpec

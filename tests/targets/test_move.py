@@ -15,7 +15,7 @@ from scipy.io import loadmat
 
 from elastid.friction.robot_friction import frictions
 from elastid.targets.friction import write_compensation
-from elastid.targets.move import interpolated, write_move, write_move_c
+from elastid.targets.move import write_move, write_move_c
 from elastid.use.command.replay import Outcome
 from elastid.use.command.tune import TunedMove
 
@@ -41,6 +41,24 @@ def library(folder: Path, source: Path) -> ctypes.CDLL:
     flags = ["-std=c99", "-O2", "-Wall", "-Werror", "-shared", "-fPIC"]
     subprocess.run(["cc", *flags, source, "-o", built, "-lm"], check=True)
     return ctypes.CDLL(str(built))
+
+
+def interpolated(tuned: TunedMove, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity, torque (N, n_u) at times (N,) from the first sample, as `move_at` in C has them.
+
+    Position by cubic Hermite polynomials, velocity their derivative, torque held from sample to sample.
+    """
+    step = float(np.diff(tuned.time_s).mean())
+    cells = len(tuned.time_s) - 1
+    x = np.clip(t / step, 0.0, cells)
+    k, held = np.minimum(x.astype(int), cells - 1), (x + 1e-6).astype(int)
+    x = (x - k)[:, None]
+    a, b = tuned.position[k], tuned.position[k + 1]
+    c, d = step * tuned.velocity[k], step * tuned.velocity[k + 1]
+    e = b - a
+    q = a + x * (c + x * (3 * e - 2 * c - d + x * (c + d - 2 * e)))
+    v = (c + x * (2 * (3 * e - 2 * c - d) + 3 * x * (c + d - 2 * e))) / step
+    return q, v, tuned.torque[held]
 
 
 @C

@@ -1,0 +1,26 @@
+"""What a motion about a posture adds to a response that came without an uncertainty."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.moving_posture import effect_of_motion
+from elastid.linear.response.transfer import to_response
+from elastid.model.elastic import ElasticModel
+from elastid.response import MotorMotion
+
+
+def posture_effect(
+    model: ElasticModel,
+    linear: LinearModel,
+    theta: FloatArray,
+    motion: MotorMotion,
+    freq_hz: FloatArray,
+    most: int = 48,
+) -> ComplexArray:
+    """dG (F, n_y, n_u) on at most so many lines; zero without a motion."""
+    response = replace(to_response(linear, theta, freq_hz), motion=motion)
+    effect = effect_of_motion(model, linear, theta, response, most / 48)
+    return np.zeros_like(response.G) if effect is None else effect
