@@ -148,7 +148,7 @@ def _planned(
     # The load that takes most of the torque decides ramps and speeds of all.
     axis = max(axes, key=lambda axis: axis.holding)
     speeds = _speeds(spec, axis)
-    axis.check_speeds(speeds.speed, controller.bandwidth_hz)
+    axis.check_speeds(speeds.speed)
     design = JointPassDesign(
         joint.name, axis.limits, speeds.speed, speeds.passes.astype(float), speeds.excess, speeds.efficiency
     )

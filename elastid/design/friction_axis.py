@@ -19,7 +19,7 @@ from elastid.friction.robot_friction import frictions
 from elastid.friction.static import Conditions, columns, slopes
 from elastid.friction_study.spec import PassesSpec
 from elastid.linear.equilibrium import equilibrium
-from elastid.record import Configuration
+from elastid.record import Configuration, drive_unit
 from elastid.robot import Joint, Robot
 from elastid.simulation.controller import feed_forward, tune
 
@@ -185,29 +185,17 @@ class Axis:
         ]
         return max(within, default=0.0)
 
-    def check_speeds(self, speeds: FloatArray, bandwidth_hz: float) -> None:
+    def check_speeds(self, speeds: FloatArray) -> None:
         """StudyError for the first speed that sticks and slips, or whose torque would be clipped."""
-        place, unit, torque_unit = self.limits.place, f"{self.limits.unit}/s", "N" if self.joint.slides else "N*m"
+        place, unit, largest = self.limits.place, f"{self.limits.unit}/s", self.joint.limits.torque
         for speed in speeds.tolist():
-            if self.sticks_at(speed):
-                fall = max(-self.guess.slope(v) for v in np.geomspace(speeds.min(), speeds.max(), 200).tolist())
-                needed = bandwidth_hz * fall / self.damping
+            if self.sticks_at(speed) or self.peak_torque(speed) > largest:
                 raise StudyError(
                     "friction/plan",
-                    f"{place} would stick and slip at {speed:.4g} {unit}: its friction falls "
-                    f"by up to {fall:.3g} with each {unit}, and the loop brakes with {self.damping:.3g}; "
-                    f"measure above {self.slowest:.3g} {unit}, or raise experiment.simulated.controller.bandwidth_hz "
-                    f"from {bandwidth_hz:.3g} to {1.2 * needed:.3g} Hz",
-                    "friction.passes.speeds",
-                )
-            peak = self.peak_torque(speed)
-            if peak > self.joint.limits.torque:
-                raise StudyError(
-                    "friction/plan",
-                    f"a pass of {place} at {speed:.4g} {unit} takes {peak:.4g} {torque_unit} "
-                    f"(gravity {self.holding:.3g}, ramps {self.inertia * self.limits.acceleration:.3g}, friction "
-                    f"{self.guess.torque(speed):.3g}), and its drive gives {self.joint.limits.torque:.4g}: the torque "
-                    "would be clipped; choose a posture with less gravity torque, or lower the highest speed",
+                    f"{place} would stick and slip at {speed:.4g} {unit}, or its torque be clipped "
+                    f"({self.peak_torque(speed):.4g} of {largest:.4g} {drive_unit(self.joint.slides)}); its loop and "
+                    f"its torque leave {self.slowest:.3g} to {self.fastest:.3g} {unit}: measure there, raise "
+                    "experiment.simulated.controller.bandwidth_hz, or choose a posture with less gravity torque",
                     "friction.passes.speeds",
                 )
 
