@@ -28,6 +28,7 @@ from typing import Any, Protocol, TypeAlias
 import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.signal import tf2ss
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.model.closed_posture import followed, rates
@@ -229,7 +230,7 @@ class Filters:
 
     def _of_motor(self, sections: tuple[Section, ...]) -> tuple[FloatArray, ...]:
         A, B, C, D = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))
-        parts = [_state_space(each) for each in sections] + [_DELAY] * self.delay
+        parts = [tf2ss(each[:3], each[3:]) for each in sections] + [_DELAY] * self.delay
         for a, b, c, d in parts:
             A = np.block([[A, np.zeros((len(A), len(a)))], [b @ C, a]])
             B, C, D = np.vstack([B, b @ D]), np.hstack([d @ C, c]), d @ D
@@ -237,10 +238,3 @@ class Filters:
 
 
 _DELAY = (np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
-
-
-def _state_space(section: Section) -> tuple[FloatArray, ...]:
-    """Controllable canonical form of a section."""
-    b0, b1, b2, _, a1, a2 = section
-    A, B = np.array([[-a1, -a2], [1.0, 0.0]]), np.array([[1.0], [0.0]])
-    return A, B, np.array([[b1 - b0 * a1, b2 - b0 * a2]]), np.array([[b0]])

@@ -87,12 +87,11 @@ _TIMING = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)
 class Move:
     """Angles of the driven joints over time, at rest before 0 and after `duration`, s.
 
-    spline: (n_u,) of the share of the duration, 0 to 1.  times_given: by its file, and not asked for.
+    spline: (n_u,) of the share of the duration, 0 to 1.
     """
 
     spline: BSpline
     duration: float
-    times_given: bool = False
 
     def at(self, t: FloatArray, order: int = 0) -> FloatArray:
         """Angles (N, n_u) at times (N,), or their derivatives of an order, in rad (m) and s."""
@@ -137,7 +136,7 @@ def read_move(path: Path, robot: Robot, frame: str, duration: float | None = Non
     else:
         spline = _through_poses(table, robot, frame, times)
     own = float(times[-1] - times[0]) if times is not None else 0.0
-    return Move(spline, own if duration is None else duration, times is not None)
+    return Move(spline, own if duration is None else duration)
 
 
 def _times(table: Table) -> FloatArray | None:
