@@ -298,7 +298,7 @@ CODES: Final[Mapping[str, str]] = {
     "robot/loops": "The loops of a robot do not close, are singular or lock.",
     "robot/no-rest": "The robot finds no rest at this posture: springs too soft, or signs and units wrong.",
     "robot/no-spring": "No elastic part is where one is needed.",
-    "robot/operating-point": "A spring is inside its backlash, or unstable, at the posture of the linearisation.",
+    "robot/operating-point": "A spring is inside its backlash at the posture of the linearisation.",
     "robot/unknown-name": "A robot has no part of this name.",
     "run/earlier-stage": "The result of an earlier stage is missing or of another study: run that stage again.",
     "study/invalid": "Keys of a study are wrong; each line names the place.",

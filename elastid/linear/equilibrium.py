@@ -252,7 +252,7 @@ def preloads(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingP
 
 
 def spring_notes(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[Note, ...]:
-    """A note for each joint that rests inside its backlash or whose spring is unstable, with the configurations."""
+    """A note for each joint that rests inside its backlash, with the configurations."""
     if all(joint.spring is None or joint.spring.is_linear for joint in model.robot.joints):
         return ()
     values = dict(zip(model.parameters, np.asarray(theta, dtype=float).tolist(), strict=True))
@@ -261,7 +261,7 @@ def spring_notes(model: ElasticModel, theta: FloatArray, points: Sequence[Operat
     notes: list[Note] = []
     for i, joint in enumerate(loads[0].joints if loads else ()):
         x, k = np.array([load.deflection[i] for load in loads]), np.array([load.tangent[i] for load in loads])
-        unit, b = model.robot.parameters()[f"k_{joint}"][1], values.get(f"b_{joint}", 0.0)
+        b = values.get(f"b_{joint}", 0.0)
         inside = np.flatnonzero(np.abs(x) < b + LIMITS.flank * (values.get(f"e_{joint}", 0.0) * b))
         if inside.size:
             angle = model.robot.parameters()[f"b_{joint}"][1]
@@ -272,12 +272,6 @@ def spring_notes(model: ElasticModel, theta: FloatArray, points: Sequence[Operat
                 f"the amplitude there, and the stiffness of {share.min():.0%} to {share.max():.0%} of k_{joint} that "
                 "the model has at rest describes none; take configurations in which gravity presses the joint onto "
                 "one flank, or leave these out"
-            )
-            notes.append(Note("robot/operating-point", text))
-        for c in np.flatnonzero(k < 0):
-            text = (
-                f"the spring of joint {joint} is unstable in {names[c]}: deflected by {x[c]:.2g} it pulls further, "
-                f"with {k[c]:.3g} {unit}; bound its quadratic terms so that quadratic^2 < 3 k cubic"
             )
             notes.append(Note("robot/operating-point", text))
     return tuple(notes)

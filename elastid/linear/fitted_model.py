@@ -201,7 +201,7 @@ class ResponseBand:
 class PostureModes:
     """Oscillating modes by rising frequency with standard deviations: freq_hz, zeta (n_m,), shapes (n_q, n_m).
 
-    shapes: in `coordinates`, all of the robot's, largest entry 1.  shapes_std: of their distance from the estimate.
+    shapes: in `coordinates`, all of the robot's, largest entry 1.
     """
 
     freq_hz: FloatArray
@@ -209,7 +209,6 @@ class PostureModes:
     zeta: FloatArray
     zeta_std: FloatArray
     shapes: ComplexArray
-    shapes_std: FloatArray
     coordinates: tuple[str, ...]
     real_poles: FloatArray
     by: By

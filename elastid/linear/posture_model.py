@@ -222,23 +222,20 @@ class PostureModel:
     def modes(self) -> PostureModes:
         """Natural frequencies, damping ratios and shapes of what can move, with standard deviations."""
         nominal = self._modes_at(self.estimated.x)
-        count, Z = len(nominal.freq_hz), np.asarray(self.linear.Z)
+        count = len(nominal.freq_hz)
 
-        def packed(x: FloatArray) -> ComplexArray:
+        def packed(x: FloatArray) -> FloatArray:
             own = nominal if x is self.estimated.x else self._modes_at(x)
             poles = _poles(own)
             order = [int(np.argmin(np.abs(poles - pole))) for pole in _poles(nominal)] if len(poles) else []
             if len(order) < count:  # nothing swings with numbers so far off
-                return np.full((2 + len(Z), count), np.nan, complex)
-            shapes = self._shapes(own)[:, order]
-            scale = np.sum(self._shapes(nominal).conj() * shapes, axis=0) if count else np.ones(0)
-            turned = shapes * np.where(np.abs(scale) > 0, np.abs(scale) / np.where(scale == 0, 1, scale), 1)
-            return np.vstack([own.freq_hz[order], own.zeta[order], turned])
+                return np.full((2, count), np.nan)
+            return np.vstack([own.freq_hz[order], own.zeta[order]])
 
         spread = self._spread(packed) if count else None
-        std = np.zeros((2 + len(Z), count)) if spread is None else spread.std
+        freq_std, zeta_std = np.zeros((2, count)) if spread is None else spread.std
         return PostureModes(
-            nominal.freq_hz, std[0], nominal.zeta, std[1], self._shapes(nominal), std[2:], self.coordinates,
+            nominal.freq_hz, freq_std, nominal.zeta, zeta_std, self._shapes(nominal), self.coordinates,
             nominal.real_poles, "linearisation" if spread is None else spread.by,
         )  # fmt: skip
 

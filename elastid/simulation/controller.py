@@ -152,16 +152,22 @@ def feed_forward(
     """
     start = model.B.T @ q0
     path = rigid_path(model, q0, start, start + position)
-    T = rigid_motion(model, path)
-    v_path = (T @ velocity[:, :, None])[:, :, 0]
-    a_path = (T @ acceleration[:, :, None])[:, :, 0]
-    if model.robot.loops:
-        step_s = 1e-4  # of the central difference
-        before, after = (rigid_motion(model, path + sign * step_s * v_path) for sign in (-1, 1))
-        T_rate = (after - before) / (2 * step_s)
-        a_path += (T_rate @ velocity[:, :, None])[:, :, 0]
+    T, v_path, a_path = rigid_rates(model, path, velocity, acceleration)
     needed = _inverse_dynamics(model).map(len(position))(path.T, v_path.T, a_path.T).full().T
     return np.asarray((np.swapaxes(T, 1, 2) @ needed[:, :, None])[:, :, 0])
+
+
+def rigid_rates(
+    model: ElasticModel, q: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """T (n, n_q, n_u), q' and q'' (n, n_q) of the rigid robot at q (n, n_q) by those of its motors (n, n_u)."""
+    T = rigid_motion(model, q)
+    v, a = ((T @ each[:, :, None])[:, :, 0] for each in (velocity, acceleration))
+    if model.robot.loops:
+        step_s = 1e-4  # of the central difference
+        before, after = (rigid_motion(model, q + sign * step_s * v) for sign in (-1, 1))
+        a += ((after - before) / (2 * step_s) @ velocity[:, :, None])[:, :, 0]
+    return T, v, a
 
 
 @lru_cache(maxsize=4)

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.notes import said
 
-from elastid.linear.equilibrium import equilibrium, preloads, spring_notes
+from elastid.linear.equilibrium import equilibrium, preloads
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import modes
 from elastid.linear.response.kernel import Kernel
@@ -213,7 +212,7 @@ def test_slopes_follow_the_operating_point() -> None:
         assert error < 1e-6 * np.abs(difference).max() + rounding, name
 
 
-def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
+def test_a_spring_that_pulls_where_it_rests_has_a_negative_tangent() -> None:
     """Gravity alone holds a hanging beam behind the top of its spring's law, k D + k2 D^2 at D = -1.1 k / 2 k2."""
     model = serial(beam(Spring(1e4, quadratic=0.0, cubic=0.0), 2000.0))
     theta = model.theta.copy()
@@ -224,8 +223,6 @@ def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
     load = preloads(model, theta, [point])[0]
     assert load.deflection == pytest.approx(x)
     assert load.tangent == pytest.approx(-1000)
-    (word,) = said(spring_notes(model, theta, [point]))
-    assert word.startswith("the spring of joint 1 is unstable in hanging: deflected by -0.0018 it pulls further, with")
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.friction.robot_friction import frictions
-from elastid.linear.equilibrium import equilibrium, free_coordinates
+from elastid.linear.equilibrium import equilibrium, free_coordinates, rigid_posture
 from elastid.model.closed_posture import followed
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
@@ -32,7 +32,7 @@ from elastid.model.loop_closure import partition
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.simulation.controller import rigid_motion
+from elastid.simulation.controller import rigid_rates
 from elastid.simulation.dynamics import contacts
 from elastid.use.command.moves import Move
 
@@ -129,13 +129,7 @@ class CommandedRobot:
         q[:, : len(self.robot.joints)] = followed(self.robot, angles, angles[0])
         for motor, column in zip(m.inputs, angles.T, strict=True):
             q[:, m.index(motor)] = column
-        T = rigid_motion(m, q)
-        v = (T @ rate[:, :, None])[:, :, 0]
-        a = (T @ curvature[:, :, None])[:, :, 0]
-        if self.robot.loops:
-            step_s = 1e-4  # of the central difference of T
-            before, after = (rigid_motion(m, q + sign * step_s * v) for sign in (-1, 1))
-            a += ((after - before) / (2 * step_s) @ rate[:, :, None])[:, :, 0]
+        _, v, a = rigid_rates(m, q, rate, curvature)
         return q, v, a
 
     def statics(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -203,8 +197,4 @@ class CommandedRobot:
 
     def rigid_posture(self, angles: FloatArray) -> FloatArray:
         """q (n_q,) without deflection at angles (n_u,)."""
-        q = np.zeros(self.model.n_q)
-        q[: len(self.robot.joints)] = followed(self.robot, angles[None])[0]
-        for motor, angle in zip(self.model.inputs, angles, strict=True):
-            q[self.model.index(motor)] = angle
-        return q
+        return rigid_posture(self.model, Configuration("move", angles))

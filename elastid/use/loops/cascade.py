@@ -16,6 +16,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
 from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
 from elastid.simulation.controller import Filters, Gains, low_pass, notch, section_response
+from elastid.use.loops.sensitivity import controller_response
 
 _STEP = 1e-5  # of a logarithm, for central differences
 WIDTHS, DEPTHS = (0.15, 3.0), (0.05, 1.0)  # of notches
@@ -85,13 +86,7 @@ class Cascade:
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> tuple[ComplexArray, ComplexArray]:
         """F and F_r (..., n_u) at freq_hz (...)."""
-        z_inverse = np.exp(-2j * np.pi * freq_hz / rate_hz)[..., None]
-        H = z_inverse**self.delay * section_response(low_pass(self.low_pass_hz, rate_hz), z_inverse)
-        for axis, own in zip(self.axes, self.notches, strict=True):
-            H[..., axis] *= section_response(notch(own[0], own[1], own[2], rate_hz), z_inverse[..., 0])
-        p, v = self.position_gain, self.velocity_gain
-        F_r = v * p * (1 + p / rate_hz * z_inverse / (1 - z_inverse)) * H
-        return F_r * (1 + rate_hz * (1 - z_inverse) / p), F_r
+        return controller_response(self.gains, self.filters(rate_hz), freq_hz, rate_hz)
 
     def log_slopes(self, freq_hz: FloatArray, rate_hz: float) -> tuple[ComplexArray, ComplexArray]:
         """d ln F_i / dx and d ln F_r,i / dx (..., n_x), i the axis of each of x."""

@@ -155,13 +155,12 @@ def closed_loop_poles(plants: Plants, gains: Gains, filters: Filters | None) -> 
 
 @frozen_value
 class Margins:
-    """Of loops (Q, n_u): factors by which a gain may rise, and to which it may fall, phase in rad, delay in s.
+    """Of loops (Q, n_u): factor by which a gain may rise, phase in rad, delay in s.
 
-    Infinite, or 0 for `fall`, where no line has the crossing.
+    Infinite where no line has the crossing.
     """
 
     rise: FloatArray = labelled("factor by which the gain may rise", "", "postures axes")
-    fall: FloatArray = labelled("factor to which the gain may fall", "", "postures axes")
     phase: FloatArray = labelled("phase margin", "rad", "postures axes")
     delay: FloatArray = labelled("delay margin", "s", "postures axes")
 
@@ -174,14 +173,13 @@ def margins(L: ComplexArray, freq_hz: FloatArray) -> Margins:
     share, crosses = _crossings(turn, np.abs(step) < np.pi)
     size = np.exp(-_between(ln, share))
     rise = np.where(crosses & (size > 1), size, np.inf).min(axis=-1)
-    fall = np.where(crosses & (size < 1), size, 0.0).max(axis=-1)
     share, crosses = _crossings(ln, np.ones_like(step, bool))
     step = (step + np.pi) % (2 * np.pi) - np.pi
     left = turn[..., :-1] + share * step
     left = (left + np.pi) % (2 * np.pi) - np.pi
     phase = np.where(crosses, np.abs(left), np.inf).min(axis=-1)
     late = left % (2 * np.pi) / np.exp(_between(np.log(omega), share))
-    return Margins(rise, fall, phase, np.where(crosses, late, np.inf).min(axis=-1))
+    return Margins(rise, phase, np.where(crosses, late, np.inf).min(axis=-1))
 
 
 def _crossings(values: FloatArray, is_short: np.ndarray) -> tuple[FloatArray, np.ndarray]:
@@ -230,7 +228,7 @@ def measured_loops(records: Sequence[Record], estimator: EstimatorSpec, inertia:
     spread = np.abs(np.outer(left[:, 0], right[0])) ** 2 * variance[line] / root[:, None] ** 2 * root**2
     peak_std = 20 / np.log(10) * float(np.sqrt(spread.sum() / 2)) / float(sizes[line])
     nominal = margins(1 / np.einsum("fii->if", S) - 1, response.freq_hz)
-    each = (np.atleast_2d(getattr(nominal, name)) for name in ("rise", "fall", "phase", "delay"))
+    each = (np.atleast_2d(getattr(nominal, name)) for name in ("rise", "phase", "delay"))
     return MeasuredLoops(
         first.configuration.name, first.inputs, response.freq_hz, 20 * np.log10(sizes),
         float(20 * np.log10(sizes[line])), peak_std, line in (0, len(sizes) - 1), Margins(*each),
