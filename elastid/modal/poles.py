@@ -71,11 +71,11 @@ def poles_over_orders(
     z = np.exp(-2j * np.pi * freq_hz * step_s)
     powers = z[:, None] ** np.arange(max_order + 1)
     products = weights[:, None, None] ** 2 * np.einsum("fou,fov->fuv", G.conj(), G)
-    R = _toeplitz(((weights**2) @ powers).real)
+    R = scipy.linalg.toeplitz(((weights**2) @ powers).real)
     # sum_f w^2 z^(s-r) G_ov, blocks of r (numerator) and s, v (denominator); likewise of products.
     weighted = weights[:, None, None] ** 2 * G
-    S = _block_toeplitz(*_moments(powers, weighted))  # (n_y, n+1, n+1, n_u)
-    T = _hermitian_toeplitz(*_moments(powers, products))  # (n+1, n_u, n+1, n_u)
+    S = -_block_toeplitz(*_moments(powers, weighted)).transpose(2, 0, 1, 3)  # (n_y, n+1, n+1, n_u)
+    T = _block_toeplitz(*_moments(powers, products)).transpose(0, 2, 1, 3)  # (n+1, n_u, n+1, n_u)
     found = []
     for order in range(2, max_order + 1, 1 if max_order <= 30 else 2):
         n = order + 1
@@ -96,27 +96,10 @@ def _moments(powers: ComplexArray, G: ComplexArray) -> tuple[FloatArray, FloatAr
     return ahead.real.reshape(shape), back.real.reshape(shape)
 
 
-def _toeplitz(first: FloatArray) -> FloatArray:
-    return np.asarray(scipy.linalg.toeplitz(first))
-
-
-def _lags(n: int) -> tuple[IntArray, BoolArray]:
-    lag = np.arange(n)[None, :] - np.arange(n)[:, None]
-    return np.abs(lag), lag >= 0
-
-
 def _block_toeplitz(ahead: FloatArray, back: FloatArray) -> FloatArray:
-    """S (n_y, n+1, n+1, n_u): minus the moments at the lag s - r."""
-    lag, positive = _lags(len(ahead))
-    blocks = np.where(positive[:, :, None, None], ahead[lag], back[lag])
-    return np.asarray(-blocks.transpose(2, 0, 1, 3))
-
-
-def _hermitian_toeplitz(ahead: FloatArray, back: FloatArray) -> FloatArray:
-    """T (n+1, n_u, n+1, n_u)."""
-    lag, positive = _lags(len(ahead))
-    blocks = np.where(positive[:, :, None, None], ahead[lag], back[lag])
-    return np.asarray(blocks.transpose(0, 2, 1, 3))
+    """(n+1, n+1, ...): the moments at the lag s - r."""
+    lag = np.arange(len(ahead))[None, :] - np.arange(len(ahead))[:, None]
+    return np.asarray(np.where((lag >= 0)[:, :, None, None], ahead[np.abs(lag)], back[np.abs(lag)]))
 
 
 def _roots(M: FloatArray, n_u: int, step_s: float) -> ComplexArray:

@@ -49,10 +49,11 @@ def write_text(path: Path, text: str) -> None:
     write_whole(path, text.encode())
 
 
-def write_rows(path: Path, rows: Iterable[Iterable[Any]]) -> None:
-    """A new CSV file, its cells as spreadsheets take them (`csv_cell`)."""
+def write_rows(path: Path, rows: Iterable[Iterable[Any]]) -> Path:
+    """A new CSV file at a path, its cells as spreadsheets take them (`csv_cell`)."""
     with text_file(path) as file:
         csv.writer(file, lineterminator="\n").writerows(map(csv_cell, row) for row in rows)
+    return path
 
 
 def remove_leftovers(folder: Path) -> None:

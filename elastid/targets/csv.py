@@ -29,7 +29,7 @@ def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
 
     Shapes, the largest entry 1, as re_<place>, im_<place> and std_<place>; empty where another response has it.
     """
-    return _table(path, _measured_modes(modes))
+    return write_rows(path, _measured_modes(modes))
 
 
 def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
@@ -52,11 +52,11 @@ def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
 
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
-    paths = [_table(folder / "parameters.csv", _parameters(model)), _table(folder / "modes.csv", _modes(model))]
+    paths = [write_rows(folder / "parameters.csv", _parameters(model)), write_rows(folder / "modes.csv", _modes(model))]
     for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True):
         fitted = frequency_response(linear, model.theta, G.freq_hz)
         name = G.configuration.name
-        paths.append(_table(folder / f"{file_name(name)}-fitted.csv", _response(G, fitted, std**2)))
+        paths.append(write_rows(folder / f"{file_name(name)}-fitted.csv", _response(G, fitted, std**2)))
         paths.append(_measured(folder, G))
     return tuple(paths)
 
@@ -75,18 +75,18 @@ def write_friction_csv(folder: Path, result: FrictionResult) -> tuple[Path, ...]
     """
     rows = [(each.name, each.unit, each.value, each.std, each.low, each.high) for each in result.numbers]
     head = "parameter", "unit", "value", "std"
-    paths = [_table(folder / "parameters.csv", [(*head, "lower_95", "upper_95"), *rows])]
+    paths = [write_rows(folder / "parameters.csv", [(*head, "lower_95", "upper_95"), *rows])]
     for i, body in enumerate(result.rigid_bodies, start=1):
         numbers = (body.values.tolist(), body.std.tolist(), body.predicting.tolist(), body.regrouped.tolist())
         base = [(name, unit, *n, *r) for name, unit, *n, r in zip(body.names, body.units, *numbers, strict=True)]
         path = folder / f"base_parameters{f'_{i}' if i > 1 else ''}.csv"
-        paths.append(_table(path, [(*head, "predicting", *body.columns), *base]))
+        paths.append(write_rows(path, [(*head, "predicting", *body.columns), *base]))
     return tuple(paths)
 
 
 def _measured(folder: Path, G: Response) -> Path:
     variance = None if G.uncertainty is None else G.uncertainty.variance
-    return _table(folder / f"{file_name(G.configuration.name)}-measured.csv", _response(G, G.G, variance))
+    return write_rows(folder / f"{file_name(G.configuration.name)}-measured.csv", _response(G, G.G, variance))
 
 
 def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
@@ -116,8 +116,3 @@ def _response(measured: Response, G: ComplexArray, variance: FloatArray | None) 
         g = G[line, rows, columns]
         std = [] if variance is None else np.sqrt(variance[line, rows, columns]).tolist()
         yield float(frequency), *g.real.tolist(), *g.imag.tolist(), *std
-
-
-def _table(path: Path, rows: Iterable[Sequence[Any]]) -> Path:
-    write_rows(path, rows)
-    return path

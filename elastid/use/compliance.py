@@ -75,17 +75,15 @@ QUANTITIES: dict[str, tuple[str, str]] = {
 class Answers:
     """Of P postures: values and std (P,) by quantity, softest direction (P, 3), its springs' shares (P, n_s).
 
-    principal (P, 3), axes (P, 3, 3): compliances, the softest first, and their directions as columns.
-    peak_hz, chatter_hz (P,): lines of the largest dynamic compliance and of the most negative real part.
+    axes (P, 3, 3): directions of the principal compliances as columns, the softest first.
+    chatter_hz (P,): line of the most negative real part.
     magnitude, magnitude_std (P, L): |a^T G a| along the softest direction on the lines of a curve.
     """
 
     values: dict[str, FloatArray]
     std: dict[str, FloatArray]
-    principal: FloatArray
     axes: FloatArray
     shares: FloatArray
-    peak_hz: FloatArray
     chatter_hz: FloatArray
     magnitude: FloatArray
     magnitude_std: FloatArray
@@ -133,7 +131,7 @@ def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut:
     energy = robots.strain_c * (robots.strain_b @ u)[:, :, 0] ** 2
     shares = energy / np.maximum(principal[:, :1], 1e-300)
     curve = dynamic.along(curve_hz, axes[:, :, 0])
-    return Answers(values, std, principal, axes, shares, peak_hz, chatter_hz, *curve)
+    return Answers(values, std, axes, shares, chatter_hz, *curve)
 
 
 class _Static:

@@ -51,8 +51,8 @@ class WorkspaceMap:
 
     angles (Q, n_u): of the driven joints `joints`.  asked (Q,): number of each among the postures asked for; those
     without an equilibrium are `refused`.  sliding: of each joint, True where it slides.  position (Q, 3): of the frame.
-    principal (Q, 3), axes (Q, 3, 3): static compliances, the softest first, and their directions, columns.  springs,
-    share (Q, n_s): part of each spring in the compliance of the softest direction.  lines_hz (F,): of the responses.
+    axes (Q, 3, 3): directions of the principal static compliances, columns, the softest first.  springs, share (Q,
+    n_s): part of each spring in the compliance of the softest direction.
     curve_hz (L,): of `magnitude`.
     """
 
@@ -63,13 +63,10 @@ class WorkspaceMap:
     asked: IntArray = labelled("number of the posture among those asked for", "", "posture")
     refused: tuple[int, ...] = labelled("postures without an equilibrium")
     position: FloatArray = labelled("origin of the frame", "m", "posture axis")
-    principal: FloatArray = labelled("principal static compliances, the softest first", "m/N", "posture rank")
-    axes: FloatArray = labelled("their directions, columns", "", "posture axis rank")
+    axes: FloatArray = labelled("directions of principal compliances, the softest first", "", "posture axis rank")
     springs: tuple[str, ...]
     share: FloatArray = labelled("part of each spring in the softest compliance", "", "posture springs")
-    peak_hz: FloatArray = labelled("line of the largest dynamic compliance", "", "posture")
     chatter_hz: FloatArray = labelled("line of the most negative real part", "", "posture")
-    lines_hz: FloatArray = labelled("lines of the responses")
     curve_hz: FloatArray = labelled("lines of the curves")
     magnitude: FloatArray = labelled("dynamic compliance along the softest direction", "m/N", "posture curve_hz")
     magnitude_std: FloatArray = labelled("its standard deviation", "m/N", "posture curve_hz")
@@ -155,9 +152,9 @@ def map_family(
     return WorkspaceMap(
         name, family.frame, tuple(joint.name for joint in family.robot.driven), angles[found],
         np.flatnonzero(found), tuple(np.flatnonzero(~found).tolist()),
-        np.concatenate(position), np.concatenate([a.principal for a in own]), np.concatenate([a.axes for a in own]),
-        family.model.springs, np.concatenate([a.shares for a in own]), np.concatenate([a.peak_hz for a in own]),
-        np.concatenate([a.chatter_hz for a in own]), lines, curve, np.concatenate([a.magnitude for a in own]),
+        np.concatenate(position), np.concatenate([a.axes for a in own]),
+        family.model.springs, np.concatenate([a.shares for a in own]),
+        np.concatenate([a.chatter_hz for a in own]), curve, np.concatenate([a.magnitude for a in own]),
         np.concatenate([a.magnitude_std for a in own]), quantities, cut.load, cut.cutting_coefficient, is_path,
         tuple(joint.slides for joint in family.robot.driven),
     )  # fmt: skip

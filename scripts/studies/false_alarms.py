@@ -4,8 +4,8 @@
 
 Sets of clean logs of many kinds (plants.clean_logs) are read, repaired, estimated, as a study does, by a local method
 (codes that begin with `local-`), fitted by the true robot's file with the diagnosis, and validated. An alarm is a
-repair, a warning, a refusal, a status that is not `converged`, friction that is taken out of a robot without any, a
-peak too many or without a partner in the model, or an excess of the cost; each counts once in a set. What is true of a
+repair, a warning, a refusal, a status that is not `converged`, friction that is taken out of a robot without any, or an
+excess of the cost; each counts once in a set. What is true of a
 kind, such as a period that differs because the torque stepped in it, is none (`true_of`). --rig: a module with
 `dataset` and `write` as the module of an outside rig has them, one more set of which is read for ten of the others.
 

@@ -9,7 +9,7 @@ import pytest
 from plants.predicted_arm import STD, result
 
 from elastid.base.errors import StudyError
-from elastid.use.map import LINES, map_workspace
+from elastid.use.map import map_workspace
 
 ANGLES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
 
@@ -23,7 +23,6 @@ def test_the_softest_first_and_the_spring_that_gives_most() -> None:
     np.testing.assert_allclose(workspace.share.sum(axis=1), 1.0, rtol=0.05)  # the rest is gravity's
     largest = [workspace.springs[i] for i in workspace.share.argmax(axis=1)]
     assert workspace.limiting_springs == tuple(largest)
-    assert len(workspace.lines_hz) == LINES
 
 
 def test_intervals_are_those_of_the_stiffness() -> None:
