@@ -236,7 +236,6 @@ CODES: Final[Mapping[str, str]] = {
     "frf/periods-left-out": "Periods that differ from the others beyond the noise are left out.",
     "frf/records": "The records of a configuration do not go together.",
     "frf/segment": "The segments of records without a period are too short or too few.",
-    "frf/transient": "A transient is left in, since taking it out would cost more than it is worth.",
     "frf/transient-left-out": "Periods at the start are left out, since a transient is in them.",
     "frf/window": "The window of a local method is too wide for a resonance, or too narrow for its unknowns.",
     "friction/at-rest": "Stiffness and damping of the bristles cannot be identified from records at rest.",

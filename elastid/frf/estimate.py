@@ -38,7 +38,6 @@ from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power
 from elastid.frf.methods import METHODS, Estimate
 from elastid.frf.motor_motion import motor_motion
-from elastid.frf.period_selection import TRANSIENT_LEFT_OUT, TotalError
 from elastid.frf.quality import (
     described_lines,
     input_notes,
@@ -164,15 +163,9 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     detection = detection_lines(lines, first.half_wave)
     everywhere = np.union1d(lines, detection)
     excited = np.isin(everywhere, lines)
-    gather = partial(gather_spectra, spectra, everywhere, excited, spec, method == "joint")
-    everything = gather()
+    everything = gather_spectra(spectra, everywhere, excited, spec, method == "joint")
     usable, data, fitted = _fitted(everything.on(excited), groups, method, lines)
     error = total_error(data, fitted)
-    if error is not None and any(note.code == TRANSIENT_LEFT_OUT for note in everything.notes):
-        # Again with those transients that do not matter against the scatter of realisations.
-        everything = gather(TotalError(fitted.G, power(error[0]) / len(groups), usable))
-        usable, data, fitted = _fitted(everything.on(excited), groups, method, lines)
-        error = total_error(data, fitted)
     notes = [*(note for group in groups for record in group for note in record.notes), *data.notes]
     if not usable.all():
         why = (

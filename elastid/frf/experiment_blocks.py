@@ -12,7 +12,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import Note
 from elastid.base.kernels import call, is_compiled
 from elastid.frf.matrices import added_cross_products, adjoint, inverse, squared_magnitude
-from elastid.frf.period_selection import TotalError, trusted
+from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import (
     PeriodSpectra,
@@ -222,12 +222,11 @@ def gather_spectra(
     excited: BoolArray,
     spec: EstimatorSpec,
     with_reference: bool,
-    total: TotalError | None = None,
 ) -> MeanSpectra:
     """Mean spectra at lines (F,) in order, of one record after another.
 
     excited (F,): of the lines; they decide which periods can be trusted.  with_reference: the spectra of r are needed,
-    too.  total: the error of an estimate before, against which transients are judged.
+    too.
     """
     sums = (PackedSum if is_compiled() else FullSum)(amplitude_scale(realisations[0][0].record, lines, spec.quantity))
     blocks: list[Block] = []
@@ -237,7 +236,7 @@ def gather_spectra(
         power, dof, n_y = sums.power(), sums.dof, len(group[0].record.outputs)
         Z, periods = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128), np.zeros(len(group))
         for i, spectra in enumerate(group):
-            used, mean, every = _mean(spectra, lines, excited, spec, total, sums)
+            used, mean, every = _mean(spectra, lines, excited, spec, sums)
             notes += used.notes
             periods[i], Z[i] = len(used.periods), mean.T
             if every is not None and len(realisations) == 1:
@@ -261,7 +260,6 @@ def _mean(
     lines: IntArray,
     excited: BoolArray,
     spec: EstimatorSpec,
-    total: TotalError | None,
     sums: FullSum | PackedSum,
 ) -> tuple[PeriodSpectra, ComplexArray, PeriodSpectra | None]:
     """The periods of a record that can be trusted, and their mean Z (F, n), with their scatter added to the sums.
@@ -270,14 +268,14 @@ def _mean(
     """
     if not spectra.is_large:
         every = period_spectra(spectra, lines, spec.quantity, sums.scale)
-        used = trusted(every.on(excited), spec, total)
+        used = trusted(every.on(excited), spec)
         every = every.only(np.flatnonzero(np.isin(every.periods, used.periods)))
         return used, add_periods(sums, [every]), every
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]
     step = -(-int(excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
     few = lines[excited][::step]
-    used = trusted(period_spectra(spectra, few, spec.quantity), spec, total and total.at_every(step))
+    used = trusted(period_spectra(spectra, few, spec.quantity), spec)
     groups = period_groups(spectra, lines, spec.quantity, sums.scale)
     of_used = (group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
     return used, add_periods(sums, of_used), None

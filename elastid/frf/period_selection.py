@@ -6,15 +6,7 @@ Each channel of each period has a distance from the other periods, relative to t
 
 and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  A transient is looked for
 in units of the noise, too, which periods in the second half of the log have at each line: it is slow, and the noise of
-an acceleration fast.  One that is negligible against the total standard deviation stays (negligible_transient).
-
-The periods at the start of a log that differ, n_t of P, change the equation error of the mean by
-
-.. math:: \Delta V = \frac{n_t}{P} \left[(\bar Y_t - \bar Y_s) - G (\bar U_t - \bar U_s)\right]
-
-with s the other periods.  To leave them out costs n_t / P of the data; to keep them costs nothing where |Delta V| is
-small against the total error, from the scatter of realisations, of the mean of them all: at neighbouring lines
-everywhere, since a transient sits at resonances.
+an acceleration fast.
 """
 
 from __future__ import annotations
@@ -26,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note
 from elastid.base.statistics import STD_OVER_MAD
 from elastid.frf.spec import EstimatorSpec
@@ -38,9 +30,6 @@ from elastid.record import Record
 class Limits:
     """Limits of periods left out."""
 
-    relative_error: float = 0.2  # RMS of the transient's error over the total standard deviation, in a group of lines
-    groups: int = 20  # of lines, at most
-    lines_in_group: int = 5  # at least
     asymmetry: float = 1.5  # distance of the first period from the second half over that of the last from the first
     periods: int = 5  # an outlier cannot be identified among fewer
     negligible_distance: float = 1e-4  # of a period that is as good as the others, however exactly they agree
@@ -61,35 +50,6 @@ class Limits:
 
 LIMITS = Limits()
 TRANSIENT_LEFT_OUT = "frf/transient-left-out"
-
-
-@dataclass(frozen=True)
-class TotalError:
-    """G (F, n_y, n_u) and the variance (F, n_y) of the outputs' total error in the mean of all realisations.
-
-    lines (F_e,): flags of these F among the excited lines.
-    """
-
-    G: ComplexArray
-    variance: FloatArray
-    lines: BoolArray
-
-    def at_every(self, step: int) -> TotalError:
-        """The same at every step-th of the excited lines."""
-        of_G = (np.arange(len(self.lines)) % step == 0)[self.lines]
-        return TotalError(self.G[of_G], self.variance[of_G], self.lines[::step])
-
-
-def is_negligible(spectra: PeriodSpectra, leading: BoolArray, total: TotalError) -> bool:
-    """True if the `leading` periods (P,) of a record's logs change G by far less than it scatters anyway."""
-    spectra = spectra.on(total.lines)
-    dY, dU = (X[leading].mean(axis=0) - X[~leading].mean(axis=0) for X in (spectra.Y, spectra.U))
-    dV = leading.mean() * (dY - np.einsum("fyu,fu->fy", total.G, dU))
-    groups = min(LIMITS.groups, max(1, len(dV) // LIMITS.lines_in_group))
-    error, variance = (
-        np.array([part.sum(axis=0) for part in np.array_split(x, groups)]) for x in (np.abs(dV) ** 2, total.variance)
-    )
-    return bool(np.all(error <= LIMITS.relative_error**2 * variance))
 
 
 @dataclass(frozen=True)
@@ -169,10 +129,8 @@ class Compared:
         return ratio < 1 + self.outlier_sigma * LIMITS.spread
 
 
-def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | None = None) -> PeriodSpectra:
+def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     """The periods that can be used, at least two; notes report those left out and their distances.
-
-    total: where it is known, a transient is left out only if it matters against it.
 
     Raises DataError where transient_periods leaves fewer than two.
     """
@@ -190,7 +148,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
         leading, notes = _transient(spectra, compared, logs)
     else:
         leading, notes = _flags(P, [log[: spec.transient_periods] for log in logs]), ()
-    settled = used = np.flatnonzero(~leading)
+    settled = np.flatnonzero(~leading)
     if len(settled) < 2:
         raise DataError(
             "frf/periods",
@@ -204,14 +162,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | Non
         measured = distances(compared, settled)
         far = settled[measured.far[settled]]
         more = (_note(spectra, far, measured, "no repetition of the others"),) if len(far) else ()
-    if notes and total is not None and is_negligible(spectra, leading, total):
-        used = np.arange(P)
-        count = int(leading.sum())
-        logs_of = f"{len(logs)} logs' " if len(logs) > 1 else ""
-        first = f"{logs_of}first {count} of {P} periods hold" if count > 1 else "first period holds"
-        text = f"the {first} a transient, which is kept: it changes the response by less than a fifth of its total"
-        notes = (Note("frf/transient", f"{text} standard deviation", f"record {record.name}", severity="information"),)
-    return replace(spectra.only(np.setdiff1d(used, far)), notes=(*spectra.notes, *notes, *more))
+    return replace(spectra.only(np.setdiff1d(settled, far)), notes=(*spectra.notes, *notes, *more))
 
 
 def settled(record: Record) -> Record:

@@ -10,13 +10,10 @@ from plants.notes import said
 from plants.refusals import refused
 from plants.steady_record import AUTO, LINES, N, periods_of, steady_record
 
-from elastid.excitation.multisine import synthesise
 from elastid.frf import period_selection
-from elastid.frf.estimate import estimate
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.record import Configuration, Record
-from elastid.response import Response
+from elastid.record import Record
 
 
 def _kept(record: Record, spec: EstimatorSpec = AUTO) -> tuple[list[int], tuple[str, ...]]:
@@ -136,46 +133,3 @@ def test_periods_of_a_long_record_are_compared_with_some_of_them(monkeypatch: py
     monkeypatch.setattr(period_selection, "LIMITS", replace(period_selection.LIMITS, compared=12))
     assert _kept(spoilt)[0] == everything
     assert set(range(60)) - set(everything) == {3, 30, 47}
-
-
-SAMPLES, P, M, RATE = 256, 5, 6, 256.0
-EXCITED = np.arange(5, 100)
-SPEC = EstimatorSpec()
-
-
-def _records(scatter: float, transient: float, count: int = M) -> list[Record]:
-    """Realisations of one input: y = u, a relative scatter of their own, and a transient in the first two periods."""
-    records = []
-    for m in range(count):
-        rng = np.random.default_rng(m)
-        U = np.exp(2j * np.pi * rng.random((len(EXCITED), 1)))
-        error = scatter * (rng.normal(size=U.shape) + 1j * rng.normal(size=U.shape)) / np.sqrt(2)
-        u, y = (np.tile(synthesise(EXCITED, X, SAMPLES), (P, 1)) for X in (U, U * (1 + error)))
-        t = np.arange(P * SAMPLES) / RATE
-        y = y + 1e-6 * y.std() * rng.normal(size=y.shape)
-        y[:, 0] += 3 * transient * y.std() * np.exp(-8 * t) * np.sin(2 * np.pi * 20 * t)
-        y[SAMPLES : 2 * SAMPLES] *= 1 + transient
-        names, configuration = ("motor 1",), Configuration("c", np.zeros(1))
-        quantities = ("acceleration",)
-        records.append(Record(f"c-r{m}-e0", configuration, m, 0, RATE, SAMPLES, names, names, quantities, u, y))
-    return records
-
-
-def _words(response: Response) -> str:
-    return " ".join(said(response.notes))
-
-
-def _total(response: Response) -> np.ndarray:
-    assert response.total is not None
-    return response.total.variance
-
-
-def test_a_transient_of_a_hundredth_of_a_percent_stays_where_friction_scatters_the_response_by_a_third_of_one() -> None:
-    """0.3 % of scatter: all five periods are used, and the note says why; G moves by less than its std / 10."""
-    records = _records(3e-3, 3e-4)
-    response = estimate(records, SPEC)
-    assert "left out" not in _words(response)
-    assert "2 of 5 periods hold a transient, which is kept" in _words(response)
-    settled = estimate(records, replace(SPEC, transient_periods=2))
-    moved = np.abs(response.G - settled.G)
-    assert np.sqrt(np.mean(moved**2)) < 0.1 * np.sqrt(np.mean(_total(settled)))
