@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, degrees, number
-from elastid.base.statistics import By
+from elastid.base.statistics import By, principal_axes
 from elastid.linear.linear_model import LinearModel, StateSpace, state_space
 from elastid.linear.modes import Modes, modes, modes_display
 from elastid.linear.response.kernel import Kernel
@@ -66,15 +66,18 @@ def response_deviation(
 def response_shifts(
     model: LinearModel, freq_hz: FloatArray, parameters: Parameters, x: FloatArray, covariance: FloatArray
 ) -> ComplexArray:
-    """Changes of G (n_x, F, n_y, n_u) by one standard deviation of x in each of n_x independent directions.
+    """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions."""
+    _, J = _response_slopes(model, freq_hz, parameters, x)
+    return np.asarray(np.tensordot(known_axes(covariance), J, axes=1))
+
+
+def known_axes(covariance: FloatArray) -> FloatArray:
+    """The principal axes (n_d, n_x) of x.
 
     A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
     """
-    _, J = _response_slopes(model, freq_hz, parameters, x)
     unreached = np.isinf(np.diag(covariance))
-    known = np.where(unreached[:, None] | unreached, 0.0, covariance) + 1e4 * np.diag(unreached)
-    values, vectors = np.linalg.eigh(known)
-    return np.asarray(np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, J, axes=1))
+    return principal_axes(np.where(unreached[:, None] | unreached, 0.0, covariance) + 1e4 * np.diag(unreached))
 
 
 def _response_slopes(

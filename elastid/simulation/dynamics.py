@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.errors import StudyError
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.friction.static import CURVE, Curve, Expression, Law
 from elastid.model.closed_posture import assembled
@@ -94,6 +95,8 @@ Symbol = TypeVar("Symbol", ca.SX, ca.MX)
 
 # |h lambda| of a step; classical ones are stable to 2.785 on the negative real axis and 2.828 on the imaginary one.
 MAX_STEP_RATE = 2.5
+# Of a robot that is simulated along its log: each is unrolled in the equations, which take seconds to build beyond.
+MAX_SUBSTEPS = 40
 
 
 @frozen_value
@@ -194,6 +197,19 @@ def least_steps(poles: ComplexArray, duration: float) -> int:
         if np.all(np.abs(FIFTH_ORDER.amplification(z)) <= (1 + 1e-9) * np.exp(np.maximum(z.real, 0.0))):
             return int(n)
         n += 1
+
+
+def affordable_steps(poles: ComplexArray, rate_hz: float, robot: str) -> int:
+    """Steps in a sample for these poles, 2 or more; StudyError where they are more than MAX_SUBSTEPS."""
+    steps = max(2, least_steps(poles, 1 / rate_hz))
+    if steps > MAX_SUBSTEPS:
+        raise StudyError(
+            "experiment/simulated",
+            f"the fastest motion of robot {robot} (a pole of {np.abs(poles).max():.4g} 1/s: its stiffest mode, or "
+            f"friction at standstill) takes {steps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are "
+            "affordable; raise the rate",
+        )
+    return steps
 
 
 def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> ComplexArray:

@@ -17,9 +17,9 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.base.statistics import principal_axes
 from elastid.fit.posture import Family
 from elastid.linear.equilibrium import LIMITS, equilibrium, free_coordinates
+from elastid.linear.fitted_model import known_axes
 from elastid.linear.linear_model import Slope
 from elastid.linear.posture_model import PostureModel
 from elastid.model.closed_posture import are_closed, followed
@@ -79,12 +79,8 @@ class ManyPostures:
     def _moved(self) -> tuple[Any, FloatArray]:
         """Rows of theta that x moves, and of_x (n_k, n_d)."""
         known = self.family.estimated
-        # What nothing constrains counts with a standard deviation of 100, of a logarithm mostly.
-        unreached = np.isinf(np.diag(known.covariance))
-        finite = np.where(unreached[:, None] | unreached, 0.0, known.covariance) + 1e4 * np.diag(unreached)
-        axes = principal_axes(finite)
         moves = np.any(known.slopes, axis=1)
-        return np.flatnonzero(moves), known.slopes[moves] @ axes.T
+        return np.flatnonzero(moves), known.slopes[moves] @ known_axes(known.covariance).T
 
     @cached_property
     def _functions(self) -> tuple[ca.Function, ca.Function]:

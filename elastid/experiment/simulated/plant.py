@@ -38,10 +38,7 @@ from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.controller import feed_forward, filters_of, gains_of
-from elastid.simulation.dynamics import contacts, least_steps, poles
-
-# Of a robot that is simulated along its log: each is unrolled in the equations, which take seconds to build beyond.
-MAX_SUBSTEPS = 40
+from elastid.simulation.dynamics import MAX_SUBSTEPS, affordable_steps, contacts, least_steps, poles
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,14 +140,7 @@ def exact_plant(
     model = model_of(robot, equations)
     point = equilibrium(model, model.theta, start)
     own = poles(model, contacts(model, frictions(robot)), point.q)
-    substeps = max(2, least_steps(own, 1 / rate_hz))
-    if substeps > MAX_SUBSTEPS:
-        raise StudyError(
-            "experiment/simulated",
-            f"the fastest motion of robot {robot.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, or "
-            f"friction at standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are "
-            "affordable",
-        )
+    substeps = affordable_steps(own, rate_hz, robot.name)
     return plant_of(robot, equations, rate_hz, substeps, 0, (), (), False, 0), point
 
 

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError
 from elastid.experiment.simulated.hardware import drives
-from elastid.experiment.simulated.plant import MAX_SUBSTEPS
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
@@ -24,7 +23,7 @@ from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop, simulate
 from elastid.simulation.controller import Gains
-from elastid.simulation.dynamics import contacts, least_steps, poles
+from elastid.simulation.dynamics import affordable_steps, contacts, poles
 from elastid.use.command.moves import References
 
 SETTLING_S = 0.6  # after the move, in which its residual vibration is judged
@@ -75,15 +74,7 @@ class TwinLoop:
         q = np.zeros(model.n_q)
         start = np.array([joint.start for joint in robot.driven])
         q = equilibrium(model, model.theta, Configuration("start", start)).q if robot.loops else q
-        own = 1.2 * poles(model, placed, q)
-        substeps = max(2, least_steps(own, 1 / rate_hz))
-        if substeps > MAX_SUBSTEPS:
-            raise StudyError(
-                "experiment/diverged",
-                f"the fastest motion of robot {robot.name} (a pole of {np.abs(own).max():.4g} 1/s: its stiffest mode, "
-                f"or friction at standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} "
-                "are affordable; raise --rate",
-            )
+        substeps = affordable_steps(1.2 * poles(model, placed, q), rate_hz, robot.name)
         clips = clips and any(np.isfinite(joint.limits.torque) for joint in robot.driven)
         hardware = drives(robot, 0, (), (), clips)
         limits = np.tile([-np.inf, np.inf], (model.n_u, 1))
