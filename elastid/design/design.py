@@ -15,7 +15,7 @@ from elastid.design.forecast import LIMITS, Forecast, LimitUse, check_line_count
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.prospect import Prospect
-from elastid.design.spec import DesignSpec, robot_time_refusal, room
+from elastid.design.spec import DesignSpec, room, unit_time_s
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
@@ -127,10 +127,15 @@ def _choose(problem: DesignProblem, spec: DesignSpec, execution: Execution) -> C
     candidates = problem.candidates(spec)
     x = problem.guesses
     sections = spec, problem.excitation, problem.experiment, len(problem.robot.driven)
-    if refusal := robot_time_refusal(*sections):
-        raise StudyError("design/limits", refusal, "design.robot_time")
     counts = {periods: room(*sections, periods) for periods in spec.periods or (problem.experiment.periods,)}
     tasks = [_task(problem, periods, count, x) for periods, count in counts.items() if count >= 1]
+    if not tasks:
+        raise StudyError(
+            "design/limits",
+            f"no room for a configuration in addition to the {len(problem.experiment.configurations)} given: one takes "
+            f"{unit_time_s(*sections[1:], min(counts)):g} s; give more, or fewer realisations or periods",
+            "design.robot_time",
+        )
     criterion, n = problem.criterion, len(candidates.configurations)
     if spec.count is not None and n < spec.count:
         raise StudyError(

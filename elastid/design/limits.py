@@ -182,18 +182,13 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
     q, kind, i = np.unravel_index(np.argmax(used), used.shape)
     if used[q, kind, i] < 1 - margin:
         return limit, base
-    advice = {
-        "torque": "move the configuration, or correct limits.torque",
-        "position": "move the configuration away from the end of the joint, or make the carrier smaller",
-        "turning back": "raise the carrier's velocity well above the disturbances by friction and ramps",
-    }.get(QUANTITIES[kind], "make the carrier slower, or the ramp longer")
     unit = unit_of(int(kind), rig.robot.driven[i].slides)
     raise StudyError(
         "design/limits",
         f"no excitation fits into the limits of joint "
         f"{rig.robot.driven[i].name}. Without any, its motor goes to {base[q, kind, i]:.4g} {unit} "
         f"({QUANTITIES[kind]}), the limit is {limit[q, kind, i]:.4g} {unit}, of which excitation.margin keeps "
-        f"{margin:.0%} free; {advice}",
+        f"{margin:.0%} free; move the configuration, or change velocity, amplitude or ramp of the carrier",
         f"configuration {plan.configurations[q].name}",
     )
 

@@ -190,16 +190,3 @@ def room(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec
         return spec.count or 0
     unit = unit_time_s(excitation, experiment, n_u, periods)
     return int(spec.robot_time / unit + 1e-9) - len(experiment.configurations)
-
-
-def robot_time_refusal(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int) -> str:
-    """A sentence where the robot time leaves no room for any configuration; an empty text where it does."""
-    options = spec.periods or (experiment.periods,)
-    if any(room(spec, excitation, experiment, n_u, periods) >= 1 for periods in options):
-        return ""
-    given, shortest = len(experiment.configurations), unit_time_s(excitation, experiment, n_u, min(options))
-    return (
-        f"{spec.robot_time:g} s leave no room for a configuration in addition to the {given} given: one takes "
-        f"{shortest:g} s of the robot's time; give at least {(given + 1) * shortest:g} s, or fewer realisations or "
-        "periods"
-    )

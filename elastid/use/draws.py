@@ -19,15 +19,13 @@ from elastid.robot import Robot
 class DrawnRobots:
     """names (n_p,) of the parameters that move, delay included; values (N, n_p), SI; robots, their numbers exact.
 
-    held: parameters that the data do not reach, which keep their estimate.  refused: number of draws with an
-    impossible inertia.
+    held: parameters that the data do not reach, which keep their estimate.
     """
 
     names: tuple[str, ...]
     values: FloatArray
     robots: tuple[Robot, ...]
     held: tuple[str, ...]
-    refused: int
 
 
 def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
@@ -70,7 +68,7 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
         if len(robots) == count:
             break
     held = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
-    return DrawnRobots(names, np.array(values), tuple(robots), tuple(held), refused)
+    return DrawnRobots(names, np.array(values), tuple(robots), tuple(held))
 
 
 def estimated_robot(result: Result) -> Robot:

@@ -272,31 +272,21 @@ def read_table(path: Path) -> Table:
     heads = tuple(cell.strip() for cell in rows[0][1])
     if repeated := next((head for head in heads if heads.count(head) > 1), ""):
         raise DataError("use/path", f"column {repeated} is there twice; leave one out", f"{path}:{rows[0][0]}")
+    values = []
     for line, row in rows[1:]:
-        if len(row) != len(heads):
+        try:
+            numbers = [float(cell) for cell in row]
+        except ValueError:
+            numbers = []
+        if len(numbers) != len(heads) or not np.isfinite(numbers).all():
             raise DataError(
                 "use/path",
-                f"{len(row)} cells, and {len(heads)} names in line {rows[0][0]}; give as many, with "
-                "commas between them and a point before decimals",
+                f"{', '.join(cell.strip() for cell in row)}: a row has a finite number below each of {len(heads)} "
+                "names, with commas between them and a point before decimals",
                 f"{path}:{line}",
             )
-        for head, cell in zip(heads, row, strict=True):
-            if not _is_finite(cell):
-                raise DataError(
-                    "use/path",
-                    f"column {head} is '{cell.strip()}'; a path holds finite numbers alone below its "
-                    "names, with a point before decimals",
-                    f"{path}:{line}",
-                )
-    values = np.array([[float(cell) for cell in row] for _, row in rows[1:]])
-    return Table(path, heads, values, tuple(line for line, _ in rows[1:]))
-
-
-def _is_finite(cell: str) -> bool:
-    try:
-        return bool(np.isfinite(float(cell)))
-    except ValueError:
-        return False
+        values.append(numbers)
+    return Table(path, heads, np.array(values), tuple(line for line, _ in rows[1:]))
 
 
 _UNIT = re.compile(r"(?:\s+|\s*[\[(]\s*)(deg|degrees?|rad|m|s)\s*[\])]?$")

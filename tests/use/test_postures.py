@@ -50,10 +50,13 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
     [
         ("a,b\n1,2\n", "give one for each driven joint"),
         ("1,2\n", "a row of names and a row for each posture"),
-        ("1,2\n0,up\n", ":2: column 2 is 'up'; a path holds finite numbers alone"),
-        ("1,2\n0\n", ":2: 1 cells, and 2 names in line 1"),
-        ("1,2\n0,nan\n", ":2: column 2 is 'nan'"),
-        ("1;2\n0,5;1\n", ":2: 2 cells, and 1 names in line 1; give as many, with commas between them and a point"),
+        ("1,2\n0,up\n", ":2: 0, up: a row has a finite number below each of 2 names"),
+        ("1,2\n0\n", ":2: 0: a row has"),
+        ("1,2\n0,nan\n", ":2: 0, nan: a row has"),
+        (
+            "1;2\n0,5;1\n",
+            ":2: 0, 5;1: a row has a finite number below each of 1 names, with commas between them and a point",
+        ),
         ("x,y,z\n9,9,9\n", "within reach"),
     ],
 )

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.linear.linear_model import DELAY, Slope
+from elastid.linear.linear_model import Slope
 from elastid.linear.response.kernel import Kernel, Products
 from elastid.linear.response.transfer import Folding, HoldImages
 
@@ -261,18 +261,15 @@ class Columns:
         """The images in G (F, n_y, n_u), and their derivatives to the factors of the response."""
         kernel, names = self.kernel, self.kernel.factors
         total = np.zeros((kernel.freq_hz.size, len(kernel.model.outputs), len(kernel.model.inputs)), complex)
-        slopes, s = np.zeros((len(names), *total.shape), complex), (2j * np.pi * kernel.freq_hz).astype(complex)
+        slopes = np.zeros((len(names), *total.shape), complex)
         for each in held:
             added = each.folding.images(each.G)
             total += added
             for name, dG in each.of_factors:
                 slopes[names.index(name)] += each.folding.images(dG)
-            for element in each.held.sensors.chain:
-                if element.name in names:
-                    slope = element.log_slope(s, kernel.model.number(theta, element.name))
-                    slopes[names.index(element.name)] += slope[:, None, None] * added
-            if DELAY in names:
-                slopes[names.index(DELAY)] += each.held.folding(theta, order=1).images(each.G)
+            for name, dG in kernel.sensor_slopes(each.held, theta, added, each.G):
+                if name in names:  # of forces at frames the delay is none
+                    slopes[names.index(name)] += dG
         return total, slopes
 
     def pull_images(self, held: Sequence[Images], weight: ComplexArray) -> FloatArray:

@@ -161,20 +161,26 @@ class Kernel:
         """The images in G (F, n_y, n_u) and their derivatives (P, F, n_y, n_u) at theta (n_theta,)."""
         total = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
         slopes = np.zeros((len(self.wanted), *total.shape), complex)
-        s = (2j * np.pi * self.freq_hz).astype(complex)
         for images, above in self.above:
             G_above, of_above = above.evaluate(images.undelayed(theta))
             folding = images.folding(theta)
             added = folding.images(G_above)
             total += added
             slopes[[self.wanted.index(name) for name in above.wanted]] += folding.images(of_above)
-            for element in images.sensors.chain:
-                if element.name in self.wanted:
-                    slope = element.log_slope(s, self.model.number(theta, element.name))
-                    slopes[self.wanted.index(element.name)] += slope[:, None, None] * added
-            if DELAY in self.wanted:
-                slopes[self.wanted.index(DELAY)] += images.folding(theta, order=1).images(G_above)
+            for name, slope in self.sensor_slopes(images, theta, added, G_above):
+                slopes[self.wanted.index(name)] += slope
         return total, slopes
+
+    def sensor_slopes(
+        self, images: HoldImages, theta: FloatArray, added: ComplexArray, G: ComplexArray
+    ) -> Iterator[tuple[str, ComplexArray]]:
+        """Derivatives of the images `added` (F, n_y, n_u), of G (J, n_y, n_u), to sensors and delay, by name."""
+        s = (2j * np.pi * self.freq_hz).astype(complex)
+        for element in images.sensors.chain:
+            if element.name in self.wanted:
+                yield element.name, element.log_slope(s, self.model.number(theta, element.name))[:, None, None] * added
+        if DELAY in self.wanted:
+            yield DELAY, images.folding(theta, order=1).images(G)
 
     def pull(self, theta: FloatArray, products: Sequence[Products], weight: ComplexArray) -> FloatArray:
         """Re sum over lines and elements of weight (F, n_y, n_u) times dG (P,), 0 of `factors`.
