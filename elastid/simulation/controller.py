@@ -28,7 +28,6 @@ from typing import Any, Protocol, TypeAlias
 import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.signal import tf2ss
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.model.closed_posture import followed, rates
@@ -235,6 +234,8 @@ class Filters:
         return A, B, C, D
 
     def _of_motor(self, sections: tuple[Section, ...]) -> tuple[FloatArray, ...]:
+        from scipy.signal import tf2ss  # takes a while
+
         A, B, C, D = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))
         parts = [tf2ss(each[:3], each[3:]) for each in sections] + [_DELAY] * self.delay
         for a, b, c, d in parts:
