@@ -216,7 +216,7 @@ def search_elasticity(run: Run) -> None:
         for trial in search(everything, fitted, start):
             trials.append(trial)
             say = run.console.say if trial.taken else run.console.detail
-            say(f"search: step {trial.step}: {_move(trial)}: {_errors(trial)}")
+            say(f"search: step {trial.step}: {', '.join(trial.coordinates)} {trial.becomes}: {_errors(trial)}")
         comparison = rank(names, *zip(*fits.values(), strict=True))
         verdict = f"{describe_search(everything, trials, start)} {comparison.verdict}"
         finish(run, replace(comparison, verdict=verdict, trials=tuple(trials)))
@@ -264,10 +264,6 @@ def _model_name(study: Study, coordinates: Mapping[str, str], start: Elastic, mo
     further, rigid = [c for c in model if c not in start], [c for c in start if c not in model]
     words = [f"{', '.join(further)} elastic"] if further else ["driven joints alone"]
     return ", ".join([*words, *([f"{', '.join(rigid)} rigid"] if rigid else [])])
-
-
-def _move(trial: Trial) -> str:
-    return f"{', '.join(trial.coordinates)} {trial.becomes}"
 
 
 def _errors(trial: Trial) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 
@@ -181,11 +181,10 @@ def _check_robot(response: Response, robot: Robot) -> None:
             raise DataError("fit/responses", f"an output, {error}; {other}", where) from None
 
 
-Configurations: TypeAlias = Mapping[str, Sequence[float] | FloatArray]  # by name, the motors' angles (n_u,)
-
-
-def check_geometry(parameters: Parameters, robot: Robot, configurations: Configurations) -> None:
-    """StudyError with the first free parameter whose start is impossible in one of the configurations."""
+def check_geometry(
+    parameters: Parameters, robot: Robot, configurations: Mapping[str, Sequence[float] | FloatArray]
+) -> None:
+    """StudyError with the first free parameter whose start is impossible; configurations: motors' angles (n_u,)."""
     free = [p for p in parameters.free if p.stands_for in robot.geometry]
     for name, angles in configurations.items() if free else ():
         moved = [p for p in free if not p.only or posture_of(name) in p.only]

@@ -51,7 +51,7 @@ _UNITS = ("kg", *("kg*m",) * 3, *("kg*m^2",) * 6)
 MAX_UNIDENTIFIED = 1e-3
 # Of columns of unit length: numbers that logs barely excite are large, of either sign, and predict no other motion
 # (Hoerl and Kennard, Technometrics 12, 1970).
-RIDGE = 0.1
+RIDGES = (0.0, 0.03, 0.1, 0.3, 1.0)
 GRAVITY_HIDES = "Coulomb friction that differs between the directions cannot be distinguished from offset and gravity"
 
 
@@ -90,7 +90,7 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
     least = solutions[0]
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
     every = [_equations(*pair, False, False) for pair in zip(signals, rigid, strict=True)]
-    shrunk, own = (_rigid_numbers(every, least, ridge) for ridge in (RIDGE, 0.0))
+    shrunk, own = (_rigid_numbers(every, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
     of_base = tuple(units[i] for i in chosen)
     body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
     torques = [columns @ own for columns in rigid]
@@ -255,14 +255,31 @@ def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: b
     return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1))
 
 
-def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridge: float) -> FloatArray:
-    """The numbers (n_b,) of the rigid body by ridge regression on the torque of these logs without friction."""
+def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequence[float]) -> FloatArray:
+    """The numbers (n_b,) of the rigid body by ridge regression on the torque of these logs without friction.
+
+    By that of the ridges with which fifths of the record are predicted best by the rest of it.
+    """
     weight = 1 / np.maximum(np.sqrt(solution.sum_of_squares), 1e-300)
     R = np.concatenate([weight[:, None] * log.R for log in logs])
     target = np.concatenate([weight * (log.y - log.X @ solution.beta) for log in logs])
     size, n_b = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300), R.shape[2]
-    flat = np.concatenate([(R / size).reshape(-1, n_b), ridge * np.eye(n_b)])
-    return np.asarray(np.linalg.lstsq(flat, np.append(target, np.zeros(n_b)), rcond=RANK_TOLERANCE)[0] / size)
+    fifths = [
+        (own.reshape(-1, n_b), y.ravel())
+        for own, y in zip(np.array_split(R / size, 5), np.array_split(target, 5), strict=True)
+    ]
+
+    def numbers(parts: Sequence[tuple[FloatArray, FloatArray]], ridge: float) -> FloatArray:
+        flat = np.concatenate([*(own for own, _ in parts), ridge * np.eye(n_b)])
+        y = np.concatenate([*(y for _, y in parts), np.zeros(n_b)])
+        return np.asarray(np.linalg.lstsq(flat, y, rcond=RANK_TOLERANCE)[0])
+
+    def error(ridge: float) -> float:
+        left = (y - own @ numbers([*fifths[:i], *fifths[i + 1 :]], ridge) for i, (own, y) in enumerate(fifths))
+        return float(sum(np.sum(e**2) for e in left))
+
+    best = ridges[0] if len(ridges) == 1 else min(ridges, key=error)
+    return np.asarray(numbers(fifths, best) / size)
 
 
 def _both_equations(

@@ -172,7 +172,7 @@ def estimate_modes(
     response = usable(response, band_hz)
     data, correlated = modal_data(response), response.correlated_lines
     orders = poles_over_orders(
-        response.freq_hz, weighted(response, data), data.weight, max_order or _default_order(response)
+        response.freq_hz, weighted(response, data), data.weight, max_order or int(np.clip(response.n_lines // 6, 8, 60))
     )
     stable, counts = clusters(orders)
     fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz)
@@ -260,10 +260,6 @@ def weighted(response: Response, data: ModalData) -> ComplexArray:
     of_outputs = np.exp(np.log(scale).mean(axis=1, keepdims=True))
     of_inputs = np.exp((np.log(scale) - np.log(of_outputs)).mean(axis=0, keepdims=True))
     return np.asarray(response.G / (of_outputs * of_inputs))
-
-
-def _default_order(response: Response) -> int:
-    return int(np.clip(response.n_lines // 6, 8, 60))
 
 
 def _fitted(

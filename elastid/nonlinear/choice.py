@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.nonlinear.levels import NormalEquations, find_levels, solve
 from elastid.nonlinear.motion import motion_of
 from elastid.nonlinear.shapes import RATE_OF, Shape
@@ -101,16 +101,12 @@ def _chosen_of_each(
 ) -> tuple[IntArray, FloatArray]:
     """The chosen shapes (n,) of all motors, and the share (n_m,) of the power that they leave."""
     _, equations = find_levels(data, motor_of)
-    telling = _is_nonlinear(data, limits[motor_of])
+    # Flags (n_f,) of shapes whose level distortion shows; others are a spring or a damper of the response.
+    telling = _nonlinear_share(data) > limits[motor_of]
     own = [np.flatnonzero((motor_of == i) & telling) for i in range(len(limits))]
     choices = [choose_shapes(equations, i, candidates, rivals) for i, candidates in enumerate(own)]
     pays = [own if not auto or left <= LIMITS.left_share else own[:0] for own, left in choices]
     return np.concatenate(pays), np.array([left for _, left in choices])
-
-
-def _is_nonlinear(data: Sequence[ConfigurationSpectra], limits: FloatArray) -> BoolArray:
-    """Flags (n_f,) of the shapes whose level distortion shows; others are a spring or a damper of the response."""
-    return _nonlinear_share(data) > limits
 
 
 def _nonlinear_share(data: Sequence[ConfigurationSpectra]) -> FloatArray:

@@ -51,6 +51,14 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
     return tuple(pairwise(N * p for p in (0, *starts, n // N))) if rest >= _MIN_PERIODS else ()
 
 
+def _lags(difference: FloatArray, mean: FloatArray) -> bool:
+    """True if a mean period differs from another one (N,) by a lag that counts, and that its noise does not explain."""
+    slope = (np.roll(mean, -1) - np.roll(mean, 1)) / 2
+    along, steepness = float(difference @ slope), float(slope @ slope)
+    is_long = abs(along) > SAME_EXCITATION.max_lag * steepness
+    return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)  # 6 of its deviations
+
+
 def joined(
     measure: Callable[[int, int], Record],
     bounds: Sequence[tuple[int, int]],
@@ -107,8 +115,11 @@ def _is_in_step(part: Record, first: FloatArray | None) -> bool:
         return False
     mean, N = _mean_period(_driver(part), len(first)), len(first)
     delays = [delay(a, b, N) for a, b in zip(first.T, mean.T, strict=True)]
+    # The lag of a slow excitation is uncertain.
     return all(
-        abs(lag) <= SAME_EXCITATION.max_lag for lag, correlation in delays if correlation >= CLOCK.min_correlation
+        abs(lag) <= SAME_EXCITATION.max_lag or (abs(lag) < 1 and not _lags(b - a, a))
+        for a, b, (lag, correlation) in zip(first.T, mean.T, delays, strict=True)
+        if correlation >= CLOCK.min_correlation
     )
 
 

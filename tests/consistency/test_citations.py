@@ -33,7 +33,7 @@ EQUATIONS: dict[str, tuple[str, ...] | str] = {
     "2.10": ("model/open_chain.py", "model/formulation.py", "simulation/dynamics.py"),
     "2.11": ("model/rigid_body.py",),
     "2.12": ("model/elastic.py", "model/formulation.py"),
-    "2.13": ("model/drivetrain.py", "robot/spring.py"),
+    "2.13": ("model/drivetrain.py", "robot/joint.py"),
     "2.14": ("friction/static.py", "simulation/dynamics.py"),
     "2.15": ("friction/static.py",),
     "2.16": ("friction/dynamic.py", "friction/static.py"),

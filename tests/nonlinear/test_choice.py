@@ -9,8 +9,8 @@ import pytest
 from elastid.nonlinear.choice import (
     LIMITS,
     Choice,
-    _is_nonlinear,
     _nonlinear_limits,
+    _nonlinear_share,
     by_unknown_shapes,
     choose_shapes,
     narrowed,
@@ -96,7 +96,7 @@ def test_friction_is_told_from_a_spring_beside_a_carrier(power: float) -> None:
     """Most of a sign's power is then at the carrier's line, where it is in proportion to the torque."""
     data, candidates = [on_a_carrier(power)], [Shape("motor 1", "sign"), Shape("motor 1", "stop", 1.0)]
     limits = _nonlinear_limits(data, candidates, ["motor 1"])
-    np.testing.assert_array_equal(_is_nonlinear(data, limits[[0, 0]]), [True, False])
+    np.testing.assert_array_equal(_nonlinear_share(data) > limits[[0, 0]], [True, False])
 
 
 PLACES = ("motor 1", "motor 2")

@@ -42,30 +42,15 @@ class ColoredNoiseSpec:
         "`disturbance` for torque that moves the robot, the two others for what only the log has.")]
     std: Annotated[float, Key("Standard deviation of the whole noise, SI.", "the rms value of the noise over the whole "
         "band up to half the rate, so that another corner moves power and adds none.", above=0)]
-    corner_hz: Annotated[Frequency | None, Key("Corner frequency of the spectrum: flat up to it, falling beyond.",
-        "where the measured spectrum begins to fall; for drift well below the lowest line.", above=0)] = None
+    corner_hz: Annotated[Frequency, Key("Corner frequency of the spectrum: flat up to it, falling beyond.",
+        "where the measured spectrum begins to fall; for drift well below the lowest line.", above=0)]
     slope: Annotated[float, Key("Slope of the spectrum beyond the corner in dB a decade.", "-20 is noise behind one "
         "low-pass, as of a torque loop; -40 falls as behind two, positive rises, as noise that was "
         "differentiated.")] = -20.0
-    table: Annotated[tuple[tuple[Frequency, float], ...], Key("Spectrum in place of a corner: [frequency in Hz, "
-        "relative amplitude], straight between its points on logarithmic axes and held beyond them.", "for a spectrum "
-        "that was measured, in place of corner_hz and slope.")] = ()
     # fmt: on
-
-    def __post_init__(self) -> None:
-        if (self.corner_hz is None) == (not self.table):
-            raise ValueError("give either corner_hz (with slope) or table")
-        frequencies = [row[0] for row in self.table]
-        if any(not f > 0 for f in frequencies) or frequencies != sorted(set(frequencies)):
-            raise ValueError("the frequencies of table must be positive and rise")
-        if any(not row[1] > 0 for row in self.table):
-            raise ValueError("the amplitudes of table must be positive")
 
     def amplitude(self, freq_hz: FloatArray) -> FloatArray:
         """Relative amplitude density (F,) at freq_hz (F,)."""
-        if self.corner_hz is None:
-            f, a = np.log(np.array(self.table)).T
-            return np.asarray(np.exp(np.interp(np.log(np.maximum(freq_hz, 1e-300)), f, a)))
         return np.asarray((1 + (freq_hz / self.corner_hz) ** 2) ** (self.slope / 40))
 
 

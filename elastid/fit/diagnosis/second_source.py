@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import permutations
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -281,17 +281,14 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
         stated = {MOTION_ORDER[G.quantity] for G in responses}
         if len(stated) == 1 and (held := orders.get(min(stated) - power)):
             yield turned(1.0, power), f"the file holds the {held}, not the {orders[min(stated)]}"
-    for motors in ("held", "free"):
-        if any(G.motors != motors for G in responses) and _lets(responses, motors):
+    moves = any(place.startswith("motor ") for G in responses for place in G.outputs)
+    ways: tuple[Literal["held", "free"], ...] = ("free",) if moves else ("held", "free")
+    for motors in ways:
+        if any(G.motors != motors for G in responses):
             yield tuple(replace(G, motors=motors, loop=None) for G in responses), f"the motors were {motors}"
     for axes in permutations("xyz"):
         if "".join(axes) != "xyz" and (other := _along(responses, dict(zip("xyz", axes, strict=True)))) is not None:
             yield other, f"the axes x, y and z of the force are {', '.join(axes)} of the robot's frame"
-
-
-def _lets(responses: Sequence[Response], motors: str) -> bool:
-    """False where motors that are held would be outputs."""
-    return motors != "held" or not any(place.startswith("motor ") for G in responses for place in G.outputs)
 
 
 def _along(responses: Sequence[Response], axes: dict[str, str]) -> tuple[Response, ...] | None:

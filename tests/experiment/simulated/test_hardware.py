@@ -230,21 +230,18 @@ def test_a_drive_that_is_always_at_its_limit_is_refused() -> None:
 
 
 def test_colored_noise_has_its_standard_deviation_and_its_slope() -> None:
-    """The spectrum falls by the given dB a decade above the corner; a table is followed; white noise stays."""
+    """The spectrum falls by the given dB a decade above the corner; white noise stays."""
     size = (60_000, 1000.0, 1)
     white = draw_noise(NoiseSpec(torque_std=1.0), *size, ("motor 1",), (1,))
     fall = ColoredNoiseSpec("disturbance", 2.0, corner_hz=5.0, slope=-40.0)
-    peak = ColoredNoiseSpec("torque", 3.0, table=((10.0, 1.0), (50.0, 10.0), (250.0, 1.0)))
-    both = draw_noise(NoiseSpec(torque_std=1.0, colored=(fall, peak)), *size, ("motor 1",), (1,))
+    rise = ColoredNoiseSpec("torque", 3.0, corner_hz=50.0, slope=20.0)
+    both = draw_noise(NoiseSpec(torque_std=1.0, colored=(fall, rise)), *size, ("motor 1",), (1,))
     np.testing.assert_array_equal(both.outputs, white.outputs)
     np.testing.assert_allclose(both.disturbance.std(), 2.0, rtol=0.03)
     np.testing.assert_allclose((both.torque - white.torque).std(), 3.0, rtol=0.03)
     f, power = welch(both.disturbance[:, 0], 1000.0, nperseg=8192)
     level = [10 * np.log10(power[(f > low) & (f < 1.3 * low)].mean()) for low in (30.0, 300.0)]
     np.testing.assert_allclose(level[1] - level[0], -40.0, atol=1.5)
-    f, power = welch((both.torque - white.torque)[:, 0], 1000.0, nperseg=8192)
-    at = [10 * np.log10(power[(f > one / 1.1) & (f < one * 1.1)].mean()) for one in (10.0, 50.0, 250.0)]
-    np.testing.assert_allclose([at[1] - at[0], at[1] - at[2]], [20, 20], atol=2.0)
 
 
 def test_friction_drifts_from_run_to_run_and_within_them() -> None:
