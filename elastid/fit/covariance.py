@@ -159,7 +159,8 @@ def estimate_uncertainty(
     meat, expected_cost, cost_dof = _noise(own_J, prior, fit.problem.dof, parts)
     noise = half.T @ meat @ half
     dof = fit.problem.dof
-    inflation = fit.n_residuals / max(dof, 1) * _correlation_length(parts)
+    correlated = correlation_length([part.autocovariance for part in parts], sum(part.n_residuals for part in parts))
+    inflation = fit.n_residuals / max(dof, 1) * correlated
     pulls = np.hstack([_by_frequency(parts), static_J.T * static_r])
     residuals = inflation * np.sum((half.T @ pulls) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
@@ -300,10 +301,6 @@ def _by_ratios(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
             pulls[name] = pulls.get(name, 0.0) + pull
     shifts = half.T @ np.stack(list(pulls.values()), axis=1) if pulls else np.zeros((half.shape[1], 0))
     return np.asarray(shifts @ shifts.T)
-
-
-def _correlation_length(parts: Sequence[LineSums]) -> float:
-    return correlation_length([part.autocovariance for part in parts], sum(part.n_residuals for part in parts))
 
 
 def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:

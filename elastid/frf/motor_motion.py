@@ -34,13 +34,14 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     if not columns or not first.rate_is_known or not first.is_periodic:
         return None
     N = first.period_samples
-    s = (2j * np.pi * first.rate_hz / N * np.arange(1, N // 2)).astype(np.complex128)
+    lines = np.rint(response.freq_hz * N / first.rate_hz).astype(np.int64)
+    K = min(N // 2, 2 * int(lines[-1]) + 2)  # beyond twice the band angles hardly move
+    s = (2j * np.pi * first.rate_hz / N * np.arange(1, K)).astype(np.complex128)
     orders = [MOTION_ORDER[first.quantities[i]] for i in columns]
     over = np.stack([s**-order for order in orders], axis=1)
-    y = np.stack([_amplitudes(record, record.y, columns) for record in records])
+    y = np.stack([_amplitudes(record, record.y, columns)[:K] for record in records])
     q = y[:, 1:] * over
-    lines = np.rint(response.freq_hz * N / first.rate_hz).astype(np.int64)
-    excited = lines[lines < N // 2] - 1
+    excited = lines[lines < K] - 1
     power = np.sum(squared_magnitude(q), axis=(0, 2))
     moving = power > _LEAST_SHARE * power[excited].sum()
     moving[excited] = True
@@ -79,10 +80,10 @@ def _feedback(
 ) -> FloatArray | None:
     """(3, n_m, n_m) from motors' angles q (E, K, n_m) at s (K,); None where they do not explain the torques."""
     order = [records[0].inputs.index(motor) for motor in motors]
-    drive = np.stack([_amplitudes(record, record.u, order)[1:] for record in records])
+    drive = np.stack([_amplitudes(record, record.u, order)[1 : len(s) + 1] for record in records])
     injected = [record.r for record in records if record.r is not None]
     if len(injected) == len(records):
-        of_r = [_amplitudes(record, r, order)[1:] for r, record in zip(injected, records, strict=True)]
+        of_r = [_amplitudes(record, r, order)[1 : len(s) + 1] for r, record in zip(injected, records, strict=True)]
         drive = drive - np.stack(of_r)
         lines = np.flatnonzero(moving)
     else:

@@ -37,7 +37,7 @@ class Limits:
     scatter: float = 0.8  # of ln D sqrt(n_noisy): 1/2 where lines are independent, which those of a wander are not
     neighbours: int = 9  # lines that share a noise level
     weighed: float = 4.0  # typical distances in units of the noise, at least; two of 90 clean sets have 2.6
-    lines: int = 500  # evenly taken, that give a distance as well as all
+    lines: int = 120  # evenly taken, that give a distance as well as all
     compared: int = 512  # periods with which each period of a longer record is compared,
     least_compared: int = 32  # or down to so few
     pairs: int = 1 << 21  # where there are more pairs than fit into memory
@@ -109,15 +109,13 @@ class Compared:
         """The same in units of the noise that the good periods (indices) have at each line and its neighbours."""
         c, _, n = self.X.shape
         of_good = self.X[:, good]
-        noise, size = (
-            np.square(part).sum(axis=1).reshape(c, n // 2, 2).sum(axis=2)
-            for part in (of_good - of_good.mean(axis=1, keepdims=True), of_good)
-        )
+        V = of_good - of_good.mean(axis=1, keepdims=True)
+        noise = np.einsum("cpk,cpk->ck", V, V).reshape(c, n // 2, 2).sum(axis=2)
+        size = np.einsum("cpk,cpk->c", of_good, of_good) / (n // 2)
         window = np.ones(min(LIMITS.neighbours, n // 2))
         count = np.convolve(np.ones(n // 2), window, "same")
-        smooth = np.array([np.convolve(line, window, "same") / count for line in noise])
-        floor = LIMITS.negligible_distance**2 * size.mean(axis=1, keepdims=True)
-        std = np.sqrt(np.maximum(smooth + floor, 1e-300))
+        smooth = np.array([np.convolve(line, window, "same") for line in noise]) / count
+        std = np.sqrt(np.maximum(smooth + LIMITS.negligible_distance**2 * size[:, None], 1e-300))
         weighed = self._from_amplitudes(self.X / np.repeat(std, 2, axis=1)[:, None], self.outlier_sigma)
         return replace(weighed, is_weighed=True)
 

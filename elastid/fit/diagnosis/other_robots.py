@@ -67,14 +67,15 @@ def find_other_robots(indices: list[ModificationIndex], evidence: Evidence, scor
     for search in searches:
         if max((explained, *(index.share for index in found))) <= LIMITS.explained_share:
             found += [_beyond(own, index) for index in search(evidence, scores)]
-    by_name = {index.name: index for index in found if index.share > _least_share(index)}
-    better = {name for name, index in by_name.items() if index.share > _share_of(name, indices)}
+    # A direction of gravity or another reading has no size by which it could be a part of the cause.
+    by_name = {
+        index.name: index
+        for index in found
+        if index.share > (LIMITS.share if index.members or index.occam else LIMITS.discrete_share)
+    }
+    shares = {index.name: index.share for index in indices}
+    better = {name for name, index in by_name.items() if index.share > shares.get(name, -math.inf)}
     return [*(index for index in indices if index.name not in better), *(by_name[name] for name in better)]
-
-
-def _least_share(index: ModificationIndex) -> float:
-    """Of the excess; a direction of gravity or another reading has no size by which it could be a part of the cause."""
-    return LIMITS.share if index.members or index.occam else LIMITS.discrete_share
 
 
 def _beyond(own: ModificationIndex | None, index: ModificationIndex) -> ModificationIndex:
@@ -169,10 +170,6 @@ def _with_springs(evidence: Evidence, scores: Scores) -> list[ModificationIndex]
         cost = min(of_file.optimum.end.cost, scores_there.cost) - spring.drop
         found.append(against(spring, cost, of_file.result.x + spring.effects, evidence, scores))
     return found
-
-
-def _share_of(name: str, indices: list[ModificationIndex]) -> float:
-    return max((index.share for index in indices if index.name == name), default=-math.inf)
 
 
 def _mounted_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
