@@ -62,8 +62,8 @@ MEANING: dict[Status, str] = {
     "hold noise and distortion, but no error that all responses share",
     "noise_unknown": "the responses came without a covariance, so that the intervals are those of the residuals and "
     "nothing says whether the model describes the data: measure two periods or more, or give the covariance",
-    "at_bound": "a parameter was held by its bound, and the others adapted to it: see in the warning on it whether a "
-    "wider bound helps or the model lacks something",
+    "at_bound": "a parameter was held by its bound, and the others adapted to it: widen it if values beyond it are "
+    "plausible; where it ends at a wider one, too, the model may lack something",
     "misfit": "the parameters are not to be believed as they stand, since a wrong model moves them by more than their "
     "noise: correct or identify what the warnings name and fit again",
     "not_converged": "the search stopped before an optimum: give it more starts, or one nearer to the robot",

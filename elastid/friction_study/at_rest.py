@@ -203,7 +203,7 @@ class _Model:
         return np.concatenate([*left, self._of_file(x)])
 
     def _of_file(self, x: FloatArray) -> FloatArray:
-        """What is known of the joint's numbers beforehand (n_common,), over its std; empty of a rigid one."""
+        """Prior of the joint's numbers (n_common,), over its std; empty of a rigid one."""
         return x[:0] if self.joint is None else x[: self.n_common] / OF_FILE
 
 

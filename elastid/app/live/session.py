@@ -119,7 +119,7 @@ class Session:
 
     @cached_property
     def stamp(self) -> Stamp:
-        """Of all files of the session: the values of the study that a plan depends on, and who makes the logs."""
+        """Stamp of all files of the session: the values of the study that a plan depends on, and who makes the logs."""
         own = stamps_of(self.run.loaded)["design"]
         return replace(own, study="", inputs=hash_of([own.inputs, "simulated"]) if self.asked.simulate else own.inputs)
 
@@ -200,7 +200,7 @@ class Session:
         return plan
 
     def _seed(self, step: int) -> int:
-        """Of the phases and the noise of one experiment."""
+        """Seed of the phases and the noise of one experiment."""
         return int(np.random.SeedSequence([self.problem.seed, step]).generate_state(1)[0])
 
     def _check_is_of_study(self, path: Path) -> None:
@@ -336,7 +336,7 @@ class Session:
 
 
 def _contradiction(step: int, result: Result) -> str:
-    """Of a fit that cannot be trusted: of the last logs, if it could be trusted before them."""
+    """Refusal of a fit that cannot be trusted: of the last logs, if it could be trusted before them."""
     before = "" if step == 1 else "contradict those before them, or "
     return (
         f"the logs of x{step} {before}are not described by the model: {result.message}; put others into live/logs, or "

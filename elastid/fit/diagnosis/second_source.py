@@ -55,7 +55,7 @@ Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float | None], Iterable
 
 @dataclass(frozen=True, eq=False)
 class SecondSource:
-    """What the motors say, x_m (n_x,) and a root L of C = L L^T, x = x_m + L z, and the residuals of the source."""
+    """Fit to the motors: x_m (n_x,), a root L of C = L L^T with x = x_m + L z; and the residuals of the source."""
 
     x: FloatArray
     root: FloatArray

@@ -329,7 +329,7 @@ def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
 
 
 def friction_note(evidence: Evidence) -> tuple[Note, ...]:
-    """What to do first where a model fails on responses of motors that hold friction: as many experiments as inputs."""
+    """Advice where a model fails on responses of motors that hold friction, with as many experiments as inputs."""
     responses = evidence.assembly.responses
     of_motors = all(place.startswith("motor ") for G in responses for place in G.inputs)
     is_alone = of_motors and all(G.noise is not None and G.total is None for G in responses)

@@ -1,4 +1,4 @@
-"""Notes on parameters that ended at a bound: what a wider one would do."""
+"""Notes on parameters that ended at a bound."""
 
 from dataclasses import replace
 
