@@ -35,8 +35,8 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "tests" / "kills.csv"
-# Seconds after which tests of a mutant, which may loop for ever, count as failed.
-LIMIT_S = 90
+# Seconds after which tests of a mutant, which may loop for ever, count as failed: those of a module, those of a room.
+LIMIT_S, ROOM_LIMIT_S = 90, 900
 SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
@@ -131,7 +131,7 @@ def fails(test: Path, mutant: MutantLoader | None) -> bool:
     if process == 0:
         code = 3
         try:
-            signal.alarm(LIMIT_S)
+            signal.alarm(LIMIT_S if test.is_file() else ROOM_LIMIT_S)
             code = outcome(test, mutant)
         finally:
             os._exit(code)
