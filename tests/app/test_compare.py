@@ -11,7 +11,6 @@ from plants.two_axes import ROBOT, STUDY, measured
 from elastid.app.compare import compare, variants
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
-from elastid.base.errors import StudyError
 from elastid.study import load
 
 
@@ -51,19 +50,16 @@ def test_another_study_is_fitted_to_the_responses_of_the_first(study: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("option", "says"),
+    ("option", "holds"),
     [
-        (
-            "[{name: x, rigid: [9]}]",
-            "compare.variants: x: joint 9 has no spring to be left out; elastic joints",
-        ),
-        ('[{name: x, set: ["robot.bodies.1.mas=25"]}]', "compare.variants: x: .*robot.bodies.*mas"),
-        ("[{name: x}, {name: x}]", "variants: x is given twice"),
+        ("[{name: x, rigid: [9]}]", "joint 9"),
+        ('[{name: x, set: ["robot.bodies.1.mas=25"]}]', "mas"),
+        ("[{name: x}, {name: x}]", "x"),
     ],
 )
-def test_variants_that_cannot_be_are_refused(study: Path, option: str, says: str) -> None:
+def test_variants_that_cannot_be_are_refused(study: Path, option: str, holds: str) -> None:
     """With the variant's name and what is wrong with it."""
-    with pytest.raises(StudyError, match=says):
+    with refused("compare/variants", "study/invalid", holds=("compare.variants", holds)):
         list(variants(load(study, (f"compare.variants={option}",))))
 
 

@@ -9,10 +9,10 @@ import h5py
 import numpy as np
 import pytest
 from plants.lab_logs import N, measured, study_of, with_names
+from plants.refusals import refused
 
 from elastid.base import arrays
 from elastid.base.arrays import LargeArray
-from elastid.base.errors import DataError
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.frf import experiment_blocks
 from elastid.frf import spectra as frf_spectra
@@ -158,7 +158,7 @@ def test_pieces_that_are_not_in_step_are_refused_as_the_whole_log_is(
             values = np.delete(file[name][:], np.arange(16 * N, 16 * N + 3), axis=0)
             del file[name]
             file[name] = values
-    with pytest.raises(DataError, match="3 samples are lost near sample 3"):
+    with refused("records/period-mismatch", holds="3 samples"):
         measured(tmp_path, spec)
 
 
@@ -184,5 +184,5 @@ def test_samples_outside_a_file_in_pieces_are_refused(tmp_path: Path, log: dict[
     recorded = spec.as_recorded()
     (file,) = recorded.files
     beyond = replace(file, samples=(0, PERIODS * N + 1))
-    with pytest.raises(DataError, match=r"samples \[0, 8001\] are outside the file; it has 8000 samples"):
+    with refused("records/cut", place="log.h5", holds=("8001", "8000")):
         measured(tmp_path, replace(spec, recorded=replace(recorded, files=(beyond,))))

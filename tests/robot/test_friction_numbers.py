@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
+from plants.refusals import refused
 
-from elastid.base.errors import StudyError
 from elastid.friction.robot_friction import frictions
 from elastid.robot import Body, Directions, Friction, Joint, LoadDependence, LuGre, MaxwellSlip, Motor, Robot, Spring
 from elastid.robot.friction import MeasuredRange
@@ -65,7 +65,7 @@ def test_numbers_are_replaced_by_name() -> None:
     changed = {name: value for name, (value, _) in friction_numbers(with_numbers(robot(LAW), values)).items()}
     before = {name: value for name, (value, _) in friction_numbers(robot(LAW)).items()}
     assert changed == pytest.approx(before | values)
-    with pytest.raises(StudyError, match="no parameter Fc_m2"):
+    with refused("robot/unknown-name", holds="Fc_m2"):
         with_numbers(robot(LAW), {"Fc_m2": 1.0})
     only = robot(LAW).bodies[0].joints[0].motor
     assert only is not None

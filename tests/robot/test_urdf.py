@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.refusals import refused
 from ruamel.yaml import YAML
 
-from elastid.base.errors import StudyError
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics
@@ -105,47 +105,46 @@ BESIDE = {"a1": {"motor": {"inertia": 1e-3, "ratio": 80}, "spring": {"stiffness"
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "place", "holds"),
     [
-        ('type="revolute"', 'type="floating"', r"robot.urdf:5: joint a1: a joint of type floating cannot be modelled"),
-        ("<axis", '<mimic joint="x"/><axis', r"robot.urdf:5: joint a1: a joint that mimics another"),
-        ('<mass value="3"/>', '<mass value="0"/>', r"robot.urdf:5: joint a1 moves links without mass"),
-        ('<mass value="3"/>', "", r"robot.urdf:3: <inertial> of link upper needs <mass>|moves links without mass"),
-        ('izz="1"', 'izz="9"', r"robot.urdf:3: inertia of body upper: no body has the principal inertias"),
-        ('ixx="1"', 'ixx="one"', r"robot.urdf:3: ixx of <inertia> must be 1 finite numbers \(got 'one'\)"),
-        ('lower="-1"', 'lower="3"', r"robot.urdf:8: joint a1: limits leave no motion.*lower 3, upper 2"),
+        ('type="revolute"', 'type="floating"', "robot.urdf:5", "floating"),
+        ("<axis", '<mimic joint="x"/><axis', "robot.urdf:5", "a1"),
+        ('<mass value="3"/>', '<mass value="0"/>', "robot.urdf:5", "a1"),
+        ('<mass value="3"/>', "", "robot.urdf", "mass"),
+        ('izz="1"', 'izz="9"', "robot.urdf:3", "upper"),
+        ('ixx="1"', 'ixx="one"', "robot.urdf:3", "one"),
+        ('lower="-1"', 'lower="3"', "robot.urdf:8", ("lower 3", "upper 2")),
         (
             '<child link="upper"/>',
             '<child link="lower"/>',
-            r"robot.urdf:6: joint a1: no link is called lower; there are",
+            "robot.urdf:6",
+            "lower",
         ),
-        ('xyz="0 0 1"', 'xyz="0 0 0"', r"robot.urdf:5: an axis is the zero vector"),
-        ("</robot>", "", r"robot.urdf:1\d: not XML: no element found"),
-        ("<robot", "<!DOCTYPE a [<!ENTITY b 'c'>]><robot", r"robot.urdf:1: a URDF has no DOCTYPE"),
-        ('name="a1"', 'name="a2"', r"robot.urdf has no moving joint a1; there are a2"),
-        ('<parent link="upper"/>', '<parent link="tool0"/>', r"robot.urdf:11: link tool0 is part of a circle"),
-        ("<robot ", "<sdf ", r"mismatched tag|begins with <robot>"),
+        ('xyz="0 0 1"', 'xyz="0 0 0"', "robot.urdf:5", "axis"),
+        ("</robot>", "", "robot.urdf:1", "XML"),
+        ("<robot", "<!DOCTYPE a [<!ENTITY b 'c'>]><robot", "robot.urdf:1", "DOCTYPE"),
+        ('name="a1"', 'name="a2"', "", ("robot.urdf", "a1", "a2")),
+        ('<parent link="upper"/>', '<parent link="tool0"/>', "robot.urdf:11", "tool0"),
+        ("<robot ", "<sdf ", "robot.urdf", ""),
     ],
 )
-def test_what_cannot_be_read_is_refused_with_file_and_line(old, new, says, tmp_path):
+def test_what_cannot_be_read_is_refused_with_file_and_line(old, new, place, holds, tmp_path):
     """Never a guess."""
     assert old in ARM
-    with pytest.raises(StudyError, match=says):
+    with refused("robot/file", "robot/unknown-name", place=place, holds=holds):
         read(ARM.replace(old, new, 1), BESIDE, tmp_path)
 
 
 def test_joints_that_are_not_named_beside_the_file_are_asked_for(tmp_path):
     """A joint without motor and spring would swing freely."""
-    with pytest.raises(
-        StudyError, match=r"robot.urdf:5: joint a1 moves and is not among the joints given with the URDF"
-    ):
+    with refused("robot/file", place="robot.urdf:5", holds="a1"):
         read(ARM, {}, tmp_path)
 
 
 def test_a_file_that_is_not_there_is_looked_for_beside_the_robots_file(tmp_path):
     """With the path that was tried."""
     YAML(typ="safe").dump({"urdf": "no.urdf", "joints": {}}, tmp_path / "robot.yml")
-    with pytest.raises(StudyError, match=r"no such file \(looked for .*no.urdf; the path is relative"):
+    with refused("study/invalid", holds="no.urdf"):
         load_robot(tmp_path / "robot.yml")
 
 
@@ -165,5 +164,5 @@ def test_a_study_names_a_robot_whose_rigid_part_is_a_urdf(tmp_path):
     assert '# <robot name="arm">' in loaded.text
     beside = tmp_path / "robots" / "robot.yml"
     beside.write_text(beside.read_text().replace("stiffness", "stifness"))
-    with pytest.raises(StudyError, match=r"robot.yml:\d+:\d+: joints.a1.spring.stifness: unknown key; did you mean"):
+    with refused("study/invalid", holds=("robot.yml", "joints.a1.spring.stifness")):
         load(study)

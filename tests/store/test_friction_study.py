@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 from plants.friction_study import friction_result
+from plants.refusals import refused
 
-from elastid.base.errors import DataError, Note
+from elastid.base.errors import Note
 from elastid.record import FrictionRecord, WarmUpLog
 from elastid.store.friction_study import (
     read_friction_plan,
@@ -47,7 +47,7 @@ def test_records_keep_temperatures_windows_and_warm_ups(tmp_path: Path) -> None:
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     """As every artefact."""
     write_friction_records(tmp_path / "records.h5", [])
-    with pytest.raises(DataError, match="holds friction records, expected friction plan"):
+    with refused("files/kind", place="records.h5"):
         read_friction_plan(tmp_path / "records.h5")
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
+from plants.refusals import refused
 
 from elastid.app.cli import run_command
 from elastid.app.overview import overview
@@ -300,7 +301,7 @@ def _errors_if_any(study: Path) -> list[str]:
 
 
 def test_a_folder_in_place_of_a_study_is_told_apart(tiny: Path) -> None:
-    with pytest.raises(StudyError, match=r"cannot be read \(Is a directory\); name the study in it, such as"):
+    with refused("study/yaml", place="tiny"):
         load(tiny.parent)
 
 

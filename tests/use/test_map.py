@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from plants.predicted_arm import STD, result
+from plants.refusals import refused
 
-from elastid.base.errors import StudyError
 from elastid.use.map import map_workspace
 
 ANGLES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
@@ -37,5 +36,5 @@ def test_where_nothing_rests_the_map_says_why() -> None:
     """A robot of rubber."""
     own = result()
     rubber = replace(own, x=own.x - np.log(4e4))
-    with pytest.raises(StudyError, match="finds no rest in any of the 1 postures"):
+    with refused("robot/no-rest", holds="1 postures"):
         map_workspace(rubber, np.array([[-0.2, 0.1]]))

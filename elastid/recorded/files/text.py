@@ -160,7 +160,14 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
         raise StudyError(
             "records/text", f"delimiter is '{text.delimiter}'; give a single character, tab or whitespace", "text"
         )
-    lines = _decoded(path, path.read_bytes()).splitlines()
+    raw = path.read_bytes()
+    if b"\0" in raw[:4096] and not _is_utf_16(raw):
+        raise DataError(
+            "files/damaged",
+            "no text, and of no format that elastid reads; export it again, as CSV, MATLAB or HDF5",
+            path,
+        )
+    lines = _decoded(raw).splitlines()
     numbers = tuple(line.replace(",", ".") for line in lines) if text.decimal == "," else tuple(lines)
     first = text.header_lines
     while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
@@ -189,7 +196,7 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
     """The format with the most numbers, and how many more these are than words."""
     with path.open("rb") as file:
         # The last 20 lines of the first 64 KiB.
-        lines = _decoded(path, file.read(65536)).splitlines()[-21:-1]
+        lines = _decoded(file.read(65536)).splitlines()[-21:-1]
 
     def numbers_less_words(text: TextFormatSpec) -> int:
         decimal = [line.replace(",", ".") if text.decimal == "," else line for line in lines]
@@ -213,20 +220,18 @@ def described_format(text: TextFormatSpec) -> str:
     return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'{rows}}}"
 
 
-def _decoded(path: Path, raw: bytes) -> str:
-    """UTF-8, UTF-16 with a byte order mark, or the code page of Windows loggers in Europe; DataError for no text."""
-    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+def _decoded(raw: bytes) -> str:
+    """UTF-8, UTF-16 with a byte order mark, or the code page of Windows loggers in Europe."""
+    if _is_utf_16(raw):
         return raw.decode("utf-16", errors="replace")
-    if b"\0" in raw[:4096]:
-        raise DataError(
-            "files/damaged",
-            "no text, and of no format that elastid reads; export it again, as CSV, MATLAB, HDF5 or MDF",
-            path,
-        )
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         return raw.decode("cp1252", errors="replace")
+
+
+def _is_utf_16(raw: bytes) -> bool:
+    return raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
 
 
 def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[str, ...]:

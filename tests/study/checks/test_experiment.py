@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from plants.channel_mistakes import Mistake, complaint, is_at_line, write_rig
+from plants.refusals import refused
 
 from elastid.app import scaffold
 from elastid.app.overview import overview
@@ -59,7 +60,7 @@ def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_
     linkage, short = CONFIGS / "linkage_arm.yml", tmp_path / "short.yml"
     robot = (CONFIGS / "robots" / "linkage_arm.yml").read_text(encoding="utf-8")
     short.write_text(robot.replace("length: 0.89", "length: 0.45"), encoding="utf-8")
-    with pytest.raises(StudyError, match=r"experiment\.configurations\.\w+: loop rod does not close at the start"):
+    with refused("study/invalid", holds=("experiment.configurations", "loop rod")):
         load(linkage, [f"robot={short}"])
 
 
