@@ -196,7 +196,8 @@ def _refined(rho: FloatArray, peak: int) -> tuple[float, float]:
     i = int(np.clip(np.argmax(fine), 1, len(fine) - 2))
     bend, tilt = fine[i - 1] - 2 * fine[i] + fine[i + 1], fine[i - 1] - fine[i + 1]
     part = float(np.clip(tilt / (2 * bend), -1, 1)) if bend < 0 else 0.0
-    return first + float(times[i]) + part * step, float(fine.max())
+    # Between few samples an interpolated peak lies above 1, which no correlation is.
+    return first + float(times[i]) + part * step, min(float(fine.max()), 1.0)
 
 
 def _from_later(rho: FloatArray, period: float) -> float:
