@@ -193,6 +193,14 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
     return Spread(value, linear, "linearisation", unknown)
 
 
+def mean_of_neighbours(values: FloatArray, width: int) -> FloatArray:
+    """Mean (F, ...) over `width` rows, an odd number, about each; fewer of them at the ends."""
+    F, half = len(values), width // 2
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    first, end = np.maximum(np.arange(F) - half, 0), np.minimum(np.arange(F) + half + 1, F)
+    return np.asarray((total[end] - total[first]) / (end - first).reshape(-1, *(1,) * (values.ndim - 1)))
+
+
 def principal_axes(covariance: FloatArray) -> FloatArray:
     """l_k (n, n_x), one standard deviation along each principal axis; none of what nothing constrains or is exact."""
     unreached = np.isinf(np.diag(covariance))

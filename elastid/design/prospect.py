@@ -22,6 +22,7 @@ from scipy.special import digamma
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
+from elastid.base.statistics import mean_of_neighbours
 from elastid.design.optimal import PowerSource
 from elastid.design.spec import LevelSpec
 from elastid.excitation.multisine import synthesise
@@ -108,10 +109,7 @@ def friction_level(
     T = np.fft.rfft(coulomb * np.sign(v), axis=1)[:, lines] * (2 / period_samples)
     d = np.sum(V.conj() * T, axis=(0, 1)).real / np.sum(np.abs(V) ** 2, axis=(0, 1))
     power = np.mean(np.abs(T - d * V) ** 2, axis=0)
-    window = np.ones(min(9, len(lines)))  # it comes from few experiments: averaged over nine lines
-    weight = np.convolve(np.ones(len(lines)), window, "same")
-    smooth = np.stack([np.convolve(column, window, "same") / weight for column in power.T], axis=1)
-    return d, smooth
+    return d, mean_of_neighbours(power, 9)  # it comes from few experiments
 
 
 # Of the power of friction's distortion, what is left where it is taken out: 0.1 and 1.4 % in two studies.

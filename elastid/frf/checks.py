@@ -32,7 +32,7 @@ class Limits:
     # Power of a record's errors over that of the others, at the median line; 2.0 at most in 44 clean sets.
     unlike: float = 4.0
     difference: float = 0.2  # of the inputs of two records, relative, below which they are repeats of each other
-    lines: int = 300  # evenly taken, that show phases as well as all
+    lines: int = 64  # evenly taken, that show phases as well as all
 
 
 LIMITS = Limits()

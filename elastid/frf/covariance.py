@@ -20,8 +20,9 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray
 from elastid.base.errors import Note
+from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.experiment_blocks import MeanSpectra
-from elastid.frf.matrices import added_error_products, adjoint, in_parts, positive, power
+from elastid.frf.matrices import added_error_products, adjoint, in_parts, positive, power, squared_magnitude
 from elastid.frf.methods import Estimate
 from elastid.response import Covariance
 
@@ -121,13 +122,10 @@ def level_lines(V: ComplexArray, G: ComplexArray) -> float:
     of the excitation: errors of G at neighbouring lines are uncorrelated, their squares are not.  G (F, n_y, n_u).
     """
     F = len(G)
-    torque = np.einsum("fuy,kfy->kfu", np.linalg.pinv(G), V)
-    level = np.mean(np.abs(torque) ** 2, axis=0)
-    half = np.minimum(np.arange(F), np.minimum(np.arange(F)[::-1], LEVEL_WIDTH // 2))
-    total = np.concatenate([np.zeros((1, level.shape[1])), np.cumsum(level, axis=0)])
-    level = (total[np.arange(F) + half + 1] - total[np.arange(F) - half]) / (2 * half + 1)[:, None]
+    torque = (V.swapaxes(0, 1) @ np.linalg.pinv(G).swapaxes(1, 2)).swapaxes(0, 1)
+    level = mean_of_neighbours(np.mean(squared_magnitude(torque), axis=0), LEVEL_WIDTH)
     torque = np.divide(torque, np.sqrt(level), out=np.zeros_like(torque), where=level > 0)
-    spectrum = np.sum(np.abs(np.fft.fft(torque, 2 * F, axis=1)) ** 2, axis=0)
+    spectrum = np.sum(squared_magnitude(np.fft.fft(torque, 2 * F, axis=1)), axis=0)
     R = np.abs(np.fft.ifft(spectrum, axis=0)[: F // 2]) ** 2
     lag = np.arange(1, len(R))[:, None]
     squared = R[1:] / np.maximum(R[0], 1e-300) * (F / (F - lag)) ** 2

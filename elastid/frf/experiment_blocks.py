@@ -269,7 +269,7 @@ def _mean(
     if not spectra.is_large:
         every = period_spectra(spectra, lines, spec.quantity, sums.scale)
         used = trusted(every.on(excited), spec)
-        every = every.only(np.flatnonzero(np.isin(every.periods, used.periods)))
+        every = every.only(np.searchsorted(every.periods, used.periods))
         return used, add_periods(sums, [every]), every
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]

@@ -9,6 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
+from elastid.base.statistics import mean_of_neighbours
 from elastid.excitation.grids import grid_lines
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra
@@ -72,8 +73,7 @@ def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolA
 
 def smoothed_noise(noise: FloatArray, dof: int) -> FloatArray:
     """Noise power (F,) averaged over neighbouring lines, more of them where each has few degrees of freedom."""
-    window = np.ones(min(1 + 2 * round(2 / dof), len(noise)))
-    return np.convolve(noise, window, "same") / np.convolve(np.ones(len(noise)), window, "same")
+    return mean_of_neighbours(noise, 1 + 2 * round(2 / dof))
 
 
 def _envelope(lines: IntArray, level: FloatArray) -> FloatArray:

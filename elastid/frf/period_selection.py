@@ -20,7 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note
-from elastid.base.statistics import STD_OVER_MAD
+from elastid.base.statistics import STD_OVER_MAD, mean_of_neighbours
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
 from elastid.record import Record
@@ -110,20 +110,19 @@ class Compared:
         c, _, n = self.X.shape
         of_good = self.X[:, good]
         V = of_good - of_good.mean(axis=1, keepdims=True)
-        noise = np.einsum("cpk,cpk->ck", V, V).reshape(c, n // 2, 2).sum(axis=2)
-        size = np.einsum("cpk,cpk->c", of_good, of_good) / (n // 2)
-        window = np.ones(min(LIMITS.neighbours, n // 2))
-        count = np.convolve(np.ones(n // 2), window, "same")
-        smooth = np.array([np.convolve(line, window, "same") for line in noise]) / count
-        std = np.sqrt(np.maximum(smooth + LIMITS.negligible_distance**2 * size[:, None], 1e-300))
-        weighed = self._from_amplitudes(self.X / np.repeat(std, 2, axis=1)[:, None], self.outlier_sigma)
+        noise = np.einsum("cpk,cpk->kc", V, V).reshape(n // 2, 2, c).sum(axis=1)
+        size = self.power[:, good].sum(axis=1) / (n // 2)
+        smooth = mean_of_neighbours(noise, LIMITS.neighbours) + LIMITS.negligible_distance**2 * size
+        weight = np.repeat(1 / np.sqrt(np.maximum(smooth, 1e-300)), 2, axis=0).T
+        weighed = self._from_amplitudes(self.X * weight[:, None], self.outlier_sigma)
         return replace(weighed, is_weighed=True)
 
     @cached_property
     def agree(self) -> bool:
         """True if none can be far, whichever are good: the largest distance is within the limit of the smallest."""
-        apart = self.apart[:, np.arange(self.apart.shape[1])[:, None] != self.references]
-        ratio = float(np.max(apart.max(axis=1) / np.maximum(apart.min(axis=1), 1e-300)))
+        others = np.arange(self.apart.shape[1])[:, None] != self.references
+        least = np.min(self.apart, axis=(1, 2), where=others, initial=np.inf)
+        ratio = float(np.max(self.apart.max(axis=(1, 2)) / np.maximum(least, 1e-300)))
         return ratio < 1 + self.outlier_sigma * LIMITS.spread
 
 
@@ -133,7 +132,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     Raises DataError where transient_periods leaves fewer than two.
     """
     record = spectra.record
-    spectra = spectra.only(np.flatnonzero(~np.isin(spectra.periods, record.left_out)))
+    spectra = spectra.only(np.array([i for i, p in enumerate(spectra.periods) if p not in record.left_out], dtype=int))
     P = len(spectra.periods)
     if P < 2:
         raise DataError(
@@ -160,7 +159,8 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
         measured = distances(compared, settled)
         far = settled[measured.far[settled]]
         more = (_note(spectra, far, measured, "no repetition of the others"),) if len(far) else ()
-    return replace(spectra.only(np.setdiff1d(settled, far)), notes=(*spectra.notes, *notes, *more))
+    used = spectra.only(np.setdiff1d(settled, far) if len(far) else settled)
+    return replace(used, notes=(*spectra.notes, *notes, *more))
 
 
 def settled(record: Record) -> Record:

@@ -31,6 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.covariance import kronecker
 from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.matrices import adjoint, power
@@ -143,11 +144,7 @@ def _covariance(
 
 def local_mean(x: FloatArray) -> FloatArray:
     """Mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
-    F = len(x)
-    total = np.concatenate([np.zeros((1, *x.shape[1:])), np.cumsum(x, axis=0)])
-    first = np.maximum(np.arange(F) - LIMITS.lines // 2, 0)
-    last = np.minimum(np.arange(F) + LIMITS.lines // 2 + 1, F)
-    return np.asarray((total[last] - total[first]) / (last - first).reshape(-1, *(1,) * (x.ndim - 1)))
+    return mean_of_neighbours(x, LIMITS.lines)
 
 
 def with_model_error(
