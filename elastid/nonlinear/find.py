@@ -31,7 +31,7 @@ from elastid.nonlinear.levels import (
     levels_by_configuration,
     normal_equations,
 )
-from elastid.nonlinear.places import limits_of, refusal
+from elastid.nonlinear.places import refusal
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken
@@ -63,12 +63,11 @@ def find_friction(
     gather = partial(gather_configuration, spec=spec, planned=planned)
     found = _along_samples(survey, spec)
     if not survey.choice.shapes:
-        return replace(found.result, notes=(*found.result.notes, *survey.limits))
+        return found.result
     few = _few(survey.data[0].U.shape[2])
     if few >= len(measured) or not _is_near(few, survey, spec, gather, measured, execution):
         found = _along_its_motion(found, survey, spec, gather, measured, execution)
-    result = _with_dependence(found.result, found.data, found.choice.motor_of)
-    return replace(result, notes=(*result.notes, *survey.limits))
+    return _with_dependence(found.result, found.data, found.choice.motor_of)
 
 
 def _is_near(
@@ -127,7 +126,7 @@ def _along_its_motion(
     levels, _ = find_levels(data, choice.motor_of)
     noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in data], axis=0))
     choice, kept = narrowed(choice, levels, noise)
-    data = [spectra.with_shapes(kept, np.zeros(len(kept))) for spectra in data]
+    data = [spectra.with_shapes(kept) for spectra in data]
     levels, equations = find_levels(data, choice.motor_of)
     accelerance = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
     accelerance = np.where(accelerance > 0, accelerance, found.result.accelerance)
@@ -153,14 +152,13 @@ def upper_accelerance(
 class _Survey:
     """Choice by the sampled motion: spectra of each configuration and the shapes that were chosen.
 
-    first: a record.  limits: notes on motors whose friction cannot be found.
+    first: a record.
     """
 
     first: Record
     names: tuple[str, ...]
     data: Sequence[ConfigurationSpectra]
     choice: Choice
-    limits: tuple[Note, ...]
 
     @cached_property
     def before(self) -> FloatArray:
@@ -170,14 +168,10 @@ class _Survey:
 
 @dataclass(frozen=True)
 class _Configuration:
-    """One configuration by its sampled motion.
-
-    refusal: why friction cannot be found in it; empty where it can.  limits: as of `_Survey`.
-    """
+    """One configuration by its sampled motion; refusal: why friction cannot be found in it, empty where it can."""
 
     name: str
     refusal: str
-    limits: tuple[Note, ...] = ()
     data: ConfigurationSpectra | None = None
 
 
@@ -197,17 +191,14 @@ def _survey(
     if refused := next(filter(None, (configuration.refusal for configuration in surveyed)), ""):
         return _nothing(first, refused, spec.friction)
     spectra = [configuration.data for configuration in surveyed if configuration.data is not None]
-    choice, picked, rates = choose(spectra, shapes, first.inputs, spec.friction == "auto")
-    data = [configuration.with_shapes(picked, rates) for configuration in spectra]
-    shapes = tuple(shapes[i] for i in picked)
-    later = execution.ordered(partial(_surveyed, shapes, first.inputs, spec, planned), measured[few:])
+    choice, picked = choose(spectra, shapes, first.inputs, spec.friction == "auto")
+    data = [configuration.with_shapes(picked) for configuration in spectra]
+    later = execution.ordered(partial(_surveyed, choice.shapes, first.inputs, spec, planned), measured[few:])
     if refused := next(filter(None, (configuration.refusal for configuration in later)), ""):
         return _nothing(first, refused, spec.friction)
-    every = np.arange(len(shapes))
-    data += [configuration.data.with_shapes(every, rates) for configuration in later if configuration.data is not None]
+    data += [configuration.data for configuration in later if configuration.data is not None]
     names = tuple(configuration.name for configuration in (*surveyed, *later))
-    limits = {note.text: note for configuration in (*surveyed, *later) for note in configuration.limits}
-    return _Survey(first, names, data, choice, tuple(limits.values()))
+    return _Survey(first, names, data, choice)
 
 
 def _surveyed(
@@ -238,7 +229,7 @@ def _surveyed(
             f"{len(records)} experiments of {len(inputs)} inputs without lines that are not excited agree with one "
             "response whatever friction is; measure a further realisation with other phases"
         )
-    return _Configuration(name, refused, limits_of(records), data)
+    return _Configuration(name, refused, data)
 
 
 def _result(

@@ -5,35 +5,24 @@ r"""Records on the shafts of motors whose gears couple the axes, and back to the
 q_m', tau_m': angles and torques of the shafts, each referred to the link side by its own ratio alone; E (n_u, n_u) is
 the robot's matrix of couplings. Shafts keep the names of their motors.
 
-Friction cannot be found at all places: motors stick, their torque is no input, or their velocity is noise.
+Friction cannot be found everywhere: the torque is no input, or the velocity is noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import Note
 from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.motion import motion_of
 from elastid.record import Record
 from elastid.robot import Robot
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of motors whose friction cannot be found."""
-
-    velocity_noise: float = 0.04  # over the RMS of the velocity, above which its sign is noise
-    still: float = 0.01  # of the RMS velocity, below which a motor is still,
-    still_noise: float = 2.0  # or below so many times its noise
-    sticking: float = 0.2  # of the time that a motor is still, if it sticks; one of Gaussian velocity: at most 0.05
-
-
-LIMITS = Limits()
+# Noise over the RMS of a velocity, above which its sign is noise.
+VELOCITY_NOISE = 0.04
 
 
 def on_shafts(record: Record, E: FloatArray | None) -> Record:
@@ -69,32 +58,6 @@ def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion
     return replace(record, u=record.u @ of_torque, y=y, r=r)
 
 
-def limits_of(records: Sequence[Record]) -> tuple[Note, ...]:
-    """Notes on the motors of a configuration, from the first of its records."""
-    first = records[0]
-    notes = []
-    for place in first.inputs:
-        motion = motion_of(first, place)
-        still = max(LIMITS.still * motion.speed, LIMITS.still_noise * motion.velocity_noise)
-        share = float(np.mean(np.abs(motion.velocity) <= still))
-        if share > LIMITS.sticking:
-            text = (
-                f"{place} hardly moves for {100 * share:.0f} % of the time in configuration "
-                f"{first.configuration.name}: it sticks, friction is then a spring of bristles, which stays in the "
-                "responses; excite it more, or move it by a carrier"
-            )
-            notes.append(Note("nonlinear/friction-left", text))
-    unlogged = [place for place in first.outputs if place.startswith("motor ") and place not in first.inputs]
-    if unlogged:
-        names = ", ".join(unlogged)
-        text = (
-            f"{names}: friction stays in the responses, since the torque of {names} is not among the inputs; log it "
-            "and excite it, or take what the responses call viscous friction there for dry friction as well"
-        )
-        notes.append(Note("nonlinear/friction-left", text, severity="information"))
-    return tuple(notes)
-
-
 def refusal(records: Sequence[Record]) -> str:
     """Why friction cannot be found in the records of a configuration; empty where it can."""
     first = records[0]
@@ -120,7 +83,7 @@ def refusal(records: Sequence[Record]) -> str:
         return f"{K} experiments do not separate {n_u} inputs; measure more, since friction is what responses leave"
     for place in first.inputs:
         motion = motion_of(first, place)
-        if motion.velocity_noise > LIMITS.velocity_noise * motion.speed:
+        if motion.velocity_noise > VELOCITY_NOISE * motion.speed:
             return (
                 f"the velocity of {place} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so that "
                 "its sign is not known; use an encoder of more counts, or excite slower or larger motions"

@@ -1,12 +1,12 @@
-r"""Shapes of friction: functions phi of a motor's measured angle and velocity, each 1 in steady sliding, and rates.
+r"""Shapes of friction: functions phi of a motor's measured angle and velocity, each 1 in steady sliding.
 
-.. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D, \qquad rate: \phi = \dot s
+.. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D
 
 .. math:: stribeck: \phi = \operatorname{sgn}(v)\, e^{-(v / D)^2}
 
 Friction brakes: the torque on the motor is -f phi. A sign of threshold 0 is Coulomb's; one of a small threshold turns
-gradually, as oil or noise in the velocity make it. A rate is the damping of a bristle: 0 in steady sliding. The level
-of a stribeck shape is F_s - F_c, the torque by which slow motion has more friction than fast motion: also 0 there.
+gradually, as oil or noise in the velocity make it. The level of a stribeck shape is F_s - F_c, the torque by which slow
+motion has more friction than fast motion: 0 there.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import CELLS, Motion, whole_samples
 from elastid.record import Record
 
-Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "stop rate", "bristle rate"]
-RATE_OF: dict[Kind, Kind] = {"stop": "stop rate", "bristle": "bristle rate"}
+Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle"]
 
 
 @dataclass(frozen=True)
@@ -37,14 +36,9 @@ class Shape:
     threshold: float = labelled("distance over which a bristle bends, link side", "rad", default=0.0)
 
     @property
-    def is_rate(self) -> bool:
-        """True if its level is a damping, in Nms/rad, and not a torque."""
-        return self.kind in RATE_OF.values()
-
-    @property
     def when_fast(self) -> float:
         """The shape in fast steady sliding: 1 if its level is a part of F_c, else 0."""
-        return float(self.kind != "stribeck" and not self.is_rate)
+        return float(self.kind != "stribeck")
 
     @property
     def is_memoryless(self) -> bool:
@@ -62,8 +56,6 @@ class Shape:
 
     def sliding(self, velocity: FloatArray) -> FloatArray:
         """The shape (n,) in steady sliding at `velocity` (n,)."""
-        if self.is_rate:
-            return np.zeros(len(velocity))
         if self.kind == "stribeck":
             return np.asarray(np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2)))
         gradual = self.kind == "sign" and self.threshold > 0
@@ -93,8 +85,6 @@ def amplitudes(
             # A mean over a cell is by both of its ends.
             mean = _mean_period(record, s[:-1], repetitions) + _mean_period(record, s[1:], repetitions)
         dft[i] = rfft(mean)[lines] * _between_cells(N, int(lines[-1]) + 1)[lines]
-        if shape.is_rate:
-            dft[i] *= 2j * np.pi * record.rate_hz / N * shape.threshold * lines
     return np.asarray(dft * (2 / N))
 
 
@@ -124,10 +114,7 @@ def friction_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, 
         means[slow] = sliding_means(motion.by_sample[slow], memoryless)
     bent = [(shape, level) for shape, level in taken if not shape.is_memoryless]
     for (shape, level), s in zip(bent, _states(record, motion, [shape for shape, _ in bent]), strict=True):
-        if shape.is_rate:
-            means += (np.diff(s) * (level * CELLS * record.rate_hz)).reshape(means.shape)
-        else:
-            means += ((s[:-1] + s[1:]) * (level / (2 * shape.threshold))).reshape(means.shape)
+        means += ((s[:-1] + s[1:]) * (level / (2 * shape.threshold))).reshape(means.shape)
     return means
 
 
@@ -162,11 +149,11 @@ def sliding_means(velocity: FloatArray, taken: Sequence[tuple[Shape, float]]) ->
 
 
 def _states(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
-    """The state (n cells + 1,) of each bristle, or of that whose rate is a shape, at all points of a motion."""
+    """The state (n cells + 1,) of each bristle at all points of a motion."""
     if not shapes:
         return
     # The state of a bristle at the start is not known: the first period is run over twice.
     before = motion.angle[: record.period_samples * CELLS]
     path = Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
     for shape in shapes:
-        yield (stop if shape.kind.startswith("stop") else bristle)(path, shape.threshold)
+        yield (stop if shape.kind == "stop" else bristle)(path, shape.threshold)

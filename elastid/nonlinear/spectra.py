@@ -71,11 +71,9 @@ class ConfigurationSpectra:
                 return False
         return True
 
-    def with_shapes(self, chosen: IntArray, rates: FloatArray) -> ConfigurationSpectra:
-        """The same with some of its shapes (n,), and then the rates of some of these: rates (n,) is their threshold D,
-        0 without."""
-        omega, Phi = 2j * np.pi * self.freq_hz[:, None, None], self.Phi[:, chosen]
-        return replace(self, Phi=np.concatenate([Phi, (omega * rates[:, None] * Phi)[:, rates > 0]], axis=1))
+    def with_shapes(self, chosen: IntArray) -> ConfigurationSpectra:
+        """The same with some of its shapes (n,)."""
+        return replace(self, Phi=self.Phi[:, chosen])
 
     def nonlinear_share(self) -> FloatArray:
         """The share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
