@@ -21,11 +21,11 @@ from elastid.base.statistics import ONE_SIDED_95
 from elastid.fit.result import Result
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
-from elastid.nonlinear.gear.choice import candidate_groups
-from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.levels import Levels, inverse, joints_of, normal_equations, priors
-from elastid.nonlinear.gear.motion import estimate_motion
-from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines, drive_lines, elastic_joints
+from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.gear_choice import candidate_groups
+from elastid.nonlinear.gear_levels import Levels, inverse, joints_of, normal_equations, priors
+from elastid.nonlinear.gear_motion import estimate_motion
+from elastid.nonlinear.period_lines import DriveLines, PeriodLines, drive_lines, elastic_joints
 from elastid.response import UNEXPLAINED, Response
 
 _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")

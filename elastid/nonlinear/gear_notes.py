@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from elastid.base.errors import Note
-from elastid.nonlinear.gear.choice import SPRINGS
-from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.levels import Levels
-from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines
+from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.gear_choice import SPRINGS
+from elastid.nonlinear.gear_levels import Levels
 from elastid.nonlinear.gear_limits import Bound, family_of, gear_torque
 from elastid.nonlinear.gear_result import BENT_STILL
+from elastid.nonlinear.period_lines import DriveLines, PeriodLines
 from elastid.response import BENT, NOT_STRAIGHT, Response
 
 _SAME = 0.95  # correlation from which two effects cannot be told apart

@@ -26,11 +26,9 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.gear.choice import bent_gears, choose_effects
-from elastid.nonlinear.gear.effects import GearEffect, implicit_law
-from elastid.nonlinear.gear.geometry import without_arm
-from elastid.nonlinear.gear.levels import Levels, joints_of
-from elastid.nonlinear.gear.period_lines import elastic_joints, gather_lines
+from elastid.nonlinear.effects import GearEffect, implicit_law
+from elastid.nonlinear.gear_choice import bent_gears, choose_effects
+from elastid.nonlinear.gear_levels import Levels, joints_of
 from elastid.nonlinear.gear_limits import (
     LOST,
     Bound,
@@ -45,6 +43,8 @@ from elastid.nonlinear.gear_limits import (
 )
 from elastid.nonlinear.gear_notes import HYSTERESIS, alike_notes, bent_notes, preloads, rigid_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
+from elastid.nonlinear.period_lines import elastic_joints, gather_lines
+from elastid.nonlinear.rigid_arm import without_arm
 from elastid.nonlinear.spec import GearsSpec
 from elastid.record import Record
 from elastid.response import Response

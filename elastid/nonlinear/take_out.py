@@ -57,7 +57,7 @@ def estimate_without_friction(
     # A transient lies between the excited lines, as distortion does, and one period shows no scatter.
     if robot is not None and all(settled(record) is record for record in net):
         # With CasADi and SciPy's optimisers, which responses of structures do without.
-        from elastid.nonlinear.gear.straightness import straightness_notes
+        from elastid.nonlinear.straightness import straightness_notes
 
         response = replace(response, notes=(*response.notes, *straightness_notes(net, robot, spec, planned_lines)))
     response = replace(response, ratio_std=ratio_std(records, robot))
@@ -121,8 +121,8 @@ def _arm_variance(
     robot: Robot | None,
 ) -> FloatArray | float:
     """Variance (F, n_y, n_u) of G by the arm that swings about its posture, in rows of motors; 0 where not known."""
-    from elastid.nonlinear.gear.geometry import arm_distortion  # brings CasADi
-    from elastid.nonlinear.gear.period_lines import gather_lines
+    from elastid.nonlinear.period_lines import gather_lines
+    from elastid.nonlinear.rigid_arm import arm_distortion  # brings CasADi
 
     if robot is None or set(response.inputs) != set(robot.motor_locations):
         return 0.0

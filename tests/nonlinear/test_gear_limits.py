@@ -13,7 +13,6 @@ from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.result import Result
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines
 from elastid.nonlinear.gear_limits import (
     LOST,
     coarse_encoders,
@@ -26,6 +25,7 @@ from elastid.nonlinear.gear_limits import (
     unsettled_notes,
 )
 from elastid.nonlinear.gear_notes import preloads
+from elastid.nonlinear.period_lines import DriveLines, PeriodLines
 from elastid.parameters import Parameter, Parameters
 from elastid.response import Response
 from elastid.robot import Robot

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.levels import Levels
+from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.gear_levels import Levels
 from elastid.nonlinear.gear_limits import Bound
 from elastid.nonlinear.gear_notes import alike_notes
 from tests.nonlinear.test_gear_sheet import PARAMETERS

@@ -15,8 +15,8 @@ from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.levels import Levels
+from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.gear_levels import Levels
 from elastid.nonlinear.gear_limits import Bound
 from elastid.nonlinear.gear_result import (
     ARCMIN,

@@ -24,7 +24,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
-from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines
+from elastid.nonlinear.period_lines import DriveLines, PeriodLines
 from elastid.record import Configuration
 from elastid.robot import Joint, Robot
 

@@ -11,16 +11,16 @@ from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.choice import _is_second, candidate_groups
-from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.levels import Levels, start_levels
-from elastid.nonlinear.gear.period_lines import gather_lines
+from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.gear_choice import _is_second, candidate_groups
+from elastid.nonlinear.gear_levels import Levels, start_levels
 from elastid.nonlinear.gear_notes import rigid_gears
+from elastid.nonlinear.period_lines import gather_lines
 from elastid.record import Configuration, Record
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from tests.nonlinear.gear.test_levels import SPEC, linear_fit
-from tests.nonlinear.gear.test_period_lines import record
+from tests.nonlinear.test_gear_levels import SPEC, linear_fit
+from tests.nonlinear.test_period_lines import record
 from tests.plants.gear_levels import find_gear_effects
 from tests.plants.geared_arms import measure, parallel_linkage
 from tests.plants.two_mass_gear import LINES, Gear, records, robot

@@ -16,8 +16,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.effects import GearEffect, Kind
-from elastid.nonlinear.gear.levels import (
+from elastid.nonlinear.effects import GearEffect, Kind
+from elastid.nonlinear.gear_levels import (
     Levels,
     NormalEquations,
     find_levels,
@@ -26,9 +26,9 @@ from elastid.nonlinear.gear.levels import (
     priors,
     start_levels,
 )
-from elastid.nonlinear.gear.motion import estimate_motion
-from elastid.nonlinear.gear.period_lines import PeriodLines, drive_lines, elastic_joints
-from elastid.nonlinear.gear.straightness import find_bends
+from elastid.nonlinear.gear_motion import estimate_motion
+from elastid.nonlinear.period_lines import PeriodLines, drive_lines, elastic_joints
+from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
 from elastid.response import Response
 from elastid.robot import Robot

@@ -12,9 +12,9 @@ from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.levels import MOVE, Levels, find_levels, scale_priors, scales_of, start_levels
-from elastid.nonlinear.gear.period_lines import gather_lines
+from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.gear_levels import MOVE, Levels, find_levels, scale_priors, scales_of, start_levels
+from elastid.nonlinear.period_lines import gather_lines
 from elastid.record import Record
 from elastid.response import Response
 from tests.plants.two_mass_gear import LINES, Gear, records, robot

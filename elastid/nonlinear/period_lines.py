@@ -30,7 +30,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import factor
 from elastid.model.drivetrain import input_matrix, spring_deflections
-from elastid.nonlinear.gear.effects import Place
+from elastid.nonlinear.effects import Place
 from elastid.nonlinear.motion import CELLS
 from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER, Configuration, Record
