@@ -158,9 +158,10 @@ class DriveLines:
     """H (F, n, n), C (n_u, n) of the motors' angles, G (F, n_u, n_u) of the logged ones with images of held torque.
 
     command (F, n_u): the torque that acts over the one that was logged.  sensor (F, n_u): logged angle over the true
-    one.  images (F, n_u, n_u): what G has beyond sensor C H B command.  places: rows (n_j, n) of motors, gears and
-    links, of all driven joints.  k, d, torque (n_j,): of their springs, and what these bear at rest; of a gear without
-    a spring of its own 1, 0 and 0, which deflects by nothing.  chain (P, n_x): d theta / d x of the parameters
+    one.  images (F, n_u, n_u): what G has beyond sensor C H B command.  joints (n_j,): those that are driven, with the
+    turns `ratios` (n_j,) of motors for one of theirs.  places: their rows (n_j, n) of motors, gears and links.
+    k, d, torque (n_j,): of their springs, and what these bear at rest; of a gear without a spring of its own 1, 0 and
+    0, which deflects by nothing.  chain (P, n_x): d theta / d x of the parameters
     `kernel.wanted`.
     """
 
@@ -174,6 +175,8 @@ class DriveLines:
     images: ComplexArray
     command: ComplexArray
     sensor: ComplexArray
+    joints: tuple[str, ...]
+    ratios: FloatArray
     places: dict[Place, FloatArray]
     k: FloatArray
     d: FloatArray
@@ -183,6 +186,15 @@ class DriveLines:
     def directions(self, place: Place, joint: int) -> FloatArray:
         """Row (n,) of a place at a joint."""
         return np.asarray(self.places[place][joint])
+
+    def moved(self, place: Place, joint: int, U: ComplexArray) -> ComplexArray:
+        """Its motion (F, M) by torques (F, n_u, M) that were logged, in the linear model."""
+        q = self.H @ (self.B @ (self.command[:, :, None] * U))
+        return np.asarray(np.tensordot(self.directions(place, joint), q, axes=(0, 1)))
+
+    def motor_row(self, joint: int) -> FloatArray:
+        """Angle of a motor by the logged angles (n_u,)."""
+        return np.asarray(self.directions("motor", joint) @ np.linalg.pinv(self.C))
 
 
 def elastic_joints(linearisation: Linearisation) -> tuple[str, ...]:
@@ -218,7 +230,8 @@ def drive_lines(
     command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * of_inputs
     G = kernel.response(theta) / s**order
     images = G - sensor[:, :, None] * (C @ H @ model.B) * command[:, None, :]
-    springs, driven = spring_deflections(robot), [joint.name for joint in robot.driven]
+    springs, driven = spring_deflections(robot), tuple(joint.name for joint in robot.driven)
+    ratios = np.array([robot.ratio(joint) for joint in driven])
     of_model = model.Z if model.Z is not None else np.eye(model.n)
     n_q = of_model.shape[0]
     rows: dict[Place, FloatArray] = {
@@ -233,4 +246,5 @@ def drive_lines(
     places = {place: row @ of_model for place, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
     torque = k * (rows["gear"] @ rest.q)
-    return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, places, k, d, torque, chain)
+    of_joints = driven, ratios, places, k, d, torque
+    return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *of_joints, chain)
