@@ -15,9 +15,9 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.nonlinear.drives import elastic_joints
 from elastid.nonlinear.effects import GearEffect, Kind
 from elastid.nonlinear.gear_levels import GearData, Levels, NormalEquations, find_levels, start_levels
-from elastid.nonlinear.period_lines import elastic_joints
 from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
 from elastid.robot import Robot

@@ -19,9 +19,10 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linearise import Linearisation
+from elastid.nonlinear.drives import DriveLines, drive_lines
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_motion import Estimate, estimate_motion, residuals, smoothed_covariance
-from elastid.nonlinear.period_lines import DriveLines, PeriodLines, drive_lines
+from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER
 from elastid.response import Response

@@ -19,12 +19,13 @@ from elastid.base.errors import Note
 from elastid.base.statistics import ONE_SIDED_95
 from elastid.fit.result import Result
 from elastid.linear.modes import modes
+from elastid.nonlinear.drives import DriveLines
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_choice import SPRINGS, Group, candidate_groups
 from elastid.nonlinear.gear_levels import GearData, Levels, inverse
 from elastid.nonlinear.gear_motion import Estimate, residuals
 from elastid.nonlinear.gear_result import BENT_STILL
-from elastid.nonlinear.period_lines import DriveLines, PeriodLines
+from elastid.nonlinear.spectra import PeriodLines
 from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED
 
 _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")

@@ -25,8 +25,9 @@ from numpy.fft import irfft, rfft
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.nonlinear.drives import DriveLines
 from elastid.nonlinear.effects import GearEffect, GearMotion, Place, along_period, forces, periodic_error
-from elastid.nonlinear.period_lines import DriveLines, PeriodLines
+from elastid.nonlinear.spectra import PeriodLines
 
 # Torque that is not explained is taken to act so many times as much at the links as at the motors: what moves the motor
 # is measured, what moves the link is not.

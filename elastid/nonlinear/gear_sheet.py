@@ -26,6 +26,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.drives import elastic_joints, without_arm
 from elastid.nonlinear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear_choice import Group, bent_gears, choose_effects
 from elastid.nonlinear.gear_levels import GearData, Levels
@@ -45,9 +46,8 @@ from elastid.nonlinear.gear_limits import (
 )
 from elastid.nonlinear.gear_motion import Estimate
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
-from elastid.nonlinear.period_lines import elastic_joints, gather_lines
-from elastid.nonlinear.rigid_arm import without_arm
 from elastid.nonlinear.spec import GearsSpec
+from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response
 from elastid.robot import Robot

@@ -18,6 +18,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.motion import motion_of
+from elastid.nonlinear.spectra import unsuited
 from elastid.record import Record
 from elastid.robot import Robot
 
@@ -61,14 +62,8 @@ def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion
 def refusal(records: Sequence[Record]) -> str:
     """Why friction cannot be found in the records of a configuration; empty where it can."""
     first = records[0]
-    if not first.is_periodic:
-        return "the records have no period; friction is found from differences between periodic experiments"
-    missing = [place for place in first.inputs if place not in first.outputs]
-    if missing:
-        return (
-            f"the angle of {', '.join(missing)} is not among the outputs; log the motor angles, since friction is a "
-            "function of them"
-        )
+    if reason := unsuited(first):
+        return reason
     equal = np.zeros(len(first.inputs)) if first.r is None else np.all(first.u == first.r, axis=0)
     if same := [place for place, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
         return (

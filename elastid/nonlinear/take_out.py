@@ -121,8 +121,8 @@ def _arm_variance(
     robot: Robot | None,
 ) -> FloatArray | float:
     """Variance (F, n_y, n_u) of G by the arm that swings about its posture, in rows of motors; 0 where not known."""
-    from elastid.nonlinear.period_lines import gather_lines
-    from elastid.nonlinear.rigid_arm import arm_distortion  # brings CasADi
+    from elastid.nonlinear.drives import arm_distortion  # brings CasADi
+    from elastid.nonlinear.spectra import gather_lines
 
     if robot is None or set(response.inputs) != set(robot.motor_locations):
         return 0.0

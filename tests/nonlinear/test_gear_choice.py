@@ -15,12 +15,12 @@ from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_choice import _is_second, candidate_groups
 from elastid.nonlinear.gear_levels import GearData, Levels, start_levels
 from elastid.nonlinear.gear_limits import rigid_gears
-from elastid.nonlinear.period_lines import gather_lines
+from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Configuration, Record
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from tests.nonlinear.test_gear_levels import SPEC, linear_fit
-from tests.nonlinear.test_period_lines import record
+from tests.nonlinear.test_spectra import record
 from tests.plants.gear_levels import find_gear_effects
 from tests.plants.geared_arms import measure, parallel_linkage
 from tests.plants.two_mass_gear import LINES, Gear, records, robot

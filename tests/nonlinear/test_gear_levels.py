@@ -14,7 +14,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_levels import MOVE, GearData, Levels, find_levels, scale_priors, scales_of, start_levels
-from elastid.nonlinear.period_lines import gather_lines
+from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response
 from tests.plants.two_mass_gear import LINES, Gear, records, robot

@@ -12,10 +12,11 @@ from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.result import Result
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
+from elastid.nonlinear.drives import DriveLines
 from elastid.nonlinear.gear_levels import GearData
 from elastid.nonlinear.gear_limits import LOST, coarse_encoders, difference, gear_torque, left, preloads, refusal
 from elastid.nonlinear.gear_motion import Estimate
-from elastid.nonlinear.period_lines import DriveLines, PeriodLines
+from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameter, Parameters
 from elastid.response import Response
 from elastid.robot import Robot

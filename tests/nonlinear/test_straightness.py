@@ -9,7 +9,7 @@ import pytest
 
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.nonlinear.period_lines import gather_lines
+from elastid.nonlinear.spectra import gather_lines
 from elastid.nonlinear.straightness import Bend, find_bends, straightness_notes
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.response import NOT_STRAIGHT

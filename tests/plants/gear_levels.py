@@ -8,10 +8,10 @@ from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
+from elastid.nonlinear.drives import without_arm
 from elastid.nonlinear.gear_choice import ORDERS, bent_gears, choose_effects
 from elastid.nonlinear.gear_levels import GearData, Levels
-from elastid.nonlinear.period_lines import gather_lines
-from elastid.nonlinear.rigid_arm import without_arm
+from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response
 from elastid.robot import Robot
