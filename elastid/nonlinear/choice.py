@@ -75,8 +75,8 @@ def choose(
     telling = _nonlinear_share(data) > _nonlinear_limits(data, candidates, places)[motor_of]
     own = [np.flatnonzero((motor_of == i) & telling) for i in range(len(places))]
     choices = [choose_shapes(equations, i, members, _rivals(candidates)) for i, members in enumerate(own)]
-    chosen = np.concatenate([own if not auto or left <= LIMITS.left_share else own[:0] for own, left in choices])
-    left = np.array([left for _, left in choices])
+    choices = [each if not auto or each[1] <= LIMITS.left_share else (each[0][:0], 1.0) for each in choices]
+    chosen, left = np.concatenate([own for own, _ in choices]), np.array([left for _, left in choices])
     return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
 
 

@@ -14,6 +14,7 @@ from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
+from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.choice import (
     LIMITS,
     Choice,
@@ -31,13 +32,14 @@ from elastid.nonlinear.levels import (
     levels_by_configuration,
     normal_equations,
 )
-from elastid.nonlinear.places import refusal
+from elastid.nonlinear.motion import motion_of
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
-from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken
+from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken, unsuited
 from elastid.record import MOTION_ORDER, Record
 from elastid.record import Motion as Quantity
 
+VELOCITY_NOISE = 0.04  # over the RMS of a velocity, above which its sign is noise
 # Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
 # in all.
 _CHOICE_RECORDS = 24
@@ -330,3 +332,30 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
         highest_hz=np.zeros(0),
         notes=(note,) if why else (),
     )
+
+
+def refusal(records: Sequence[Record]) -> str:
+    """Why friction cannot be found in the records of a configuration; empty where it can."""
+    first = records[0]
+    if reason := unsuited(first):
+        return reason
+    equal = np.zeros(len(first.inputs)) if first.r is None else np.all(first.u == first.r, axis=0)
+    if same := [place for place, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
+        return (
+            f"the torque of {', '.join(same)} equals the reference to the last bit, so that the controller's part "
+            "against friction is not in it and friction cannot be found; log the torque, or the current, that the "
+            "drive is given"
+        )
+    if any(RecordSpectra(record).is_large for record in records):
+        return "the records are worked on in pieces, since they are large; leave periods out, or lower their rate"
+    n_u, K = len(first.inputs), len(records)
+    if n_u > K:
+        return f"{K} experiments do not separate {n_u} inputs; measure more, since friction is what responses leave"
+    for place in first.inputs:
+        motion = motion_of(first, place)
+        if motion.velocity_noise > VELOCITY_NOISE * motion.speed:
+            return (
+                f"the velocity of {place} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so that "
+                "its sign is not known; use an encoder of more counts, or excite slower or larger motions"
+            )
+    return ""

@@ -18,7 +18,6 @@ from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
 from elastid.nonlinear.motion import CELLS, motion_of
-from elastid.nonlinear.reconstruct import motion_under
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape, amplitudes
 from elastid.record import Configuration, Motion, Record
@@ -140,7 +139,7 @@ def gather_configuration(
         Phi.append(np.zeros((len(lines), len(shapes)), complex))
         complete = used.periods[used.periods < repeats]
         for place in places:
-            motion = motion_under(record, place, friction) if friction else motion_of(record, place)
+            motion = friction.motion(record, place) if friction else motion_of(record, place)
             velocity_noise[k, first.inputs.index(place)] = motion.velocity_noise
             own = [i for i, shape in enumerate(shapes) if shape.place == place]
             Phi[-1][:, own] = amplitudes(record, motion, [shapes[i] for i in own], complete, lines).T

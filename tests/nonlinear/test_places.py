@@ -12,7 +12,7 @@ from plants.dry_friction import measured
 
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.places import on_links, on_shafts
+from elastid.nonlinear.take_out import on_links, on_shafts
 from elastid.record import Configuration, Record
 
 E = np.array([[1.0, 0.0], [-0.4, 1.0]])
