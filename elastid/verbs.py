@@ -28,8 +28,7 @@ from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.places import on_shafts, shaft_couplings
-from elastid.nonlinear.take_out import estimate_without_friction
+from elastid.nonlinear.take_out import estimate_without_friction, on_shafts, shaft_couplings
 from elastid.parameters import Parameters
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig

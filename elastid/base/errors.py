@@ -257,7 +257,6 @@ CODES: Final[Mapping[str, str]] = {
     "gears/not-straight": "The spring of a gear is not straight: the section gears finds its law.",
     "gears/records": "The records do not let the effects of gears be found.",
     "gears/still-bent": "The spring of a gear remains bent after its effects were found.",
-    "gears/unsettled": "A part of the motion remains unexplained by the effects of the gears.",
     "install/missing-package": "A package or a tool that is needed here is not installed.",
     "linear/state-space": "A state space has no form for this output or this element of the chain.",
     "live/goal": "The goal was not reached within the experiments that were allowed.",

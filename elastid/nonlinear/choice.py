@@ -18,7 +18,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.nonlinear.levels import NormalEquations, find_levels, solve
 from elastid.nonlinear.motion import motion_of
-from elastid.nonlinear.shapes import RATE_OF, Shape
+from elastid.nonlinear.shapes import Kind, Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra
 from elastid.record import Record
 
@@ -67,24 +67,17 @@ class Choice:
 
 def choose(
     data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], places: Sequence[str], auto: bool
-) -> tuple[Choice, IntArray, FloatArray]:
-    """Shapes by cross-validation: first signs and bristles, then the rates of those that were chosen.
-
-    With the candidates (n,) that are in the choice, and thresholds (n,) of those whose rates are, else 0.
-    """
+) -> tuple[Choice, IntArray]:
+    """Shapes by cross-validation, and the candidates (n,) that they are."""
     motor_of = _motors(candidates, places)
-    limits = _nonlinear_limits(data, candidates, places)
-    chosen, _ = _chosen_of_each(data, motor_of, _rivals(candidates), limits, auto)
-    rates = np.array([candidates[i].threshold if candidates[i].kind in RATE_OF else 0.0 for i in chosen])
-    shapes = _with_rates([candidates[i] for i in chosen], rates)
-    motor_of = _motors(shapes, places)
-    own_data = [spectra.with_shapes(chosen, rates) for spectra in data]
-    final, left = _chosen_of_each(own_data, motor_of, _rivals(shapes), limits, auto)
-    rated = np.flatnonzero(rates > 0)[final[final >= len(chosen)] - len(chosen)]
-    kept = np.union1d(final[final < len(chosen)], rated)  # a rate is derived from the shape of its bristle
-    rates = np.where(np.isin(kept, rated), rates[kept], 0.0)
-    shapes = _with_rates([candidates[i] for i in chosen[kept]], rates)
-    return Choice(shapes, _motors(shapes, places), left), chosen[kept], rates
+    _, equations = find_levels(data, motor_of)
+    # Flags (n_f,) of shapes whose level distortion shows; others are a spring or a damper of the response.
+    telling = _nonlinear_share(data) > _nonlinear_limits(data, candidates, places)[motor_of]
+    own = [np.flatnonzero((motor_of == i) & telling) for i in range(len(places))]
+    choices = [choose_shapes(equations, i, members, _rivals(candidates)) for i, members in enumerate(own)]
+    choices = [each if not auto or each[1] <= LIMITS.left_share else (each[0][:0], 1.0) for each in choices]
+    chosen, left = np.concatenate([own for own, _ in choices]), np.array([left for _, left in choices])
+    return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
 
 
 def _motors(shapes: Sequence[Shape], places: Sequence[str]) -> IntArray:
@@ -94,19 +87,6 @@ def _motors(shapes: Sequence[Shape], places: Sequence[str]) -> IntArray:
 def _rivals(shapes: Sequence[Shape]) -> IntArray:
     """The shapes (n,) of which a motor has one at most, and none alone: Stribeck curves together have no F_c."""
     return np.flatnonzero([shape.kind == "stribeck" for shape in shapes])
-
-
-def _chosen_of_each(
-    data: Sequence[ConfigurationSpectra], motor_of: IntArray, rivals: IntArray, limits: FloatArray, auto: bool
-) -> tuple[IntArray, FloatArray]:
-    """The chosen shapes (n,) of all motors, and the share (n_m,) of the power that they leave."""
-    _, equations = find_levels(data, motor_of)
-    # Flags (n_f,) of shapes whose level distortion shows; others are a spring or a damper of the response.
-    telling = _nonlinear_share(data) > limits[motor_of]
-    own = [np.flatnonzero((motor_of == i) & telling) for i in range(len(limits))]
-    choices = [choose_shapes(equations, i, candidates, rivals) for i, candidates in enumerate(own)]
-    pays = [own if not auto or left <= LIMITS.left_share else own[:0] for own, left in choices]
-    return np.concatenate(pays), np.array([left for _, left in choices])
 
 
 def _nonlinear_share(data: Sequence[ConfigurationSpectra]) -> FloatArray:
@@ -119,11 +99,6 @@ def _nonlinear_limits(
     """The share (n_m,) of each motor's shapes from which on distortion shows them; its first is Coulomb friction."""
     first = [next(i for i, shape in enumerate(candidates) if shape.place == place) for place in places]
     return np.minimum(LIMITS.nonlinear_share, LIMITS.part_of_sign * _nonlinear_share(data)[first])
-
-
-def _with_rates(shapes: Sequence[Shape], rates: FloatArray) -> tuple[Shape, ...]:
-    pairs = [(shape, float(D)) for shape, D in zip(shapes, rates, strict=True) if D > 0]
-    return (*shapes, *(replace(shape, kind=RATE_OF[shape.kind], threshold=D) for shape, D in pairs))
 
 
 # Speeds over which a sign turns, over the RMS speed.
@@ -150,7 +125,8 @@ def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shap
         swings = np.concatenate([motion.swings for motion in motions])
         swing = float(np.median(swings)) if swings.size else 0.0
         if swing > 0:
-            shapes += [Shape(place, kind, part * swing) for kind in RATE_OF for part in _BENDING]
+            kinds: tuple[Kind, ...] = ("stop", "bristle")
+            shapes += [Shape(place, kind, part * swing) for kind in kinds for part in _BENDING]
     return tuple(shapes)
 
 

@@ -14,6 +14,7 @@ from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
+from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.choice import (
     LIMITS,
     Choice,
@@ -31,13 +32,14 @@ from elastid.nonlinear.levels import (
     levels_by_configuration,
     normal_equations,
 )
-from elastid.nonlinear.places import limits_of, refusal
+from elastid.nonlinear.motion import motion_of
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
-from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken
+from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken, unsuited
 from elastid.record import MOTION_ORDER, Record
 from elastid.record import Motion as Quantity
 
+VELOCITY_NOISE = 0.04  # over the RMS of a velocity, above which its sign is noise
 # Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
 # in all.
 _CHOICE_RECORDS = 24
@@ -63,12 +65,11 @@ def find_friction(
     gather = partial(gather_configuration, spec=spec, planned=planned)
     found = _along_samples(survey, spec)
     if not survey.choice.shapes:
-        return replace(found.result, notes=(*found.result.notes, *survey.limits))
+        return found.result
     few = _few(survey.data[0].U.shape[2])
     if few >= len(measured) or not _is_near(few, survey, spec, gather, measured, execution):
         found = _along_its_motion(found, survey, spec, gather, measured, execution)
-    result = _with_dependence(found.result, found.data, found.choice.motor_of)
-    return replace(result, notes=(*result.notes, *survey.limits))
+    return _with_dependence(found.result, found.data, found.choice.motor_of)
 
 
 def _is_near(
@@ -127,7 +128,7 @@ def _along_its_motion(
     levels, _ = find_levels(data, choice.motor_of)
     noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in data], axis=0))
     choice, kept = narrowed(choice, levels, noise)
-    data = [spectra.with_shapes(kept, np.zeros(len(kept))) for spectra in data]
+    data = [spectra.with_shapes(kept) for spectra in data]
     levels, equations = find_levels(data, choice.motor_of)
     accelerance = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
     accelerance = np.where(accelerance > 0, accelerance, found.result.accelerance)
@@ -153,14 +154,13 @@ def upper_accelerance(
 class _Survey:
     """Choice by the sampled motion: spectra of each configuration and the shapes that were chosen.
 
-    first: a record.  limits: notes on motors whose friction cannot be found.
+    first: a record.
     """
 
     first: Record
     names: tuple[str, ...]
     data: Sequence[ConfigurationSpectra]
     choice: Choice
-    limits: tuple[Note, ...]
 
     @cached_property
     def before(self) -> FloatArray:
@@ -170,14 +170,10 @@ class _Survey:
 
 @dataclass(frozen=True)
 class _Configuration:
-    """One configuration by its sampled motion.
-
-    refusal: why friction cannot be found in it; empty where it can.  limits: as of `_Survey`.
-    """
+    """One configuration by its sampled motion; refusal: why friction cannot be found in it, empty where it can."""
 
     name: str
     refusal: str
-    limits: tuple[Note, ...] = ()
     data: ConfigurationSpectra | None = None
 
 
@@ -197,17 +193,14 @@ def _survey(
     if refused := next(filter(None, (configuration.refusal for configuration in surveyed)), ""):
         return _nothing(first, refused, spec.friction)
     spectra = [configuration.data for configuration in surveyed if configuration.data is not None]
-    choice, picked, rates = choose(spectra, shapes, first.inputs, spec.friction == "auto")
-    data = [configuration.with_shapes(picked, rates) for configuration in spectra]
-    shapes = tuple(shapes[i] for i in picked)
-    later = execution.ordered(partial(_surveyed, shapes, first.inputs, spec, planned), measured[few:])
+    choice, picked = choose(spectra, shapes, first.inputs, spec.friction == "auto")
+    data = [configuration.with_shapes(picked) for configuration in spectra]
+    later = execution.ordered(partial(_surveyed, choice.shapes, first.inputs, spec, planned), measured[few:])
     if refused := next(filter(None, (configuration.refusal for configuration in later)), ""):
         return _nothing(first, refused, spec.friction)
-    every = np.arange(len(shapes))
-    data += [configuration.data.with_shapes(every, rates) for configuration in later if configuration.data is not None]
+    data += [configuration.data for configuration in later if configuration.data is not None]
     names = tuple(configuration.name for configuration in (*surveyed, *later))
-    limits = {note.text: note for configuration in (*surveyed, *later) for note in configuration.limits}
-    return _Survey(first, names, data, choice, tuple(limits.values()))
+    return _Survey(first, names, data, choice)
 
 
 def _surveyed(
@@ -238,7 +231,7 @@ def _surveyed(
             f"{len(records)} experiments of {len(inputs)} inputs without lines that are not excited agree with one "
             "response whatever friction is; measure a further realisation with other phases"
         )
-    return _Configuration(name, refused, limits_of(records), data)
+    return _Configuration(name, refused, data)
 
 
 def _result(
@@ -339,3 +332,30 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
         highest_hz=np.zeros(0),
         notes=(note,) if why else (),
     )
+
+
+def refusal(records: Sequence[Record]) -> str:
+    """Why friction cannot be found in the records of a configuration; empty where it can."""
+    first = records[0]
+    if reason := unsuited(first):
+        return reason
+    equal = np.zeros(len(first.inputs)) if first.r is None else np.all(first.u == first.r, axis=0)
+    if same := [place for place, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
+        return (
+            f"the torque of {', '.join(same)} equals the reference to the last bit, so that the controller's part "
+            "against friction is not in it and friction cannot be found; log the torque, or the current, that the "
+            "drive is given"
+        )
+    if any(RecordSpectra(record).is_large for record in records):
+        return "the records are worked on in pieces, since they are large; leave periods out, or lower their rate"
+    n_u, K = len(first.inputs), len(records)
+    if n_u > K:
+        return f"{K} experiments do not separate {n_u} inputs; measure more, since friction is what responses leave"
+    for place in first.inputs:
+        motion = motion_of(first, place)
+        if motion.velocity_noise > VELOCITY_NOISE * motion.speed:
+            return (
+                f"the velocity of {place} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so that "
+                "its sign is not known; use an encoder of more counts, or excite slower or larger motions"
+            )
+    return ""

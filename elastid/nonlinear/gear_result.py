@@ -11,7 +11,7 @@ from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import DISTORTED, Result, Status
-from elastid.nonlinear.gear.effects import GearEffect
+from elastid.nonlinear.effects import GearEffect
 from elastid.robot import Robot
 
 # Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit: 5 right models leave

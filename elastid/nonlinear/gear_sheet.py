@@ -26,26 +26,28 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.gear.choice import bent_gears, choose_effects
-from elastid.nonlinear.gear.effects import GearEffect, implicit_law
-from elastid.nonlinear.gear.geometry import without_arm
-from elastid.nonlinear.gear.levels import Levels, joints_of
-from elastid.nonlinear.gear.period_lines import elastic_joints, gather_lines
+from elastid.nonlinear.drives import elastic_joints, without_arm
+from elastid.nonlinear.effects import GearEffect, implicit_law
+from elastid.nonlinear.gear_choice import Group, bent_gears, choose_effects
+from elastid.nonlinear.gear_levels import GearData, Levels
 from elastid.nonlinear.gear_limits import (
+    HYSTERESIS,
     LOST,
-    Bound,
+    alike_notes,
+    bent_notes,
     coarse_encoders,
-    drives_of,
     family_of,
-    largest_torques,
+    gear_torque,
     left,
     level_bounds,
+    preloads,
     refusal,
-    unsettled_notes,
+    rigid_gears,
 )
-from elastid.nonlinear.gear_notes import HYSTERESIS, alike_notes, bent_notes, preloads, rigid_gears
+from elastid.nonlinear.gear_motion import Estimate
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
 from elastid.nonlinear.spec import GearsSpec
+from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response
 from elastid.robot import Robot
@@ -76,43 +78,47 @@ def open_gears(
     execution = execution or Execution()
     nothing = GearResult(result.x, result.covariance)
     linearisation = Linearisation.of_robot(robot, model, result.parameters.names)
+    elastic = elastic_joints(linearisation)
+    if not elastic:
+        no_spring = "has a spring in its gear, by which its effects would be found; give joints a spring"
+        return replace(nothing, refused=f"no driven joint of robot {robot.name} {no_spring}; {LOST}")
     try:
-        measured_lines = execution.quiet.ordered(partial(gather_lines, spec=spec, planned=planned), measured)
-        drives = drives_of(measured_lines, responses, linearisation, result)
-        if reason := refusal(measured_lines, drives, responses, result, joints_of(linearisation)[0]):
+        lines = execution.quiet.ordered(partial(gather_lines, spec=spec, planned=planned), measured)
+        linear = GearData(lines, responses, linearisation)
+        drives = linear.drives(result.parameters, result.x)
+        if reason := refusal(linear, drives, result):
             return replace(nothing, refused=reason)
-        pairs = list(zip(measured_lines, drives, strict=True))
-        data = [without_arm(lines, drive, robot) for lines, drive in pairs]
+        data = replace(linear, lines=[without_arm(*pair, robot) for pair in zip(lines, drives, strict=True)])
     except DataError as error:
         return replace(nothing, refused=f"{error}; {LOST}")
     execution.progress(0, 3)
-    bent = bent_gears(measured_lines, responses, robot)
-    found = choose_effects(data, responses, linearisation, result.parameters, result.x, bent, gears.orders)
+    found = choose_effects(data, result.parameters, result.x, bent_gears(linear, robot), gears.orders)
     if found.effects:
         unseen = np.concatenate([taken_out_error(found.parameters), _LEVEL_ERROR * found.levels])
         found = replace(found, covariance=found.covariance + np.diag(unseen**2))
     execution.progress(2, 3)  # the search takes about two thirds of the time
-    joints, elastic = joints_of(linearisation)[0], elastic_joints(linearisation)
-    preloaded = preloads(data, found.drives, joints)
+    preloaded = preloads(data.lines, found.drives)
     hidden = [note.place.removeprefix("joint ") for note in preloaded]
-    every = level_bounds(data, responses, linearisation, found, gears.orders).items()
+    every = level_bounds(data, found, gears.orders).items()
     bounds = {group: bound for group, bound in every if group[0].kind != "gap" or group[0].joint not in hidden}
     execution.progress(3, 3)
+    pairs = [*zip(data.lines, found.drives, strict=True)]
+    peaks = [max(float(np.abs(gear_torque(*pair, j)).max()) for pair in pairs) for j in range(len(data.joints))]
     sheets = tuple(
         sheet_of(JointLevels(found, robot, joint, peak), result, bounds)
-        for joint, peak in zip(joints, largest_torques(data, found.drives), strict=True)
+        for joint, peak in zip(data.joints, peaks, strict=True)
         if joint in elastic
     )
     notes = (
-        *unsettled_notes(measured_lines),
-        *coarse_encoders(data, drives, joints),
+        *coarse_encoders(data.lines, drives),
         *preloaded,
-        *rigid_gears(found, [joint for joint in joints if joint not in elastic]),
-        *bent_notes(responses, found),
-        *alike_notes(found, bounds),
+        *rigid_gears([joint for joint in data.joints if joint not in elastic]),
+        *bent_notes(data, found),
+        *alike_notes(found),
     )
-    before = left(measured_lines, drives, [np.zeros((*lines.s.shape, drive.model.n, 1)) for lines, drive in pairs])
-    after = left(data, found.drives, [np.tensordot(each.Phi, found.levels, axes=1) for each in found.estimates])
+    nothing_acts = [Estimate.start(each, drive, 0) for each, drive in zip(lines, drives, strict=True)]
+    before = left(linear, drives, nothing_acts, np.zeros(0))
+    after = left(data, found.drives, found.estimates, found.levels)
     own = found.x, found.covariance, found.effects, found.levels, sheets
     return GearResult(*own, before=before, after=after, notes=notes)
 
@@ -177,7 +183,7 @@ class JointLevels:
         return reach
 
 
-def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[tuple[GearEffect, ...], Bound]) -> GearSheet:
+def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
     """The numbers of a gear, those of the linear fit beside them, and its torsion; bounds: of groups of effects."""
     rated, reach = rated_torque(gear.robot, gear.joint), gear.largest()
     numbers = [*_springs(gear, result, reach), *_lost_motion(gear), *_loop_numbers(gear, reach)]
@@ -317,7 +323,7 @@ def _times(order: float) -> str:
     return {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
 
 
-def _unseen(gear: JointLevels, bounds: Mapping[tuple[GearEffect, ...], Bound], reach: float) -> list[GearNumber]:
+def _unseen(gear: JointLevels, bounds: Mapping[Group, float], reach: float) -> list[GearNumber]:
     """Bounds of what was looked for and not found, of several shapes the largest."""
     largest: dict[tuple[str, str, float], GearNumber] = {}
     k = gear.parameter(f"k_{gear.joint}")[0]
@@ -325,7 +331,7 @@ def _unseen(gear: JointLevels, bounds: Mapping[tuple[GearEffect, ...], Bound], r
         effect = group[0]
         if effect.joint != gear.joint:
             continue
-        for number in _bounded(effect, bound.size, k, reach):
+        for number in _bounded(effect, bound, k, reach):
             key = number.name, *family_of(effect)[1:]
             if key not in largest or largest[key].bound < number.bound:
                 largest[key] = number

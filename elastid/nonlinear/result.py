@@ -10,7 +10,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.nonlinear.shapes import Shape
+from elastid.nonlinear.motion import Motion
+from elastid.nonlinear.shapes import Shape, motion_under
+from elastid.record import Record
 
 
 @frozen_value
@@ -81,6 +83,11 @@ class FrictionTakenOut:
     def sliding(self, place: str, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torque (n,) in steady sliding at `velocity` (n,), and its standard deviation; link side, rad/s and Nm."""
         return self._curve(place, [shape.sliding(velocity) for shape in self.shapes])
+
+    def motion(self, record: Record, place: str) -> Motion:
+        """The motion of a motor under its friction."""
+        a = float(self.accelerance[self.places.index(place)])
+        return motion_under(record, place, self.taken_shapes(place), a, float(self.highest_hz.max()))
 
     def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
         of_place = np.array([shape.place == place for shape in self.shapes])

@@ -1,24 +1,26 @@
-"""Torques, motions and shapes of friction of all experiments of one configuration, at lines excited or not."""
+"""Torques and motions of all experiments of one configuration, at lines excited or not; their fine grid."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.distortion import interpolated
 from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import period_spectra, single_logs
-from elastid.nonlinear.motion import motion_of
-from elastid.nonlinear.reconstruct import motion_under
+from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
+from elastid.nonlinear.motion import CELLS, motion_of
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape, amplitudes
-from elastid.record import Record
+from elastid.record import Configuration, Motion, Record
 
 _MIN_SINGULAR = 1e-9  # of the torques, over the largest singular value
 
@@ -71,11 +73,9 @@ class ConfigurationSpectra:
                 return False
         return True
 
-    def with_shapes(self, chosen: IntArray, rates: FloatArray) -> ConfigurationSpectra:
-        """The same with some of its shapes (n,), and then the rates of some of these: rates (n,) is their threshold D,
-        0 without."""
-        omega, Phi = 2j * np.pi * self.freq_hz[:, None, None], self.Phi[:, chosen]
-        return replace(self, Phi=np.concatenate([Phi, (omega * rates[:, None] * Phi)[:, rates > 0]], axis=1))
+    def with_shapes(self, chosen: IntArray) -> ConfigurationSpectra:
+        """The same with some of its shapes (n,)."""
+        return replace(self, Phi=self.Phi[:, chosen])
 
     def nonlinear_share(self) -> FloatArray:
         """The share (n_f,) of each shape's power that is not in proportion to the torques: 1 - 2 / pi of a sign.
@@ -131,9 +131,7 @@ def gather_configuration(
     places = tuple(dict.fromkeys(shape.place for shape in shapes))
     for k, logged in enumerate(spectra):
         record = logged.record
-        periods = period_spectra(logged, lines, spec.quantity)
-        trusted_periods = trusted(periods.on(is_excited), spec).periods if len(periods.periods) > 1 else periods.periods
-        used = periods.only(trusted_periods)
+        used = _periods(logged, lines, is_excited, spec, spec.quantity)
         # A last half period without its other half is no part of the motion.
         repeats = record.n_periods * first.period_samples // first.repeat_samples
         Y.append(used.Y[..., columns].mean(axis=0))
@@ -141,7 +139,7 @@ def gather_configuration(
         Phi.append(np.zeros((len(lines), len(shapes)), complex))
         complete = used.periods[used.periods < repeats]
         for place in places:
-            motion = motion_under(record, place, friction) if friction else motion_of(record, place)
+            motion = friction.motion(record, place) if friction else motion_of(record, place)
             velocity_noise[k, first.inputs.index(place)] = motion.velocity_noise
             own = [i for i, shape in enumerate(shapes) if shape.place == place]
             Phi[-1][:, own] = amplitudes(record, motion, [shapes[i] for i in own], complete, lines).T
@@ -157,6 +155,120 @@ def gather_configuration(
         realisation,
         np.sqrt(np.mean(velocity_noise**2, axis=0)),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodLines:
+    """Amplitudes of M experiments of one configuration at lines 1 to F: torques U (F, n_u, M), angles Y (F, n_u, M).
+
+    Y of the motors that U acts on, in their order, rad on the link side.  mean, load (n_u, M): mean angles and torques,
+    of whole periods.  noise (n_u,): variance of the noise of an element of Y that does not fall with frequency.
+    scatter (F, n_u): variance of the mean over the periods, of Y.  excited (F,).  samples: of a period.  count (n_u,):
+    smallest step of an angle.  arm (F + 1, n_j, M): torques of the links, and their mean first, whose motion is taken
+    out of Y; 0 if none.
+    """
+
+    configuration: Configuration
+    rate_hz: float
+    samples: int
+    U: ComplexArray
+    Y: ComplexArray
+    mean: FloatArray
+    load: FloatArray
+    noise: FloatArray
+    scatter: FloatArray
+    excited: BoolArray
+    realisation: IntArray
+    count: FloatArray
+    arm: ComplexArray | None = None
+
+    @property
+    def points(self) -> int:
+        """Of the fine grid."""
+        return self.samples * CELLS
+
+    @cached_property
+    def freq_hz(self) -> FloatArray:
+        """Frequencies (F,)."""
+        return line_frequencies(np.arange(1, len(self.U) + 1), self.rate_hz, self.samples)
+
+    @cached_property
+    def s(self) -> ComplexArray:
+        """j omega (F,)."""
+        return np.asarray(2j * np.pi * self.freq_hz)
+
+    def fine(self, X: ComplexArray) -> FloatArray:
+        """The signals (..., n) of amplitudes (..., F) on the fine grid of a period."""
+        n = self.points
+        padded = np.zeros((*X.shape[:-1], n // 2 + 1), complex)
+        padded[..., 1 : X.shape[-1] + 1] = X
+        return np.asarray(irfft(padded, n) * (n / 2))
+
+    def amplitudes(self, x: FloatArray) -> ComplexArray:
+        """Amplitudes (..., F) of signals (..., n) on the fine grid."""
+        return np.asarray(rfft(x)[..., 1 : len(self.U) + 1] * (2 / x.shape[-1]))
+
+
+def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:
+    """The mean over the periods that can be trusted, of the records of one configuration.
+
+    Raises DataError and StudyError as `analysed_lines` does; DataError where gears cannot be looked for.
+    """
+    records = tuple(log for record in measured for log in single_logs(record))
+    first = records[0]
+    if reason := unsuited(first):
+        raise DataError("gears/records", reason, f"configuration {first.configuration.name}")
+    columns = [first.outputs.index(place) for place in first.inputs]
+    excited = analysed_lines(spectra_of(records, spec, planned), spec, planned)
+    lines = np.arange(1, (first.period_samples + 1) // 2)
+    is_excited = np.isin(lines, excited)
+    whole = (RecordSpectra(replace(record, half_wave=False)) for record in records)
+    periods = [_periods(record, lines, is_excited, spec, "position") for record in whole]
+    of_periods = [each.Y[:, :, columns] for each in periods]
+    repeated = [Y.var(axis=0, ddof=1) / len(Y) for Y in of_periods if len(Y) > 1]
+    # Of a single period the highest lines show noise, where a robot barely moves.
+    scatter = np.mean(repeated if repeated else [np.abs(Y[0]) ** 2 for Y in of_periods], axis=0)
+    logged = np.array([first.quantities[i] == "position" for i in columns])
+    return PeriodLines(
+        first.configuration,
+        first.rate_hz,
+        first.period_samples,
+        np.stack([each.U.mean(axis=0) for each in periods], axis=2),
+        np.stack([Y.mean(axis=0) for Y in of_periods], axis=2),
+        np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
+        np.stack([record.u[: record.n_periods * record.period_samples].mean(axis=0) for record in records], axis=1),
+        np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0),
+        scatter,
+        is_excited,
+        np.array([record.realisation for record in records]),
+        np.array([_smallest_step(first.y[:, column]) for column in columns]),
+    )
+
+
+def unsuited(first: Record) -> str:
+    """Why the records of a configuration do not show what friction and gears do; empty where they may."""
+    if not first.is_periodic:
+        return "the records have no period; what is not linear is found from differences between periodic experiments"
+    missing = [place for place in first.inputs if place not in first.outputs]
+    names = ", ".join(missing)
+    return f"the angle of {names} is not among the outputs; log the motors' angles, of which all is a function" * bool(
+        missing
+    )
+
+
+def _smallest_step(y: FloatArray) -> float:
+    """Between the values of y (n,), a count of an encoder; next to nothing where noise or arithmetic is added to it."""
+    steps = np.diff(np.unique(y))
+    steps = steps[steps > 1e-12 * np.abs(y).max()]
+    return float(steps.min()) if steps.size else 0.0
+
+
+def _periods(
+    logged: RecordSpectra, lines: IntArray, excited: BoolArray, spec: EstimatorSpec, quantity: Motion
+) -> PeriodSpectra:
+    """Motions and torques of the periods that can be trusted, by their excited lines (F,), at all lines."""
+    every = period_spectra(logged, lines, quantity)
+    return every.only(trusted(every.on(excited), spec).periods) if len(every.periods) > 1 else every
 
 
 def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:

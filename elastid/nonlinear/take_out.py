@@ -7,6 +7,13 @@ Levels that are off by df leave their torque in U, the same in all configuration
 for shapes Phi at motor j. The levels have the covariance L L^T, so that each column of L is a systematic error of known
 size, which no scatter between realisations shows. A further error is that of reversals, which are found to a part of a
 sample: j omega dt Phi f takes the place of Phi df.
+
+Dry friction acts on shafts, whose motors' gears may couple the axes. Shafts keep the names of their motors:
+
+.. math:: q_m' = E q_a, \qquad \tau_a = E^T \tau_m'
+
+q_m', tau_m': angles and torques of the shafts, each referred to the link side by its own ratio alone; E (n_u, n_u) is
+the robot's matrix of couplings.
 """
 
 from __future__ import annotations
@@ -24,9 +31,9 @@ from elastid.frf.estimate import estimate
 from elastid.frf.period_selection import settled
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.choice import LIMITS
-from elastid.nonlinear.places import on_links, on_shafts
-from elastid.nonlinear.reconstruct import friction_samples, over_whole_periods
+from elastid.nonlinear.motion import whole_samples
 from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.shapes import held_samples
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import MOTION_ORDER, Record
 from elastid.response import UNEXPLAINED, Response
@@ -57,7 +64,7 @@ def estimate_without_friction(
     # A transient lies between the excited lines, as distortion does, and one period shows no scatter.
     if robot is not None and all(settled(record) is record for record in net):
         # With CasADi and SciPy's optimisers, which responses of structures do without.
-        from elastid.nonlinear.gear.straightness import straightness_notes
+        from elastid.nonlinear.straightness import straightness_notes
 
         response = replace(response, notes=(*response.notes, *straightness_notes(net, robot, spec, planned_lines)))
     response = replace(response, ratio_std=ratio_std(records, robot))
@@ -121,8 +128,8 @@ def _arm_variance(
     robot: Robot | None,
 ) -> FloatArray | float:
     """Variance (F, n_y, n_u) of G by the arm that swings about its posture, in rows of motors; 0 where not known."""
-    from elastid.nonlinear.gear.geometry import arm_distortion  # brings CasADi
-    from elastid.nonlinear.gear.period_lines import gather_lines
+    from elastid.nonlinear.drives import arm_distortion  # brings CasADi
+    from elastid.nonlinear.spectra import gather_lines
 
     if robot is None or set(response.inputs) != set(robot.motor_locations):
         return 0.0
@@ -192,8 +199,51 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
     """The same record over its whole periods with the net torque as u; itself where nothing was taken out."""
     if not friction.shapes:
         return record
-    record = over_whole_periods(record)
+    n = whole_samples(record)
+    record = replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
     u = record.u.copy()
     for place in friction.taken_places():
-        u[:, record.inputs.index(place)] -= friction_samples(record, place, friction)
+        taken, motion = friction.taken_shapes(place), friction.motion(record, place)
+        u[:, record.inputs.index(place)] -= held_samples(record, place, motion, taken)
     return replace(record, u=u)
+
+
+def on_shafts(record: Record, E: FloatArray | None) -> Record:
+    """The record with torques and motions of shafts instead of motors; itself without couplings (None).
+
+    Motions of motors are left out where they are not of all motors, or not of one quantity: no shaft is known then.
+    """
+    if E is None:
+        return record
+    columns = [record.outputs.index(place) for place in record.inputs if place in record.outputs]
+    if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
+        rest = [i for i in range(len(record.outputs)) if i not in columns]
+        outputs = tuple(record.outputs[i] for i in rest)
+        quantities = tuple(record.quantities[i] for i in rest)
+        sampled = tuple(record.sampled[i] for i in rest) if record.sampled else ()
+        return replace(record, y=record.y[:, rest], outputs=outputs, quantities=quantities, sampled=sampled)
+    return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
+
+
+def on_links(record: Record, E: FloatArray | None) -> Record:
+    """The inverse of `on_shafts`, for records of all motors."""
+    if E is None:
+        return record
+    columns = [record.outputs.index(place) for place in record.inputs]
+    return _turned(record, columns, E, np.asarray(np.linalg.inv(E).T))
+
+
+def _turned(record: Record, columns: list[int], of_torque: FloatArray, of_motion: FloatArray) -> Record:
+    """Rows of torque times one matrix, rows of motion times the other."""
+    y = record.y.copy()
+    y[:, columns] = record.y[:, columns] @ of_motion
+    r = None if record.r is None else record.r @ of_torque
+    return replace(record, u=record.u @ of_torque, y=y, r=r)
+
+
+def shaft_couplings(robot: Robot | None) -> FloatArray | None:
+    """E (n_u, n_u) from the link side to the shafts of the motors; None where no gear couples two axes."""
+    if robot is None:
+        return None
+    E = robot.mixing
+    return None if np.array_equal(E, np.eye(len(E))) else E

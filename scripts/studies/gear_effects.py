@@ -8,7 +8,7 @@ reversal of friction is a wrong one (with 6 k is 0.002 % off, with 24 and fricti
 together: friction at the motor, behind the gear and by load, springs that are 30 % stiffer at the peak of the torque,
 progressive, stiffer in two ranges of torque, or with a gap of 0.1 mrad to either side, empty or with 0.3 of the
 stiffness, a hysteresis, a transmission error and a ripple. A linear model is fitted, then the effects are chosen and
-found together with the parameters (elastid/nonlinear/gear).
+found together with the parameters (elastid/nonlinear).
 
 Of each case: errors of k and d of the linear fit and with the effects, effects, the largest error of a level, and the
 share of 95 % intervals of k, d and levels that hold the truth. Asserted in every draw: the effects are those of the

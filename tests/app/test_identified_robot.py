@@ -18,7 +18,7 @@ from elastid.app.identified_robot import (
     with_linear_springs,
 )
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.nonlinear.gear.effects import GearEffect, implicit_law
+from elastid.nonlinear.effects import GearEffect, implicit_law
 from elastid.nonlinear.gear_result import GearResult
 from elastid.parameters import Parameter
 from elastid.robot import Body, Friction, Hysteresis, Joint, Motor, Robot, Spring

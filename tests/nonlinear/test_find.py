@@ -10,7 +10,6 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.nonlinear import find
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.reconstruct import motion_under
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import friction_means, spectrum
 from elastid.nonlinear.take_out import net_record
@@ -75,7 +74,7 @@ def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
         for each in (record, net_record(record, found))
     )
     for i, place in enumerate(record.inputs):
-        means = friction_means(record, motion_under(record, place, found), found.taken_shapes(place))
+        means = friction_means(record, found.motion(record, place), found.taken_shapes(place))
         torque = spectrum(np.fft.rfft(means.ravel()), len(means))
         at_lines = torque[lines * record.n_periods] * 2 / (record.n_periods * record.period_samples)
         np.testing.assert_allclose((raw - net)[:, i], at_lines, atol=1e-12)

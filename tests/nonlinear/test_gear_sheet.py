@@ -15,9 +15,8 @@ from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.levels import Levels
-from elastid.nonlinear.gear_limits import Bound
+from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.gear_levels import Levels
 from elastid.nonlinear.gear_result import (
     ARCMIN,
     BENT_STILL,
@@ -50,7 +49,7 @@ def sheet(
     covariance = np.diag(np.concatenate([[1e-6, 1e-6], (0.01 * levels) ** 2]))
     scale_std = np.array([0.02 * effect.scale if effect.kind == "gap" else 0.0 for effect in found])
     known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 1, 0.0, 0.0, (), (), scale_std)
-    groups = {(effect,): Bound(size) for effect, size in (bounds or {}).items()}
+    groups = {(effect,): size for effect, size in (bounds or {}).items()}
     gear = JointLevels(known, robot(Gear()), "1", PEAK)
     return sheet_of(gear, linear_fit(x + np.array([np.log(1.1), 0.0])), groups)
 

@@ -12,7 +12,7 @@ from plants.dry_friction import measured
 
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.places import limits_of, on_links, on_shafts
+from elastid.nonlinear.take_out import on_links, on_shafts
 from elastid.record import Configuration, Record
 
 E = np.array([[1.0, 0.0], [-0.4, 1.0]])
@@ -52,27 +52,6 @@ def test_a_shaft_needs_the_motions_of_all_motors() -> None:
 
 
 AUTO = EstimatorSpec(friction="auto")
-
-
-def stuck(record: Record) -> Record:
-    """Motor 2 stands for the middle of each period, and swings in the rest as before and back."""
-    t = np.arange(record.n_samples) % record.period_samples / record.period_samples
-    y = record.y.copy()
-    y[:, 1] = np.where(t < 0.5, 1e-3 * np.sin(4 * np.pi * t) ** 3, 0.0)
-    return replace(record, y=y)
-
-
-def test_a_motor_that_sticks_is_named_with_its_share() -> None:
-    """Half of the time and a little more, about its turning points."""
-    (note,) = limits_of([stuck(record) for record in measured()[0][0]])
-    assert note.code == "nonlinear/friction-left"
-    assert note.text.startswith("motor 2 hardly moves for 5")
-
-
-def test_a_motor_beside_the_inputs_keeps_its_friction() -> None:
-    alone = [replace(r, inputs=("motor 1",), u=r.u[:, :1], r=None) for r in measured()[0][0]]
-    (note,) = limits_of(alone)
-    assert "motor 2: friction stays in the responses" in note.text
 
 
 def test_nothing_is_taken_out_of_a_torque_that_is_the_reference() -> None:

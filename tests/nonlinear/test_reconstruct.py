@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 
 from elastid.nonlinear.motion import CELLS, Motion, motion_of
-from elastid.nonlinear.reconstruct import motion_under
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
 from elastid.nonlinear.take_out import net_record
@@ -62,7 +61,7 @@ def lateness(motion: Motion) -> np.ndarray:
 def test_reversals_are_late_between_samples_and_found_with_the_part_above_half_the_rate() -> None:
     """Late by some 2 % of a sample; by < 1 / 2 of that, in mean and scatter, with the part above half the rate."""
     record, _ = simulated()
-    without, found = (lateness(motion_under(record, "motor 1", friction_of(a))) for a in (0.0, 1 / J))
+    without, found = (lateness(friction_of(a).motion(record, "motor 1")) for a in (0.0, 1 / J))
     assert len(found) == len(without) > 50
     assert 0.015 < without.mean() < 0.04
     assert abs(found.mean()) < 0.5 * without.mean()
@@ -74,14 +73,14 @@ def test_reversals_under_noise_are_found_by_the_torque_above_the_excited_lines()
     record, _ = simulated()
     noise = 0.01 * np.std(record.y) * np.random.default_rng(4).standard_normal(record.y.shape)
     record = replace(record, y=record.y + noise)
-    by_angle, by_torque = motion_of(record, "motor 1"), motion_under(record, "motor 1", friction_of(1 / J))
+    by_angle, by_torque = motion_of(record, "motor 1"), friction_of(1 / J).motion(record, "motor 1")
     assert np.mean(lateness(by_torque) ** 2) < 0.7**2 * np.mean(lateness(by_angle) ** 2)
 
 
 def test_a_torque_that_is_not_held_leaves_the_motion_as_it_is() -> None:
     """As `motion_of` finds it: its samples have no images."""
     record = replace(simulated()[0], hold="band-limited")
-    sharp, plain = motion_under(record, "motor 1", friction_of(1 / J)), motion_of(record, "motor 1")
+    sharp, plain = friction_of(1 / J).motion(record, "motor 1"), motion_of(record, "motor 1")
     np.testing.assert_array_equal(sharp.velocity, plain.velocity)
 
 
@@ -98,7 +97,7 @@ def test_bristles_are_followed_in_all_samples() -> None:
     record, _ = simulated()
     bristle = replace(friction_of(1 / J), shapes=(Shape("motor 1", "stop", 1e-7),))
     late, by_samples = (
-        lateness(motion) for motion in (motion_under(record, "motor 1", bristle), motion_of(record, "motor 1"))
+        lateness(motion) for motion in (bristle.motion(record, "motor 1"), motion_of(record, "motor 1"))
     )
     assert len(late) == len(by_samples)
     assert abs(late.mean()) < by_samples.mean() * 2 / 3

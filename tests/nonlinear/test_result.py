@@ -9,7 +9,7 @@ from elastid.nonlinear.shapes import Shape
 FRICTION = FrictionTakenOut(
     places=("motor 1", "motor 2"),
     place_units=("N*m", "N*m"),
-    shapes=(Shape("motor 1", "sign"), Shape("motor 1", "stop", 0.1), Shape("motor 1", "stop rate", 0.1)),
+    shapes=(Shape("motor 1", "sign"), Shape("motor 1", "stop", 0.1), Shape("motor 1", "stribeck", 0.1)),
     levels=np.array([2.0, 3.0, 7.0]),
     covariance=np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 1.0]]),
     configurations=("a",),
@@ -21,7 +21,7 @@ FRICTION = FrictionTakenOut(
 )
 
 
-def test_the_level_in_sliding_is_the_sum_of_signs_and_bristles_without_rates() -> None:
+def test_the_level_in_sliding_is_the_sum_of_signs_and_bristles_without_stribeck() -> None:
     """With the correlation of the levels; 0 of a motor that nothing was taken out of."""
     assert FRICTION.sliding_level("motor 1") == pytest.approx((5.0, np.sqrt(0.15)))
     assert FRICTION.sliding_level("motor 2") == (0.0, 0.0)

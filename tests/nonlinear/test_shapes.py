@@ -38,7 +38,7 @@ def test_the_sign_of_a_sinusoid_has_its_fourier_series(quantity: Motion, line: i
     np.testing.assert_allclose(found, [4j / (np.pi * k) for k in harmonics], atol=1e-3)
 
 
-@pytest.mark.parametrize("shape", [SIGN, Shape("motor 1", "stop", 0.05), Shape("motor 1", "bristle rate", 0.05)])
+@pytest.mark.parametrize("shape", [SIGN, Shape("motor 1", "stop", 0.05), Shape("motor 1", "bristle", 0.05)])
 def test_the_spectrum_over_a_record_and_amplitudes_are_the_same(shape: Shape) -> None:
     """At the lines of a period, of which the record has two."""
     record = swinging(3, 0.2)
@@ -111,7 +111,6 @@ def test_a_reversal_goes_from_one_direction_to_the_other() -> None:
     np.testing.assert_allclose(curve, [-1, 0, 1, 1])
     np.testing.assert_allclose(SIGN.reversal(np.array([0.0, 1e-9])), [-1, 1])
     np.testing.assert_allclose(Shape("motor 1", "bristle", 0.1).reversal(np.array([0.0, 5.0])), [-1, 1])
-    np.testing.assert_allclose(Shape("motor 1", "stop rate", 0.1).reversal(np.array([0.0, 5.0])), 0)
 
 
 @pytest.mark.parametrize(("kind", "threshold"), [("sign", 1e-3), ("sign", 0.5), ("stribeck", 0.2)])

@@ -1,17 +1,17 @@
 """The effects of gears as levels with the parameters beside them, from records and a fit."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from elastid.base.arrays import IntArray
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.gear.choice import ORDERS, bent_gears, choose_effects
-from elastid.nonlinear.gear.geometry import without_arm
-from elastid.nonlinear.gear.levels import Levels
-from elastid.nonlinear.gear.period_lines import gather_lines
-from elastid.nonlinear.gear_limits import drives_of
+from elastid.nonlinear.drives import without_arm
+from elastid.nonlinear.gear_choice import ORDERS, bent_gears, choose_effects
+from elastid.nonlinear.gear_levels import GearData, Levels
+from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response
 from elastid.robot import Robot
@@ -23,8 +23,7 @@ def find_gear_effects(
 ) -> Levels:  # fmt: skip
     """Of the records of all configurations, friction still in both."""
     linearisation = Linearisation.of_robot(robot, EXACT, result.parameters.names)
-    data = [gather_lines(tuple(records), spec, planned) for records in measured]
-    drives = drives_of(data, responses, linearisation, result)
-    net = [without_arm(lines, drive, robot) for lines, drive in zip(data, drives, strict=True)]
-    bent = bent_gears(data, responses, robot)
-    return choose_effects(net, responses, linearisation, result.parameters, result.x, bent, ORDERS)
+    data = GearData([gather_lines(tuple(each), spec, planned) for each in measured], responses, linearisation)
+    pairs = zip(data.lines, data.drives(result.parameters, result.x), strict=True)
+    net = replace(data, lines=[without_arm(lines, drive, robot) for lines, drive in pairs])
+    return choose_effects(net, result.parameters, result.x, bent_gears(data, robot), ORDERS)

@@ -24,9 +24,8 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.nonlinear.places import shaft_couplings
 from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.take_out import net_records
+from elastid.nonlinear.take_out import net_records, shaft_couplings
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses

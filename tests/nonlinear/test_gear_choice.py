@@ -11,16 +11,16 @@ from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.choice import _is_second, candidate_groups
-from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.levels import Levels, start_levels
-from elastid.nonlinear.gear.period_lines import gather_lines
-from elastid.nonlinear.gear_notes import rigid_gears
+from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.gear_choice import _is_second, candidate_groups
+from elastid.nonlinear.gear_levels import GearData, Levels, start_levels
+from elastid.nonlinear.gear_limits import rigid_gears
+from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Configuration, Record
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from tests.nonlinear.gear.test_levels import SPEC, linear_fit
-from tests.nonlinear.gear.test_period_lines import record
+from tests.nonlinear.test_gear_levels import SPEC, linear_fit
+from tests.nonlinear.test_spectra import record
 from tests.plants.gear_levels import find_gear_effects
 from tests.plants.geared_arms import measure, parallel_linkage
 from tests.plants.two_mass_gear import LINES, Gear, records, robot
@@ -110,20 +110,19 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
     ]
     lines, none = gather_lines(noise, SPEC, LINES), np.zeros((len(LINES), 2, 2), complex)
     G = Response(LINES * 0.5, none, places, places, "acceleration", posture)
-    known = start_levels([lines], [G], linearisation, parameters, parameters.x)
-    groups = candidate_groups([lines], known, linearisation, bent=("1", "2"))
+    data = GearData([lines], [G], linearisation)
+    known = start_levels(data, parameters, parameters.x)
+    groups = candidate_groups(data, known, bent=("1", "2"))
     assert {effect.kind for group in groups for effect in group if effect.joint == "2"} == {"friction"}
     assert {"behind", "gap", "stop"} < {effect.kind for group in groups for effect in group if effect.joint == "1"}
     assert not any(effect.kind.startswith(("error", "ripple")) for group in groups for effect in group)
-    turning = replace(lines, Y=1e5 * lines.Y)  # several turns of the motors
-    assert any(
-        effect.kind == "error sine" for g in candidate_groups([turning], known, linearisation, ()) for effect in g
-    )
+    turning = replace(data, lines=[replace(lines, Y=1e5 * lines.Y)])  # several turns of the motors
+    assert any(effect.kind == "error sine" for g in candidate_groups(turning, known, ()) for effect in g)
     (drive,) = known.drives
     assert not drive.directions("gear", 1).any()
     assert drive.directions("motor", 1) @ drive.B == pytest.approx([0.0, 1.0])
     assert (drive.k[1], drive.d[1], drive.torque[1]) == (1.0, 0.0, 0.0)
-    (note,) = rigid_gears(known, ["2"])
+    (note,) = rigid_gears(["2"])
     assert note.place == "joint 2"
 
 
@@ -157,12 +156,8 @@ def test_friction_on_both_sides_is_found_on_a_parallel_linkage() -> None:
 
 
 @pytest.mark.slow
-def test_robots_without_elastic_gears_and_records_without_a_period_are_refused() -> None:
-    measured = records(Gear(), experiments=2)
-    response, linear = linear_fit(Gear(), measured)
-    rigid = Robot("rigid", (Body("link", joints=(Joint("1", "z", motor=Motor(1e-3, 100.0)),), inertia=1.0),))
-    with refused("robot/no-spring"):
-        find_gear_effects([measured], [response], linear, rigid, SPEC, LINES)
+def test_records_without_a_period_are_refused() -> None:
+    response, linear = linear_fit(Gear(), records(Gear(), experiments=2))
     noise = record()
     endless = [replace(noise, period_samples=noise.n_samples, is_periodic=False)]
     with refused("gears/records", place="configuration a"):

@@ -19,9 +19,10 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.motion import Estimate, estimate_motion, residuals, smoothed_covariance
-from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines, drive_lines
+from elastid.nonlinear.drives import DriveLines, drive_lines
+from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.gear_motion import Estimate, estimate_motion, residuals, smoothed_covariance
+from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
@@ -76,17 +77,45 @@ class Levels:
         return [each.of(own) for each in self.estimates]
 
 
-def joints_of(linearisation: Linearisation) -> tuple[tuple[str, ...], FloatArray]:
-    """The driven joints, and turns of their motors for one of theirs (n_j,)."""
-    robot = linearisation.model.robot
-    joints = tuple(joint.name for joint in robot.driven)
-    return joints, np.array([robot.ratio(joint) for joint in joints])
+@dataclass(frozen=True, eq=False)
+class GearData:
+    """Lines of each configuration, its response as fitted, and the linear model of the robot."""
+
+    lines: Sequence[PeriodLines]
+    responses: Sequence[Response]
+    linearisation: Linearisation
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The driven ones."""
+        return tuple(joint.name for joint in self.linearisation.model.robot.driven)
+
+    def drives(self, parameters: Parameters, x: FloatArray) -> list[DriveLines]:
+        """The model of each configuration at x (n_x,)."""
+        pairs = zip(self.lines, self.responses, strict=True)
+        return [drive_lines(lines, self.linearisation, G, parameters, x) for lines, G in pairs]
+
+    def motions(
+        self, drives: Sequence[DriveLines], effects: Sequence[GearEffect], levels: FloatArray,
+        before: Sequence[Estimate], near: float = _NEAR[1],
+    ) -> list[Estimate]:  # fmt: skip
+        """The motion in each configuration under effects of given levels, as `estimate_motion` has it."""
+        every = zip(self.lines, drives, before, strict=True)
+        return [estimate_motion(lines, drive, effects, levels, each, near) for lines, drive, each in every]
+
+    def sums_with(
+        self, found: Levels, further: Sequence[GearEffect]
+    ) -> tuple[NormalEquations, tuple[FloatArray, FloatArray]]:
+        """Normal equations, and priors, of parameters, levels and levels of further effects about 0."""
+        effects, drives = [*found.effects, *further], self.drives(found.parameters, found.x)
+        levels = found.levels_of(effects)
+        estimates = self.motions(drives, effects, levels, found.estimates_of(effects))
+        sums = normal_equations(self.lines, drives, estimates, len(found.x), levels)
+        return sums, priors(found.parameters, found.x, len(found.x) + len(levels))
 
 
 def find_levels(
-    data: Sequence[PeriodLines],
-    responses: Sequence[Response],
-    linearisation: Linearisation,
+    data: GearData,
     start: Levels,
     effects: Sequence[GearEffect],
     rounds: int = _ROUNDS,
@@ -99,7 +128,6 @@ def find_levels(
     limit: of the lack; where it would stay above that if it fell by a few times as much as in the last round, no
     further round is taken.  settled: move below which none is, either.  held: effects whose scales stay.
     """
-    joints, ratios = joints_of(linearisation)
     parameters, x, n_x, n_f = start.parameters, start.x, len(start.x), len(effects)
     levels = start.levels_of(effects)
     scales = [own for own in scales_of(effects) if not any(effects[i] in held for i in own)]
@@ -111,17 +139,14 @@ def find_levels(
     held, last = np.zeros(len(scales)), np.zeros(len(scales))
     of_scales = np.array([_OF_SCALES if effects[own[0]].place == "gear" else _OF_TURNING for own in scales])
     for count in range(1, rounds + 1):
-        drives = [drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True)]
+        drives = data.drives(parameters, x)
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
         is_last = settled <= MOVE and move < _CLOSE
         near = _NEAR[is_last + (move < _FAR)]
         for _ in range(1 if start.effects or count > 1 else 2):
-            estimates = [
-                estimate_motion(lines, drive, joints, ratios, every, with_edges, before, near)
-                for lines, drive, before in zip(data, drives, estimates, strict=True)
-            ]
-        sums = normal_equations(data, drives, estimates, n_x, with_edges)
+            estimates = data.motions(drives, every, with_edges, estimates, near)
+        sums = normal_equations(data.lines, drives, estimates, n_x, with_edges)
         T = _by_scales(effects, levels, scales, n_x)
         A, b = T.T @ sums.A.sum(axis=0) @ T, T.T @ sums.b.sum(axis=0)
         of_priors, pull = priors(parameters, x, len(b))
@@ -203,18 +228,11 @@ def _used(lines: PeriodLines) -> slice:
     return slice(int(on[0]) // 2, min(len(lines.s), int(1.2 * on[-1]) + 1))
 
 
-def start_levels(
-    data: Sequence[PeriodLines],
-    responses: Sequence[Response],
-    linearisation: Linearisation,
-    parameters: Parameters,
-    x: FloatArray,
-) -> Levels:
+def start_levels(data: GearData, parameters: Parameters, x: FloatArray) -> Levels:
     """No effects, at x (n_x,) as it is."""
-    drives = tuple(drive_lines(c, linearisation, G, parameters, x) for c, G in zip(data, responses, strict=True))
-    none = np.zeros(0)
-    estimates = tuple(Estimate.start(c, drive, 0) for c, drive in zip(data, drives, strict=True))
-    sums, (A, _) = normal_equations(data, drives, estimates, len(x), none), priors(parameters, x, len(x))
+    drives, none = tuple(data.drives(parameters, x)), np.zeros(0)
+    estimates = tuple(Estimate.start(c, drive, 0) for c, drive in zip(data.lines, drives, strict=True))
+    sums, (A, _) = normal_equations(data.lines, drives, estimates, len(x), none), priors(parameters, x, len(x))
     covariance = inverse(sums.A.sum(axis=0) + A)
     return Levels(parameters, (), x, none, covariance, 0, np.inf, sums.lack, estimates, drives, none)
 

@@ -10,7 +10,7 @@ from plants.two_links import LENGTH, MASS, OFFSET, arm
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate, serial
-from elastid.nonlinear.gear.geometry import geometric_torques
+from elastid.nonlinear.drives import geometric_torques
 from elastid.record import Configuration
 from elastid.robot.simplified import with_joints
 

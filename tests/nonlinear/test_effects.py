@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.nonlinear.gear.effects import GearEffect, GearMotion, forces, implicit_law, periodic_error
+from elastid.nonlinear.effects import GearEffect, GearMotion, forces, implicit_law, periodic_error
 
 PHASE = 2 * np.pi * np.arange(800) / 800
 MOTION = GearMotion(

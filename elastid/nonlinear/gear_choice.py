@@ -15,26 +15,14 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.effects import GearEffect, Kind
-from elastid.nonlinear.gear.levels import (
-    Levels,
-    NormalEquations,
-    find_levels,
-    joints_of,
-    normal_equations,
-    priors,
-    start_levels,
-)
-from elastid.nonlinear.gear.motion import estimate_motion
-from elastid.nonlinear.gear.period_lines import PeriodLines, drive_lines, elastic_joints
-from elastid.nonlinear.gear.straightness import find_bends
+from elastid.nonlinear.drives import elastic_joints
+from elastid.nonlinear.effects import GearEffect, Kind
+from elastid.nonlinear.gear_levels import GearData, Levels, NormalEquations, find_levels, start_levels
+from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
-from elastid.response import Response
 from elastid.robot import Robot
 
 Group: TypeAlias = tuple[GearEffect, ...]
-_Arguments: TypeAlias = tuple[Sequence[PeriodLines], Sequence[Response], Linearisation]
 
 
 @dataclass(frozen=True)
@@ -68,20 +56,16 @@ _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
 
 
 def candidate_groups(
-    data: Sequence[PeriodLines],
-    found: Levels,
-    linearisation: Linearisation,
-    bent: Collection[str],
-    orders: Sequence[float] = ORDERS,
+    data: GearData, found: Levels, bent: Collection[str], orders: Sequence[float] = ORDERS
 ) -> list[Group]:
     """Groups for every joint, on the scales of its own motion; laws of springs for the bent ones alone.
 
     Of a gear without a spring of its own friction at the motor alone: it acts in the records of the others, too.
     """
     groups: list[Group] = []
-    joints, elastic = joints_of(linearisation)[0], elastic_joints(linearisation)
-    for j, joint in enumerate(joints):
-        speed, deflection = _sizes(data, found, linearisation, j)
+    elastic = elastic_joints(data.linearisation)
+    for j, joint in enumerate(data.joints):
+        speed, deflection = _sizes(data, found, j)
         groups += [(GearEffect("friction", joint, part * speed),) for part in (0.01, 0.08)]
         if joint not in elastic:
             continue
@@ -95,37 +79,32 @@ def candidate_groups(
             for kind in ("stop", "bristle")
             for part in (0.03, 0.1, 0.3, 1.0)
         ]
-        turns = travelled_turns(data, linearisation, found, j)
+        turns = travelled_turns(data, found, j)
         for order in (order for order in orders if order * turns > LIMITS.period):
             groups.append((GearEffect("error sine", joint, order), GearEffect("error cosine", joint, order)))
             groups.append((GearEffect("ripple sine", joint, order), GearEffect("ripple cosine", joint, order)))
     return groups
 
 
-def travelled_turns(data: Sequence[PeriodLines], linearisation: Linearisation, found: Levels, j: int) -> float:
+def travelled_turns(data: GearData, found: Levels, j: int) -> float:
     """Turns of a motor that its records cover: from its least angle to its largest, of all configurations the most."""
-    ratio, travel = joints_of(linearisation)[1][j], []
-    for lines, drive in zip(data, found.drives, strict=True):
-        row = drive.directions("motor", j) @ np.linalg.pinv(drive.C)
-        travel.append(np.ptp(lines.fine(np.tensordot(row, lines.Y, axes=(0, 1)).T), axis=1).max())
-    return float(abs(ratio) * max(travel) / (2 * np.pi))
+    pairs = zip(data.lines, found.drives, strict=True)
+    angles = (lines.fine(np.tensordot(drive.motor_row(j), lines.Y, axes=(0, 1)).T) for lines, drive in pairs)
+    return float(abs(found.drives[0].ratios[j]) * max(np.ptp(x, axis=1).max() for x in angles) / (2 * np.pi))
 
 
-def _sizes(data: Sequence[PeriodLines], found: Levels, linearisation: Linearisation, j: int) -> tuple[float, float]:
+def _sizes(data: GearData, found: Levels, j: int) -> tuple[float, float]:
     """RMS velocity of a motor and deflection of its gear, by the linear model."""
     speeds, deflections = [], []
-    for lines, drive in zip(data, found.drives, strict=True):
-        q = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U))
-        motor, gear = (np.tensordot(drive.directions(place, j), q, axes=(0, 1)) for place in ("motor", "gear"))
+    for lines, drive in zip(data.lines, found.drives, strict=True):
+        motor, gear = (drive.moved(place, j, lines.U) for place in ("motor", "gear"))
         speeds.append(np.mean(np.sum(np.abs(lines.s[:, None] * motor) ** 2, axis=0) / 2))
         deflections.append(np.mean(np.sum(np.abs(gear) ** 2, axis=0) / 2))
     return float(np.sqrt(np.mean(speeds))), float(np.sqrt(np.mean(deflections)))
 
 
 def choose_effects(
-    data: Sequence[PeriodLines],
-    responses: Sequence[Response],
-    linearisation: Linearisation,
+    data: GearData,
     parameters: Parameters,
     x: FloatArray,
     bent: Collection[str],
@@ -139,39 +118,37 @@ def choose_effects(
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
-    arguments = data, responses, linearisation
     lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
-    found = start_levels(*arguments, parameters, np.where(lost, parameters.x, x))
-    groups = candidate_groups(data, found, linearisation, bent, orders)
+    found = start_levels(data, parameters, np.where(lost, parameters.x, x))
+    groups = candidate_groups(data, found, bent, orders)
     for _ in range(LIMITS.rounds):
         further = [group for group in groups if not _stands(group[0], found.effects)]
-        added = _added(data, responses, linearisation, found, further)
+        added = _added(data, found, further)
         if not added:
             break
         before = _kinds(found.effects)
-        found = _pruned(arguments, find_levels(*arguments, found, (*found.effects, *added), settled=_ROUGH))
+        found = _pruned(data, find_levels(data, found, (*found.effects, *added), settled=_ROUGH))
         for family in _SHAPES:
             for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
-                found = _best_shape(arguments, found, joint, family)
+                found = _best_shape(data, found, joint, family)
         if _kinds(found.effects) == before:  # none of those that were added stays
             break
-    return _settled(arguments, found)
+    return _settled(data, found)
 
 
-def _settled(arguments: _Arguments, found: Levels) -> Levels:
+def _settled(data: GearData, found: Levels) -> Levels:
     """The same to the end, without what is then within some standard deviations of 0."""
-    found = find_levels(*arguments, found, found.effects)
-    pruned = _pruned(arguments, found)
-    return found if pruned is found else _settled(arguments, pruned)
+    found = find_levels(data, found, found.effects)
+    pruned = _pruned(data, found)
+    return found if pruned is found else _settled(data, pruned)
 
 
 def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
     return sorted((effect.kind, effect.joint) for effect in effects)
 
 
-def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[Kind, float]) -> Levels:
+def _best_shape(data: GearData, found: Levels, joint: str, family: dict[Kind, float]) -> Levels:
     """With another spring or loop of a gear, if it explains more, or as much by fewer numbers; along its own motion."""
-    data, _, linearisation = arguments
 
     def springs_of(levels: Levels) -> list[GearEffect]:
         return [effect for effect in levels.effects if effect.joint == joint and effect.kind in family]
@@ -180,16 +157,16 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
     if not springs:
         return found
     kept = tuple(effect for effect in found.effects if effect not in springs)
-    deflection = _sizes(data, found, linearisation, joints_of(linearisation)[0].index(joint))[1]
+    deflection = _sizes(data, found, data.joints.index(joint))[1]
 
     def cost(levels: Levels) -> float:
         return levels.lack + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
 
-    tie = _TIE * sum(lines.Y.size for lines in data)
+    tie = _TIE * sum(lines.Y.size for lines in data.lines)
 
     def tried(before: Levels, effects: tuple[GearEffect, ...], limit: float) -> Levels:
-        trial = find_levels(*arguments, before, effects, _TRIAL, limit, _ROUGH, kept)
-        return trial if trial.lack > limit else _pruned(arguments, trial)
+        trial = find_levels(data, before, effects, _TRIAL, limit, _ROUGH, kept)
+        return trial if trial.lack > limit else _pruned(data, trial)
 
     trials = [found]
     for kind, part in family.items():
@@ -203,11 +180,11 @@ def _best_shape(arguments: _Arguments, found: Levels, joint: str, family: dict[K
         second = replace(first, scale=_NEXT * first.scale)
         best = min(best, tried(ranged, (*ranged.effects, second), cost(best)), key=cost)
     if best is not found:  # scales of the other effects stayed
-        best = find_levels(*arguments, best, best.effects, settled=_ROUGH)
-    return _named(arguments, best, joint)
+        best = find_levels(data, best, best.effects, settled=_ROUGH)
+    return _named(data, best, joint)
 
 
-def _named(arguments: _Arguments, found: Levels, joint: str) -> Levels:
+def _named(data: GearData, found: Levels, joint: str) -> Levels:
     """The only range as a gap where the stiffness beyond it is more than twice as large, and such a gap as a range.
 
     Both are one law, of which k is the stiffness without load, but of a gap that of its flanks.
@@ -225,7 +202,7 @@ def _named(arguments: _Arguments, found: Levels, joint: str) -> Levels:
     x = found.x.copy()
     x[place] = found.parameters.free[place].to_x(outer if kind == "gap" else inner)
     effects = (*found.effects[:i], replace(effect, kind=kind), *found.effects[i + 1 :])
-    return find_levels(*arguments, replace(found, x=x, effects=effects), effects, settled=_ROUGH)
+    return find_levels(data, replace(found, x=x, effects=effects), effects, settled=_ROUGH)
 
 
 def _stands(effect: GearEffect, others: Sequence[GearEffect]) -> bool:
@@ -247,7 +224,7 @@ def _is_second(effect: GearEffect, added: Sequence[GearEffect]) -> bool:
     return any(other.joint == effect.joint and other.kind in family for other in added)
 
 
-def _pruned(arguments: _Arguments, found: Levels) -> Levels:
+def _pruned(data: GearData, found: Levels) -> Levels:
     """Without what is within some standard deviations of 0, brakes backwards, or is a trifle of another of its joint.
 
     Sine and cosine go together.
@@ -265,20 +242,14 @@ def _pruned(arguments: _Arguments, found: Levels) -> Levels:
     if keep.all():
         return found
     effects = tuple(effect for effect, kept in zip(found.effects, keep, strict=True) if kept)
-    return find_levels(*arguments, found, effects, settled=_ROUGH)
+    return find_levels(data, found, effects, settled=_ROUGH)
 
 
-def _added(
-    data: Sequence[PeriodLines],
-    responses: Sequence[Response],
-    linearisation: Linearisation,
-    found: Levels,
-    groups: Sequence[Group],
-) -> list[GearEffect]:
+def _added(data: GearData, found: Levels, groups: Sequence[Group]) -> list[GearEffect]:
     """Effects of the groups that lower V in realisations which they were not fitted to, best first."""
     n_x = len(found.x)
     candidates = [effect for group in groups for effect in group]
-    sums, prior = _sums_with(data, responses, linearisation, found, candidates)
+    sums, prior = data.sums_with(found, candidates)
     chosen = list(range(n_x + len(found.levels)))
     places, first = [], n_x + len(found.levels)
     for group in groups:
@@ -302,26 +273,6 @@ def _added(
     return added
 
 
-def _sums_with(
-    data: Sequence[PeriodLines],
-    responses: Sequence[Response],
-    linearisation: Linearisation,
-    found: Levels,
-    candidates: Sequence[GearEffect],
-) -> tuple[NormalEquations, tuple[FloatArray, FloatArray]]:
-    """Normal equations, and priors, of parameters, levels and levels of candidates about 0."""
-    effects = [*found.effects, *candidates]
-    joints, ratios = joints_of(linearisation)
-    drives = [drive_lines(c, linearisation, G, found.parameters, found.x) for c, G in zip(data, responses, strict=True)]
-    levels, estimates = found.levels_of(effects), found.estimates_of(effects)
-    estimates = [
-        estimate_motion(lines, drive, joints, ratios, effects, levels, before)
-        for lines, drive, before in zip(data, drives, estimates, strict=True)
-    ]
-    sums = normal_equations(data, drives, estimates, len(found.x), levels)
-    return sums, priors(found.parameters, found.x, len(found.x) + len(levels))
-
-
 def held_out(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
     """V of each realisation with the numbers `chosen` (n,) by the step of all others; of all where there is one."""
     V, R = 0.0, len(sums.A)
@@ -336,7 +287,7 @@ def held_out(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen
     return V
 
 
-def bent_gears(data: Sequence[PeriodLines], responses: Sequence[Response], robot: Robot) -> set[str]:
+def bent_gears(data: GearData, robot: Robot) -> set[str]:
     """Joints with gears that are no straight springs, in any configuration."""
-    pairs = zip(data, responses, strict=True)
+    pairs = zip(data.lines, data.responses, strict=True)
     return {bend.joint for lines, G in pairs for bend in find_bends(lines, G.inputs, robot)}

@@ -25,8 +25,9 @@ from numpy.fft import irfft, rfft
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.nonlinear.gear.effects import GearEffect, GearMotion, Place, along_period, forces, periodic_error
-from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines
+from elastid.nonlinear.drives import DriveLines
+from elastid.nonlinear.effects import GearEffect, GearMotion, Place, along_period, forces, periodic_error
+from elastid.nonlinear.spectra import PeriodLines
 
 # Torque that is not explained is taken to act so many times as much at the links as at the motors: what moves the motor
 # is measured, what moves the link is not.
@@ -115,8 +116,6 @@ def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArra
 def estimate_motion(
     lines: PeriodLines,
     drive: DriveLines,
-    joints: Sequence[str],
-    ratios: FloatArray,
     effects: Sequence[GearEffect],
     levels: FloatArray,
     before: Estimate,
@@ -136,16 +135,16 @@ def estimate_motion(
     if lines.arm is not None:  # springs bend under it, too
         base = base - drive.H @ (drive.places["link"].T @ lines.arm[1:])
     after, unknowns = Estimate.start(lines, drive, len(effects)), []
-    problem = _Problem(lines, drive, tuple(joints), ratios, tuple(effects), levels, of_force, before.loads, near)
+    problem = _Problem(lines, drive, tuple(effects), levels, of_force, before.loads, near)
     for m in range(lines.U.shape[2]):
         q, x, force = problem.solve(base[:, :, m], m, before)
         unknowns.append(x)
         own = {effect.joint for effect in effects}
-        motions = {joint: problem.motion(q, problem.joints.index(joint), m, x, force) for joint in own}
+        motions = {joint: problem.motion(q, drive.joints.index(joint), m, x, force) for joint in own}
         for joint, motion in motions.items():
-            after.loads[m, problem.joints.index(joint)] = np.abs(motion.torque)
+            after.loads[m, drive.joints.index(joint)] = np.abs(motion.torque)
         for i, effect in enumerate(effects):
-            j = problem.joints.index(effect.joint)
+            j = drive.joints.index(effect.joint)
             acting = forces(effect, motions[effect.joint])
             rows = np.array([drive.directions(place, j) for place, _ in acting])
             after.Phi[:, :, m, i] = lines.amplitudes(np.array([phi for _, phi in acting])).T @ rows
@@ -158,8 +157,6 @@ class _Problem:
 
     lines: PeriodLines
     drive: DriveLines
-    joints: tuple[str, ...]
-    ratios: FloatArray
     effects: tuple[GearEffect, ...]
     levels: FloatArray
     of_force: ComplexArray
@@ -169,7 +166,9 @@ class _Problem:
     @cached_property
     def signals(self) -> list[tuple[Place, int]]:
         """Place and joint of each unknown."""
-        wanted = {(effect.place, self.joints.index(effect.joint)) for effect in self.effects if effect.is_implicit}
+        wanted = {
+            (effect.place, self.drive.joints.index(effect.joint)) for effect in self.effects if effect.is_implicit
+        }
         return sorted(wanted)
 
     def solve(self, base: ComplexArray, m: int, before: Estimate) -> tuple[ComplexArray, FloatArray, FloatArray]:
@@ -219,10 +218,10 @@ class _Problem:
     def _error(self, q: ComplexArray, j: int, m: int) -> FloatArray:
         """Transmission error (n,) of a joint along the motion of its motor."""
         own = [(effect, f) for effect, f in zip(self.effects, self.levels, strict=True)
-               if effect.joint == self.joints[j] and effect.kind.startswith("error")]  # fmt: skip
+               if effect.joint == self.drive.joints[j] and effect.kind.startswith("error")]  # fmt: skip
         angle = self._angle(q, j, m)
         none = np.zeros(len(angle))
-        plain = GearMotion(angle, none, none, none, none, float(self.ratios[j]), 0.0, 0.0)
+        plain = GearMotion(angle, none, none, none, none, float(self.drive.ratios[j]), 0.0, 0.0)
         return np.asarray(sum((f * periodic_error(effect, plain)[0] for effect, f in own), start=none))
 
     def _angle(self, q: ComplexArray, j: int, m: int) -> FloatArray:
@@ -235,7 +234,7 @@ class _Problem:
         shapes: dict[tuple[str, int, float], tuple[FloatArray, FloatArray]] = {}
         for effect, f in zip(self.effects, self.levels, strict=True):
             if effect.is_implicit and f:
-                j = self.joints.index(effect.joint)
+                j = self.drive.joints.index(effect.joint)
                 i, size = self.signals.index((effect.place, j)), self.loads[m, j] if effect.kind == "load" else 1.0
                 # Friction by load turns as that without.
                 key = "friction" if effect.kind == "load" else effect.kind, i, effect.scale
@@ -262,7 +261,7 @@ class _Problem:
         torque = drive.k[j] * deflection + drive.d[j] * lines.fine((lines.s * gear)[None])[0]
         if ("gear", j) in signals:
             torque = torque + force[signals.index(("gear", j))]
-        return GearMotion(self._angle(q, j, m), velocity, link_velocity, deflection, torque, float(self.ratios[j]),
+        return GearMotion(self._angle(q, j, m), velocity, link_velocity, deflection, torque, float(drive.ratios[j]),
                           float(drive.k[j]), float(drive.d[j]))  # fmt: skip
 
 

@@ -1,4 +1,9 @@
-r"""Torques that a rigid arm takes beyond those of its linearisation, along the motion that was measured.
+r"""The linear model of a configuration on all lines of its periods, and its arm's torques beyond it.
+
+.. math:: Z(s)\, q = B u - \sum_i f_i P_i \Phi_i, \qquad Z = s^2 M + s D + K, \qquad H = Z^{-1}
+
+P_i: the motor's coordinate, the link's, or the deflection of the gear, as rows in the model's coordinates. A rigid arm
+takes, along the motion that was measured,
 
 .. math:: \tau(\delta) = Z^T [M(q)\, \ddot q + f(q, \dot q)], \quad \varphi(q) = 0, \quad \dot q = Z \dot\delta, \qquad
           \tau_g = \tau(\delta) - \tau(0) - \left.\frac{d \tau(h \delta)}{d h}\right|_{h = 0}
@@ -20,12 +25,20 @@ from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
+from elastid.fit.problem.elastic import kernel_of, linear_model
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linearise import linearise
+from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
+from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import factor
+from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
-from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines
-from elastid.record import Configuration
+from elastid.nonlinear.effects import Place
+from elastid.nonlinear.spectra import PeriodLines
+from elastid.parameters import Parameters
+from elastid.record import MOTION_ORDER, Configuration
+from elastid.response import Response
 from elastid.robot import Joint, Robot
 
 # Points of a period over the highest line of the motion: products of three of them are not folded onto lines.
@@ -36,6 +49,103 @@ ELASTIC = ("k_", "d_", "fm_", "f_")
 _PASSES = 3  # motion and torques by each other
 _SMALL = 1e-3  # part of the motion, over which the torques of first order are taken
 _STEPS, _CLOSED = 8, 1e-12  # of Newton's method; gap of a loop, m, which second order then leaves far behind
+
+
+@dataclass(frozen=True, eq=False)
+class DriveLines:
+    """H (F, n, n), C (n_u, n) of the motors' angles, G (F, n_u, n_u) of the logged ones with images of held torque.
+
+    command (F, n_u): the torque that acts over the one that was logged.  sensor (F, n_u): logged angle over the true
+    one.  images (F, n_u, n_u): what G has beyond sensor C H B command.  joints (n_j,): those that are driven, with the
+    turns `ratios` (n_j,) of motors for one of theirs.  places: their rows (n_j, n) of motors, gears and links.
+    k, d, torque (n_j,): of their springs, and what these bear at rest; of a gear without a spring of its own 1, 0 and
+    0, which deflects by nothing.  chain (P, n_x): d theta / d x of the parameters
+    `kernel.wanted`.
+    """
+
+    model: LinearModel
+    kernel: Kernel
+    theta: FloatArray
+    H: ComplexArray
+    C: FloatArray
+    B: FloatArray
+    G: ComplexArray
+    images: ComplexArray
+    command: ComplexArray
+    sensor: ComplexArray
+    joints: tuple[str, ...]
+    ratios: FloatArray
+    places: dict[Place, FloatArray]
+    k: FloatArray
+    d: FloatArray
+    torque: FloatArray
+    chain: FloatArray
+
+    def directions(self, place: Place, joint: int) -> FloatArray:
+        """Row (n,) of a place at a joint."""
+        return np.asarray(self.places[place][joint])
+
+    def moved(self, place: Place, joint: int, U: ComplexArray) -> ComplexArray:
+        """Its motion (F, M) by torques (F, n_u, M) that were logged, in the linear model."""
+        q = self.H @ (self.B @ (self.command[:, :, None] * U))
+        return np.asarray(np.tensordot(self.directions(place, joint), q, axes=(0, 1)))
+
+    def motor_row(self, joint: int) -> FloatArray:
+        """Angle of a motor by the logged angles (n_u,)."""
+        return np.asarray(self.directions("motor", joint) @ np.linalg.pinv(self.C))
+
+
+def elastic_joints(linearisation: Linearisation) -> tuple[str, ...]:
+    """Names of the driven joints with a spring of their own in the gear."""
+    springs = spring_deflections(linearisation.model.robot)
+    return tuple(joint.name for joint in linearisation.model.robot.driven if f"k_{joint.name}" in springs)
+
+
+def drive_lines(
+    lines: PeriodLines,
+    linearisation: Linearisation,
+    response: Response,
+    parameters: Parameters,
+    x: FloatArray,
+) -> DriveLines:
+    """The model at x (n_x,); response: as fitted, of the same configuration, whose inputs have all their motors."""
+    robot, name = linearisation.model.robot, lines.configuration.name
+    theta = parameters.expand(x, name)
+    motors = [response.outputs.index(place) for place in response.inputs]
+    model = linear_model(linearisation, response, theta)
+    kernel = kernel_of(model.with_outputs(motors), parameters, lines.freq_hz)
+    M, D, K = model.matrices(theta)
+    s = lines.s[:, None, None]
+    H = np.asarray(np.linalg.inv(s**2 * M + s * D + K), np.complex128)
+    C = model.with_outputs(motors).C
+    of_outputs, of_inputs = kernel.model.channel_gains(theta)
+    order = MOTION_ORDER[model.quantity]
+
+    elements = (element for element in kernel.model.chain if element.name != TORQUE_LAG)
+    lags = (element.response(lines.s, kernel.model.number(theta, element.name)) for element in elements)
+    lag = np.prod([np.ones(len(lines.s), complex), *lags], axis=0)  # of the sensors
+    sensor = lag[:, None] * of_outputs
+    command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * of_inputs
+    G = kernel.response(theta) / s**order
+    images = G - sensor[:, :, None] * (C @ H @ model.B) * command[:, None, :]
+    springs, driven = spring_deflections(robot), tuple(joint.name for joint in robot.driven)
+    ratios = np.array([robot.ratio(joint) for joint in driven])
+    of_model = model.Z if model.Z is not None else np.eye(model.n)
+    n_q = of_model.shape[0]
+    rows: dict[Place, FloatArray] = {
+        "motor": robot.mixing @ input_matrix(robot).T,
+        "gear": np.array([springs.get(f"k_{joint}", np.zeros(n_q)) for joint in driven]),
+        "link": np.eye(n_q)[list(robot.driven_indices)],
+    }
+    numbers = dict(zip(model.parameters, theta, strict=True))
+    k = np.array([numbers[f"k_{joint}"] if f"k_{joint}" in springs else 1.0 for joint in driven])
+    d = np.array([numbers[f"d_{joint}"] if f"k_{joint}" in springs else 0.0 for joint in driven])
+    rest = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
+    places = {place: row @ of_model for place, row in rows.items()}
+    chain = parameters.jacobian(x, name)[kernel.places]
+    torque = k * (rows["gear"] @ rest.q)
+    of_joints = driven, ratios, places, k, d, torque
+    return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *of_joints, chain)
 
 
 def geometric_torques(

@@ -10,9 +10,10 @@ from elastid.base.arrays import FloatArray
 from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.effects import turning
-from elastid.nonlinear.gear.motion import newton, smoothed_covariance
-from elastid.nonlinear.gear.period_lines import DriveLines, PeriodLines, drive_lines, elastic_joints
+from elastid.nonlinear.drives import DriveLines, drive_lines, elastic_joints
+from elastid.nonlinear.effects import turning
+from elastid.nonlinear.gear_motion import newton, smoothed_covariance
+from elastid.nonlinear.spectra import PeriodLines
 from elastid.response import Response
 from tests.plants.two_mass_gear import POSTURE, RATE_HZ, SAMPLES, Gear, robot
 

@@ -26,10 +26,9 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.drivetrain import input_matrix, spring_deflections
-from elastid.nonlinear.gear.effects import GearEffect, Kind, implicit_law
-from elastid.nonlinear.gear.geometry import geometric_torques
-from elastid.nonlinear.gear.period_lines import PeriodLines, gather_lines
-from elastid.nonlinear.spectra import some
+from elastid.nonlinear.drives import geometric_torques
+from elastid.nonlinear.effects import GearEffect, Kind, implicit_law
+from elastid.nonlinear.spectra import PeriodLines, gather_lines, some
 from elastid.record import Configuration, Record
 from elastid.response import BENT, NOT_STRAIGHT
 from elastid.robot import Robot

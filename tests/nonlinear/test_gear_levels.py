@@ -12,9 +12,9 @@ from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.gear.effects import GearEffect
-from elastid.nonlinear.gear.levels import MOVE, Levels, find_levels, scale_priors, scales_of, start_levels
-from elastid.nonlinear.gear.period_lines import gather_lines
+from elastid.nonlinear.effects import GearEffect
+from elastid.nonlinear.gear_levels import MOVE, GearData, Levels, find_levels, scale_priors, scales_of, start_levels
+from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response
 from tests.plants.two_mass_gear import LINES, Gear, records, robot
@@ -42,9 +42,8 @@ def with_effects(*effects: GearEffect, limit: float = np.inf) -> Levels:
     """Parameters and levels of these effects in the hardening gear's records."""
     measured, response, linear = hardening()
     linearisation = Linearisation.of_robot(robot(Gear()), geometry=linear.parameters.names)
-    data = [gather_lines(measured, SPEC, LINES)]
-    start = start_levels(data, [response], linearisation, linear.parameters, linear.x)
-    return find_levels(data, [response], linearisation, start, effects, limit=limit)
+    data = GearData([gather_lines(measured, SPEC, LINES)], [response], linearisation)
+    return find_levels(data, start_levels(data, linear.parameters, linear.x), effects, limit=limit)
 
 
 def test_a_hardening_gear_is_found_where_a_linear_fit_is_seven_percent_off() -> None:

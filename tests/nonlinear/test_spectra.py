@@ -7,8 +7,8 @@ import pytest
 from plants.refusals import refused
 
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.gear.period_lines import gather_lines
 from elastid.nonlinear.motion import CELLS
+from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Configuration, Record
 
 RATE_HZ, N, P = 500.0, 500, 3

@@ -9,12 +9,12 @@ import pytest
 
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.nonlinear.gear.period_lines import gather_lines
-from elastid.nonlinear.gear.straightness import Bend, find_bends, straightness_notes
+from elastid.nonlinear.spectra import gather_lines
+from elastid.nonlinear.straightness import Bend, find_bends, straightness_notes
 from elastid.nonlinear.take_out import estimate_without_friction
 from elastid.response import NOT_STRAIGHT
 from elastid.store.measured import read_responses
-from tests.nonlinear.gear.test_levels import SPEC
+from tests.nonlinear.test_gear_levels import SPEC
 from tests.plants.arm_study import STUDY, command
 from tests.plants.two_mass_gear import LINES, Gear, records, robot
 
