@@ -43,7 +43,6 @@ class RestLimits:
 
     expansion_error: float = 1e-3  # relative, of a response: keeps a line without noise from outweighing all others
     max_slip: float = 0.3  # rms over z_s, above which the expansion does not hold
-    min_slip_stds: float = 4.0  # slip over its std, from which on it identifies break-away
     max_condition: float = 1e8  # of the scaled Jacobian
     min_counts: float = 3.0  # half of the swing of the position in counts of the encoder
     same_amplitude: float = 1.4  # ratio up to which amplitudes are the same: random phases change that of one peak
@@ -65,18 +64,14 @@ INERTIA_ERROR = 1e-2
 class AtRest:
     """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2).
 
-    amplitudes: number of them.  break_away: F_s = sigma_0 z_s, Nm, identified by slip; None where it does not show.
-    inertia: of a rigid joint, and its std.
-    falls: True if the stiffness falls with the logarithm of the amplitude, as that of Maxwell slip does.
+    amplitudes: number of them.  inertia: of a rigid joint, and its std.
     """
 
     sigma_0: float
     sigma_1: float
     covariance: FloatArray
     amplitudes: int
-    break_away: float | None
     inertia: tuple[float, float] | None = None
-    falls: bool = False
     notes: tuple[Note, ...] = ()
 
 
@@ -96,18 +91,16 @@ def fit_at_rest(
     shared = model.fit(model.start(), place)
     n = model.n_common
     own = model.fit(np.concatenate([shared.x[:n], np.tile(shared.x[n:], len(responses))]), place)
-    ((sigma_0, per_bend, sigma_1),) = model.bristles(shared.x).tolist()
+    ((sigma_0, _, sigma_1),) = model.bristles(shared.x).tolist()
     scattered = model.covariance(shared)
     std, scale = np.sqrt(np.diag(scattered)), np.array([sigma_0, model.damping_unit])
     covariance = scattered[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
     covariance = covariance + np.diag([0.0, viscous[1] ** 2])
     slip = float(shared.x[n + 1])
-    break_away = sigma_0 / per_bend if slip > REST.min_slip_stds * std[n + 1] else None
     inertia = float(np.exp(shared.x[0])) if joint is None else None
     of_inertia = None if inertia is None else (inertia, inertia * float(np.hypot(std[0], INERTIA_ERROR)))
-    falls = _falls(model, shared, own)
-    notes = _notes(place, model, own, falls, slip)
-    return AtRest(sigma_0, sigma_1, covariance, len(responses), break_away, of_inertia, falls, notes)
+    notes = _notes(place, model, own, _falls(model, shared, own), slip)
+    return AtRest(sigma_0, sigma_1, covariance, len(responses), of_inertia, notes)
 
 
 @dataclass(frozen=True)

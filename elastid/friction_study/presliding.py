@@ -51,17 +51,12 @@ class Loops:
 
 @dataclass(frozen=True)
 class Elements:
-    """Stiffnesses k_j and thresholds D_j, an offset of the torque, and rms of the residual over break-away."""
+    """Stiffnesses k_j and thresholds D_j, an offset of the torque, and the mean square of the residual."""
 
     stiffness: FloatArray
     threshold: FloatArray
     offset: float
-    relative_error: float
-
-    @property
-    def break_away(self) -> float:
-        """sum k_j D_j."""
-        return float(self.stiffness @ self.threshold)
+    mean_square: float = 0.0
 
     def torque(self, position: FloatArray) -> FloatArray:
         """tau_f (n,) along positions, the elements at rest at the first."""
@@ -77,16 +72,7 @@ class Elements:
         return MaxwellSlip(tuple(k.tolist()), tuple(shares.tolist()), 100.0 * float(k @ D), switching="events")
 
 
-@dataclass(frozen=True)
-class Presliding:
-    """Spectrum, few elements, cross-validated errors (MAX_ELEMENTS,) of 1, 2, ... elements."""
-
-    spectrum: Elements
-    few: Elements
-    errors: FloatArray
-
-
-def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
+def fit_presliding(loops: Loops, elements: int | None = None) -> Elements:
     """Elements, by default as few as predict best within one std; DataError for loops of a few encoder counts."""
     reach = np.ptp(loops.position[loops.settled :]) / 2
     if not reach > max(PASSES.min_counts * loops.resolution, 0.0):
@@ -101,14 +87,12 @@ def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
     thresholds = np.geomspace(finest, 2 * reach, 40)
     used = np.arange(len(loops.position)) >= loops.settled
     candidates = ((q, _fit(q, loops.torque, thresholds, used)) for q in _smoothed(loops))
-    q, spectrum = min(candidates, key=lambda each: each[1].relative_error * each[1].break_away)
+    q, spectrum = min(candidates, key=lambda each: each[1].mean_square)
+    if elements is not None:
+        return _few(q, loops.torque, spectrum, elements, used)
     folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
-    counts = range(1, MAX_ELEMENTS + 1) if elements is None else (elements,)
-    fits = {count: _few(q, loops.torque, spectrum, count, used) for count in counts}
-    missed = [[_missed(q, loops.torque, fit.threshold, used, fold) for fold in folds] for fit in fits.values()]
-    errors = np.sqrt([np.mean(each) for each in missed])
-    chosen = elements or _fewest(missed)
-    return Presliding(spectrum, fits[chosen], errors)
+    fits = [_few(q, loops.torque, spectrum, count, used) for count in range(1, MAX_ELEMENTS + 1)]
+    return fits[_fewest([[_missed(q, loops.torque, fit.threshold, used, fold) for fold in folds] for fit in fits])]
 
 
 def _smoothed(loops: Loops) -> Iterator[FloatArray]:
@@ -133,8 +117,7 @@ def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) 
     constant = np.ones((len(A), 1))
     x, _ = nnls(np.hstack([A / scale, constant, -constant]), u[used])
     k, offset = x[:-2] / scale, float(x[-2] - x[-1])
-    left = u[used] - A @ k - offset
-    return Elements(k, thresholds, offset, float(np.sqrt(np.mean(left**2)) / max(float(k @ thresholds), 1e-300)))
+    return Elements(k, thresholds, offset, float(np.mean((u[used] - A @ k - offset) ** 2)))
 
 
 def _few(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: BoolArray) -> Elements:
@@ -159,8 +142,9 @@ def _missed(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArra
 
 
 def _fewest(missed: Sequence[Sequence[float]]) -> int:
+    """Place of the first whose errors in the folds are the best ones within one std."""
     errors = np.array(missed)
     best = int(np.argmin(errors.mean(axis=1)))
     difference = errors - errors[best]
     bound = np.std(difference, axis=1, ddof=1) / np.sqrt(errors.shape[1])
-    return 1 + int(np.flatnonzero(difference.mean(axis=1) <= bound)[0])
+    return int(np.flatnonzero(difference.mean(axis=1) <= bound)[0])
