@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.errors import DataError, FitError, Note
-from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
 from elastid.friction_study.laws import StaticLaw, friction_of
 from elastid.friction_study.motion import MotionFriction
-from elastid.friction_study.presliding import Elements, Loops, fit_presliding
+from elastid.friction_study.presliding import AtRest, Elements, Loops, fit_at_rest, fit_presliding, rest_responses
 from elastid.friction_study.result import (
     FrictionNumber,
     FrictionResult,

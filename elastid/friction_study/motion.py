@@ -35,9 +35,10 @@ from elastid.friction_study.laws import (
     extrapolates,
 )
 from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
-from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.motion_terms import (
     ANGLE,
+    Motion,
+    MotionSignals,
     MotionTerms,
     change_of,
     columns_of,
@@ -47,8 +48,7 @@ from elastid.friction_study.motion_terms import (
     shown_terms,
     with_other_curves,
 )
-from elastid.friction_study.pass_detection import PASSES
-from elastid.friction_study.passes import Plateau, distinct_speeds
+from elastid.friction_study.passes import PASSES, Plateau, distinct_speeds
 from elastid.robot.friction_numbers import TERMS
 
 # The filter of both sides; three times as much passes before a position is differentiated.

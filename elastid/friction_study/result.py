@@ -16,11 +16,10 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, number
 from elastid.base.errors import Note, index_of
 from elastid.base.statistics import QUANTILE_95
-from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.levels import PassLevels
 from elastid.friction_study.motion import MotionFriction, RigidBody
-from elastid.friction_study.presliding import Elements
+from elastid.friction_study.presliding import AtRest, Elements
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
 from elastid.robot import Friction, Robot, gain_name
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of

@@ -38,7 +38,7 @@ from elastid.friction_study.motion import (
     parts_held,
     refuse_driving,
 )
-from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.motion_terms import Motion, MotionSignals
 from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
 

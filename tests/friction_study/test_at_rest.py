@@ -15,7 +15,7 @@ from scipy.signal import butter, sosfilt
 from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
-from elastid.friction_study.at_rest import AtRest, RestResponse, fit_at_rest, rest_responses
+from elastid.friction_study.presliding import AtRest, RestResponse, fit_at_rest, rest_responses
 from elastid.record import FrictionRecord
 from elastid.simulation.elastic_joint import ElasticJoint
 
