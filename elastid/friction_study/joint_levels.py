@@ -382,7 +382,7 @@ def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> 
 def find_gain(motions: Sequence[Motion], payloads: Sequence[FloatArray]) -> tuple[float, float]:
     """g and its std from motions of one joint; payloads (n,): the torque of the payload in each, 0 without it."""
     signals = [MotionSignals.of(motion, PASSBAND_HZ) for motion in motions]
-    _, logs = equations_of(motions, signals, MotionTerms())
+    _, logs = equations_of(signals, MotionTerms())
     whole = []
     for log, each, payload in zip(logs, signals, payloads, strict=True):
         column = (each.filtered(payload) * each.used)[:, None, None]
