@@ -1,7 +1,7 @@
 r"""A joint's friction followed over its motions, one after the other; noise and judgement of the filter by innovations.
 
 Between two motions the joint stands somewhere: angle, velocity and bristle start again, while the followed numbers
-continue, their covariance grown by the drift of the time between; `filter_consistency` judges it. Noise of torque and
+continue, their covariance grown by the drift of the time between. Noise of torque and
 angle has the largest likelihood of the innovations over the logarithms of its standard deviations,
 
 .. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma)
@@ -22,16 +22,18 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note
 from elastid.friction_study.extended_kalman_filter import (
     COUNT_OVER_STD,
+    FILTER,
     MOVING,
+    Consistency,
     Estimate,
     FilterNoise,
     FollowedJoint,
     JointSamples,
     KalmanFilter,
     Track,
+    consistency,
     first_estimate,
 )
-from elastid.friction_study.filter_consistency import FILTER, Consistency, consistency
 from elastid.friction_study.result import JointFriction
 
 

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.errors import DataError, FitError, Note
-from elastid.friction_study.at_rest import AtRest, fit_at_rest, rest_responses
 from elastid.friction_study.laws import StaticLaw, friction_of
 from elastid.friction_study.motion import MotionFriction
-from elastid.friction_study.presliding import Loops, Presliding, fit_presliding
+from elastid.friction_study.presliding import AtRest, Elements, Loops, fit_at_rest, fit_presliding, rest_responses
 from elastid.friction_study.result import (
     FrictionNumber,
     FrictionResult,
@@ -147,7 +146,7 @@ def joint_law(
     else:
         return None
     if before.presliding is not None:
-        return replace(friction, maxwell_slip=before.presliding.few.to_maxwell_slip()), viscous
+        return replace(friction, maxwell_slip=before.presliding.to_maxwell_slip()), viscous
     if spec.presliding in ("auto", "lugre"):
         return replace(friction, lugre=_lugre(before.at_rest, friction.coulomb)), viscous
     return friction, viscous
@@ -176,7 +175,7 @@ def _lugre(rest: AtRest | None, coulomb: float) -> LuGre | None:
 class BeforeSliding:
     """notes: on what failed."""
 
-    presliding: Presliding | None = None
+    presliding: Elements | None = None
     at_rest: AtRest | None = None
     notes: tuple[Note, ...] = ()
 

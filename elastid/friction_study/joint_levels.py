@@ -9,6 +9,15 @@ Of a joint alone the robot's file has gravity and inertia, to which logs are com
 
 An angle or a torque of the motor taken for one of the joint makes the inertia wrong by the gear's ratio n, both by n^2.
 
+Friction over speed follows from run-downs, too: a joint coasts one way until it stands, and its rigid body is known.
+
+.. math:: g(|\dot q|) = s\, [u - \tau_r(q, \dot q, \ddot q)], \quad s = \mathrm{sgn}\, \dot q
+
+with tau_r the torque of rigid body, rotor and payload of the robot's file, and u = 0 where the drive is off. Of a
+motion one way an offset of the torque cannot be distinguished from Coulomb friction, nor an error of the inertia from a
+factor of all friction. A level is the mean over a range of speeds, both sides of the equation behind the filter of
+`motion`.
+
 The gain g of a drive follows from motions with a known payload once on and once off:
 
 .. math:: u = g\, [J \ddot q + f \dot q + F_c\, \mathrm{sgn}\, \dot q + G \cos q + H \sin q + o + \tau_p]
@@ -24,18 +33,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import solve
-from elastid.friction_study.levels import PassLevels, levels_of_records, levels_of_run_downs
+from elastid.friction_study.levels import LEVELS, Levels, PassLevels, levels_of_records, refuse_unknown
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
-from elastid.friction_study.motion_signals import Motion, MotionSignals
-from elastid.friction_study.motion_terms import MotionTerms, equations_of
-from elastid.friction_study.pass_detection import check_reversal, detect_passes
-from elastid.friction_study.passes import PLATEAUS
+from elastid.friction_study.motion_terms import Motion, MotionSignals, MotionTerms, equations_of
+from elastid.friction_study.passes import PLATEAUS, PassRegression, about_mean, check_reversal, detect_passes
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
@@ -83,21 +91,75 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     return JointLevels(joint.name, joint.slides, levels, friction, tuple(notes), motion.gain)
 
 
+@dataclass(frozen=True)
+class RunDownLimits:
+    """Ranges of speed of a run-down."""
+
+    min_speed: float = 0.02  # of the highest, below which the filter mixes sliding with standstill
+    ranges: int = 16  # of equal ratios
+    min_samples: int = 4  # behind the filter in a range, a period of its passband
+
+
+RUN_DOWN = RunDownLimits()
+
+
 def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> PassLevels:
+    """The levels of run-downs of one joint; DataError where it does not coast, or friction drives."""
+    first, rows = records[0], list[tuple[float, ...]]()
     if robot.loops:
         raise DataError(
             "friction/rigid-body",
             f"robot {robot.name} has loops, whose rigid body along a run-down is not known; record "
             f"joint {joint.name} there and back",
-            f"{records[0].place}",
+            first.place,
         )
-    signals, rigid = [], []
     for record in records:
         log = robot_log(robot, {joint.name: record})
-        signals.append(MotionSignals.of(log.motions[joint.name], PASSBAND_HZ))
-        rigid.append(torques_in_file(with_point_mass(robot, record.payload), log, PASSBAND_HZ)[joint.name])
-    loaded = with_point_mass(robot, records[0].payload)
-    return levels_of_run_downs(records, signals, rigid, joint_inertia(loaded, joint, records[0].configuration))
+        rigid = torques_in_file(with_point_mass(robot, record.payload), log, PASSBAND_HZ)[joint.name]
+        rows += _rows(record, MotionSignals.of(log.motions[joint.name], PASSBAND_HZ), rigid)
+    if not rows:
+        raise DataError(
+            "friction/levels",
+            f"joint {joint.name} does not coast through any range of speeds for long enough; record run-downs from "
+            "higher speeds",
+            first.place,
+        )
+    speed, direction, torque, std, load, temperature = np.array(rows).T
+    known = std < LEVELS.max_relative_std * np.abs(torque)
+    levels = Levels(f"joint {joint.name}", speed, direction, torque, std, load, temperature, joint.slides)
+    refuse_unknown(known, torque, std, first.place)
+    inertia = joint_inertia(with_point_mass(robot, first.payload), joint, first.configuration)
+    one_way = "" if len({*direction.tolist()}) > 1 else ", and an offset of the torque is part of Coulomb friction"
+    text = (
+        f"its run-downs give friction relative to the inertia of the robot's file, {inertia:.4g} "
+        f"{'kg' if joint.slides else 'kg*m^2'}: 1 % of it is 1 % of every level, which no interval has in it{one_way}"
+    )
+    note = Note("friction/inertia", text, f"joint {joint.name}", severity="information")
+    return PassLevels(levels.select(known), {"inertia": (inertia, 0.0)}, (note,))
+
+
+def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> list[tuple[float, ...]]:
+    """Speed, direction, torque, std, load and temperature of each range of speeds of one run-down.
+
+    rigid (n,): torque of rigid body, rotor and payload.
+    """
+    v, direction = signals.filtered(signals.velocity), signals.filtered(signals.direction)
+    s = float(np.sign(v[np.argmax(np.abs(v))]))
+    friction, speed = s * signals.filtered(record.torque - rigid), s * v
+    highest = float(speed.max())
+    edges = np.geomspace(RUN_DOWN.min_speed * highest, highest * (1 + 1e-9), RUN_DOWN.ranges + 1)
+    in_range = np.digitize(speed, edges) * (s * direction > 0.98)
+    places = [np.flatnonzero(in_range == number) for number in range(1, RUN_DOWN.ranges + 1)]
+    places = [own for own in places if len(own) >= RUN_DOWN.min_samples]
+    if not places:
+        return []
+    every, means = np.concatenate(places), [float(speed[own].mean()) for own in places]
+    A = block_diag(*(np.stack([np.ones(len(own)), about_mean(speed[own])], axis=1) for own in places))
+    numbers = np.repeat(np.arange(len(places)), [len(own) for own in places])
+    regression = PassRegression(A, friction[every], numbers, np.zeros((len(A), 0), complex), ())
+    values, covariance, _ = regression.solve()
+    found = zip(means, values[::2].tolist(), np.sqrt(np.diag(covariance)[::2]).tolist(), strict=True)
+    return [(mean, s, level, std, record.load_torque, record.mean_temperature) for mean, level, std in found]
 
 
 @dataclass(frozen=True)
@@ -320,7 +382,7 @@ def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> 
 def find_gain(motions: Sequence[Motion], payloads: Sequence[FloatArray]) -> tuple[float, float]:
     """g and its std from motions of one joint; payloads (n,): the torque of the payload in each, 0 without it."""
     signals = [MotionSignals.of(motion, PASSBAND_HZ) for motion in motions]
-    _, logs = equations_of(motions, signals, MotionTerms())
+    _, logs = equations_of(signals, MotionTerms())
     whole = []
     for log, each, payload in zip(logs, signals, payloads, strict=True):
         column = (each.filtered(payload) * each.used)[:, None, None]

@@ -1,14 +1,4 @@
-r"""Levels of friction, one at each speed, direction, load and temperature: of passes, and of run-downs.
-
-Friction over speed from run-downs: a joint coasts one way until it stands, and its rigid body is known.
-
-.. math:: g(|\dot q|) = s\, [u - \tau_r(q, \dot q, \ddot q)], \quad s = \mathrm{sgn}\, \dot q
-
-with tau_r the torque of rigid body, rotor and payload of the robot's file, and u = 0 where the drive is off. Of a
-motion one way an offset of the torque cannot be distinguished from Coulomb friction, nor an error of the inertia from a
-factor of all friction. A level is the mean over a range of speeds, both sides of the equation behind the filter of
-`motion`.
-"""
+"""Levels of friction of passes, one at each speed, direction, load and temperature."""
 
 from __future__ import annotations
 
@@ -17,16 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note
 from elastid.base.statistics import chi_square_tail
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
-from elastid.friction_study.motion_signals import MotionSignals
-from elastid.friction_study.pass_detection import usable_passes
-from elastid.friction_study.passes import Pass, PassRegression, about_mean, one_way, passes_of
+from elastid.friction_study.passes import Pass, PassRegression, one_way, passes_of, usable_passes
 from elastid.record import FrictionRecord, motion_unit
 
 COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")  # (n,) of levels
@@ -138,7 +125,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
     std = np.sqrt(np.diag(covariance)[:n_k])
     known = std < LEVELS.max_relative_std * np.abs(g)
-    _refuse_unknown(known, g, std, f"passes of {used[0].place}")
+    refuse_unknown(known, g, std, f"passes of {used[0].place}")
     if not known.all():
         weak, unit = ", ".join(f"{v:.3g}" for v in speed[~known]), motion_unit("velocity", used[0].slides)
         text = (
@@ -153,7 +140,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     return PassLevels(levels, shared, tuple(notes))
 
 
-def _refuse_unknown(known: BoolArray, torque: FloatArray, std: FloatArray, place: str) -> None:
+def refuse_unknown(known: BoolArray, torque: FloatArray, std: FloatArray, place: str) -> None:
     """DataError where no level (n,) is known."""
     if not known.any():
         text = (
@@ -234,66 +221,3 @@ def _levels(
 def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
     """The levels of all passes of a joint under all loads, as `find_levels`."""
     return find_levels([each for record in records for each in passes_of(record)], has_gravity, turn)
-
-
-@dataclass(frozen=True)
-class RunDownLimits:
-    """Ranges of speed of a run-down."""
-
-    min_speed: float = 0.02  # of the highest, below which the filter mixes sliding with standstill
-    ranges: int = 16  # of equal ratios
-    min_samples: int = 4  # behind the filter in a range, a period of its passband
-
-
-LIMITS = RunDownLimits()
-
-
-def levels_of_run_downs(
-    records: Sequence[FrictionRecord], signals: Sequence[MotionSignals], rigid: Sequence[FloatArray], inertia: float
-) -> PassLevels:
-    """The levels of run-downs of one joint; DataError where it does not coast, or friction drives.
-
-    signals: those of the motion of each record.  rigid (n,): torque of rigid body, rotor and payload.
-    """
-    rows = [row for each in zip(records, signals, rigid, strict=True) for row in _rows(*each)]
-    first = records[0]
-    if not rows:
-        raise DataError(
-            "friction/levels",
-            f"joint {first.joint} does not coast through any range of speeds for longer than "
-            f"{LIMITS.min_samples / signals[0].kept_hz:.2g} s; record run-downs from higher speeds",
-            first.place,
-        )
-    speed, direction, torque, std, load, temperature = np.array(rows).T
-    known = std < LEVELS.max_relative_std * np.abs(torque)
-    levels = Levels(f"joint {first.joint}", speed, direction, torque, std, load, temperature, first.slides)
-    _refuse_unknown(known, torque, std, first.place)
-    unit = "kg" if first.slides else "kg*m^2"
-    one_way = "" if len({*direction.tolist()}) > 1 else ", and an offset of the torque is part of Coulomb friction"
-    text = (
-        f"its run-downs give friction relative to the inertia of the robot's file, {inertia:.4g} {unit}: 1 % of it is "
-        f"1 % of every level, which no interval has in it{one_way}"
-    )
-    note = Note("friction/inertia", text, f"joint {first.joint}", severity="information")
-    return PassLevels(levels.select(known), {"inertia": (inertia, 0.0)}, (note,))
-
-
-def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> list[tuple[float, ...]]:
-    """Speed, direction, torque, std, load and temperature of each range of speeds of one run-down."""
-    v, direction = signals.filtered(signals.velocity), signals.filtered(signals.direction)
-    s = float(np.sign(v[np.argmax(np.abs(v))]))
-    friction, speed = s * signals.filtered(record.torque - rigid), s * v
-    highest = float(speed.max())
-    edges = np.geomspace(LIMITS.min_speed * highest, highest * (1 + 1e-9), LIMITS.ranges + 1)
-    in_range = np.digitize(speed, edges) * (s * direction > 0.98)
-    places = [np.flatnonzero(in_range == number) for number in range(1, LIMITS.ranges + 1)]
-    places = [own for own in places if len(own) >= LIMITS.min_samples]
-    if not places:
-        return []
-    every, means = np.concatenate(places), [float(speed[own].mean()) for own in places]
-    A = block_diag(*(np.stack([np.ones(len(own)), about_mean(speed[own])], axis=1) for own in places))
-    numbers = np.repeat(np.arange(len(places)), [len(own) for own in places])
-    regression = PassRegression(A, friction[every], numbers, np.zeros((len(A), 0), complex), ())
-    values, covariance, _ = regression.solve()
-    found = zip(means, values[::2].tolist(), np.sqrt(np.diag(covariance)[::2]).tolist(), strict=True)
-    return [(mean, s, level, std, record.load_torque, record.mean_temperature) for mean, level, std in found]

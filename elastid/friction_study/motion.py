@@ -35,9 +35,10 @@ from elastid.friction_study.laws import (
     extrapolates,
 )
 from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
-from elastid.friction_study.motion_signals import Motion, MotionSignals
 from elastid.friction_study.motion_terms import (
     ANGLE,
+    Motion,
+    MotionSignals,
     MotionTerms,
     change_of,
     columns_of,
@@ -47,8 +48,7 @@ from elastid.friction_study.motion_terms import (
     shown_terms,
     with_other_curves,
 )
-from elastid.friction_study.pass_detection import PASSES
-from elastid.friction_study.passes import Plateau, distinct_speeds
+from elastid.friction_study.passes import PASSES, Plateau, distinct_speeds
 from elastid.robot.friction_numbers import TERMS
 
 # The filter of both sides; three times as much passes before a position is differentiated.
@@ -114,10 +114,9 @@ class MotionFriction:
     motion: Motion
     alike: Regression
     apart: Regression
-    are_apart: bool
     chance: float
     plateaus: tuple[Plateau, ...]
-    held: tuple[Held, ...]
+    held: tuple[Held, ...] = ()
     passband_hz: float = PASSBAND_HZ
     notes: tuple[Note, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -125,10 +124,37 @@ class MotionFriction:
     terms: MotionTerms = field(default_factory=MotionTerms)
     rigid_body: RigidBody | None = None
 
+    @classmethod
+    def of(cls, signals: Sequence[MotionSignals], alike: Regression, apart: Regression) -> MotionFriction:
+        """Without its judgement; DataError where friction supplies power at every speed."""
+        if alike["coulomb"] < 0 and alike["viscous"] <= 0:
+            raise DataError(
+                "friction/motion",
+                f"friction drives (Coulomb {alike['coulomb']:.4g}): torque and velocity have "
+                "opposite signs; turn one channel (sign: -1)",
+                f"motion of {signals[0].motion.place}",
+            )
+        plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
+        seconds = {name: sum(each.seconds[name] for each in signals) for name in signals[0].seconds}
+        chance = apart.chance("directions.viscous", 0)
+        first = signals[0]
+        return cls(first.motion, alike, apart, chance, plateaus, passband_hz=first.passband_hz, seconds=seconds)
+
+    @property
+    def are_apart(self) -> bool:
+        """True if the directions differ beyond chance."""
+        return self.chance < FALSE_ALARM
+
     @property
     def chosen(self) -> Regression:
         """The regression that the test of the directions selects."""
         return self.apart if self.are_apart else self.alike
+
+    def with_chosen(self, numbers: Regression, misfit: str) -> MotionFriction:
+        """With other numbers in the regression that is selected, and the reason of a misfit."""
+        if self.are_apart:
+            return replace(self, apart=numbers, misfit=misfit)
+        return replace(self, alike=numbers, misfit=misfit)
 
     @property
     def seconds_words(self) -> str:
@@ -153,7 +179,7 @@ class MotionFriction:
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
     """Inertia and friction of an axis from its logs; DataError for short or one-sided ones, or friction that drives."""
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
-    for motion, each in zip(motions, signals, strict=True):
+    for each in signals:
         for direction, word in ((1, "forwards"), (-1, "backwards")):
             if not each.moves(direction):
                 raise DataError(
@@ -161,20 +187,14 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
                     f"it barely moves {word}, so that friction cannot be distinguished from "
                     "an offset or gravity; record a motion there and back, or give files[].purpose: run_down where it "
                     "coasts and its inertia is known",
-                    f"motion of {motion.place}",
+                    f"motion of {each.motion.place}",
                 )
-    terms = shown_terms(motions, signals)
-    alike, apart = (regressed(motions, signals, replace(terms, apart=apart)) for apart in (False, True))
-    refuse_driving(motions[0].place, alike)
-    alike, apart = (with_other_curves(motions, signals, terms, each) for each in (alike, apart))
-    chance = apart.chance("directions.viscous", 0)
-    plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
-    seconds = {name: sum(each.seconds[name] for each in signals) for name in signals[0].seconds}
-    fit = MotionFriction(
-        motions[0], alike, apart, chance < FALSE_ALARM, chance, plateaus, (), passband_hz, (), seconds, terms=terms
-    )
+    terms = shown_terms(signals)
+    alike, apart = (regressed(signals, replace(terms, apart=apart)) for apart in (False, True))
+    alike, apart = (with_other_curves(signals, terms, each) for each in (alike, apart))
+    fit = replace(MotionFriction.of(signals, alike, apart), terms=terms)
     fit = replace(fit, held=tuple(_held(fit, signals)), notes=_angle_notes(fit))
-    return _judged(fit, motions, signals)
+    return _judged(fit, signals)
 
 
 def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
@@ -224,28 +244,25 @@ def _no_heat(terms: MotionTerms) -> str:
     return f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC; longer motions might"
 
 
-def _judged(fit: MotionFriction, motions: Sequence[Motion], signals: Sequence[MotionSignals]) -> MotionFriction:
+def _judged(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFriction:
     """With the reason of a misfit, and the errors of the model that show between bands in the intervals."""
-    bands, terms = both_bands(motions, signals), fit.terms.at(fit.chosen)
+    bands, terms = both_bands(signals), fit.terms.at(fit.chosen)
     names = [name for name in fit.chosen.names if name not in terms.searched]  # held in both
     moved: dict[str, tuple[float, float]] = {}
     if bands is not None:
-        wide, slow = (solve(equations_of(motions, each, terms)[1], signals[0].kept_hz) for each in bands)
+        wide, slow = (solve(equations_of(each, terms)[1], signals[0].kept_hz) for each in bands)
         moved = moved_numbers(names, *shift_between(wide, slow, signals[0].kept_hz))
     chosen, misfit = judged(fit.chosen, moved, fit.passband_hz, "the law lacks a part; measure passes, which show it")
     if bands is not None:
-        change, spring = _by_spring(fit.chosen, motions, bands[1], terms)
+        change, spring = _by_spring(fit.chosen, bands[1], terms)
         chosen = replace(chosen, covariance=chosen.covariance + np.outer(change, change))
         misfit = "; ".join(filter(None, (spring, misfit)))
-    fit = replace(fit, misfit=misfit)
-    return replace(fit, apart=chosen) if fit.are_apart else replace(fit, alike=chosen)
+    return fit.with_chosen(chosen, misfit)
 
 
-def _by_spring(
-    numbers: Regression, motions: Sequence[Motion], slow: Sequence[MotionSignals], terms: MotionTerms
-) -> tuple[FloatArray, str]:
+def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: MotionTerms) -> tuple[FloatArray, str]:
     """The change of the numbers (n_x,) by a spring between motor and link, 0 within chance, and a misfit's reason."""
-    rigid, elastic = (regressed(motions, slow, replace(terms, spring=shows), steps=0) for shows in (False, True))
+    rigid, elastic = (regressed(slow, replace(terms, spring=shows), steps=0) for shows in (False, True))
     if elastic.chance("spring", 1) > FALSE_ALARM:
         return np.zeros(len(numbers.names)), ""
     change = change_of(rigid, elastic)
@@ -259,15 +276,10 @@ def _by_spring(
     return change, text if stds > LIMITS.spring_shift else ""
 
 
-def both_bands(
-    motions: Sequence[Motion], signals: Sequence[MotionSignals]
-) -> tuple[list[MotionSignals], list[MotionSignals]] | None:
+def both_bands(signals: Sequence[MotionSignals]) -> tuple[list[MotionSignals], list[MotionSignals]] | None:
     """All of the band and its narrow part at the same samples; None where logs are too short or reverse too often."""
     try:
-        narrow = [
-            MotionSignals.of(motion, LIMITS.narrow * each.passband_hz)
-            for motion, each in zip(motions, signals, strict=True)
-        ]
+        narrow = [MotionSignals.of(each.motion, LIMITS.narrow * each.passband_hz) for each in signals]
     except DataError:
         return None
     if any(each.used.all() for each in narrow):
@@ -313,7 +325,7 @@ def rigid_torque(friction: MotionFriction, signals: MotionSignals, torque: Float
     """
     if "inertia" not in friction.chosen.names:
         return np.asarray(torque - friction.motion.torque)
-    columns = full_rate_columns(friction.motion, signals, friction.terms.at(friction.chosen))
+    columns = full_rate_columns(signals, friction.terms.at(friction.chosen))
     rigid = [name for name in columns if (name in RIGID or name.startswith("ripple")) and name != "delay"]
     return np.asarray(sum(friction.chosen[name] * columns[name] for name in rigid))
 
@@ -339,7 +351,7 @@ def motion_parts(friction: MotionFriction, signals: MotionSignals) -> dict[str, 
     that of the offset or, without, of gravity.
     """
     numbers, parts = friction.chosen, dict[str, FloatArray]()
-    columns = columns_of(friction.motion, signals, friction.terms.at(numbers))
+    columns = columns_of(signals, friction.terms.at(numbers))
     for name in (name for name in columns if name in numbers.names):  # of joints that moved together friction alone
         dry = name in ("stiction", "load.coulomb", "temperature.coulomb") or name.startswith("angle")
         rest = "offset" if "offset" in numbers.names else "directions.coulomb"
@@ -355,21 +367,10 @@ def motion_samples(fit: MotionFriction) -> MotionSamples:
     parts = motion_parts(fit, signals)
     regressed = np.sum(list(parts.values()), axis=0)
     rubbing = [name for name in parts if name.startswith(("coulomb", "viscous", "directions"))]
-    torque = signals.filtered(signals.torque)
+    torque = signals.filtered(fit.motion.torque)
     friction = torque - regressed + np.sum([parts[name] for name in rubbing], axis=0)
     time_s = np.arange(len(fit.motion.position))[signals.kept] / fit.motion.rate_hz
     return MotionSamples(time_s, signals.filtered(signals.velocity), torque, regressed, friction)
-
-
-def refuse_driving(place: str, friction: Regression) -> None:
-    """DataError where friction supplies power at every speed."""
-    if friction["coulomb"] < 0 and friction["viscous"] <= 0:
-        raise DataError(
-            "friction/motion",
-            f"friction drives (Coulomb {friction['coulomb']:.4g}): torque and velocity have "
-            "opposite signs; turn one channel (sign: -1)",
-            f"motion of {place}",
-        )
 
 
 def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:

@@ -1,4 +1,6 @@
-r"""Presliding friction by Maxwell slip elements: a convex problem where their thresholds are given.
+r"""Friction before a joint slides: Maxwell slip elements from loops, a bristle from responses at rest.
+
+Maxwell slip is a convex problem where its thresholds are given:
 
 .. math:: s_j(k) = \mathrm{clip}(s_j(k-1) + \Delta q(k), -D_j, D_j), \qquad
           \tau_f(k) = \sum_j k_j s_j(k), \quad k_j \ge 0
@@ -10,23 +12,47 @@ Solving Least Squares Problems, 1974).
 
 Noise of the angle is a random walk through the elements and takes stiffness away, so the angle is smoothed first, with
 zero phase and in the band with which the elements explain the torque best: wider passes noise, narrower the motion.
+
+sigma_0 and sigma_1 of bristles follow from responses at rest under small multisines of several amplitudes. There a
+LuGre contact is a spring sigma_0 and a damper sigma_1 to ground, in parallel with inertia and the joint's spring. The
+slip of its bristles, z' = v - |v| z / z_s with z_s = F_s / sigma_0, is to second order, under a Gaussian motion of rms
+s_q and s_v (statistical linearisation),
+
+.. math:: \frac{z}{q} = (1 - \epsilon) \frac{j \omega}{j \omega + \rho}, \quad
+          \rho = \sqrt{2 / \pi}\, \frac{s_v}{z_s}, \quad \epsilon = \frac{2}{\pi} \frac{s_q^2}{z_s^2}
+
+so that the loss of a multisine falls as 1 / omega while that of sigma_1 grows with omega, which distinguishes them. (A
+single sine of amplitude A has 1 - 3 A^2 / (8 z_s^2) + 4 j A / (3 pi z_s), whatever its frequency.) The fit has one law
+for all amplitudes and so extrapolates to none:
+
+.. math:: \frac{1}{G} = (\sigma_0 + j \omega \sigma_1) \frac{z}{q} + j \omega \alpha_2 + Z(\omega), \quad
+          Z = -\omega^2 J \text{ or }
+              -\omega^2 J_m + \frac{(k + j \omega d)(-\omega^2 J_l)}{k + j \omega d - \omega^2 J_l}
+
+Maxwell slip has no amplitude below which it is linear: its stiffness falls with the logarithm of the amplitude, faster
+than a single bristle explains, which a fit with a stiffness of each amplitude's own shows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt, welch
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
-from elastid.base.errors import DataError
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.errors import DataError, FitError, Note
+from elastid.fit.problem.smoothed_noise import smooth_variance
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
 from elastid.friction.operators import Path, stop
-from elastid.friction_study.least_squares import minimise
-from elastid.friction_study.pass_detection import PASSES
+from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
+from elastid.friction_study.passes import PASSES
+from elastid.record import Configuration, FrictionRecord, Record
 from elastid.robot.friction import MaxwellSlip
+from elastid.simulation.elastic_joint import ElasticJoint
 
 # Few elements are tried up to this number.
 MAX_ELEMENTS = 8
@@ -51,17 +77,12 @@ class Loops:
 
 @dataclass(frozen=True)
 class Elements:
-    """Stiffnesses k_j and thresholds D_j, an offset of the torque, and rms of the residual over break-away."""
+    """Stiffnesses k_j and thresholds D_j, an offset of the torque, and the mean square of the residual."""
 
     stiffness: FloatArray
     threshold: FloatArray
     offset: float
-    relative_error: float
-
-    @property
-    def break_away(self) -> float:
-        """sum k_j D_j."""
-        return float(self.stiffness @ self.threshold)
+    mean_square: float = 0.0
 
     def torque(self, position: FloatArray) -> FloatArray:
         """tau_f (n,) along positions, the elements at rest at the first."""
@@ -77,16 +98,7 @@ class Elements:
         return MaxwellSlip(tuple(k.tolist()), tuple(shares.tolist()), 100.0 * float(k @ D), switching="events")
 
 
-@dataclass(frozen=True)
-class Presliding:
-    """Spectrum, few elements, cross-validated errors (MAX_ELEMENTS,) of 1, 2, ... elements."""
-
-    spectrum: Elements
-    few: Elements
-    errors: FloatArray
-
-
-def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
+def fit_presliding(loops: Loops, elements: int | None = None) -> Elements:
     """Elements, by default as few as predict best within one std; DataError for loops of a few encoder counts."""
     reach = np.ptp(loops.position[loops.settled :]) / 2
     if not reach > max(PASSES.min_counts * loops.resolution, 0.0):
@@ -101,14 +113,12 @@ def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
     thresholds = np.geomspace(finest, 2 * reach, 40)
     used = np.arange(len(loops.position)) >= loops.settled
     candidates = ((q, _fit(q, loops.torque, thresholds, used)) for q in _smoothed(loops))
-    q, spectrum = min(candidates, key=lambda each: each[1].relative_error * each[1].break_away)
+    q, spectrum = min(candidates, key=lambda each: each[1].mean_square)
+    if elements is not None:
+        return _few(q, loops.torque, spectrum, elements, used)
     folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
-    counts = range(1, MAX_ELEMENTS + 1) if elements is None else (elements,)
-    fits = {count: _few(q, loops.torque, spectrum, count, used) for count in counts}
-    missed = [[_missed(q, loops.torque, fit.threshold, used, fold) for fold in folds] for fit in fits.values()]
-    errors = np.sqrt([np.mean(each) for each in missed])
-    chosen = elements or _fewest(missed)
-    return Presliding(spectrum, fits[chosen], errors)
+    fits = [_few(q, loops.torque, spectrum, count, used) for count in range(1, MAX_ELEMENTS + 1)]
+    return fits[_fewest([[_missed(q, loops.torque, fit.threshold, used, fold) for fold in folds] for fit in fits])]
 
 
 def _smoothed(loops: Loops) -> Iterator[FloatArray]:
@@ -133,8 +143,7 @@ def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) 
     constant = np.ones((len(A), 1))
     x, _ = nnls(np.hstack([A / scale, constant, -constant]), u[used])
     k, offset = x[:-2] / scale, float(x[-2] - x[-1])
-    left = u[used] - A @ k - offset
-    return Elements(k, thresholds, offset, float(np.sqrt(np.mean(left**2)) / max(float(k @ thresholds), 1e-300)))
+    return Elements(k, thresholds, offset, float(np.mean((u[used] - A @ k - offset) ** 2)))
 
 
 def _few(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: BoolArray) -> Elements:
@@ -159,8 +168,341 @@ def _missed(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArra
 
 
 def _fewest(missed: Sequence[Sequence[float]]) -> int:
+    """Place of the first whose errors in the folds are the best ones within one std."""
     errors = np.array(missed)
     best = int(np.argmin(errors.mean(axis=1)))
     difference = errors - errors[best]
     bound = np.std(difference, axis=1, ddof=1) / np.sqrt(errors.shape[1])
-    return 1 + int(np.flatnonzero(difference.mean(axis=1) <= bound)[0])
+    return int(np.flatnonzero(difference.mean(axis=1) <= bound)[0])
+
+
+@dataclass(frozen=True)
+class RestLimits:
+    """Limits of responses at rest."""
+
+    expansion_error: float = 1e-3  # relative, of a response: keeps a line without noise from outweighing all others
+    max_slip: float = 0.3  # rms over z_s, above which the expansion does not hold
+    max_condition: float = 1e8  # of the scaled Jacobian
+    min_counts: float = 3.0  # half of the swing of the position in counts of the encoder
+    same_amplitude: float = 1.4  # ratio up to which amplitudes are the same: random phases change that of one peak
+    min_lines: int = 8  # of the torque that stand out of noise
+    segments: int = 6  # of noise, before overlap: with 16 the leakage of their windows adds 0.6 % to sigma_1
+    min_power: float = 0.01  # of the highest: lines of noise below are not excited
+
+
+REST = RestLimits()
+
+
+# Std of the logarithms of the inertias of motor and link in a robot's file, and of stiffness and damping of its spring.
+OF_FILE = np.array([0.05, 0.1, 1.0, 1.0])
+# Relative, of the inertia, by slip in the response of a spring and a damper: 0.2 to 1.4 % were seen in four joints.
+INERTIA_ERROR = 1e-2
+
+
+@frozen_value
+class AtRest:
+    """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2).
+
+    amplitudes: number of them.  inertia: of a rigid joint, and its std.
+    """
+
+    sigma_0: float
+    sigma_1: float
+    covariance: FloatArray
+    amplitudes: int
+    inertia: tuple[float, float] | None = None
+    notes: tuple[Note, ...] = ()
+
+
+def fit_at_rest(
+    place: str,
+    responses: Sequence[RestResponse],
+    joint: ElasticJoint | None = None,
+    viscous: tuple[float, float] = (0.0, 0.0),
+) -> AtRest:
+    """Bristles from responses of one amplitude or more; joint: None for a rigid one, whose inertia is found.
+
+    viscous: alpha_2 of sliding with its std, Nms/rad.  An elastic joint is near that of the robot's file, `OF_FILE`.
+    A single amplitude does not show Maxwell slip.
+    Raises FitError where the responses do not identify all unknowns.
+    """
+    model = _Model(tuple(responses), joint, viscous[0])
+    shared = model.fit(model.start(), place)
+    n = model.n_common
+    own = model.fit(np.concatenate([shared.x[:n], np.tile(shared.x[n:], len(responses))]), place)
+    ((sigma_0, _, sigma_1),) = model.bristles(shared.x).tolist()
+    scattered = model.covariance(shared)
+    std, scale = np.sqrt(np.diag(scattered)), np.array([sigma_0, model.damping_unit])
+    covariance = scattered[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
+    covariance = covariance + np.diag([0.0, viscous[1] ** 2])
+    slip = float(shared.x[n + 1])
+    inertia = float(np.exp(shared.x[0])) if joint is None else None
+    of_inertia = None if inertia is None else (inertia, inertia * float(np.hypot(std[0], INERTIA_ERROR)))
+    notes = _notes(place, model, own, _falls(model, shared, own), slip)
+    return AtRest(sigma_0, sigma_1, covariance, len(responses), of_inertia, notes)
+
+
+@dataclass(frozen=True)
+class _Model:
+    """Unknowns x: ln J of a rigid joint, or ln of inertias, stiffness, damping of an elastic one over those of a file.
+
+    Then (ln sigma_0, s_q / z_s, sigma_1 / unit), once or at each amplitude.
+    """
+
+    responses: tuple[RestResponse, ...]
+    joint: ElasticJoint | None
+    viscous: float
+
+    @property
+    def n_common(self) -> int:
+        """Unknowns that amplitudes share in any case."""
+        return 1 if self.joint is None else len(OF_FILE)
+
+    def reaction(self, x: FloatArray, omega: FloatArray) -> ComplexArray:
+        """Torque per angle (F,) of the inertias."""
+        if self.joint is None:
+            return np.asarray(-(omega**2) * np.exp(x[0]) + 0j)
+        return reaction(omega, ElasticJoint(*(np.exp(x[: self.n_common]) * astuple(self.joint)).tolist()))
+
+    @property
+    def damping_unit(self) -> float:
+        """Of sigma_1 in x: about the stiffness over the angular frequency in the middle of the band."""
+        first = self.responses[0]
+        middle = len(first.freq_hz) // 2
+        return float(1 / np.abs(first.G[middle]) / (2 * np.pi * first.freq_hz[middle]))
+
+    def bristles(self, x: FloatArray) -> FloatArray:
+        """(sigma_0, 1 / z_s, sigma_1) once or of each amplitude, (1 or n, 3)."""
+        values = x[self.n_common :].reshape(-1, 3)
+        slip_unit = 1 / max(response.rms_position for response in self.responses)  # of 1 / z_s in x
+        return np.asarray(np.column_stack([np.exp(values[:, 0]), values[:, 1:] * [slip_unit, self.damping_unit]]))
+
+    def receptance(self, x: FloatArray, index: int) -> ComplexArray:
+        """G (F,) at one amplitude."""
+        response, values = self.responses[index], self.bristles(x)
+        sigma_0, per_bend, sigma_1 = values[min(index, len(values) - 1)]
+        omega = 2 * np.pi * response.freq_hz
+        impedance = (sigma_0 + 1j * omega * sigma_1) * slipped(omega, response, per_bend) + 1j * omega * self.viscous
+        return np.asarray(1 / (impedance + self.reaction(x, omega)))
+
+    def start(self) -> FloatArray:
+        """From the smallest amplitude by linear regression of 1 / G."""
+        first = self.responses[0]
+        omega = 2 * np.pi * first.freq_hz
+        is_rigid, of_file = self.joint is None, np.zeros(self.n_common)
+        Z = 1 / first.G - (0 if is_rigid else self.reaction(of_file, omega))
+        weight = np.abs(first.G) ** 2 / np.sqrt(total_variance(first))
+        A = np.stack([np.ones_like(omega), -(omega**2)], axis=1)[:, : 1 + is_rigid]
+        (sigma_0, *inertia), *_ = np.linalg.lstsq(weight[:, None] * A, weight * Z.real, rcond=None)
+        sigma_1 = float((weight * omega) @ (weight * Z.imag) / np.sum((weight * omega) ** 2))
+        sigma_0 = max(float(sigma_0), 1e-3 * float(np.median(np.abs(1 / first.G))))
+        smallest = 1e-3 * sigma_0 / float(omega[0]) ** 2
+        common = [np.log(max(float(J), smallest)) for J in inertia] if is_rigid else of_file
+        return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
+
+    def fit(self, start: FloatArray, place: str) -> Optimum:
+        """The optimum from a start."""
+        if len(self._residual(start)) < len(start):
+            raise FitError(
+                "friction/at-rest",
+                "fewer lines than unknowns stand out of the noise; raise the torque, or excite more lines",
+                f"{place} at rest",
+            )
+        (end,) = minimise(self._residual, [start], x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
+        if not end.condition < REST.max_condition:
+            raise FitError(
+                "friction/at-rest",
+                "stiffness, damping and slip of bristles cannot be distinguished; excite lines "
+                "below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away",
+                f"{place} at rest",
+            )
+        return end
+
+    def covariance(self, fit: Optimum) -> FloatArray:
+        """Of x, as the residuals scatter: variances from a few periods make good weights, and poor intervals."""
+        expansion = [np.tile(expansion_variance(response) / total_variance(response), 2) for response in self.responses]
+        correlated = [np.full(2 * len(response.G), response.correlated_lines) for response in self.responses]
+        n_file = len(self._of_file(fit.x))
+        least = np.concatenate([*expansion, np.ones(n_file)])
+        return fit.scattered_covariance(np.concatenate([*correlated, np.zeros(n_file)]), least)
+
+    def _residual(self, x: FloatArray) -> FloatArray:
+        left = []
+        for i, response in enumerate(self.responses):
+            std = np.sqrt(total_variance(response) / 2)
+            error = (response.G - self.receptance(x, i)) / std
+            left += [error.real, error.imag]
+        return np.concatenate([*left, self._of_file(x)])
+
+    def _of_file(self, x: FloatArray) -> FloatArray:
+        """Prior of the joint's numbers (n_common,), over its std; empty of a rigid one."""
+        return x[:0] if self.joint is None else x[: self.n_common] / OF_FILE
+
+
+def expansion_variance(response: RestResponse) -> FloatArray:
+    """Of G (F,) by the expansion over amplitude."""
+    return (REST.expansion_error * np.abs(response.G)) ** 2
+
+
+def total_variance(response: RestResponse) -> FloatArray:
+    """Of G (F,) by noise and expansion."""
+    return response.variance + expansion_variance(response)
+
+
+def slipped(omega: FloatArray, response: RestResponse, per_bend: float) -> ComplexArray:
+    """z / q (F,) of bristles with 1 / z_s = per_bend, under the motion of a response."""
+    rate = np.sqrt(2 / np.pi) * response.rms_velocity * per_bend
+    return np.asarray((1 - second_order(response, per_bend)) * 1j * omega / (1j * omega + rate))
+
+
+def second_order(response: RestResponse, per_bend: float) -> float:
+    """epsilon = (2 / pi) s_q^2 / z_s^2: the share of stiffness that slip takes away; at most half of it."""
+    return float(min(2 / np.pi * (response.rms_position * per_bend) ** 2, 0.5))
+
+
+def reaction(omega: FloatArray, joint: ElasticJoint) -> ComplexArray:
+    """Torque per angle (F,) of a motor's inertia with a link on a spring."""
+    spring = joint.stiffness + 1j * omega * joint.damping
+    link = -(omega**2) * joint.link_inertia
+    return np.asarray(-(omega**2) * joint.motor_inertia + spring * link / (spring + link))
+
+
+def _falls(model: _Model, shared: Optimum, own: Optimum) -> bool:
+    """True if amplitudes have bristles of their own (F test), and their stiffness falls with the amplitude."""
+    extra = shared.dof - own.dof
+    if extra == 0:
+        return False
+    stiffness = model.bristles(own.x)[:, 0]
+    return bool(chance_of_terms(shared.cost, own.cost, extra, own.dof) < FALSE_ALARM and np.all(np.diff(stiffness) < 0))
+
+
+def _notes(place: str, model: _Model, own: Optimum, falls: bool, slip: float) -> tuple[Note, ...]:
+    texts, stiffness = [], model.bristles(own.x)[:, 0]
+    if falls:
+        texts.append(
+            f"stiffness falls from {stiffness[0]:.4g} to {stiffness[-1]:.4g} with the amplitude, more than one bristle "
+            "explains: friction is Maxwell slip, which has no amplitude below which it is linear; sigma_0 holds for "
+            "the smallest torque only: measure loops (presliding)"
+        )
+    if slip > REST.max_slip:
+        texts.append(
+            f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {REST.max_slip:g} the expansion "
+            "over amplitude does not hold: lower the torque at rest"
+        )
+    return tuple(Note("friction/at-rest", text, f"{place} at rest") for text in texts)
+
+
+@frozen_value
+class RestResponse:
+    """Receptance G (F,), rad/Nm at freq_hz (F,), with the variance E|dG|^2 (F,) by noise, at one amplitude.
+
+    The variance is that of neighbouring lines, times correlated_lines: those over which errors are correlated.
+    rms_position, rms_velocity: of the whole motion, noise included, rad and rad/s.
+    """
+
+    freq_hz: FloatArray
+    G: ComplexArray
+    variance: FloatArray
+    rms_position: float
+    rms_velocity: float
+    correlated_lines: float = 1.0
+
+    @classmethod
+    def of(cls, records: Sequence[FrictionRecord]) -> RestResponse:
+        """From the records of one amplitude, each a realisation; of noise the lines on which there is torque.
+
+        DataError for motion of less than a few counts of the encoder, and as `estimate`.
+        """
+        first, posture = records[0], records[0].configuration or Configuration(records[0].name, np.zeros(1))
+        periodic = [_as_record(record, i, posture) for i, record in enumerate(records)]
+        reach = float(np.mean([np.ptp(_mean_period(record, record.y)) / 2 for record in periodic]))
+        if not reach > REST.min_counts * first.resolution:
+            raise DataError(
+                "friction/at-rest",
+                f"joint {first.joint} at rest ({first.name}): it moves by {reach:.3g} {first.unit}, "
+                f"{reach / first.resolution:.2g} counts of its encoder; a response takes {REST.min_counts:g}: raise "
+                "the torque at rest, use a finer encoder, or measure presliding by loops",
+            )
+        G = estimate(periodic, _estimator(periodic))
+        assert G.noise is not None
+        if G.n_lines < REST.min_lines:
+            raise DataError(
+                "friction/at-rest",
+                f"joint {first.joint} at rest ({first.name}): {G.n_lines} lines of its torque stand out of the "
+                f"noise, {REST.min_lines} are needed: raise the torque at rest, or repeat its period more often",
+            )
+        # Above one and a half times the highest line, the noise of the encoder dominates.
+        lowest_hz = 0.75 * first.rate_hz / periodic[0].period_samples if periodic[0].is_periodic else G.freq_hz[0] / 2
+        position, velocity = _motion(periodic, (lowest_hz, 1.5 * float(G.freq_hz[-1])), first.resolution)
+        smooth, _, _ = smooth_variance(G.noise.variance[:, 0, 0], G.G[:, 0, 0], G.noise.dof)
+        variance = smooth * G.correlated_lines
+        return cls(G.freq_hz, G.G[:, 0, 0], variance, position, velocity, G.correlated_lines)
+
+
+def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:
+    """One response for each amplitude of the torque, the smallest first."""
+    sizes = sorted(((_size(record), record) for record in records), key=lambda each: each[0])
+    groups, last = list[list[FrictionRecord]](), 0.0
+    for size, record in sizes:
+        if size > REST.same_amplitude * last:
+            groups.append([])
+        groups[-1].append(record)
+        last = size
+    return tuple(RestResponse.of(group) for group in groups)
+
+
+def _as_record(record: FrictionRecord, realisation: int, posture: Configuration) -> Record:
+    """posture: of all logs of one amplitude, whose mean angles differ by what the joint creeps."""
+    place, period = (f"motor {record.joint}",), record.period_samples
+    return Record(
+        record.name, posture, realisation, 0, record.rate_hz,
+        period or len(record.torque), place, place, ("position",), record.torque[:, None], record.position[:, None],
+        is_periodic=period is not None, hold=record.hold, sliding=place if record.slides else (),
+    )  # fmt: skip
+
+
+def _estimator(records: Sequence[Record]) -> EstimatorSpec:
+    """Of a multisine the default; of noise Welch's method, where the torque has a hundredth of its highest power."""
+    if records[0].is_periodic:
+        return EstimatorSpec(quantity="position", friction="none")
+    n, rate_hz = min(len(record.u) for record in records), records[0].rate_hz
+    segment = max(16, n // REST.segments)
+    spectra = [welch(record.u[:, 0], rate_hz, nperseg=segment)[1] for record in records]
+    power = np.mean(spectra, axis=0)
+    driven = np.flatnonzero(power > REST.min_power * power.max()) * rate_hz / segment
+    band_hz = (float(driven[0]), min(float(driven[-1]), 0.4 * rate_hz))
+    return EstimatorSpec(
+        quantity="position", friction="none", method="h1", segment=segment / rate_hz, band_hz=band_hz
+    )  # fmt: skip
+
+
+def _size(record: FrictionRecord) -> float:
+    """Rms of the periodic part of the torque, free of noise: by the first and the second half of its periods."""
+    n = record.period_samples or len(record.torque)
+    periods = record.torque[: len(record.torque) // n * n].reshape(-1, n)
+    if len(periods) < 2:
+        return float(np.std(record.torque))
+    first, second = (part.mean(axis=0) - part.mean() for part in np.array_split(periods, 2))
+    return float(np.sqrt(max(np.mean(first * second), 0.0)))
+
+
+def _mean_period(record: Record, signal: FloatArray) -> FloatArray:
+    """The mean (period_samples,) over whole periods but the first, where there are more."""
+    P, n = record.n_periods, record.period_samples
+    periods = signal[: P * n, 0].reshape(P, n)
+    return np.asarray(periods[min(1, P - 1) :].mean(axis=0))
+
+
+def _motion(records: Sequence[Record], band_hz: tuple[float, float], resolution: float) -> tuple[float, float]:
+    """Rms position and velocity in a band, less the power of an encoder's counts; without mean and drift."""
+    powers = []
+    for record in records:
+        q = record.y[record.period_samples if record.n_periods > 1 else 0 :, 0]
+        n = len(q)
+        freq_hz = np.fft.rfftfreq(n, 1 / record.rate_hz)
+        power = 2 * np.abs(np.fft.rfft(q * np.sqrt(2 / 3) * (1 - np.cos(2 * np.pi * np.arange(n) / n)))) ** 2 / n**2
+        inside = (freq_hz > band_hz[0]) & (freq_hz < band_hz[1])
+        power = power[inside] - resolution**2 / 6 / n
+        powers.append([power.sum(), np.sum((2 * np.pi * freq_hz[inside]) ** 2 * power)])
+    position, velocity = np.sqrt(np.maximum(np.mean(powers, axis=0), 1e-300))
+    return float(position), float(velocity)

@@ -16,11 +16,10 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, number
 from elastid.base.errors import Note, index_of
 from elastid.base.statistics import QUANTILE_95
-from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.levels import PassLevels
 from elastid.friction_study.motion import MotionFriction, RigidBody
-from elastid.friction_study.presliding import Presliding
+from elastid.friction_study.presliding import AtRest, Elements
 from elastid.friction_study.warm_up import ThermalModel, WarmUp
 from elastid.robot import Friction, Robot, gain_name
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
@@ -78,7 +77,7 @@ class JointFriction:
     levels: PassLevels | None = None
     motion: MotionFriction | None = None
     static: StaticLaw | None = None
-    presliding: Presliding | None = None
+    presliding: Elements | None = None
     at_rest: AtRest | None = None
     thermal: ThermalModel | None = None
     friction: Friction | None = None
@@ -216,7 +215,7 @@ def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterato
         (f"Tc{i + 1 if n > 1 else ''}_m{joint}", "C / h", "time constant of warming", "s", T, log_stds[i])
         for i, T in enumerate(model.time_constants.tolist())
     ]
-    if model.scale == "kelvin":
+    if math.isfinite(model.h):
         rows.append((f"h_m{joint}", "h", "heat given off", "W/K", model.h, std_of_h))
     for name, symbol, meaning, unit, value, log_std in rows:
         std = value * log_std

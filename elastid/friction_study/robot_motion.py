@@ -21,7 +21,6 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note
 from elastid.friction_study.laws import Held
 from elastid.friction_study.least_squares import (
-    FALSE_ALARM,
     RANK_TOLERANCE,
     Equations,
     Regression,
@@ -36,9 +35,8 @@ from elastid.friction_study.motion import (
     judged,
     moved_numbers,
     parts_held,
-    refuse_driving,
 )
-from elastid.friction_study.motion_signals import Motion, MotionSignals
+from elastid.friction_study.motion_terms import Motion, MotionSignals
 from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
 
@@ -79,49 +77,66 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
             f"robot {robot.name} has loops, and the rigid body of joints that move together is known of open chains "
             "only; record a motion of one joint at a time",
         )
-    joints = tuple(logs[0].motions)
-    signals = [{joint: MotionSignals.of(log.motions[joint], passband_hz) for joint in joints} for log in logs]
-    chosen, regrouped = _base_columns(robot, joints, logs, signals)
-    rigid = [_columns(robot, joints, joints, chosen, *pair) for pair in zip(logs, signals, strict=True)]
-    rate_hz = signals[0][joints[0]].kept_hz
-    solutions = [solve(each, rate_hz) for each in _both_equations(signals, rigid)]
-    shifts = _shifts_between_bands(robot, logs, signals, chosen)
+    joints, every = tuple(logs[0].motions), [_Signals.of(log, passband_hz) for log in logs]
+    chosen, regrouped = _base_columns(robot, joints, every)
+    rigid = [_columns(robot, joints, joints, chosen, each) for each in every]
+    solutions = _solutions(every, rigid)
+    shifts = _shifts_between_bands(robot, every, chosen)
     names, units = zip(*_numbers(robot, joints), strict=True)
     least = solutions[0]
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
-    every = [_equations(*pair, False, False) for pair in zip(signals, rigid, strict=True)]
-    shrunk, own = (_rigid_numbers(every, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
+    equations = [_equations(each.of_joints, columns, False, False) for each, columns in zip(every, rigid, strict=True)]
+    shrunk, own = (_rigid_numbers(equations, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
     of_base = tuple(units[i] for i in chosen)
     body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
-    torques = [columns @ own for columns in rigid]
-    alone = tuple(
-        {
-            joint: replace(log.motions[joint], torque=log.motions[joint].torque - torque[:, i])
-            for i, joint in enumerate(joints)
-        }
-        for log, torque in zip(logs, torques, strict=True)
-    )
+    alone = [each.without(columns @ own) for each, columns in zip(every, rigid, strict=True)]
     friction = {
-        joint: replace(
-            _of_joint(
-                [(log[joint], each[joint]) for log, each in zip(alone, signals, strict=True)], i, solutions, shifts
-            ),
-            rigid_body=body,
-        )
+        joint: replace(_of_joint([each[joint] for each in alone], i, solutions, shifts), rigid_body=body)
         for i, joint in enumerate(joints)
     }
-    return RobotMotion(friction, alone)
+    return RobotMotion(friction, tuple({joint: each.motion for joint, each in log.items()} for log in alone))
+
+
+@dataclass(frozen=True)
+class _Signals:
+    """Signals of a log by joint, and the angles of the joints that rest."""
+
+    of_joints: Mapping[str, MotionSignals]
+    resting: Mapping[str, float]
+
+    @classmethod
+    def of(cls, log: RobotLog, passband_hz: float) -> _Signals:
+        return cls({joint: MotionSignals.of(each, passband_hz) for joint, each in log.motions.items()}, log.resting)
+
+    def states(self, robot: Robot) -> FloatArray:
+        """q, v, a (3, n_l, n) of all joints of the robot."""
+        names = [joint.name for joint in robot.joints]
+        state = np.zeros((3, len(names), len(next(iter(self.of_joints.values())).position)))
+        for joint, angle in self.resting.items():
+            state[0, names.index(joint)] = angle
+        for joint, each in self.of_joints.items():
+            state[:, names.index(joint)] = each.position, each.velocity, each.acceleration
+        return state
+
+    def without(self, torque: FloatArray) -> dict[str, MotionSignals]:
+        """By joint, less a torque (n, m)."""
+        pairs = zip(self.of_joints.items(), torque.T, strict=True)
+        return {
+            joint: replace(each, motion=replace(each.motion, torque=each.motion.torque - own))
+            for (joint, each), own in pairs
+        }
 
 
 def torques_in_file(robot: Robot, log: RobotLog, passband_hz: float = ROBOT_PASSBAND_HZ) -> dict[str, FloatArray]:
     """The torque (n,) of rigid body and rotor by joint, with the masses of the robot's file."""
-    names = [joint.name for joint in robot.joints]
-    signals = {joint: MotionSignals.of(motion, passband_hz) for joint, motion in log.motions.items()}
-    state = _states(names, log, signals)
+    names, signals = [joint.name for joint in robot.joints], _Signals.of(log, passband_hz)
+    state = signals.states(robot)
     theta = np.array([[value] for value, _ in robot.parameters().values()])
     tau = np.asarray(inverse_dynamics(robot)(*state, np.tile(theta, state.shape[2])).full())
     rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
-    return {joint: tau[names.index(joint)] + rotors[joint] * each.acceleration for joint, each in signals.items()}
+    return {
+        joint: tau[names.index(joint)] + rotors[joint] * each.acceleration for joint, each in signals.of_joints.items()
+    }
 
 
 def rigid_body_torques(robot: Robot, body: RigidBody, log: RobotLog, passband_hz: float) -> dict[str, FloatArray]:
@@ -130,10 +145,10 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: RobotLog, passband_hz
     DataError where its motion takes numbers that the motions behind `body` have not identified.
     """
     rows = tuple(joint for joint in log.motions if joint in body.joints)
-    signals = {joint: MotionSignals.of(motion, passband_hz) for joint, motion in log.motions.items()}
     if not rows:
         return {}
-    sample = _sampled(robot, body.joints, rows, log, signals)
+    signals = _Signals.of(log, passband_hz)
+    sample = _sampled(robot, body.joints, rows, signals)
     size = np.linalg.norm(sample, axis=0)
     lacking = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0) > MAX_UNIDENTIFIED * size
     lacking &= size > 1e-9 * size.max()  # below, a column is zero but for rounding
@@ -144,7 +159,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: RobotLog, passband_hz
             f"its motion takes numbers of the rigid body that those behind the result have not identified ({first}"
             f"{', ...' if lacking.sum() > 3 else ''}); identify from a log in which the same joints move",
         )
-    torques = _columns(robot, body.joints, rows, body.chosen, log, signals) @ body.predicting
+    torques = _columns(robot, body.joints, rows, body.chosen, signals) @ body.predicting
     return {joint: torques[:, i] for i, joint in enumerate(rows)}
 
 
@@ -158,15 +173,12 @@ def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
     return [*of_frames, *rotors, *((f"o_{joint}", "N" if slides[joint] else "N*m") for joint in joints)]
 
 
-def _base_columns(
-    robot: Robot, joints: tuple[str, ...], logs: Sequence[RobotLog], signals: Sequence[Mapping[str, MotionSignals]]
-) -> tuple[IntArray, FloatArray]:
+def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[_Signals]) -> tuple[IntArray, FloatArray]:
     """Places (n_b,) of columns that span all of those of friction's rest, and these as combinations of them (n_b, n_c).
 
     All columns: rigid body (10 n_l), rotors (m) and offsets (m).
     """
-    pairs = zip(logs, signals, strict=True)
-    sample = np.concatenate([_sampled(robot, joints, joints, log, each) for log, each in pairs])
+    sample = np.concatenate([_sampled(robot, joints, joints, each) for each in logs])
     chosen = np.array(_independent(sample), dtype=np.int64)
     size = np.maximum(np.linalg.norm(sample, axis=0), 1e-300)
     scaled = sample / size
@@ -174,27 +186,17 @@ def _base_columns(
     return chosen, np.asarray(regrouped)
 
 
-def _sampled(
-    robot: Robot, joints: Sequence[str], rows: Sequence[str], log: RobotLog, signals: Mapping[str, MotionSignals]
-) -> FloatArray:
+def _sampled(robot: Robot, joints: Sequence[str], rows: Sequence[str], signals: _Signals) -> FloatArray:
     """All columns at some 500 instants, (instants * rows, n_c)."""
     every = np.arange(10 * len(robot.joints) + 2 * len(joints))
-    columns = _columns(robot, joints, rows, every, log, signals, few=True)
-    return columns.reshape(-1, len(every))
+    return _columns(robot, joints, rows, every, signals, few=True).reshape(-1, len(every))
 
 
 def _columns(
-    robot: Robot,
-    joints: Sequence[str],
-    rows: Sequence[str],
-    chosen: IntArray,
-    log: RobotLog,
-    signals: Mapping[str, MotionSignals],
-    few: bool = False,
+    robot: Robot, joints: Sequence[str], rows: Sequence[str], chosen: IntArray, signals: _Signals, few: bool = False
 ) -> FloatArray:
     """Chosen columns of all but friction (n, m, n_b), m the joints of `rows`; few: at some 500 instants."""
-    names = [joint.name for joint in robot.joints]
-    state = _states(names, log, signals)
+    names, state = [joint.name for joint in robot.joints], signals.states(robot)
     state = state[:, :, :: max(1, state.shape[2] // 500) if few else 1]
     n_l, places, m = len(names), [names.index(joint) for joint in rows], len(joints)
     q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
@@ -205,16 +207,6 @@ def _columns(
         k = list(joints).index(joint)
         own[:, i, k], own[:, i, m + k] = state[2, place], 1.0
     return np.concatenate([_values(Y, state), own[:, :, chosen[chosen >= 10 * n_l] - 10 * n_l]], axis=2)
-
-
-def _states(names: Sequence[str], log: RobotLog, signals: Mapping[str, MotionSignals]) -> FloatArray:
-    """q, v, a (3, n_l, n) of all joints of the robot."""
-    state = np.zeros((3, len(names), len(next(iter(signals.values())).position)))
-    for joint, angle in log.resting.items():
-        state[0, names.index(joint)] = angle
-    for joint, each in signals.items():
-        state[:, names.index(joint)] = each.position, each.velocity, each.acceleration
-    return state
 
 
 def _values(function: ca.Function, state: FloatArray) -> FloatArray:
@@ -248,7 +240,7 @@ def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: b
     X = np.zeros((n, len(parts), width * len(parts)))
     for i, own in enumerate(parts):
         X[:, i, i * width : (i + 1) * width] = own
-    torque = np.stack([each.torque for each in signals.values()], axis=1)
+    torque = np.stack([each.motion.torque for each in signals.values()], axis=1)
     used = np.stack([each.used | (not sliding) for each in signals.values()], axis=1)
     X, R, y = first.filtered(X), first.filtered(rigid), first.filtered(torque)
     states = [each.filtered(state) for each in signals.values() for state in (each.position, each.velocity)]
@@ -282,65 +274,56 @@ def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequen
     return np.asarray(numbers(fifths, best) / size)
 
 
-def _both_equations(
-    signals: Sequence[Mapping[str, MotionSignals]], rigid: Sequence[FloatArray]
-) -> tuple[list[Equations], list[Equations]]:
+def _solutions(logs: Sequence[_Signals], rigid: Sequence[FloatArray]) -> list[Solution]:
     """Of all logs, with the same numbers in both directions and with different ones."""
-    pairs = list(zip(signals, rigid, strict=True))
-    return [_equations(*pair, False) for pair in pairs], [_equations(*pair, True) for pair in pairs]
+    rate_hz, pairs = next(iter(logs[0].of_joints.values())).kept_hz, list(zip(logs, rigid, strict=True))
+    return [
+        solve([_equations(log.of_joints, columns, apart) for log, columns in pairs], rate_hz) for apart in (False, True)
+    ]
 
 
 def _shifts_between_bands(
-    robot: Robot, logs: Sequence[RobotLog], signals: Sequence[Mapping[str, MotionSignals]], chosen: IntArray
+    robot: Robot, logs: Sequence[_Signals], chosen: IntArray
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Of the numbers of both regressions, from all of the band to its narrow part, and their std; empty without it."""
-    joints = tuple(signals[0])
-    by_joint = {}
-    for joint in joints:
-        bands = both_bands([log.motions[joint] for log in logs], [each[joint] for each in signals])
-        if bands is None:
-            return []
-        by_joint[joint] = bands
+    joints = tuple(logs[0].of_joints)
+    by_joint = {joint: both_bands([each.of_joints[joint] for each in logs]) for joint in joints}
     solutions = []
     for side in (0, 1):
-        own = [{joint: by_joint[joint][side][k] for joint in joints} for k in range(len(logs))]
-        rigid = [_columns(robot, joints, joints, chosen, *pair) for pair in zip(logs, own, strict=True)]
-        solutions.append([solve(each, signals[0][joints[0]].kept_hz) for each in _both_equations(own, rigid)])
-    both = zip(solutions[0], solutions[1], strict=True)
-    return [shift_between(wide, slow, signals[0][joints[0]].kept_hz) for wide, slow in both]
+        own = []
+        for k, log in enumerate(logs):
+            bands = {joint: band[side][k] for joint, band in by_joint.items() if band is not None}
+            own.append(_Signals(bands, log.resting))
+        if len(own[0].of_joints) < len(joints):
+            return []
+        solutions.append(_solutions(own, [_columns(robot, joints, joints, chosen, each) for each in own]))
+    rate_hz = logs[0].of_joints[joints[0]].kept_hz
+    return [shift_between(wide, slow, rate_hz) for wide, slow in zip(*solutions, strict=True)]
 
 
 def _of_joint(
-    logs: Sequence[tuple[Motion, MotionSignals]],
+    signals: Sequence[MotionSignals],
     i: int,
     solutions: Sequence[Solution],
     shifts: Sequence[tuple[FloatArray, FloatArray]],
 ) -> MotionFriction:
-    """The i-th joint's numbers; logs: its motions without the rigid body, and their signals."""
-    motion, signals = logs[0][0], [each for _, each in logs]
-    names, passband_hz = ("viscous", "coulomb", "directions.viscous"), signals[0].passband_hz
+    """The i-th joint's numbers; signals: of its motions without the rigid body."""
+    names = ("viscous", "coulomb", "directions.viscous")
     advice = (
         "the rigid body and its friction do not explain the torque; measure passes of this joint alone, which do not "
         "depend on the rigid body"
     )
-    regressions = []
-    for k, width in enumerate((2, 3)):
-        own = list(range(width * i, width * (i + 1)))
-        moved = moved_numbers(names[:width], *(each[own] for each in shifts[k])) if shifts else {}
-        numbers = solutions[k].of_joint(i, own, names[:width])
-        regressions.append((numbers, *judged(numbers, moved, passband_hz, advice)))
-    (raw, shared, text), (directed_raw, directed, directed_text) = regressions
-    refuse_driving(motion.place, raw)
-    chance = directed_raw.chance("directions.viscous", 0)
-    plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
-    held = (*parts_held(plateaus, motion.slides), Held("directions.coulomb", GRAVITY_HIDES))
-    notes = (_rigid_body_note(motion.place, signals, shared),)
-    seconds = {name: sum(each.seconds[name] for each in signals) for name in signals[0].seconds}
-    are_apart = chance < FALSE_ALARM
-    return MotionFriction(
-        motion, shared, directed, are_apart, chance, plateaus, held, passband_hz, notes, seconds,
-        directed_text if are_apart else text,
-    )  # fmt: skip
+    alike, apart = (
+        solution.of_joint(i, range(width * i, width * (i + 1)), names[:width])
+        for solution, width in zip(solutions, (2, 3), strict=True)
+    )
+    fit, motion = MotionFriction.of(signals, alike, apart), signals[0].motion
+    width = len(fit.chosen.names)
+    own = slice(width * i, width * (i + 1))
+    moved = moved_numbers(fit.chosen.names, *(each[own] for each in shifts[fit.are_apart])) if shifts else {}
+    held = (*parts_held(fit.plateaus, motion.slides), Held("directions.coulomb", GRAVITY_HIDES))
+    fit = replace(fit, held=held, notes=(_rigid_body_note(motion.place, signals, alike),))
+    return fit.with_chosen(*judged(fit.chosen, moved, fit.passband_hz, advice))
 
 
 def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regression) -> Note:

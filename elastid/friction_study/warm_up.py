@@ -12,7 +12,7 @@ with s = 0 to 1 for any place of the joint: where P enters both w are positive, 
 other node, such as the housing with its thermometer, has s = 1, so that w_2 is negative. Known: readings of a
 thermometer, levels of test passes, or both. Levels at each test speed follow a relative temperature u, 1 where the
 largest power would lead: level = c_0 + c_1 u + c_2 u^2, of the same time constants as a thermometer, whose place need
-not be that of the grease. Without a thermometer kelvins cannot be known.
+not be that of the grease. Without a thermometer kelvins, and with them h, cannot be known.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -30,8 +29,6 @@ from elastid.base.errors import DataError, FitError, Note
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
 from elastid.friction_study.passes import Pass, PassRegression, alike_speeds, passes_of
 from elastid.record import FrictionRecord, WarmUpLog
-
-Scale = Literal["kelvin", "relative"]
 
 
 @frozen_value
@@ -83,39 +80,17 @@ LIMITS = WarmUpLimits()
 
 @dataclass(frozen=True)
 class ThermalModel:
-    """Time constants (n_nodes,) in s, their shares (n_nodes,), h in W/K, with the std of their logarithms.
+    """Time constants (n_nodes,) in s, their shares (n_nodes,), h in W/K, and the std of the logarithms of h and these.
 
-    h is NaN and scale `relative` where kelvins cannot be known.  series (n_speeds, 3) are c_0, c_1, c_2 at each test
-    speed, with level_shares (n_nodes,); empty where levels are too few.  start_degc: estimated.
+    h is NaN where kelvins cannot be known; shares are then those of the levels.
     """
 
-    scale: Scale
     time_constants: FloatArray
     shares: FloatArray
     h: float
     log_std: FloatArray
     cost: float
     dof: int
-    speeds: FloatArray
-    series: FloatArray
-    power_at_one: float
-    level_shares: FloatArray
-    start_degc: float = math.nan
-
-    def temperature(self, warm_up: WarmUp) -> FloatArray:
-        """T (n + 1,) in degC along a warm-up; relative: u."""
-        if self.scale == "relative":
-            return self._relative(warm_up)
-        return _kelvin(warm_up, self.time_constants, self.shares, self.h, self.start_degc)
-
-    def levels(self, warm_up: WarmUp) -> FloatArray:
-        """Levels (m,) at the tests of a warm-up, of the parabolas."""
-        at_tests = self._relative(warm_up)[warm_up.tests]
-        place = [int(np.argmin(np.abs(self.speeds - speed))) for speed in warm_up.test_speed]
-        return np.asarray(np.sum(self.series[place] * np.vander(at_tests, 3, increasing=True), axis=1))
-
-    def _relative(self, warm_up: WarmUp) -> FloatArray:
-        return np.asarray(_heat(warm_up, self.time_constants, self.level_shares) / self.power_at_one)
 
 
 def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
@@ -177,12 +152,12 @@ class _Problem:
         warm_up, (constants, shares, level_shares, h, start) = self.warm_up, self.parts(x)
         parts = []
         if self.is_kelvin:
-            T = _kelvin(warm_up, constants, shares, h, start)
+            T = temperature(warm_up, constants, shares, h, start)
             read, std = np.isfinite(warm_up.readings), max(warm_up.reading_std, LIMITS.best_thermometer)
             parts += [(warm_up.readings - T)[read] / std, x[-1:]]
         if self.has_series:
-            A, c = self.series(constants, level_shares)
-            parts.append(warm_up.level / self.level_std - A @ c)
+            A, b = self.series(constants, level_shares), warm_up.level / self.level_std
+            parts.append(b - A @ np.linalg.lstsq(A, b, rcond=None)[0])
         return np.concatenate(parts)
 
     @property
@@ -190,29 +165,25 @@ class _Problem:
         """Of the levels (m,), with what a parabola over the heat may miss."""
         return np.hypot(self.warm_up.level_std, LIMITS.parabola * self.warm_up.level)
 
-    def series(self, constants: FloatArray, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Columns (m, 3 n_speeds) of the parabolas over the std of the levels, and their numbers, all c_0 first."""
+    def series(self, constants: FloatArray, shares: FloatArray) -> FloatArray:
+        """Columns (m, 3 n_speeds) of the parabolas over the std of the levels."""
         warm_up = self.warm_up
         speeds, place = np.unique(np.round(warm_up.test_speed, 9), return_inverse=True)
         heat = _heat(warm_up, constants, shares)[warm_up.tests] / warm_up.power.max()
         by_speed = np.eye(len(speeds))[place]
-        A = np.hstack([by_speed * heat[:, None] ** power for power in range(3)]) / self.level_std[:, None]
-        return A, np.asarray(np.linalg.lstsq(A, warm_up.level / self.level_std, rcond=None)[0])
+        return np.hstack([by_speed * heat[:, None] ** power for power in range(3)]) / self.level_std[:, None]
 
     def fit(self, constant: float | None = None) -> ThermalModel:
         """The best of a few starts, constant: that of one node; FitError where none leads to an optimum."""
         end = self._search(constant)
-        constants, shares, level_shares, h, start = self.parts(end.x)
-        speeds, c = np.zeros(0), np.zeros(0)
-        if self.has_series:
-            speeds, (_, c) = np.unique(np.round(self.warm_up.test_speed, 9)), self.series(constants, level_shares)
+        constants, shares, level_shares, h, _ = self.parts(end.x)
+        eliminated = self.series(constants, level_shares).shape[1] if self.has_series else 0
         pick = np.array([[float(name == row) for name in self.names] for row in ("h", "constant", "ratio")])
         pick[2] += pick[1]  # ln T_2 = ln T_1 + ln ratio
         log_std = np.sqrt(np.diag(pick @ np.nan_to_num(end.covariance, posinf=1e12) @ pick.T))[: 1 + self.nodes]
         return ThermalModel(
-            "kelvin" if self.is_kelvin else "relative", constants, shares if self.is_kelvin else level_shares,
-            h if self.is_kelvin else math.nan, log_std, end.cost, end.dof - len(c), speeds, c.reshape(3, -1).T,
-            float(self.warm_up.power.max()) if self.has_series else math.nan, level_shares, start,
+            constants, shares if self.is_kelvin else level_shares, h if self.is_kelvin else math.nan, log_std,
+            end.cost, end.dof - eliminated,
         )  # fmt: skip
 
     def _search(self, constant: float | None) -> Optimum:
@@ -260,7 +231,7 @@ def _heat(warm_up: WarmUp, constants: FloatArray, shares: FloatArray) -> FloatAr
     return total
 
 
-def _kelvin(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float, start: float) -> FloatArray:
+def temperature(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float, start: float) -> FloatArray:
     """T (n + 1,) in degC; a joint that stood is as warm inside as outside, and cools with its slowest constant."""
     fading = np.exp(-(warm_up.time_s - warm_up.time_s[0]) / constants.max())
     ambient = start if math.isnan(warm_up.ambient_degc) else warm_up.ambient_degc

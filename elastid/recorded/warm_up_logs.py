@@ -15,8 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
-from elastid.friction_study.pass_detection import detect_passes
-from elastid.friction_study.passes import alike_speeds
+from elastid.friction_study.passes import alike_speeds, detect_passes
 from elastid.record import FrictionRecord, WarmUpLog
 from elastid.recorded.repair.converter import step
 

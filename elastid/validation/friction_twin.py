@@ -26,7 +26,7 @@ from elastid.base.execution import Execution
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.friction_study.joint_levels import find_joint_levels, motion_logs, robot_log
 from elastid.friction_study.motion import MotionFriction, motion_parts, rigid_torque
-from elastid.friction_study.motion_signals import MotionSignals
+from elastid.friction_study.motion_terms import MotionSignals
 from elastid.friction_study.result import JointFriction
 from elastid.friction_study.robot_motion import RobotLog, rigid_body_torques
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit

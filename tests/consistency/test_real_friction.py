@@ -12,8 +12,7 @@ import pytest
 from plants.measured import with_records
 
 from elastid.app import cli
-from elastid.friction_study.extended_kalman_filter import JointSamples, KalmanFilter, first_estimate
-from elastid.friction_study.filter_consistency import FILTER
+from elastid.friction_study.extended_kalman_filter import FILTER, JointSamples, KalmanFilter, first_estimate
 from elastid.store.friction_study import read_filter, read_friction_records
 from elastid.study import load_robot
 

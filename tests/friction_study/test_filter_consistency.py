@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.extended_kalman_filter import Estimate, Track
-from elastid.friction_study.filter_consistency import consistency
+from elastid.friction_study.extended_kalman_filter import Estimate, Track, consistency
 from elastid.friction_study.follow import _noise
 from tests.plants.warm_joint import FOLLOWED
 

@@ -9,7 +9,7 @@ import pytest
 
 from elastid.friction_study.identify import BeforeSliding, joint_law
 from elastid.friction_study.motion import MotionFriction, regress_motion
-from elastid.friction_study.motion_signals import Motion
+from elastid.friction_study.motion_terms import Motion
 from elastid.friction_study.spec import LawSpec
 
 J, F_C, VISCOUS, RATE = 12.0, 8.0, 30.0, 500.0

@@ -13,8 +13,7 @@ from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.friction_study.levels import find_levels, levels_of_records
-from elastid.friction_study.pass_detection import detect_passes
-from elastid.friction_study.passes import passes_of
+from elastid.friction_study.passes import detect_passes, passes_of
 from elastid.record import FrictionRecord
 
 SPEEDS = (0.02, 0.05, 0.2, 0.5, 1.0)

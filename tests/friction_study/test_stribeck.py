@@ -9,7 +9,7 @@ import pytest
 from plants.published_friction import TERMS, drawn, published_levels
 
 from elastid.base.errors import FitError
-from elastid.friction_study.stribeck import Terms, derivative, fit_curve
+from elastid.friction_study.laws import Terms, derivative, fit_curve
 
 WHOLE = replace(TERMS, linear=(*TERMS.linear, "directions.coulomb", "directions.viscous", "quadratic"))
 

@@ -8,12 +8,11 @@ import numpy as np
 
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PassLimits
-from elastid.friction_study.at_rest import AtRest
 from elastid.friction_study.laws import Held, StaticLaw
 from elastid.friction_study.levels import Levels, PassLevels
 from elastid.friction_study.motion import MotionFriction, regress_motion
-from elastid.friction_study.motion_signals import Motion
-from elastid.friction_study.presliding import Elements, Presliding
+from elastid.friction_study.motion_terms import Motion
+from elastid.friction_study.presliding import AtRest, Elements
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.warm_up import ThermalModel
@@ -56,25 +55,19 @@ def motion() -> MotionFriction:
     return regress_motion(Motion("joint lift", RATE, np.asarray(q), u, slides=True))
 
 
-def presliding() -> Presliding:
-    """Two elements, and a spectrum that is them."""
-    few = Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1, 0.01)
-    spectrum = Elements(np.array([0.0, 300.0, 500.0]), np.array([1e-4, 1e-3, 3e-3]), 0.1, 0.005)
-    return Presliding(spectrum, few, np.array([0.2, 0.02, 0.02]))
+def presliding() -> Elements:
+    """Two elements."""
+    return Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1)
 
 
 def thermal() -> ThermalModel:
-    """One time constant, and levels of two speeds that fall by a tenth and a third."""
-    series = np.array([[9.0, -1.0, 0.0], [15.0, -5.0, 1.0]])
-    return ThermalModel(
-        "relative", np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20, np.array([0.1, 1.0]), series,
-        200.0, np.ones(1),
-    )  # fmt: skip
+    """One time constant."""
+    return ThermalModel(np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20)
 
 
 def at_rest() -> AtRest:
     """Two amplitudes."""
-    return AtRest(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, 2, None)
+    return AtRest(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, 2)
 
 
 def number(name: str, symbol: str, value: float, std: float, truth: float | None) -> FrictionNumber:

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.friction_study.laws import Terms
 from elastid.friction_study.levels import Levels
-from elastid.friction_study.stribeck import Terms
 
 # Its twelve numbers.
 TERMS = Terms(

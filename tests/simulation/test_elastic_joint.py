@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from plants.two_axes import ROBOT
 
-from elastid.friction_study.at_rest import reaction
+from elastid.friction_study.presliding import reaction
 from elastid.model.formulation import formulate
 from elastid.simulation.elastic_joint import held_joint
 from elastid.study.robots import load_robot

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95
-from elastid.friction_study.filter_consistency import FILTER
+from elastid.friction_study.extended_kalman_filter import FILTER
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.least_squares import Regression
 from elastid.friction_study.motion import MotionFriction, MotionSamples, motion_samples

@@ -21,6 +21,6 @@ def test_a_motion_shows_friction_without_inertia() -> None:
 
 
 def test_directions_that_differ_have_the_symmetric_regression_beside_them() -> None:
-    one = replace(study.motion(), are_apart=True)
+    one = replace(study.motion(), chance=0.0)
     assert "the same in both directions" in lines_of(friction_motion(one).axes[0])
     assert "the same in both directions" not in lines_of(friction_motion(study.motion()).axes[0])
