@@ -22,7 +22,7 @@ from itertools import combinations, product
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import ElastidError, Note
+from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores
 from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, start_distance, thinned
@@ -48,8 +48,6 @@ class Limits:
     cost_ratio: float = 1.1  # of V, below which readings cannot be distinguished
     scale: float = 1.7  # a factor nearer to one may be an inertia that is not quite known
     scale_rounds: int = 2  # in which scales and parameters are found in turn
-    factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
-    stiffness_std: float = 0.5  # the largest, of ln k, of a stiffness that counts there
 
 
 LIMITS = Limits()
@@ -310,31 +308,3 @@ def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str,
     shifted = [c - shift * common for shift in (*c[n_y:], *-c[:n_y])]
     fewest = max(shifted, key=lambda scales: int(np.sum(np.abs(scales) < math.log(LIMITS.scale)))).tolist()
     return dict(zip(outputs, fewest, strict=False)), dict(zip(inputs, fewest[n_y:], strict=True))
-
-
-def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
-    r"""A note where all stiffnesses suggest frequencies in rad/s instead of Hz, or the other way round.
-
-    An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
-    """
-    result = evidence.result
-    # Viscous friction that the file holds is off by the same reading, and no other cause of it.
-    is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
-    if evidence.best_share > LIMITS.share and not is_friction:
-        return ()
-    known = np.sqrt(np.diag(result.covariance)) < LIMITS.stiffness_std
-    stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
-    if not stiff:
-        return ()
-    change = result.x[stiff] - result.parameters.x[stiff]
-    expected = 2 * math.log(2 * math.pi) * np.sign(np.median(change))
-    if np.any(np.abs(change - expected) > math.log(LIMITS.factor_spread)):
-        return ()
-    factor = math.exp(abs(float(np.median(change))))
-    names = ", ".join(result.parameters.free[i].name for i in stiff)
-    side, unit, other = ("above", "rad/s", "Hz") if expected > 0 else ("below", "Hz", "rad/s")
-    text = (
-        f"{factor:.0f} times {side} the start, and (2 pi)^2 is 39: are the frequencies of the responses in {unit}, "
-        f"where {other} was taken? Then all stiffnesses are off by it, and no residual shows it"
-    )
-    return (Note("fit/frequency-unit", text, names),)

@@ -11,10 +11,6 @@ from elastid.fit.result import ModificationIndex, Result
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
-WARM = (
-    "torque constants fall while motors warm up: measure all configurations at one temperature, or leave out those of "
-    "another"
-)
 DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
 
 
@@ -33,6 +29,11 @@ def gain_advice(index: ModificationIndex, _: Result) -> str:
     usual = (GAIN_U if index.name.startswith("gain_u") else GAIN_Y).usual
     text = advice.format(name=index.name, usual=usual)
     return text.replace("check it", "check torque constants, units and scales of the channels", 1)
+
+
+def rate(index: ModificationIndex) -> str:
+    """Sampling rate."""
+    return f"a sampling rate {relative(1 + float(index.steps[0]))} (and motions from positions)"
 
 
 def inertia_advice(index: ModificationIndex, _: Result) -> str:
@@ -71,13 +72,6 @@ def compliance(index: ModificationIndex) -> str:
         return f"an elastic base about its {where} axis of {k:.2g} N*m/rad"
     body, _, axis = where.rpartition("_")
     return f"an elastic rotation of body {body} about its {axis} axis of {k:.2g} N*m/rad"
-
-
-def position_loop(index: ModificationIndex) -> str:
-    """Bandwidth of a position loop around one motor or all."""
-    where = index.name.partition("_")[2]
-    whose = "all motors" if where == "*" else f"motor {where}"
-    return f"a position loop of {math.sqrt(max(index.changed[0], 0.0)) / (2 * math.pi):.2g} Hz around {whose}"
 
 
 def payload(index: ModificationIndex) -> str:
@@ -155,10 +149,11 @@ def scale(index: ModificationIndex) -> str:
 
 def load(index: ModificationIndex) -> str:
     """Change of a gear's stiffness with the torque it carries."""
-    gear, percent = f"a stiffness of gear {axis(index)} that rises with the torque", 100 * float(index.steps[0])
-    if index.name.startswith("play"):
-        return f"{gear} out of a gap ({-percent:+.2g} % at the smallest torque of these postures)"
-    return f"{gear} it carries ({percent:+.2g} % at the largest torque of these postures)"
+    percent = 100 * float(index.steps[0])
+    return (
+        f"a stiffness of gear {axis(index)} that rises with the torque it carries ({percent:+.2g} % at the largest "
+        "torque of these postures)"
+    )
 
 
 def coupling(index: ModificationIndex) -> str:
@@ -167,13 +162,15 @@ def coupling(index: ModificationIndex) -> str:
     return f"a gear that turns motor {motor} along by {float(index.steps[0]):+.3g} of its ratio when axis {joint} turns"
 
 
-def reference(index: ModificationIndex) -> str:
-    """Reference of a controller in place of the torque, with its factor where that is unusual."""
-    gains = [float(step) for name, step in zip(index.members, index.steps, strict=True) if name.startswith("gain")]
-    times = f", times {math.exp(-gains[0]):.3g}" if gains and abs(gains[0]) > GAIN_U.usual else ""
-    return f"the reference of a controller{times} that was logged instead of the torque"
-
-
 def payload_of_one(index: ModificationIndex) -> str:
     """Load in one configuration."""
     return f"{payload(replace(index, name=index.name.partition('@')[0]))}, in configuration {posture(index)} alone"
+
+
+def of_one_posture(index: ModificationIndex) -> str:
+    """Delay, torques or stiffness of one configuration."""
+    where, step = f"configuration {posture(index)} alone", float(index.steps[0])
+    if index.name.startswith("delay"):
+        return f"motions of {where} that are {1e3 * step:.3g} ms late against its torques"
+    what = "torques that read" if index.name.startswith("torques") else f"a stiffness of gear {axis(index)} of"
+    return f"{what} {100 * step:+.2g} % in {where}"

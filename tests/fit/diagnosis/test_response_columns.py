@@ -12,7 +12,7 @@ from plants.faults import CONFIGURATIONS, FREQ_HZ, SPEC, Case, drawn, exact, tru
 from plants.held_torque import plant
 from scipy.linalg import expm
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.fit.diagnosis.response_columns import gear_ratios
 from elastid.fit.diagnosis.sensitivities import HeldResponse
 from elastid.fit.identify import identify
@@ -27,32 +27,8 @@ from elastid.record import Configuration, HeldTorque, zero_order_hold
 from elastid.response import Covariance, Response
 from elastid.robot import Chain, Robot
 
-HOSE, LOSS, SOFT = 1e-3, 0.05, 0.95
+SOFT = 0.95
 AXIS = (0.0, 0.6, 0.8)  # of a rotor that rides on the upper arm
-
-
-def with_stiffness(case: Case, further: Callable[[float, FloatArray, FloatArray], ComplexArray]) -> Case:
-    """The case with a dynamic stiffness of axis 2: further(k_2, y of its motor, y of its joint) (n, n)."""
-    model, s = serial(case.truth), 2j * np.pi * FREQ_HZ[:, None, None]
-    linearisation, responses = Linearisation.of(model), []
-    places, k = ("motor 2", "joint 2"), case.stiffness["k_2"]
-    for G, angles in zip(case.responses, CONFIGURATIONS, strict=True):
-        read = linearisation.at(Configuration("c", angles), model.theta, places, "position")
-        motors = linearisation.at(Configuration("c", angles), model.theta, G.outputs, "position")
-        Z = s**2 * read.M + s * read.D + read.K + further(k, *read.C)
-        B = np.broadcast_to(motors.B, (len(FREQ_HZ), *motors.B.shape))
-        responses.append(replace(G, G=s**2 * (motors.C @ np.linalg.solve(Z, B))))
-    return replace(case, responses=tuple(responses))
-
-
-def with_hose(case: Case) -> Case:
-    """A stiffness between the link and the body before it, beside the gear."""
-    return with_stiffness(case, lambda k, _, joint: HOSE * k * np.outer(joint, joint).astype(complex))
-
-
-def with_loss(case: Case) -> Case:
-    """A gear that loses as much at all frequencies."""
-    return with_stiffness(case, lambda k, motor, joint: 1j * LOSS * k * np.outer(motor - joint, motor - joint))
 
 
 def with_soft_day(case: Case) -> Case:
@@ -77,8 +53,6 @@ def behind_gear(case: Case) -> Case:
 @pytest.mark.parametrize(
     ("fault", "name", "step"),
     [
-        (with_hose, "hose_2", HOSE),
-        (with_loss, "loss_2", LOSS),
         (with_soft_day, "spring_2@c3", np.log(SOFT)),
         (behind_gear, "encoder of axis 2 behind the gear", None),
     ],
