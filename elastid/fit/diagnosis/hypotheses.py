@@ -24,7 +24,6 @@ from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size
 from elastid.fit.diagnosis.lateness import find_lateness
 from elastid.fit.diagnosis.misreadings import READINGS, find_misreading
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
-from elastid.fit.diagnosis.other_robots import find_other_robots
 from elastid.fit.diagnosis.phrases import GAIN_U, GAIN_Y
 from elastid.fit.diagnosis.response_columns import (
     channel_delays,
@@ -35,6 +34,7 @@ from elastid.fit.diagnosis.response_columns import (
     rate_column,
     stiffening,
 )
+from elastid.fit.diagnosis.variants import find_variants
 
 LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
 
@@ -148,7 +148,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "gravity",
         phrase="{name} instead of the file's",
         advice="check gravity in the robot's file: how is its base mounted?",
-        search=find_other_robots,
+        search=find_variants,
     ),
     Hypothesis(
         "postures",
@@ -173,4 +173,4 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("number", ("*",), Size(0.1, 1.0, True)),
 )
 # For fits that are compared: those of other robots take longer than the fit, and no status depends on them.
-WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_other_robots else replace(h, search=None) for h in HYPOTHESES)
+WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_variants else replace(h, search=None) for h in HYPOTHESES)

@@ -1,17 +1,16 @@
-"""The score test of everything that a fit held, at its optimum or where the file's numbers stand."""
+"""The score test of everything that a fit held, at its optimum."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Hypothesis, Scores, hypothesis_of
 from elastid.fit.diagnosis.prediction import spread_out, thinned
 from elastid.fit.diagnosis.response_columns import inertial
@@ -19,21 +18,9 @@ from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest, f
 from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.part import Part
-from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.robot import Robot
 
 RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
-
-
-@dataclass(frozen=True)
-class FileLimits:
-    """Limits of the search for causes at the numbers of the file; no judgement of their own."""
-
-    std_ratio: float = 1e-3  # of tolerances, which holds numbers where the file has them
-    iterations: int = 30
-
-
-FILE = FileLimits()
 
 
 # J^T J (n, n), J^T r (n,) and r^T r, and the names of the columns of J after those of x (n_x,).
@@ -59,31 +46,6 @@ def score(evidence: Evidence) -> Scores:
     noise, V = evidence.noise_cost * lines, V + pull - drop
     level = (noise or V) / max(thin.n_residuals - len(x), 1)
     return Scores(held, test, freed, V - noise, level, lines, evidence.noise_cost, moved)
-
-
-def at_file(evidence: Evidence) -> Evidence | None:
-    """The same where a fit ends that holds the numbers of the file as they stand.
-
-    A fit that moves numbers far within their tolerances to make up for a cause ends where no step leads to the cause.
-    None where all numbers were held, or no robot stands there.
-    """
-    assembly, result, criterion = evidence.assembly, evidence.result, evidence.assembly.spec.criterion
-    if not result.has_tolerances:
-        return None
-    free = result.parameters.free
-    priors = {p.name: replace(p.prior, std=FILE.std_ratio * p.prior.std) for p in free if p.tolerated and p.prior}
-    changed = tuple(replace(p, prior=priors.get(p.name, p.prior)) for p in assembly.parameters)
-    held = replace(assembly, parameters=replace(assembly.parameters, parameters=changed))
-    asked = np.array([not p.tolerated for p in free])
-    start = np.where(asked, evidence.optimum.end.x, assembly.parameters.x)
-    try:
-        x = solve(held.at(start, criterion).problem, start, ROUGH, FILE.iterations).x
-        fit = assembly.at(x, criterion)
-    except ElastidError:
-        return None
-    end = replace(evidence.optimum.end, x=x, cost=fit.evaluate(x).cost)
-    there = replace(result, x=x, cost=end.cost, at_bound=np.zeros(len(x), dtype=bool))
-    return replace(evidence, optimum=replace(evidence.optimum, fit=fit, end=end), result=there)
 
 
 def _with_priors(
