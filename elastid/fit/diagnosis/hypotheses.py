@@ -21,10 +21,9 @@ from dataclasses import replace
 
 from elastid.fit.diagnosis import phrases
 from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size
-from elastid.fit.diagnosis.lateness import find_lateness
-from elastid.fit.diagnosis.misreadings import READINGS, find_misreading
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.phrases import GAIN_U, GAIN_Y
+from elastid.fit.diagnosis.readings import READINGS, find_lateness, find_misreading
 from elastid.fit.diagnosis.response_columns import (
     channel_delays,
     gear_couplings,
@@ -52,7 +51,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     ),
     Hypothesis(
         "time",
-        ("delay", "low", "hold", "difference"),
+        ("delay", "low", "hold"),
         LATE,
         False,
         phrases.late,

@@ -34,7 +34,7 @@ from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis, Scores, explanations, hypothesis_of_index
-from elastid.fit.diagnosis.lateness import as_delay
+from elastid.fit.diagnosis.readings import as_delay
 from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, ScoreTest, find_load
 from elastid.fit.diagnosis.scoring import score
 from elastid.fit.diagnosis.second_source import static_notes, tool_notes
