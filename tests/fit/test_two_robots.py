@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.marks import SEEDS, slow
+from plants.marks import SEEDS
 from plants.measured_robots import responses_of
-from plants.notes import said
 from plants.refusals import refused
 
 from elastid.app import cli
@@ -129,24 +128,6 @@ def test_robots_must_be_named_once_and_at_all() -> None:
         choose(replace(SPEC, robots={}), arm(), ["a1"])
     with pytest.raises(ValueError, match="robots: configuration a1 is given to A, B"):
         FitSpec(robots={"A": ("a1",), "B": ("a1",)})
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize(("k_1", "k_2"), [(1.3, 1.0), slow(0.8, 1.2), slow(0.5, 1.0), (1.05, 1.0)])
-@pytest.mark.slow
-def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1: float, k_2: float, seed: int) -> None:
-    """From stiffnesses 5 % to a factor of 2 apart: who disagrees with whom, about what, and what to do."""
-    other = arm(k_1=k_1 * 3e4, k_2=k_2 * 2e4)
-    plain = replace(SPEC, robots={}, parameters={})
-    result = identify(both(seed, A, other), arm(k_1=2.5e4), replace(plain, seed=seed))
-    (word,) = (word for word in said(result.notes) if "disagree" in word)
-    assert word.startswith("configurations a1, a2, a3 on the one side and b1, b2, b3 on the other disagree")
-    assert "k_1 " in word
-    assert "name them in fit.robots and give what differs `per: robot`" in word
-    named = replace(plain, robots=ROBOTS)
-    second = identify(both(seed, A, other), arm(k_1=2.5e4), replace(named, seed=seed))
-    (word,) = (word for word in said(second.notes) if "disagree" in word)
-    assert word.endswith("these are the robots A and B: give what differs `per: robot`")
 
 
 def test_one_measurement_under_two_names_is_refused() -> None:

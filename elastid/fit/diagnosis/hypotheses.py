@@ -20,28 +20,24 @@ import math
 from dataclasses import replace
 
 from elastid.fit.diagnosis import phrases
-from elastid.fit.diagnosis.configurations import find_disagreement
 from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size
-from elastid.fit.diagnosis.lateness import find_lateness
-from elastid.fit.diagnosis.misreadings import READINGS, find_misreading, find_wrong_frequency_unit
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
-from elastid.fit.diagnosis.other_robots import find_other_robots
 from elastid.fit.diagnosis.phrases import GAIN_U, GAIN_Y
+from elastid.fit.diagnosis.readings import READINGS, find_lateness, find_misreading
 from elastid.fit.diagnosis.response_columns import (
     channel_delays,
     gear_couplings,
     gear_ratios,
-    losses,
     of_one_posture,
     posture_angles,
     rate_column,
     stiffening,
 )
+from elastid.fit.diagnosis.variants import find_variants
 
 LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis("frequency unit", notes=find_wrong_frequency_unit),
     # Channels and clocks.
     Hypothesis("gain", ("gain_u",), GAIN_U, True, phrases.gain, phrases.gain_advice),
     Hypothesis("gain", ("gain_y",), GAIN_Y, True, phrases.gain, phrases.gain_advice),
@@ -49,43 +45,19 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "rate",
         ("rate",),
         Size(0.005, 0.2, unit="1"),
-        False,
-        "a sampling rate {factor} (and motions from positions)",
-        "check rate_hz",
+        phrase=phrases.rate,
+        advice="check rate_hz",
         columns=rate_column,
     ),
     Hypothesis(
         "time",
-        ("delay", "low", "hold", "difference"),
+        ("delay", "low", "hold"),
         LATE,
         False,
         phrases.late,
         phrases.late_advice,
         columns=channel_delays,
         search=find_lateness,
-    ),
-    Hypothesis(
-        "time of one posture",
-        ("delay@",),
-        Size(1e-3, 0.05, unit="s"),
-        phrase="motions of configuration {posture} alone that are {ms:.3g} ms late against its torques",
-        advice="check time stamps and start of its files",
-        is_stated=False,
-    ),
-    Hypothesis(
-        "torques of one posture",
-        ("torques@",),
-        Size(0.03, math.log(2), unit="1"),
-        phrase="torques of configuration {posture} alone that read {percent:+.2g} %",
-        advice=phrases.WARM,
-        is_stated=False,
-    ),
-    Hypothesis(
-        "torques by posture",
-        ("torques",),
-        phrase="torques of all channels that read differently between configurations ({by_posture})",
-        advice=phrases.WARM,
-        is_stated=False,
     ),
     Hypothesis("time", ("torque", "sensor", "differentiator"), Size(0.3, math.log(10), True)),
     Hypothesis(
@@ -127,65 +99,23 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         advice="was it measured with another load? leave it out, or say which configurations carry the payload",
         is_stated=False,
     ),
-    # What gears and motors do besides.
+    Hypothesis(
+        "one posture",
+        ("delay@", "torques@", "spring@"),
+        Size(0.03, 2.0, unit="1"),
+        phrase=phrases.of_one_posture,
+        advice="check the time stamps and the start of its files; was it measured warm, on another day, or on another "
+        "robot? leave it out, or measure it again",
+        is_stated=False,
+    ),
+    # What gears do besides.
     Hypothesis(
         "load",
-        ("load", "play"),
+        ("load",),
         Size(0.1, 1.0, unit="1"),
         phrase=phrases.load,
         advice="does the gear harden, or has it backlash? give its spring cubic or backlash in the robot's file",
         columns=stiffening,
-        is_stated=False,
-    ),
-    Hypothesis(
-        "friction by posture",
-        ("friction",),
-        Size(0.5, 20.0, unit="1"),
-        phrase="friction of motor {axis} that depends on the posture ({by_posture})",
-        advice="does dry friction depend on the angle or the load? take it out (estimator.friction: auto)",
-        is_stated=False,
-    ),
-    Hypothesis(
-        "transmission",
-        ("transmission",),
-        Size(0.01, 0.3, unit="1"),
-        phrase="a transmission error of gear {axis} (effective ratio {by_posture})",
-        advice="measure it against a second encoder behind the gear; more postures average it",
-        is_stated=False,
-    ),
-    Hypothesis(
-        "reading by posture",
-        ("reading",),
-        Size(0.01, 0.3, unit="1"),
-        phrase="an encoder of motor {axis} that reads {by_posture}",
-        advice="is its resolver or its disc eccentric? a motion over whole turns of the motor averages it",
-        is_stated=False,
-    ),
-    Hypothesis(
-        "spring by posture",
-        ("spring",),
-        Size(0.05, 2.0, unit="1"),
-        phrase="a stiffness of gear {axis} that differs between configurations ({by_posture})",
-        advice="was it measured on another day, warm or cold, or on another robot? leave that configuration out, or "
-        "measure it again",
-        plausibility=0.5,  # where the torque of gravity explains it, too, it does
-        is_stated=False,
-    ),
-    Hypothesis(
-        "hysteresis",
-        ("loss",),
-        Size(0.03, 1.0, unit="1", grows=True),
-        phrase="hysteresis in gear {axis} (a loss factor of {step:.2g} at all frequencies)",
-        advice="a damper holds it at one frequency alone: believe k of this gear rather than d",
-        columns=losses,
-        is_stated=False,
-    ),
-    Hypothesis(
-        "hose",
-        ("hose",),
-        Size(0.02, math.inf, unit="1", grows=True),
-        phrase="a stiffness across axis {axis} of {percent:.2g} % of its gear's, as of a hose, a cable or a balancer",
-        advice="take hoses and cables off, and give a balancer as compensators in the robot's file",
         is_stated=False,
     ),
     Hypothesis(
@@ -196,21 +126,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         advice="give it as gears in the robot's file",
         columns=gear_couplings,
         is_stated=False,
-    ),
-    # How the torque was logged.
-    Hypothesis(
-        "reference",
-        phrase=phrases.reference,
-        advice="log the torque or current of the drive",
-        is_stated=False,
-    ),
-    Hypothesis(
-        "position loop",
-        ("loop",),
-        Size((2 * math.pi * 3) ** 2, math.inf, unit="1/s^2", grows=True),
-        is_common=True,
-        phrase=phrases.position_loop,
-        advice="is the torque that was logged the reference of a controller? log the torque or current of the drive",
     ),
     *READINGS,
     Hypothesis(
@@ -232,7 +147,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "gravity",
         phrase="{name} instead of the file's",
         advice="check gravity in the robot's file: how is its base mounted?",
-        search=find_other_robots,
+        search=find_variants,
     ),
     Hypothesis(
         "postures",
@@ -254,8 +169,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         phrase="{name}",
         advice="take payload out of the robot's file, or say which configurations carry it",
     ),
-    Hypothesis("configurations", notes=find_disagreement),
     Hypothesis("number", ("*",), Size(0.1, 1.0, True)),
 )
 # For fits that are compared: those of other robots take longer than the fit, and no status depends on them.
-WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_other_robots else replace(h, search=None) for h in HYPOTHESES)
+WITHOUT_OTHER_ROBOTS = tuple(h if h.search is not find_variants else replace(h, search=None) for h in HYPOTHESES)

@@ -5,7 +5,6 @@ A hypothesis proposes its causes in one of these ways, each a plain function:
 - `columns`: derivatives of the response to numbers that the fit held; one score test judges them all.
 - `changes`: other readings of the responses, as changes of the model's, judged by V after a step with each.
 - `search`: causes that no derivative at the optimum describes, such as a resonance within the band.
-- `notes`: sentences on causes that V does not rank.
 
 A number that is a parameter of the equations needs none of them: its name, its usual size and words are enough.
 
@@ -87,7 +86,7 @@ class Hypothesis:
     """family: the noun for its causes.  numbers: how their names begin, up to an underscore.
 
     size: of a plausible step of its numbers.  is_common: one mistake may scale all of them by one factor.
-    phrase: the cause as a clause, filled in by `filled`; advice: the next action, with `{name}`, `{where}`, `{usual}`.
+    phrase: the cause as a clause, with `{name}`; advice: the next action, with `{name}`, `{where}`, `{usual}`.
     plausibility: prior odds of a cause of this family against one of another, all its members together.
     is_stated: True for numbers that a file or a study states; False for what a model of the robot lacks.
     """
@@ -103,7 +102,6 @@ class Hypothesis:
     columns: Columns | None = None
     changes: Changes | None = None
     search: Callable[[list[ModificationIndex], Evidence, Scores], list[ModificationIndex]] | None = None
-    notes: Callable[[Evidence], tuple[Note, ...]] | None = None
 
     def number(self, name: str, value: float, unit: str = "", tolerated: bool = False) -> HeldNumber:
         """A held number of its own with the steps that are plausible; a positive quantity of value 0 only grows."""
@@ -276,25 +274,9 @@ def phrase(index: ModificationIndex, evidence: Evidence) -> str:
     """The change itself: `m_fore -4.8 % (75 to 71.4 kg)`, `a delay of 0.294 ms`."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     if hypothesis is not None and hypothesis.phrase:
-        return filled(hypothesis.phrase, index) if isinstance(hypothesis.phrase, str) else hypothesis.phrase(index)
+        words = hypothesis.phrase
+        return words.format(name=index.name) if isinstance(words, str) else words(index)
     return number_phrase(index) if index.members else index.name
-
-
-def filled(template: str, index: ModificationIndex) -> str:
-    """A phrase with the name, axis and posture of an index, its changes by posture, and the size of its first step."""
-    step = float(index.steps[0]) if len(index.steps) else 0.0
-    return template.format(
-        name=index.name, axis=axis(index), posture=posture(index), by_posture=by_posture(index), step=step,
-        percent=100 * step, ms=1e3 * step, factor=relative(1 + step),
-    )  # fmt: skip
-
-
-def by_posture(index: ModificationIndex) -> str:
-    """Changes by posture, relative, the largest first."""
-    changes = {name.partition("@")[2]: float(step) for name, step in zip(index.members, index.steps, strict=True)}
-    mean = sum(changes.values()) / len(changes) if len(changes) > 1 else 0.0
-    largest = sorted(changes, key=lambda posture: -abs(changes[posture] - mean))[:POSTURES]
-    return ", ".join(f"{100 * (changes[posture] - mean):+.2g} % in {posture}" for posture in largest)
 
 
 def axis(index: ModificationIndex) -> str:

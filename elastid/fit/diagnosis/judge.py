@@ -34,11 +34,19 @@ from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis, Scores, explanations, hypothesis_of_index
-from elastid.fit.diagnosis.lateness import as_delay
+from elastid.fit.diagnosis.readings import as_delay
 from elastid.fit.diagnosis.score_test import DISTANCE_M, MASS_KG, Candidate, ScoreTest, find_load
 from elastid.fit.diagnosis.scoring import score
 from elastid.fit.diagnosis.second_source import static_notes, tool_notes
-from elastid.fit.diagnosis.status import decisive_index, estimate_notes, friction_note, is_beyond_tolerance, with_status
+from elastid.fit.diagnosis.status import (
+    decisive_index,
+    estimate_notes,
+    find_disagreement,
+    find_wrong_frequency_unit,
+    friction_note,
+    is_beyond_tolerance,
+    with_status,
+)
 from elastid.fit.diagnosis.undetectable_errors import find_elastic_base, find_rigid_parts, find_undetectable_errors
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.result import ModificationIndex, Result
@@ -209,8 +217,7 @@ def judge(
         if not (evidence.is_unexplained or is_decisive or is_beyond_tolerance(result, indices)):
             indices = ()
         evidence = replace(evidence, result=replace(result, indices=indices), scores=scores)
-    disagreement = next((h.notes for h in hypotheses if h.family == "configurations" and h.notes is not None), None)
-    if disagreement is not None and (apart := disagreement(evidence)):
+    if apart := find_disagreement(evidence):
         # One cause, in status, notes and page: that configurations differ, where nothing common explains as much.
         indices = tuple(replace(index, place=0) for index in evidence.result.indices if index.place == 0)
         evidence = replace(evidence, apart=apart, result=replace(evidence.result, indices=indices))
@@ -222,8 +229,6 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
     result, optimum, scores = evidence.result, evidence.optimum, evidence.scores
     if scores is not None and result.status in ("converged", "at_bound"):
         result = replace(result, rigid_parts=find_rigid_parts(result, scores, scores.held.linearisation.model.robot))
-    others = (h for h in evidence.hypotheses if h.notes is not None and h.family != "configurations")
-    by_family = {h.family: h.notes(evidence) for h in others if h.notes is not None}
     apart, causes = evidence.apart, explanations(evidence)
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)
@@ -232,8 +237,5 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
         estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
     undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
     static = (*static_notes(result), *tool_notes(result))
-    of_families = (note for family_notes in by_family.values() for note in family_notes)
-    first = friction_note(evidence)
-    return replace(
-        result, notes=(*first, *of_families, *causes, *apart, *static, *notes, *inertias, *estimate, *undetectable)
-    )
+    first = (*friction_note(evidence), *find_wrong_frequency_unit(evidence))
+    return replace(result, notes=(*first, *causes, *apart, *static, *notes, *inertias, *estimate, *undetectable))

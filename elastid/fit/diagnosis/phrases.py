@@ -11,10 +11,6 @@ from elastid.fit.result import ModificationIndex, Result
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
-WARM = (
-    "torque constants fall while motors warm up: measure all configurations at one temperature, or leave out those of "
-    "another"
-)
 DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
 
 
@@ -33,6 +29,11 @@ def gain_advice(index: ModificationIndex, _: Result) -> str:
     usual = (GAIN_U if index.name.startswith("gain_u") else GAIN_Y).usual
     text = advice.format(name=index.name, usual=usual)
     return text.replace("check it", "check torque constants, units and scales of the channels", 1)
+
+
+def rate(index: ModificationIndex) -> str:
+    """Sampling rate."""
+    return f"a sampling rate {relative(1 + float(index.steps[0]))} (and motions from positions)"
 
 
 def inertia_advice(index: ModificationIndex, _: Result) -> str:
@@ -73,13 +74,6 @@ def compliance(index: ModificationIndex) -> str:
     return f"an elastic rotation of body {body} about its {axis} axis of {k:.2g} N*m/rad"
 
 
-def position_loop(index: ModificationIndex) -> str:
-    """Bandwidth of a position loop around one motor or all."""
-    where = index.name.partition("_")[2]
-    whose = "all motors" if where == "*" else f"motor {where}"
-    return f"a position loop of {math.sqrt(max(index.changed[0], 0.0)) / (2 * math.pi):.2g} Hz around {whose}"
-
-
 def payload(index: ModificationIndex) -> str:
     """Mass, centre and inertia of a body together; as a further mass where they are one."""
     body = index.name.partition("_")[2]
@@ -99,51 +93,39 @@ def payload(index: ModificationIndex) -> str:
 def late(index: ModificationIndex) -> str:
     """Delay, low pass or hold of a channel or of all, with its time."""
     T = float(index.steps[0])
-    form = next(form for form in ("delay", "low_pass", "hold", "difference") if index.name.startswith(form))
+    form = next(form for form in ("delay", "low_pass", "hold") if index.name.startswith(form))
     role, _, place = index.name.removeprefix(form).lstrip("_").partition("_")
     on = f" of {role} at {place.replace('_', ' ')}" if role else ""
     if form == "delay":
         return f"a delay of {T / 1e-3:.3g} ms{on}"
-    if form == "difference":
-        return f"velocities{on} that are differences of positions over {T / 1e-3:.3g} ms"
-    if form == "low_pass":
-        size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
-        if T > 0:
-            return f"{size}{on}"
-        if role == "y":
-            return f"{size}{on} that was taken out where there is none"
-        return f"{size} that torques pass before they are logged{on}"
-    if T < 0:
-        return f"a torque that acts {-T / 2e-3:.3g} ms earlier than it was taken to{on}"
-    return f"a torque that acts {T / 2e-3:.3g} ms late, held for {T / 1e-3:.3g} ms{on}"
+    if form == "hold":
+        when = f"late, held for {T / 1e-3:.3g} ms" if T > 0 else "earlier than it was taken to"
+        return f"a torque that acts {abs(T) / 2e-3:.3g} ms {when}{on}"
+    size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
+    return f"{size}{on}" if T > 0 else f"{size} that was taken out where there is none{on}"
 
 
 def late_advice(index: ModificationIndex, result: Result) -> str:
     """Keys that give a delay, a hold or a lag to the model, or the filter to check."""
     delay, names = "free delay (fit.parameters: {delay: {}})", (index.name, *index.alike)
     hold = next((i for i in result.indices if i.name == "hold" and i.name in names), None)
-    if index.name.startswith("difference"):
-        return f"where a drive makes them of its encoder, {_differentiator(index)}"
     if hold is not None and hold.steps[0] < 0:
         return "leave hold: zero-order out where u was measured, and check the delay"
     if hold is not None:
+        T = float(hold.steps[0])
         text = (
-            f"where u is a command that the drive holds, a sample at {1 / float(hold.steps[0]):.4g} Hz, say hold: "
-            "zero-order in experiment.recorded (with rate_hz in experiment.responses); where y are velocities that it "
-            f"makes of its encoder, {_differentiator(hold)}"
+            f"where u is a command that the drive holds, a sample at {1 / T:.4g} Hz, say hold: zero-order in "
+            "experiment.recorded (with rate_hz in experiment.responses); where y are velocities that it makes of its "
+            f"encoder, give the robot's file chain: {{differentiator: {1e3 * T:.4g} ms}}"
         )
         return f"{text}; where the torque loop or a log delays it, {delay}" if "delay" in names else text
     if index.name == "delay":
         return f"{delay}, or give the robot's chain its lags"
-    if (index.name == "low_pass" or index.name.startswith("low_pass_u")) and index.steps[0] < 0:
+    if index.name.startswith("low_pass") and index.steps[0] < 0:
         return "log torques before their filter, or take the filter out of what was logged"
     if index.name == "low_pass":
         return "give the robot's chain the sensor_lag of its encoders, or the torque_lag of its drives"
     return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
-
-
-def _differentiator(index: ModificationIndex) -> str:
-    return f"give the robot's file chain: {{differentiator: {1e3 * float(index.steps[0]):.4g} ms}}"
 
 
 def scale(index: ModificationIndex) -> str:
@@ -155,10 +137,11 @@ def scale(index: ModificationIndex) -> str:
 
 def load(index: ModificationIndex) -> str:
     """Change of a gear's stiffness with the torque it carries."""
-    gear, percent = f"a stiffness of gear {axis(index)} that rises with the torque", 100 * float(index.steps[0])
-    if index.name.startswith("play"):
-        return f"{gear} out of a gap ({-percent:+.2g} % at the smallest torque of these postures)"
-    return f"{gear} it carries ({percent:+.2g} % at the largest torque of these postures)"
+    percent = 100 * float(index.steps[0])
+    return (
+        f"a stiffness of gear {axis(index)} that rises with the torque it carries ({percent:+.2g} % at the largest "
+        "torque of these postures)"
+    )
 
 
 def coupling(index: ModificationIndex) -> str:
@@ -167,13 +150,15 @@ def coupling(index: ModificationIndex) -> str:
     return f"a gear that turns motor {motor} along by {float(index.steps[0]):+.3g} of its ratio when axis {joint} turns"
 
 
-def reference(index: ModificationIndex) -> str:
-    """Reference of a controller in place of the torque, with its factor where that is unusual."""
-    gains = [float(step) for name, step in zip(index.members, index.steps, strict=True) if name.startswith("gain")]
-    times = f", times {math.exp(-gains[0]):.3g}" if gains and abs(gains[0]) > GAIN_U.usual else ""
-    return f"the reference of a controller{times} that was logged instead of the torque"
-
-
 def payload_of_one(index: ModificationIndex) -> str:
     """Load in one configuration."""
     return f"{payload(replace(index, name=index.name.partition('@')[0]))}, in configuration {posture(index)} alone"
+
+
+def of_one_posture(index: ModificationIndex) -> str:
+    """Delay, torques or stiffness of one configuration."""
+    where, step = f"configuration {posture(index)} alone", float(index.steps[0])
+    if index.name.startswith("delay"):
+        return f"motions of {where} that are {1e3 * step:.3g} ms late against its torques"
+    what = "torques that read" if index.name.startswith("torques") else f"a stiffness of gear {axis(index)} of"
+    return f"{what} {100 * step:+.2g} % in {where}"

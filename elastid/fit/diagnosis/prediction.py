@@ -30,15 +30,13 @@ STIFFNESS_STD = 0.5  # of ln k about a study's start
 class Reading:
     """A way to read the responses: name, in words, family, and the change of the model's response.
 
-    order: the configuration whose model each measured response is of, where postures are exchanged.  undo: the inverse
-    of the change; None where it is its own.
+    order: the configuration whose model each measured response is of, where postures are exchanged.
     """
 
     name: str
     family: str
     change: Change
     order: tuple[int, ...] = ()
-    undo: Change | None = None
 
 
 @dataclass(frozen=True, eq=False)

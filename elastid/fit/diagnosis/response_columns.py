@@ -27,8 +27,6 @@ from elastid.robot import Body, Robot, gain_name
 
 # Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
 LOAD_RATIO = 0.97
-# Of the largest torque, below which a gear carries none.
-NO_LOAD = 0.01
 # Part of a rotor's inertia, below which nothing rides on a body; and the step over which its derivative is taken.
 RIDING = 1e-4
 
@@ -99,27 +97,17 @@ def posture_angles(response: HeldResponse) -> dict[str, ComplexArray]:
 def of_one_posture(response: HeldResponse) -> dict[str, ComplexArray]:
     """Derivatives to what differs in this configuration alone.
 
-    delay@c1 of all its channels, s; torques@c1: ln of the torques that are read per torque; friction_1@c1: ln fm_1;
-    transmission_1@c1: ln of the effective ratio, which a transmission error changes by its slope at the posture's
-    angle; reading_1@c1: ln of the motion that is read per motion of the motor; spring_1@c1: ln k_1; m_fore@c1 ...: the
-    numbers of the last body, which carries a load.  None of a single configuration.
+    delay@c1 of all its channels, s; torques@c1: ln of the torques that are read per torque; spring_1@c1: ln k_1;
+    m_fore@c1 ...: the numbers of the last body, which carries a load.  None of a single configuration.
     """
     name, robot, last = response.model.configuration.name, response.robot, response.robot.bodies[-1]
     if len(response.loads) < 2:
         return {}
     columns = {f"{DELAY}@{name}": -2j * np.pi * response.freq_hz[:, None, None] * response.G}
     columns[f"torques@{name}"] = -response.G
-    for ratio, column in gear_ratios(response).items():
-        columns[f"{ratio.replace('ratio', 'transmission')}@{name}"] = column
     for joint in robot.driven:
-        friction = f"fm_{joint.name}"
-        if friction in response.slopes and response.value(friction) > 0:
-            columns[f"friction_{joint.name}@{name}"] = response.value(friction) * response.slopes[friction]
         if (spring := f"k_{joint.name}") in response.slopes:
             columns[f"spring_{joint.name}@{name}"] = response.value(spring) * response.slopes[spring]
-        gain = gain_name("y", f"motor {joint.name}")
-        if gain in response.slopes:
-            columns[f"reading_{joint.name}@{name}"] = response.slopes[gain]
     carried = {number: response.slopes[number] for number in inertial(last) if number in response.slopes}
     return columns | {f"{number}@{name}": column for number, column in carried.items()}
 
@@ -131,29 +119,18 @@ def inertial(body: Body) -> list[str]:
 
 
 def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
-    r"""Derivatives to the change of each gear's stiffness with the torque tau that it carries.
+    r"""Derivatives to the rise of each gear's stiffness with the torque tau that it carries.
 
-    load_2, of a gear that hardens, and play_2, of one with backlash, whose tangent is soft near no torque:
-
-    .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2), \qquad k\, (1 - e\, \tau_{min}^4 / \tau^4)
+    .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2)
     """
     columns = {}
     for joint in (each.name for each in response.robot.driven):
         loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
         most, spring = max(loads.values(), default=0.0), f"k_{joint}"
         if most > 0 and min(loads.values()) < LOAD_RATIO * most and spring in response.slopes:
-            own, least = loads[response.model.configuration.name], max(min(loads.values()), NO_LOAD * most)
-            slope = response.value(spring) * response.slopes[spring]
-            columns[f"load_{joint}"] = (own / most) ** 2 * slope
-            columns[f"play_{joint}"] = -((least / max(own, least)) ** 4) * slope
+            own = loads[response.model.configuration.name]
+            columns[f"load_{joint}"] = (own / most) ** 2 * response.value(spring) * response.slopes[spring]
     return columns
-
-
-def losses(response: HeldResponse) -> dict[str, ComplexArray]:
-    """Derivatives to the loss factor e of each gear, k (1 + j e): of hysteresis, which no d describes over a band."""
-    names = {joint.name: f"k_{joint.name}" for joint in response.robot.driven}
-    slopes, value = response.slopes, response.value
-    return {f"loss_{joint}": 1j * value(k) * slopes[k] for joint, k in names.items() if k in slopes}
 
 
 def gear_couplings(response: HeldResponse) -> dict[str, ComplexArray]:

@@ -1,17 +1,16 @@
-"""The score test of everything that a fit held, at its optimum or where the file's numbers stand."""
+"""The score test of everything that a fit held, at its optimum."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Hypothesis, Scores, hypothesis_of
 from elastid.fit.diagnosis.prediction import spread_out, thinned
 from elastid.fit.diagnosis.response_columns import inertial
@@ -19,23 +18,9 @@ from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest, f
 from elastid.fit.diagnosis.sensitivities import HeldModel, evaluate_held
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.part import Part
-from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.robot import Robot
 
-# Families of numbers that depend on the posture alone.
-OF_POSTURES = ("friction by posture", "transmission", "reading by posture", "spring by posture")
 RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
-
-
-@dataclass(frozen=True)
-class FileLimits:
-    """Limits of the search for causes at the numbers of the file; no judgement of their own."""
-
-    std_ratio: float = 1e-3  # of tolerances, which holds numbers where the file has them
-    iterations: int = 30
-
-
-FILE = FileLimits()
 
 
 # J^T J (n, n), J^T r (n,) and r^T r, and the names of the columns of J after those of x (n_x,).
@@ -56,40 +41,11 @@ def score(evidence: Evidence) -> Scores:
     A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
     numbers += beyond
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
-    # What depends on the posture is the same where one is there twice.
-    angles = [tuple(map(float, part.kernel.model.configuration.angles)) for part in fit.parts]
-    is_twice = len({*angles}) < len(angles)
-    every_one = candidates(numbers, held.linearisation.model.robot, evidence.hypotheses)
-    freed = tuple(each for each in every_one if not (is_twice and each.family in OF_POSTURES))
+    freed = tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses))
     moved, drop = free_step(A, b, ~evidence.result.at_bound)
     noise, V = evidence.noise_cost * lines, V + pull - drop
     level = (noise or V) / max(thin.n_residuals - len(x), 1)
     return Scores(held, test, freed, V - noise, level, lines, evidence.noise_cost, moved)
-
-
-def at_file(evidence: Evidence) -> Evidence | None:
-    """The same where a fit ends that holds the numbers of the file as they stand.
-
-    A fit that moves numbers far within their tolerances to make up for a cause ends where no step leads to the cause.
-    None where all numbers were held, or no robot stands there.
-    """
-    assembly, result, criterion = evidence.assembly, evidence.result, evidence.assembly.spec.criterion
-    if not result.has_tolerances:
-        return None
-    free = result.parameters.free
-    priors = {p.name: replace(p.prior, std=FILE.std_ratio * p.prior.std) for p in free if p.tolerated and p.prior}
-    changed = tuple(replace(p, prior=priors.get(p.name, p.prior)) for p in assembly.parameters)
-    held = replace(assembly, parameters=replace(assembly.parameters, parameters=changed))
-    asked = np.array([not p.tolerated for p in free])
-    start = np.where(asked, evidence.optimum.end.x, assembly.parameters.x)
-    try:
-        x = solve(held.at(start, criterion).problem, start, ROUGH, FILE.iterations).x
-        fit = assembly.at(x, criterion)
-    except ElastidError:
-        return None
-    end = replace(evidence.optimum.end, x=x, cost=fit.evaluate(x).cost)
-    there = replace(result, x=x, cost=end.cost, at_bound=np.zeros(len(x), dtype=bool))
-    return replace(evidence, optimum=replace(evidence.optimum, fit=fit, end=end), result=there)
 
 
 def _with_priors(
@@ -174,7 +130,7 @@ def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence
     """Each number alone, then common factors of several, then what one cause changes together.
 
     A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.  A
-    payload changes mass, centre and inertia of a body; friction or the ratio of an axis may differ in every posture.
+    payload changes mass, centre and inertia of a body; the angle of an axis may be off in every posture.
     """
     place = {number.name: i for i, number in enumerate(numbers)}
     doubled = {f"angle_{name.removeprefix('zero_')}" for name in place if name.startswith("zero_")}
@@ -201,26 +157,16 @@ def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence
             add_common(f"I_{body.name}_*", [place[name] for name in moments if name in place])
     for name, family, members in _of_one_cause(robot, place):
         add_together(name, family, [place[member] for member in members if member in place])
-    loops, gains = ([i for name, i in place.items() if name.startswith(word)] for word in ("loop_", "gain_u_"))
-    if loops and gains:  # one constant of all motors
-        directions = np.zeros((len(loops) + len(gains), len(loops) + 1))
-        directions[: len(loops), :-1], directions[len(loops) :, -1] = np.eye(len(loops)), 1.0
-        every.append(Candidate("reference", "reference", np.array(loops + gains), directions))
     return every
 
 
 def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
-    """Name, family and members: of payloads, of axes that differ between postures, of a reference logged as torque."""
+    """Name, family and members: of payloads, and of angles that are off in all postures."""
     postures = sorted({name.partition("@")[2] for name in place if "@" in name})
     for body in robot.bodies:
         yield f"payload_{body.name}", "payload", inertial(body)
         for posture in postures:
             own = [f"{name}@{posture}" for name in inertial(body)]  # none but of the last body
             yield f"payload_{body.name}@{posture}", "payload of one posture", own
-    for family in OF_POSTURES:
-        word = family.partition(" ")[0]
-        for joint in robot.driven:
-            yield f"{word}_{joint.name}", family, [f"{word}_{joint.name}@{posture}" for posture in postures]
-    yield "torques", "torques by posture", [f"torques@{posture}" for posture in postures]
     for joint in robot.driven:
         yield f"angles_{joint.name}", "angles by posture", [f"angle_{joint.name}@{posture}" for posture in postures]

@@ -6,9 +6,6 @@ geometry and the gains of its channels these are:
 - angle_2: an offset of the angle at which axis 2 stood, in all configurations; angle_2@c1: in one.
 - torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
 - base_x: that of what the robot stands on, about x of its first body before it turns.
-- loop_2: the square of the bandwidth omega_2 of a position loop of motor 2, which makes a spring of omega_2^2 M_22
-  between it and the ground; where the torque that was logged is the loop's reference.
-- hose_2: a stiffness across joint 2, behind its gear, as a share of the gear's: of a hose, a cable or a balancer.
 - rate: a sampling rate 1 + e of the stated one. Frequencies are then 1 + e of those read, and motions that were
   differentiated from positions (1 + e)^2:
 
@@ -85,7 +82,7 @@ class HeldModel:
     def parameters(self) -> tuple[str, ...]:
         """Names of theta: those of the equations, the delay, offsets of the angles, the rate."""
         robot = self.linearisation.model.robot
-        further = (f"{word}_{joint.name}" for word in ("angle", "loop", "hose") for joint in robot.driven)
+        further = (f"angle_{joint.name}" for joint in robot.driven)
         return (*self.linearisation.model.parameters, DELAY, *further, RATE)
 
     def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
@@ -119,7 +116,6 @@ class HeldModel:
             angles[place] += step
             moved = model_at(replace(measured.configuration, angles=angles), self.linearisation.without_slopes)
             slopes[f"angle_{joint.name}"] = _difference(model, moved, step)
-            slopes |= _position_loop(model, joint.name) | _hose(model, joint.name, theta)
         theta_ref = np.concatenate([own, np.zeros(len(self.parameters) - len(own))])
         return replace(model, parameters=self.parameters, theta_ref=theta_ref, slopes=slopes), theta
 
@@ -156,26 +152,6 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
             names[f"k_{name}"] = name if is_root else f"torsion_{name}"
         bodies.append(replace(body, joints=tuple(joints)))
     return replace(robot, bodies=tuple(bodies)), names
-
-
-def _position_loop(model: LinearModel, joint: str) -> dict[str, Slope]:
-    """The stiffness per squared bandwidth: the inertia that the motor moves where all springs are rigid."""
-    if f"motor {joint}" not in model.inputs:
-        return {}
-    b = model.B[:, model.inputs.index(f"motor {joint}")]
-    return {f"loop_{joint}": Slope(K=np.outer(b, b) / float(b @ np.linalg.solve(model.M, b)))}
-
-
-def _hose(model: LinearModel, joint: str, theta: FloatArray) -> dict[str, Slope]:
-    """k y y^T, y (n,) the turn of the joint: that of its motor less the deflection of its gear."""
-    place, spring = f"motor {joint}", f"k_{joint}"
-    stiffness = model.slopes[spring].K if spring in model.slopes else None
-    if place not in model.inputs or stiffness is None or not np.any(stiffness):
-        return {}
-    b, i = model.B[:, model.inputs.index(place)], int(np.argmax(np.diag(stiffness)))
-    gear = stiffness[:, i] / np.sqrt(stiffness[i, i])
-    y = b - gear * np.sign(gear @ b)
-    return {f"hose_{joint}": Slope(K=theta[model.parameters.index(spring)] * np.outer(y, y))}
 
 
 def _difference(model: LinearModel, moved: LinearModel, step: float) -> Slope:

@@ -28,7 +28,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import Note
-from elastid.base.names import matching
+from elastid.base.names import matching, posture_of
 from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
@@ -316,6 +316,10 @@ class Limits:
     # still smaller noise.
     explained_share: float = 0.5
     named: int = 3  # parameters in a message, those that are moved most
+    explained: float = 0.8  # of the excess by a cause, from which on none is sought that V does not rank
+    residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
+    factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
+    stiffness_std: float = 0.5  # the largest, of ln k, of a stiffness that counts there
 
 
 LIMITS = Limits()
@@ -326,6 +330,58 @@ def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
     result = evidence.result
     of_error = _model_error(evidence)
     return (*bound_notes(result), *_determination(result, evidence.uncertainty.unreached), *_search(result), *of_error)
+
+
+def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
+    """A note on each configuration that the model explains far worse than the others, where no cause explains that.
+
+    All amplitudes of a posture are one configuration here: gears that are not linear need no second robot.
+    """
+    result, x = evidence.result, evidence.optimum.end.x
+    # What a cause leaves may be chance where V is little above the noise.
+    left, by_chance = result.cost - evidence.best_drop, largest_by_chance(result.cost_dof) * result.cost_expected
+    if evidence.best_share >= LIMITS.explained or (evidence.best_drop and left < by_chance) or result.model_error <= 1:
+        return ()
+    sums: dict[str, tuple[float, int]] = {}
+    for part in (part for part in evidence.optimum.fit.parts if part.n_residuals):
+        name = posture_of(part.configuration)
+        V, count = sums.get(name, (0.0, 0))
+        sums[name] = V + part.normal.at(evidence.optimum.fit.theta(part, x))[0], count + part.n_residuals
+    level = np.sqrt([V / count for V, count in sums.values()])
+    others = "those of the other configurations; is it of the same robot, with the same load, at the stated angles?"
+    return tuple(
+        Note("fit/unlike-responses", f"its residuals are {ratio:.0f} times {others}", f"configuration {name}")
+        for name, ratio in zip(sums, level / float(np.median(level)), strict=True)
+        if len(sums) > 2 and ratio > LIMITS.residual_ratio
+    )
+
+
+def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
+    r"""A note where all stiffnesses suggest frequencies in rad/s instead of Hz, or the other way round.
+
+    An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
+    """
+    result = evidence.result
+    # Viscous friction that the file holds is off by the same reading, and no other cause of it.
+    is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
+    if evidence.best_share > LIMITS.explained and not is_friction:
+        return ()
+    known = np.sqrt(np.diag(result.covariance)) < LIMITS.stiffness_std
+    stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
+    if not stiff:
+        return ()
+    change = result.x[stiff] - result.parameters.x[stiff]
+    expected = 2 * math.log(2 * math.pi) * np.sign(np.median(change))
+    if np.any(np.abs(change - expected) > math.log(LIMITS.factor_spread)):
+        return ()
+    factor = math.exp(abs(float(np.median(change))))
+    names = ", ".join(result.parameters.free[i].name for i in stiff)
+    side, unit, other = ("above", "rad/s", "Hz") if expected > 0 else ("below", "Hz", "rad/s")
+    text = (
+        f"{factor:.0f} times {side} the start, and (2 pi)^2 is 39: are the frequencies of the responses in {unit}, "
+        f"where {other} was taken? Then all stiffnesses are off by it, and no residual shows it"
+    )
+    return (Note("fit/frequency-unit", text, names),)
 
 
 def friction_note(evidence: Evidence) -> tuple[Note, ...]:

@@ -1,14 +1,17 @@
-"""Variants of a study: other robots than the file's, or the same read otherwise, as causes with V of their fits.
+"""Variants of a study, each fitted from the study's start: other robots than the file's, or the same read otherwise.
 
-The study read otherwise: angles, and sides of encoders and of inertias of motors.
+They stand at the angles as another unit, direction or order has them, have inertias of motors or encoders on the other
+side of the gears, are mounted otherwise, or do not carry the payload that the file has, or a further one.  A fit that
+moved numbers within their tolerances to make up for such a cause ends where no step leads to it; these begin at the
+file, with the tolerances about their own numbers.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
-from itertools import pairwise, product
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -16,45 +19,73 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.hypothesis import Evidence, Scores
+from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
+from elastid.fit.diagnosis.score_test import Load, find_load, steps_of
 from elastid.fit.result import ModificationIndex
-from elastid.parameters import Parameter, Parameters
-from elastid.robot import Robot
+from elastid.fit.solve.solvers import ROUGH, solve
+from elastid.parameters import Parameter, Parameters, Prior
+from elastid.robot import Payload, Robot
 
 Variant: TypeAlias = tuple[ModificationIndex, Assembly]
-COST_RATIO = 1.1  # of V, below which variants cannot be distinguished
 
 
-def named(name: str, family: str) -> ModificationIndex:
-    """The index of a cause that is no number of the model."""
-    none = np.zeros(0)
-    return ModificationIndex(name, family, (), none, (), (), none, math.nan, 0.0, 0.0, none)
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the search among variants."""
+
+    explained_share: float = 0.99  # of the excess; where something else explains more, no variant is tried
+    share: float = 0.5  # of the excess that a variant explains
+    cost_ratio: float = 1.1  # of V, below which variants cannot be distinguished
+    residuals: int = 2_000  # of the fit of a variant
+    left: float = 1e-3  # of a payload that is not carried
+    iterations: int = 30  # of a fit with a load
+    rounds: int = 5  # of linearisations, in which a load is found
+    settled: float = 0.99  # of V of the round before, from which on there is no further one
+    load_radius: float = 0.1  # of gyration of a load at the start, m
+    mass_std: float = 1.0  # of the logarithm of its mass about its linear step
+    inertia_std: float = 1.5  # of that of its inertia about the start
+    place_std: float = 0.5  # m
 
 
-def about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
-    """The same with tolerances about other numbers."""
-
-    def moved(p: Parameter) -> Parameter:
-        if p.name not in numbers or not (p.tolerated or p.tie is not None or not p.free):
-            return p
-        value = numbers[p.name]
-        if p.tie is not None:
-            return replace(p, tie=replace(p.tie, factor=value), value=value)
-        by = value / p.value if p.log else 0.0
-        lower, upper = (p.lower * by, p.upper * by) if p.log else (p.lower + value - p.value, p.upper + value - p.value)
-        return replace(p, value=value, lower=lower, upper=upper, prior=p.prior and replace(p.prior, mean=value))
-
-    return replace(parameters, parameters=tuple(map(moved, parameters)))
+LIMITS = Limits()
+EARTH = 9.81  # m/s^2
 
 
-def of_robot(evidence: Evidence, robot: Robot, parameters: Parameters) -> Assembly:
-    """The study with another robot."""
-    own = evidence.assembly
-    return Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
+def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """The indices with the best variant, and with a load that was fitted, where nothing explains all."""
+    explained = max((index.share for index in indices), default=0.0)
+    is_explained = explained > LIMITS.explained_share and not any(i.group == SCALE for i in indices)
+    if not evidence.is_unexplained or is_explained:
+        return indices
+    # V that the file's own robot reaches from the study's start is no merit of a variant.
+    own = _judged((_named("", ""), evidence.assembly), evidence, scores)[0]
+    judged = sorted((_judged(each, evidence, scores) for each in _variants(evidence)), key=lambda trial: trial[1])
+    first = judged[0][0] if judged else own
+    equal = tuple(index.name for index, V in judged[1:] if LIMITS.cost_ratio * judged[0][1] > V)
+    drop, share = first.drop - max(own.drop, 0.0), first.share - max(own.share, 0.0)
+    found = [replace(first, drop=drop, share=share, alike=equal)]
+    if max(explained, share) <= LIMITS.explained_share:
+        found += _with_load(evidence, scores)
+    shares = {index.name: index.share for index in indices}
+    better = {i.name: i for i in found if i.share > max(LIMITS.share, shares.get(i.name, 0.0))}
+    return [*(index for index in indices if index.name not in better), *better.values()]
 
 
-def against(
+def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
+    """The index of a variant, and V of all lines at the optimum that a few steps reach from the start."""
+    index, assembly = variant
+    cost, x = math.inf, assembly.parameters.x
+    try:
+        fit = thinned(assembly.at(x, assembly.spec.criterion), LIMITS.residuals)
+        cost, x = settle(AS_READ, fit, x, np.ones(len(x), dtype=bool))
+        cost *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
+    except ElastidError:  # no robot stands there
+        pass
+    return _against(index, cost, x, evidence, scores), cost
+
+
+def _against(
     index: ModificationIndex, cost: float, x: FloatArray, evidence: Evidence, scores: Scores
 ) -> ModificationIndex:
     """The index where V (cost) and x (n_x,) are those of a fit with it."""
@@ -63,20 +94,21 @@ def against(
     return replace(index, drop=drop, share=share, effects=x - evidence.result.x)
 
 
-def best(judged: Iterable[tuple[ModificationIndex, float]]) -> list[ModificationIndex]:
-    """The index of least V, with the names of those that cannot be distinguished from it."""
-    by_cost = sorted(judged, key=lambda trial: trial[1])
-    equal = (index.name for index, V in by_cost[1:] if COST_RATIO * by_cost[0][1] > V)
-    return [replace(by_cost[0][0], alike=tuple(equal))] if by_cost else []
+def _named(name: str, family: str) -> ModificationIndex:
+    """The index of a cause that is no number of the model."""
+    none = np.zeros(0)
+    return ModificationIndex(name, family, (), none, (), (), none, math.nan, 0.0, 0.0, none)
 
 
-MOST_RESIDUALS = 2_000  # of the fit of another reading
-
-
-def read_otherwise(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """By the best of the study's other readings."""
-    variants = (*_angles(evidence), *_motor_inertias(evidence), *_encoders(evidence))
-    return best(_settled(variant, evidence, scores) for variant in variants)
+def _variants(evidence: Evidence) -> Iterator[Variant]:
+    """Every variant by its name."""
+    yield from _angles(evidence)
+    yield from _encoders(evidence)
+    own = evidence.assembly
+    robot, parameters = own.linearisation.model.robot, own.parameters
+    for name, family, other, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
+        about = _about(parameters, numbers)
+        yield _named(name, family), Assembly.of(own.responses, other, own.spec, about, own.model, (), own.weights)
 
 
 def _angles(evidence: Evidence) -> Iterator[Variant]:
@@ -96,29 +128,12 @@ def _angles(evidence: Evidence) -> Iterator[Variant]:
         order = [*range(i), i + 1, i, *range(i + 2, n)]
         changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
     stated = np.array([G.configuration.angles for G in own.responses])
-    names = [G.configuration.name for G in own.responses]
-    worst = names[int(np.argmax([part.normal.at(evidence.optimum.fit.theta(part, evidence.optimum.end.x))[0]
-                                 / max(part.n_residuals, 1) for part in evidence.optimum.fit.parts]))]  # fmt: skip
-    for (name, change), whose in product(changes.items(), ("", worst) if len(names) > 1 else ("",)):
-        chosen = np.array([whose in ("", own_name) for own_name in names])
-        stood = np.where(chosen[:, None], stated @ change.T, stated)
+    for name, change in changes.items():
+        stood = stated @ change.T
         if not np.allclose(stood, stated):
             places = [replace(G.configuration, angles=row) for G, row in zip(own.responses, stood, strict=True)]
             responses = (replace(G, configuration=place) for G, place in zip(own.responses, places, strict=True))
-            where = name.replace("all configurations", f"configuration {whose}") if whose else name
-            yield named(where, "postures"), replace(own, responses=tuple(responses))
-
-
-def _motor_inertias(evidence: Evidence) -> Iterator[Variant]:
-    """The robot with an inertia of its file, of one motor or of all, that is referred to the link side of the gear."""
-    own = evidence.assembly
-    robot = own.linearisation.model.robot
-    given = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
-    every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in given.items()}
-    groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
-    for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
-        index = named(f"{name} given on the link side, or in kg cm^2", "side of the gear")
-        yield index, of_robot(evidence, robot.with_parameters(numbers), about(own.parameters, numbers))
+            yield _named(name, "postures"), replace(own, responses=tuple(responses))
 
 
 def _encoders(evidence: Evidence) -> Iterator[Variant]:
@@ -134,17 +149,123 @@ def _encoders(evidence: Evidence) -> Iterator[Variant]:
             responses = tuple(
                 replace(G, outputs=tuple(outputs.get(place, place) for place in G.outputs)) for G in own.responses
             )
-            yield named(f"{whose} {side} the gear", "side of the encoder"), replace(own, responses=responses)
+            yield _named(f"{whose} {side} the gear", "side of the encoder"), replace(own, responses=responses)
 
 
-def _settled(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
-    """The index of another study, and V of all lines at the optimum that a few steps reach from the start."""
-    index, assembly = variant
-    cost, x = math.inf, assembly.parameters.x
+# Name, family, robot, and the numbers about which tolerances are.
+_Other: TypeAlias = tuple[str, str, Robot, Mapping[str, float]]
+
+
+def _motor_inertias(robot: Robot) -> Iterator[_Other]:
+    """The robot with an inertia of its file, of one motor or of all, that is referred to the link side of the gear."""
+    given = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
+    every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in given.items()}
+    groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
+    for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
+        words = f"{name} given on the link side, or in kg cm^2"
+        yield words, "side of the gear", robot.with_parameters(numbers), numbers
+
+
+def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
+    """The robot with other directions of gravity, and without the payload of its file."""
+    size = float(np.linalg.norm(robot.gravity)) or EARTH
+    directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
+                  for axis, row in zip("xyz", np.eye(3), strict=True) for sign in "+-"}  # fmt: skip
+    for name, gravity in (directions | {"no gravity": np.zeros(3)}).items():
+        if not np.allclose(gravity, robot.gravity, atol=0.1 * size):
+            yield name, "gravity", replace(robot, gravity=tuple(gravity.tolist())), {}
+    if robot.payload is not None and robot.payload.mass > 0:
+        numbers = {n: v for n, (v, _) in robot.parameters().items() if n == "m_payload" or n.startswith("I_payload")}
+        left = {name: LIMITS.left * value for name, value in numbers.items()}
+        yield "the payload of the file not carried", "payload of the file", robot.with_parameters(left), left
+
+
+def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
+    """The same with tolerances about other numbers."""
+
+    def moved(p: Parameter) -> Parameter:
+        if p.name not in numbers or not (p.tolerated or p.tie is not None or not p.free):
+            return p
+        value = numbers[p.name]
+        if p.tie is not None:
+            return replace(p, tie=replace(p.tie, factor=value), value=value)
+        by = value / p.value if p.log else 0.0
+        lower, upper = (p.lower * by, p.upper * by) if p.log else (p.lower + value - p.value, p.upper + value - p.value)
+        return replace(p, value=value, lower=lower, upper=upper, prior=p.prior and replace(p.prior, mean=value))
+
+    return replace(parameters, parameters=tuple(map(moved, parameters)))
+
+
+def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """By a load on the body where it explains most, fitted from there with its mass, place and inertia free.
+
+    Resonances move farther with it than they are wide, so that its linear step is only a start.
+    """
+    loads = _loads(scores)
+    body = max(loads, key=lambda name: loads[name].drop, default="")
+    if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
+        return []
+    mass, place = loads[body].mass, _centre(scores, body) + loads[body].place
+    loaded = _carrying(evidence, body, mass, place)
+    if loaded is None or not loaded[0] < scores.cost:
+        return []
+    cost, p, x = loaded
+    candidate = next(c for c in scores.candidates if c.name == f"payload_{body}")
+    members = [scores.test.numbers[i] for i in candidate.places]
+    p[1:] -= _centre(scores, body)
+    index = ModificationIndex(
+        name=candidate.name, group="payload", members=tuple(n.name for n in members),
+        values=np.array([n.value for n in members]), units=tuple(n.unit for n in members),
+        log=tuple(n.log for n in members), steps=steps_of(members, p), std=math.nan, drop=0.0, share=0.0,
+        effects=np.zeros(0),
+    )  # fmt: skip
+    return [_against(index, cost, x, evidence, scores)]
+
+
+def _loads(scores: Scores) -> dict[str, Load]:
+    """The best load of each body, by its name."""
+    bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
+    loads = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.level, 0.0) for c in bodies}
+    return {name: load for name, load in loads.items() if load is not None}
+
+
+def _centre(scores: Scores, body: str) -> FloatArray:
+    """The centre of mass (3,) of a body in the file, in its axes."""
+    value = {number.name: number.value for number in scores.test.numbers}
+    return np.array([value.get(f"c_{body}_{axis}", 0.0) for axis in "xyz"])
+
+
+def _carrying(
+    evidence: Evidence, body: str, mass: float, place: FloatArray
+) -> tuple[float, FloatArray, FloatArray] | None:
+    """V, mass (kg) and place (m) of a load (4,) in the axes of a body, and x (n_x,) of the fit with it from a start."""
+    own, criterion = evidence.assembly, evidence.assembly.spec.criterion
+    inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
+    robot = replace(own.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
+    numbers = (
+        Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.mass_std)),
+        *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.place_std))
+          for n, v in zip(names, place, strict=True)),
+        Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.inertia_std)),
+    )  # fmt: skip
+    file, known = own.parameters, dict(zip(own.parameters.free_names, evidence.result.x.tolist(), strict=True))
+    every = {p.name: p for p in (*file, *numbers)}
+    in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
+    parameters = Parameters((*in_order, *every.values()))
+    asked = {p.name for p in file.free if not p.tolerated}
+    x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
+    cost = math.inf
     try:
-        fit = thinned(assembly.at(x, assembly.spec.criterion), MOST_RESIDUALS)
-        cost, x = settle(AS_READ, fit, x, np.ones(len(x), dtype=bool))
-        cost *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
-    except ElastidError:  # no robot stands there
-        pass
-    return against(index, cost, x, evidence, scores), cost
+        assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
+        for _ in range(LIMITS.rounds):
+            fit = assembly.at(x, criterion)
+            _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
+            x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
+            before, cost = cost, assembly.at(x, criterion).evaluate(x).cost
+            if not cost < LIMITS.settled * before:
+                break
+    except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
+        return None
+    values = dict(zip(parameters.free_names, x.tolist(), strict=True))
+    p = np.array([math.exp(values["m_payload"]), *(values.get(name, 0.0) for name in names)])
+    return cost, p, np.array([values[name] for name in file.free_names])

@@ -1,37 +1,50 @@
-r"""Misreadings: responses that were read wrongly, as changes of the model's, each followed to an optimum.
+r"""Readings: responses that were read wrongly, or late, as changes of the model's, each followed to an optimum.
 
-.. math:: \hat G \approx S G, \quad P G, \quad G^*, \quad j G^*, \quad (j \omega)^k G, \quad
+.. math:: \hat G \approx S G, \quad P G, \quad G^*, \quad (j \omega)^k G, \quad
           |\hat G_{ij}| \approx \frac{|G_{ij}|}{c_i c_j}
 
-A channel of the other sign, channels or postures exchanged, phases counted by exp(-j omega t), real and imaginary parts
-exchanged, a velocity taken for an acceleration, channels in another unit.  A fit of responses that were read wrongly
-may end anywhere: one evaluation at its optimum and one at its start predict V of every reading, and the best of them
-take some steps on a few lines.  Where these end in a valley too, the best is solved from the study's start with the
-numbers of the file held, as every fit begins.
+A channel of the other sign, channels or postures exchanged, phases counted by exp(-j omega t), a velocity taken for an
+acceleration, channels in another unit.  A fit of responses that were read wrongly may end anywhere: one evaluation at
+its optimum and one at its start predict V of every reading, and the best of them take some steps on a few lines.
+
+Late by T is a channel, or all, by a delay D, a low pass L or a hold H, which differ in gain and curvature and to first
+order are all a delay:
+
+.. math:: D = e^{-j \omega T}, \qquad L = \frac{1}{1 + j \omega T}, \qquad
+          H = e^{-j \omega T / 2}\, \frac{\sin \omega T / 2}{\omega T / 2}
+
+T follows by a search in one dimension, the parameters of the fit by one Gauss-Newton step at each. A negative T is that
+of one that was taken out where none is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, product
+from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import ElastidError, Note
-from elastid.fit.assembly import Assembly
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores
-from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, start_distance, thinned
+from elastid.fit.diagnosis.prediction import (
+    AS_READ,
+    Prediction,
+    Reading,
+    evaluate,
+    predict,
+    settle,
+    squares,
+    start_distance,
+    thinned,
+)
 from elastid.fit.diagnosis.sensitivities import Evaluated
-from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.result import ModificationIndex
-from elastid.fit.solve.solvers import NEAR, ROUGH, solve
+from elastid.robot import gain_name
 
 
 @dataclass(frozen=True)
@@ -39,21 +52,23 @@ class Limits:
     """Thresholds of the judgement of readings."""
 
     exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
-    alone: int = 2  # configurations that fit worst, of which one alone may be read otherwise
     followed: int = 3  # readings
     predicted_ratio: float = 1.5  # V over that of the fit up to which readings are followed
-    iterations: int = 60  # of a solution from the study's start
     share: float = 0.8  # of the excess that a reading explains
-    whole: float = 0.99  # of it, below which a reading is solved from the study's start, too
+    whole: float = 0.99  # of it, below which scales are tried, too
     cost_ratio: float = 1.1  # of V, below which readings cannot be distinguished
     scale: float = 1.7  # a factor nearer to one may be an inertia that is not quite known
     scale_rounds: int = 2  # in which scales and parameters are found in turn
-    factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
-    stiffness_std: float = 0.5  # the largest, of ln k, of a stiffness that counts there
+    edge_phase: float = 0.8  # f T at the upper edge of the longest lateness that is sought
+    evaluations: int = 14  # of the search in one dimension
+    late_share: float = 0.1  # of the excess, from which a delay is followed by its forms
+    delays: int = 2  # that are
+    # Differences of V, in variances of the noise and of what remains, below which forms cannot be distinguished.
+    form_drop: float = 10.0
+    form_share: float = 0.01
 
 
 LIMITS = Limits()
-OF_ONE = ("sign", "direction", "exchanged channels")  # families that may be of one configuration alone
 
 
 def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -69,8 +84,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         for start, free in ((x, ~result.at_bound), (fit.parameters.x, every))
         for evaluated in (evaluate(fit, start),)
         for hypothesis in evidence.hypotheses
-        for common in (hypothesis.changes(evaluated, costs) if hypothesis.changes is not None else ())
-        for reading in (common, *_of_one(common, evaluated, costs))
+        for reading in (hypothesis.changes(evaluated, costs) if hypothesis.changes is not None else ())
     ]
     followed: dict[str, tuple[float, FloatArray, Reading]] = {}
     for cost, reading, start in sorted(predicted, key=lambda trial: trial[0]):
@@ -81,23 +95,11 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)
     as_read = min(float(costs.sum()), scores.cost * fit.n_residuals / max(optimum.fit.n_residuals, 1))
     excess = max(as_read - noise, 1e-300)
-
-    def explains(cost: float, share: float = LIMITS.share) -> bool:
-        return as_read - cost > share * excess
-
-    if followed and not any(explains(cost, LIMITS.whole) for cost, _, _ in followed.values()):
-        lowest = min(cost for cost, _, _ in followed.values())
-        for name, (cost, _, reading) in tuple(followed.items()):  # all that cannot be distinguished from the best
-            if cost > LIMITS.cost_ratio * lowest:
-                continue
-            with suppress(ElastidError):  # no robot stands there
-                there, start = _from_the_file(reading, evidence)
-                trials = (followed[name], (*settle(reading, there, start, every), reading))
-                followed[name] = min(trials, key=lambda trial: trial[0])
-    if not any(explains(cost, LIMITS.whole) for cost, _, _ in followed.values()):
+    least = min((cost for cost, _, _ in followed.values()), default=math.inf)
+    if as_read - least <= LIMITS.whole * excess:
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
             followed[name] = (cost, x_end, Reading(name, SCALE, lambda _, values: values))
-    good = sorted((trial for trial in followed.values() if explains(trial[0])), key=lambda trial: trial[0])
+    good = sorted((each for each in followed.values() if as_read - each[0] > LIMITS.share * excess), key=lambda t: t[0])
     if not good:
         return indices
     cost, x_end, best = good[0]
@@ -107,47 +109,6 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     index = ModificationIndex(best.name, best.family, (), none, (), (), none, math.nan, drop, share, x_end - x, equal)
     occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
     return [*indices, replace(index, occam=occam)]
-
-
-def _from_the_file(reading: Reading, evidence: Evidence) -> tuple[ElasticFit, FloatArray]:
-    """The fit linearised where one with the file's numbers held explains responses as a reading has them; and x (n_x,).
-
-    The measured responses are changed, from the study's start.  A fit of responses that were read wrongly may have
-    moved numbers so far within their tolerances that its own linearisation is of another robot.
-    """
-    own, robot = evidence.assembly, evidence.assembly.linearisation.model.robot
-    parameters, x = choose(own.spec, robot, [G.configuration.name for G in own.responses]), own.parameters.x
-    held, end = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights), parameters.x
-    stages: tuple[tuple[ResidualKind, float], ...] = (("log", NEAR), (own.spec.criterion, ROUGH))
-    for criterion, tolerance in stages:
-        fit = _read(reading, thinned(held.at(end, criterion)), end)
-        end = solve(fit.problem, end, tolerance, LIMITS.iterations).x
-    x[[own.parameters.free_names.index(name) for name in parameters.free_names]] = end
-    return thinned(own.at(x, own.spec.criterion)), x
-
-
-def _read(reading: Reading, fit: ElasticFit, x: FloatArray) -> ElasticFit:
-    """The fit to measured responses with the change of a reading undone, element by element."""
-    undo = reading.undo or reading.change
-    parts = []
-    for i, e in enumerate(evaluate(fit, x)):
-        source = fit.parts[reading.order[i]] if reading.order else e.part
-        measured, gain = undo(e, source.measured), np.abs(reading.change(e, source.gain.astype(np.complex128)))
-        parts.append(replace(e.part, measured=measured, gain=gain, whitening=None, compressed=None))
-    return replace(fit, parts=tuple(parts))
-
-
-def _of_one(reading: Reading, evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Reading]:
-    """The reading of one of the configurations alone that fit worst, of several."""
-    if reading.family not in OF_ONE or len(evaluated) < 2:
-        return
-    for i in np.argsort(-costs)[: LIMITS.alone].tolist():
-        name = evaluated[i].part.configuration
-        yield Reading(f"{reading.name} in configuration {name} alone", reading.family, partial(_alone, reading, name))
-
-
-def _alone(reading: Reading, name: str, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
-    return reading.change(evaluated, values) if evaluated.part.configuration == name else values
 
 
 def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -217,17 +178,14 @@ def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Ite
             yield Reading(name, "exchanged postures", lambda _, values: values, order)
 
 
-def conjugates(name: str, family: str, factor: complex, _: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
-    """Phases by exp(-j omega t), factor 1; real parts taken for imaginary ones, factor j.
-
-    The sign is -1 where an odd power of j omega made of the responses what is fitted: (j omega)^* = -j omega.
-    """
+def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
+    """Phases by exp(-j omega t); of the other sign where an odd power of j omega made of them what is fitted."""
     for sign in (1, -1):
-        yield Reading(name, family, partial(_conjugated, factor * sign))
+        yield Reading("all phases negated", "phase", partial(_conjugated, sign))
 
 
-def _conjugated(factor: complex, _: Evaluated, values: ComplexArray) -> ComplexArray:
-    return np.asarray(factor * values.conj())
+def _conjugated(sign: int, _: Evaluated, values: ComplexArray) -> ComplexArray:
+    return np.asarray(sign * values.conj())
 
 
 def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
@@ -235,7 +193,7 @@ def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
     for power in (1, 2, -1, -2):
         count, direction = "once" if abs(power) == 1 else "twice", "less" if power > 0 else "more"
         name = f"responses differentiated {count} {direction} in time"
-        yield Reading(name, "quantity", partial(_differentiated, power), undo=partial(_differentiated, -power))
+        yield Reading(name, "quantity", partial(_differentiated, power))
 
 
 def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
@@ -249,16 +207,7 @@ _READINGS: tuple[tuple[str, Changes, str], ...] = (
     ("direction", directions, "check the axis of its joint, the sign of its ratio and the signs of its channels"),
     ("exchanged channels", exchanged_channels, "check which channel is which"),
     ("exchanged postures", exchanged_postures, "check which record is of which posture, and the angles of both"),
-    (
-        "phase",
-        partial(conjugates, "all phases negated", "phase", 1),
-        "they were written with the convention exp(-j omega t); take their complex conjugates",
-    ),
-    (
-        "parts",
-        partial(conjugates, "real and imaginary parts exchanged", "parts", 1j),
-        "check which column or field is which",
-    ),
+    ("phase", conjugates, "they were written with the convention exp(-j omega t); take their complex conjugates"),
     ("quantity", quantities, "check the quantity (position, velocity, acceleration) of the y channels"),
 )
 READINGS = tuple(Hypothesis(family, changes=changes, advice=advice) for family, changes, advice in _READINGS)
@@ -312,29 +261,150 @@ def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str,
     return dict(zip(outputs, fewest, strict=False)), dict(zip(inputs, fewest[n_y:], strict=True))
 
 
-def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
-    r"""A note where all stiffnesses suggest frequencies in rad/s instead of Hz, or the other way round.
+Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]
 
-    An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
-    """
-    result = evidence.result
-    # Viscous friction that the file holds is off by the same reading, and no other cause of it.
-    is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
-    if evidence.best_share > LIMITS.share and not is_friction:
-        return ()
-    known = np.sqrt(np.diag(result.covariance)) < LIMITS.stiffness_std
-    stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
-    if not stiff:
-        return ()
-    change = result.x[stiff] - result.parameters.x[stiff]
-    expected = 2 * math.log(2 * math.pi) * np.sign(np.median(change))
-    if np.any(np.abs(change - expected) > math.log(LIMITS.factor_spread)):
-        return ()
-    factor = math.exp(abs(float(np.median(change))))
-    names = ", ".join(result.parameters.free[i].name for i in stiff)
-    side, unit, other = ("above", "rad/s", "Hz") if expected > 0 else ("below", "Hz", "rad/s")
-    text = (
-        f"{factor:.0f} times {side} the start, and (2 pi)^2 is 39: are the frequencies of the responses in {unit}, "
-        f"where {other} was taken? Then all stiffnesses are off by it, and no residual shows it"
-    )
-    return (Note("fit/frequency-unit", text, names),)
+
+def delay(freq_hz: FloatArray, T: float) -> ComplexArray:
+    """D (F,) of a signal that is T late."""
+    return np.asarray(np.exp(-2j * np.pi * freq_hz * T))
+
+
+def low_pass(freq_hz: FloatArray, T: float) -> ComplexArray:
+    """L (F,) of a filter of first order with the time constant T, its inverse where T is negative."""
+    L = 1 / (1 + 2j * np.pi * freq_hz * abs(T))
+    return np.asarray(L if T >= 0 else 1 / L)
+
+
+def hold(freq_hz: FloatArray, T: float) -> ComplexArray:
+    """H (F,) of a torque held for T, its inverse where T is negative."""
+    H = np.exp(-1j * np.pi * freq_hz * abs(T)) * np.sinc(freq_hz * abs(T))
+    return np.asarray(H if T >= 0 else 1 / H)
+
+
+FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass, "hold": hold}
+# f T at the upper edge about which a form of all channels is sought that no delay hints at.
+PHASES = {"hold": (-0.1, 0.1, 0.4), "low_pass": (-0.4, -0.1, 0.1)}
+
+
+@dataclass(frozen=True, eq=False)
+class Late:
+    """A form of lateness of all channels, of an output or of an input, with the T in s that fits best."""
+
+    form: str
+    role: str
+    place: str
+    time: float
+    prediction: Prediction
+
+    @property
+    def name(self) -> str:
+        """`delay`, `low_pass_y_motor_2` ..."""
+        return gain_name(self.role, self.place).replace("gain", self.form, 1) if self.role else self.form
+
+    @property
+    def cost(self) -> float:
+        """V with it, after a step."""
+        return self.prediction.cost
+
+
+def as_delay(name: str) -> str:
+    """The delay that a form of lateness is to first order; any other name as it is."""
+    form = next((form for form in FORMS if name.startswith(form)), name)
+    return f"delay{name.removeprefix(form)}" if form in FORMS else name
+
+
+@dataclass(frozen=True, eq=False)
+class LatenessSearch:
+    """Configurations evaluated at one x (n_x,).  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow."""
+
+    evaluated: Sequence[Evaluated]
+    prior: FloatArray
+    free: BoolArray
+
+    def best_forms(self, role: str, place: str, start: float) -> Iterator[Late]:
+        """The best T of each form of an output (y), input (u) or all (""), near a delay of `start`."""
+        for form in FORMS:
+            T = 2.0 * start if form == "hold" else start
+            if form != "hold" or role != "y":
+                yield self._between(form, role, place, (0.3 * T, 2.0 * T))
+
+    def best_filters(self) -> Iterator[Late]:
+        """The best hold of all torques, and the best low pass."""
+        for form, phases in PHASES.items():
+            ends = ((0.2 * phase / self._edge_hz, 2 * phase / self._edge_hz) for phase in phases)
+            yield min((self._between(form, "", "", pair) for pair in ends), key=lambda late: late.cost)
+
+    @property
+    def _edge_hz(self) -> float:
+        return max(float(e.part.kernel.freq_hz.max()) for e in self.evaluated)
+
+    def _between(self, form: str, role: str, place: str, ends: tuple[float, float]) -> Late:
+        from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
+
+        def at(T: float) -> Prediction:
+            reading = Reading("", "time", partial(_late, FORMS[form], T, role, place))
+            return predict(reading, self.evaluated, self.prior, self.free)
+
+        limit = LIMITS.edge_phase / self._edge_hz
+        low, high = (float(np.clip(T, -limit, limit)) for T in sorted(ends))
+        options = {"maxiter": LIMITS.evaluations, "xatol": 1e-4 * max(abs(low), abs(high))}
+        T = float(minimize_scalar(lambda T: at(T).cost, bounds=(low, high), method="bounded", options=options).x)
+        return Late(form, role, place, T, at(T))
+
+
+def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+    model = evaluated.part.kernel.model
+    H = factor(evaluated.part.kernel.freq_hz, T)[:, None, None]
+    if not role:
+        return np.asarray(H * values)
+    named = np.array([name == place for name in (model.outputs if role == "y" else model.inputs)])
+    return np.asarray(np.where(named[:, None] if role == "y" else named, H, 1.0) * values)
+
+
+def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """The indices with forms of lateness where a delay explains a part; a hold or a low pass of all in any case."""
+    optimum, result = evidence.optimum, evidence.result
+    fit = thinned(optimum.fit)
+    search = LatenessSearch(evaluate(fit, optimum.end.x), fit.prior_slopes, ~result.at_bound)
+    if not (evidence.is_unexplained and search.evaluated):
+        return indices
+    cost = predict(AS_READ, search.evaluated, search.prior, search.free).cost
+    lines = fit.n_residuals / max(optimum.fit.n_residuals, 1)
+    noise = scores.noise * lines
+    excess = max(cost - noise, 1e-300)
+
+    def index(late: Late, linear: ModificationIndex | None, equal: list[Late]) -> ModificationIndex:
+        """linear: the delay that it is to first order.  equal: all forms that cannot be distinguished."""
+        share, alike = (cost - late.cost) / excess, tuple(other.name for other in equal if other is not late)
+        own = linear or ModificationIndex(
+            late.name, "time", (), np.zeros(1), ("s",), (False,), np.zeros(1), math.nan, 0.0, 0.0, np.zeros(0)
+        )
+        is_own = late.name == own.name
+        return replace(
+            own, name=late.name, members=(late.name,), values=own.values if is_own else np.zeros(1), drop=share
+            * scores.excess / scores.lines, steps=np.array([late.time]), share=share, effects=late.prediction.step,
+            alike=alike + own.alike,
+        )  # fmt: skip
+
+    def equally_good(forms: Iterable[Late]) -> list[Late]:
+        """The best form and those that cannot be distinguished from it."""
+        best = sorted(forms, key=lambda late: late.cost)
+        tolerance = LIMITS.form_drop * scores.level + LIMITS.form_share * max(best[0].cost - noise, 0.0)
+        return [late for late in best if late.cost < best[0].cost + tolerance]
+
+    channels = {"delay": ("", "")} | {
+        gain_name(role, place).replace("gain", "delay", 1): (role, place)
+        for role, places in zip("yu", _channels(search.evaluated), strict=True)
+        for place in places
+    }
+    delays = [each for each in indices if each.name in channels and each.share > LIMITS.late_share][: LIMITS.delays]
+    extended = [each for each in indices if each not in delays]
+    for linear in delays:
+        equal = equally_good(search.best_forms(*channels[linear.name], float(linear.steps[0])))
+        extended += [index(late, linear, equal) for late in equal]
+    if not any(linear.name == "delay" for linear in delays):
+        equal = equally_good(search.best_filters())
+        explained = max((linear.drop * lines for linear in delays), default=0.0)
+        if cost - equal[0].cost > max(scores.significant[1], LIMITS.late_share * (cost - noise), explained):
+            extended += [index(late, None, equal) for late in equal]
+    return extended
