@@ -4,10 +4,10 @@
     uv run --all-groups python scripts/mutants.py --changed main
 
 A mutant has one operator, comparison, number or condition of one function changed; so many are drawn over a room's
-modules. Each meets the fast tests at its module's mirrored path, `test_<module>`, and where it survives them all fast
-tests of the room. Tests run in copies of one process that has loaded the libraries (POSIX alone). tests/kills.csv keeps
-the last count of each room with the commit and the seconds that it took; survivors are printed. --changed takes the
-rooms that differ from a commit.
+modules. Each meets its module's doctests and the fast tests at its mirrored path, `test_<module>`, and where it
+survives them all fast tests of the room. Tests run in copies of one process that has loaded the libraries (POSIX
+alone). tests/kills.csv keeps the last count of each room with the commit and the seconds that it took; survivors are
+printed. --changed takes the rooms that differ from a commit.
 """
 
 from __future__ import annotations
@@ -145,7 +145,8 @@ def outcome(test: Path, mutant: MutantLoader | None) -> int:
         sys.meta_path.insert(0, mutant)
     options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not slow", "-o", "addopts="]
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        return int(pytest.main([*options, str(test)]))
+        code = pytest.main([*options, "--doctest-modules", str(test)])
+    return 0 if code == pytest.ExitCode.NO_TESTS_COLLECTED else int(code)
 
 
 def mirrored(path: Path) -> Path:
@@ -183,7 +184,7 @@ def judged(room: str, count: int, seed: int) -> dict[str, object]:
         raise SystemExit(f"the tests of {room} fail without a mutant")
     for path, line, tree in drawn:
         mutant = MutantLoader(module_name(path), path, tree)
-        tests = [mirrored(path)] * mirrored(path).exists() + [ROOT / "tests" / room]
+        tests = [path, *[mirrored(path)] * mirrored(path).exists(), ROOT / "tests" / room]
         if any(fails(test, mutant) for test in tests):
             killed += 1
         else:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import chirp
 
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.excitation.multisine import (
+    Sweep,
     amplitudes,
     experiments,
     orthogonal_set,
     relative_amplitudes,
+    small_multisine,
     sweep_spectrum,
     synthesise,
 )
@@ -110,3 +115,33 @@ def test_a_linear_sweep_has_the_low_crest_factor_of_a_sweep_and_a_binary_signal_
     assert magnitude.max() / magnitude.min() < 2
     low, high = np.abs(sweep_spectrum("log-sweep", lines))[[20, 160]]
     assert low / high == pytest.approx(np.sqrt(lines[160] / lines[20]), rel=0.2)
+
+
+@pytest.mark.parametrize(("kind", "method"), [("linear-sweep", "linear"), ("log-sweep", "logarithmic")])
+def test_sweeps_are_those_of_scipy(kind: Sweep, method: Literal["linear", "logarithmic"]) -> None:
+    """From the first line to the last in one period, and at odd lines in half of one."""
+    lines, t = np.arange(11, 60, 2), np.arange(2 * 64 * 59) / (64 * 59)
+    first, last = lines[[0, -1]] / 2
+    half = chirp(t[: 64 * 59], first, 1, last, method, phi=-90)
+    spectrum = np.fft.rfft(np.concatenate([half, -half]))[lines]
+    found = sweep_spectrum(kind, lines)
+    np.testing.assert_allclose(found, spectrum / np.sqrt(np.mean(np.abs(spectrum) ** 2)), atol=1e-9)
+
+
+def test_a_sweep_multiplies_the_amplitudes_that_are_asked_for() -> None:
+    """Twice the amplitude at a line is twice that of the sweep there, at the power of the amplitudes."""
+    lines, amplitude = np.arange(10, 60), np.ones((50, 1))
+    amplitude[20:] = 2.0
+    U = experiments("linear-sweep", "dft", lines, amplitude, np.random.default_rng(0), eye(50, 1))[0, :, 0]
+    expected = amplitude[:, 0] * np.abs(sweep_spectrum("linear-sweep", lines))
+    np.testing.assert_allclose(np.abs(U) / np.linalg.norm(U), expected / np.linalg.norm(expected), rtol=1e-12)
+    assert np.linalg.norm(U) == pytest.approx(np.linalg.norm(amplitude), rel=1e-12)
+
+
+def test_a_small_multisine_is_odd_and_has_the_peak_that_is_asked_for() -> None:
+    """Within its band; the second half of its period is the first one reversed."""
+    signal = small_multisine(0.3, (2.0, 9.0), 1000, 100.0, np.random.default_rng(1))
+    assert np.abs(signal).max() == pytest.approx(0.3, rel=1e-12)
+    np.testing.assert_allclose(signal[500:], -signal[:500], atol=1e-12)
+    power = np.abs(np.fft.rfft(signal)) ** 2
+    assert power[20:91].sum() == pytest.approx(power.sum(), rel=1e-12)

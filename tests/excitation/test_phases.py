@@ -78,6 +78,14 @@ def test_known_crest_factors_of_random_schroeder_and_newman_phases() -> None:
     assert crest_factors(lines, np.exp(1j * newman(31))) < 1.9
 
 
+def test_schroeder_phases_are_a_sweep_in_proportion_to_power() -> None:
+    """Phi_k = -2 pi sum_i<k (k - i) p_i, term by term, of a spectrum that falls."""
+    amplitude = 1 / np.arange(1, 20)
+    p = amplitude**2 / np.sum(amplitude**2)
+    expected = [-2 * np.pi * sum((k - i) * p[i] for i in range(k)) for k in range(19)]
+    np.testing.assert_allclose(schroeder(amplitude), expected, atol=1e-12)
+
+
 @pytest.mark.parametrize("p", [4, 64])
 def test_gradient_of_the_norm_is_its_derivative(p: int) -> None:
     """Against finite differences, for a set of two inputs seen through a response to three outputs."""
