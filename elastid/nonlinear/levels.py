@@ -11,7 +11,6 @@ configurations. (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973; Kaufman, BIT 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -93,26 +92,6 @@ def covariance(equations: NormalEquations) -> FloatArray:
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     both = np.outer(size, size)
     return np.asarray(0.5 * np.linalg.pinv(A / both, hermitian=True) / both) if len(A) else A
-
-
-def levels_by_configuration(
-    data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Factors (C, n_m) from the common levels (n_f,) of a motor to those of each configuration alone, and their stds.
-
-    Least squares of e = a X f, a being the factor: a = f^T b / f^T A f.  NaN for motors without levels.
-    """
-    n_m = data[0].U.shape[1]
-    factors, stds = np.full((2, len(data), n_m), np.nan)
-    for i, spectra in enumerate(data):
-        equations = normal_equations([spectra], levels, motor_of)
-        A, b = equations.A.sum(axis=0), equations.b.sum(axis=0)
-        for motor in set(motor_of[levels > 0].tolist()):
-            f = np.where(motor_of == motor, levels, 0.0)
-            power = max(float(f @ A @ f), 1e-300)
-            factors[i, motor] = f @ b / power
-            stds[i, motor] = math.sqrt(0.5 / (power * equations.dof_share))
-    return factors, stds
 
 
 def _folds(data: ConfigurationSpectra, net: Net, realisations: IntArray) -> IntArray:
