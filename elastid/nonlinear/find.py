@@ -15,17 +15,20 @@ from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.spectra import RecordSpectra
-from elastid.nonlinear.choice import (
+from elastid.nonlinear.levels import (
     LIMITS,
     Choice,
+    NormalEquations,
     by_unknown_shapes,
     candidate_shapes,
     choose,
+    covariance,
+    find_levels,
     narrowed,
+    normal_equations,
     refined,
     shares,
 )
-from elastid.nonlinear.levels import NormalEquations, covariance, find_levels, normal_equations
 from elastid.nonlinear.motion import motion_of
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape

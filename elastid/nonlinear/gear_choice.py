@@ -18,6 +18,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.nonlinear.drives import elastic_joints
 from elastid.nonlinear.effects import GearEffect, Kind
 from elastid.nonlinear.gear_levels import GearData, Levels, NormalEquations, find_levels, start_levels
+from elastid.nonlinear.levels import held_out
 from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
 from elastid.robot import Robot
@@ -256,12 +257,12 @@ def _added(data: GearData, found: Levels, groups: Sequence[Group]) -> list[GearE
         places.append(list(range(first, first + len(group))))
         first += len(group)
     added: list[GearEffect] = []
-    V = held_out(sums, prior, np.array(chosen))
+    V = _left(sums, prior, np.array(chosen))
     while groups:
         costs = [
             np.inf
             if _stands(group[0], added) or _is_second(group[0], added)
-            else held_out(sums, prior, np.array([*chosen, *own]))
+            else _left(sums, prior, np.array([*chosen, *own]))
             for group, own in zip(groups, places, strict=True)
         ]
         best = int(np.argmin(costs))
@@ -273,18 +274,15 @@ def _added(data: GearData, found: Levels, groups: Sequence[Group]) -> list[GearE
     return added
 
 
-def held_out(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
-    """V of each realisation with the numbers `chosen` (n,) by the step of all others; of all where there is one."""
-    V, R = 0.0, len(sums.A)
-    square = np.ix_(chosen, chosen)
-    for i in range(R):
-        others = [m for m in range(R) if m != i] or [i]
-        A = sums.A[others].sum(axis=0)[square] + prior[0][square]
+def _left(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
+    """V of each realisation with the numbers `chosen` (n,) by the step of all others."""
+
+    def step(A: FloatArray, b: FloatArray) -> FloatArray:
+        A, b = A + prior[0][chosen[:, None], chosen], b + prior[1][chosen]
         size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        b = (sums.b[others].sum(axis=0) + prior[1])[chosen]
-        step = np.linalg.lstsq(A / np.outer(size, size), b / size, rcond=1e-10)[0] / size
-        V += float(sums.c[i] - 2 * sums.b[i][chosen] @ step + step @ sums.A[i][square] @ step)
-    return V
+        return np.asarray(np.linalg.lstsq(A / np.outer(size, size), b / size, rcond=1e-10)[0] / size)
+
+    return held_out(sums.A[:, chosen[:, None], chosen], sums.b[:, chosen], sums.c, step)
 
 
 def bent_gears(data: GearData, robot: Robot) -> set[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
+from typing import TypeVar
 
 import numpy as np
 from numpy.fft import irfft, rfft
@@ -12,11 +13,13 @@ from numpy.fft import irfft, rfft
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.record import MOTION_ORDER, Record
 
+Power = TypeVar("Power", FloatArray, ComplexArray)
 # Cells of the fine grid in a sample, since reversals of friction fall between samples.
 CELLS = 4
 # Lines of the period are kept as they are unless the velocity has more noise than this part of its RMS, since friction
-# moves the motor a little at all of them. All others are filtered, over so many neighbours.
-_NOISY, _NEIGHBOURS = 0.01, 9
+# moves the motor a little at all of them. All others are filtered.
+_NOISY = 0.01
+NEIGHBOURS = 15  # lines over which the power of residuals is averaged
 
 
 @dataclass(frozen=True)
@@ -107,15 +110,15 @@ def _signal_share(power: FloatArray, noise: float) -> FloatArray:
     """Wiener's gain (F,) of lines of a power (F,), by the mean of neighbours: 1 - noise / power, 0 below one half."""
     if not len(power):
         return power
-    near = np.convolve(power, np.ones(min(_NEIGHBOURS, len(power))), "same") / _neighbours(len(power))
+    near = near_mean(power, 9)
     # Noise alone has a mean of twice its power at four lines in a thousand.
     return np.where(near > 2 * noise, 1 - noise / np.maximum(near, 1e-300), 0.0)
 
 
-@lru_cache(maxsize=16)
-def _neighbours(lines: int) -> FloatArray:
-    """How many lines are in the mean of each (lines,)."""
-    return frozen(np.convolve(np.ones(lines), np.ones(min(_NEIGHBOURS, lines)), "same"))
+def near_mean(power: Power, width: int = NEIGHBOURS) -> Power:
+    """Mean (F,) of a power of lines (F,), real or complex, over so many neighbours, fewer at the ends."""
+    window = np.ones(min(width, len(power)))
+    return np.asarray(np.convolve(power, window, "same") / np.convolve(np.ones(len(power)), window, "same"))
 
 
 @lru_cache(maxsize=16)
