@@ -215,12 +215,11 @@ class _Problem:
 
     def _error(self, q: ComplexArray, j: int, m: int) -> FloatArray:
         """Transmission error (n,) of a joint along the motion of its motor."""
-        own = [(effect, f) for effect, f in zip(self.effects, self.levels, strict=True)
-               if effect.joint == self.drive.joints[j] and effect.kind.startswith("error")]  # fmt: skip
-        angle = self._angle(q, j, m)
-        none = np.zeros(len(angle))
-        plain = GearMotion(angle, none, none, none, none, float(self.drive.ratios[j]), 0.0, 0.0)
-        return np.asarray(sum((f * periodic_error(effect, plain)[0] for effect, f in own), start=none))
+        angle, total = self._angle(q, j, m), np.zeros(self.lines.points)
+        for effect, f in zip(self.effects, self.levels, strict=True):
+            if effect.joint == self.drive.joints[j] and effect.kind.startswith("error"):
+                total += f * periodic_error(effect, angle, float(self.drive.ratios[j]))[0]
+        return total
 
     def _angle(self, q: ComplexArray, j: int, m: int) -> FloatArray:
         row = self.drive.directions("motor", j)

@@ -244,6 +244,23 @@ def kept_power(equations: NormalEquations, motor: int, chosen: IntArray) -> floa
     return held_out(A, b, equations.c[:, motor], solve)
 
 
+def greedy(
+    larger: Callable[[list[int]], list[list[int]]],
+    cost: Callable[[list[int]], float],
+    pays: Callable[[float, float, list[int]], bool],
+) -> tuple[list[int], float]:
+    """The set that grows from none to the cheapest of those larger by one as long as that pays, and its cost."""
+    chosen: list[int] = []
+    left = cost(chosen)
+    while sets := larger(chosen):
+        costs = [cost(members) for members in sets]
+        best = int(np.argmin(costs))
+        if not pays(left, costs[best], sets[best]):
+            break
+        chosen, left = sets[best], costs[best]
+    return chosen, left
+
+
 def choose_shapes(
     equations: NormalEquations, motor: int, candidates: IntArray, rivals: IntArray
 ) -> tuple[IntArray, float]:
@@ -252,17 +269,15 @@ def choose_shapes(
     rivals: those of which it has one at most, beside others.  The first candidate is Coulomb friction: it goes where
     others explain its part.
     """
-    chosen: list[int] = []
-    left = total = kept_power(equations, motor, candidates[:0])
-    while len(chosen) < len(candidates):
-        sets = _larger(chosen, candidates.tolist(), rivals.tolist())
-        if not sets:
-            break
-        powers = [kept_power(equations, motor, np.array(members)) for members in sets]
-        best = int(np.argmin(powers))
-        if powers[best] >= (1 - LIMITS.shape_gain) * left:  # also where no line shows any power
-            break
-        chosen, left = sets[best], powers[best]
+
+    def power(members: list[int]) -> float:
+        return kept_power(equations, motor, np.array(members, dtype=np.int64))
+
+    def pays(before: float, after: float, _: list[int]) -> bool:
+        return after < (1 - LIMITS.shape_gain) * before  # not where no line shows any power
+
+    total = power([])
+    chosen, left = greedy(lambda own: _larger(own, candidates.tolist(), rivals.tolist()), power, pays)
     share = left / total if total > 0 else 1.0
     return _without_needless(equations, motor, np.array(sorted(chosen), dtype=np.int64), rivals, left), share
 

@@ -30,7 +30,7 @@ The torque of a record is held between its samples, friction is not; so friction
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, TypeAlias
@@ -111,14 +111,9 @@ def amplitudes(
 ) -> ComplexArray:
     """Amplitudes (n_f, F) of the shapes of a motor at lines (F,), of the mean of some of its repetitions, by number."""
     dft, N = np.zeros((len(shapes), len(lines)), complex), record.period_samples
-    states = _states(record, motion, [shape for shape in shapes if not shape.is_memoryless])
+    path = path_of(record, motion) if any(not shape.is_memoryless for shape in shapes) else None
     for i, shape in enumerate(shapes):
-        if shape.is_memoryless:
-            mean = _mean_period(record, friction_means(record, motion, [(shape, 1.0)]).ravel(), repetitions)
-        else:
-            s = next(states) / (2 * shape.threshold)
-            # A mean over a cell is by both of its ends.
-            mean = _mean_period(record, s[:-1], repetitions) + _mean_period(record, s[1:], repetitions)
+        mean = _mean_period(record, friction_means(record, motion, [(shape, 1.0)], path).ravel(), repetitions)
         dft[i] = rfft(mean)[lines] * _between_cells(N, int(lines[-1]) + 1)[lines]
     return np.asarray(dft * (2 / N))
 
@@ -140,16 +135,21 @@ def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatA
     return np.concatenate([mean, -mean]) if record.half_wave else np.asarray(mean)
 
 
-def friction_means(record: Record, motion: Motion, taken: Taken) -> FloatArray:
-    """A motor's friction (n, cells) in the cells of the samples of whole periods: shapes, their levels."""
+def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | None = None) -> FloatArray:
+    """A motor's friction (n, cells) in the cells of the samples of whole periods: shapes, their levels.
+
+    path: `path_of` the motion, if known.
+    """
     memoryless = [(shape, level) for shape, level in taken if shape.is_memoryless]
     means = np.repeat(steady(motion.by_sample[:, 0], memoryless)[:, None], CELLS, axis=1)
     slow = np.flatnonzero(motion.slowest <= reach(memoryless))
     if memoryless and len(slow):
         means[slow] = sliding_means(motion.by_sample[slow], memoryless)
-    bent = [(shape, level) for shape, level in taken if not shape.is_memoryless]
-    for (shape, level), s in zip(bent, _states(record, motion, [shape for shape, _ in bent]), strict=True):
-        means += ((s[:-1] + s[1:]) * (level / (2 * shape.threshold))).reshape(means.shape)
+    for shape, level in taken:
+        if not shape.is_memoryless:
+            path = path or path_of(record, motion)
+            s = (stop if shape.kind == "stop" else bristle)(path, shape.threshold) * (level / shape.threshold)
+            means += ((s[:-1] + s[1:]) / 2).reshape(means.shape)
     return means
 
 
@@ -183,15 +183,10 @@ def sliding_means(velocity: FloatArray, taken: Taken) -> FloatArray:
     return means
 
 
-def _states(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
-    """The state (n cells + 1,) of each bristle at all points of a motion."""
-    if not shapes:
-        return
-    # The state of a bristle at the start is not known: the first period is run over twice.
+def path_of(record: Record, motion: Motion) -> Path:
+    """The way of a bristle whose state at the start is not known: the first period is run over twice."""
     before = motion.angle[: record.period_samples * CELLS]
-    path = Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
-    for shape in shapes:
-        yield (stop if shape.kind == "stop" else bristle)(path, shape.threshold)
+    return Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
 
 
 def motion_under(record: Record, place: str, taken: Taken, a: float, highest_hz: float) -> Motion:

@@ -55,22 +55,14 @@ class Bend:
     """The shape that explains most of what a gear's deflection has beyond a straight line.
 
     drop: of V, a chi-square variable of one degree of freedom for a straight spring.  torque: RMS of the gear's, Nm.
-    deflection: its RMS, rad.  bent: RMS of the part beyond a straight line.  softer: change of the compliance by it, as
-    a part of the whole, negative where the spring grows stiffer.
+    softer: change of the compliance by it, as a part of the whole, negative where the spring grows stiffer.
     """
 
     joint: str
     shape: str
     drop: float
     torque: float
-    deflection: float
-    bent: float
     softer: float
-
-    @property
-    def level_db(self) -> float:
-        """Of the part beyond a straight line over the whole deflection."""
-        return float(20 * np.log10(self.bent / self.deflection))
 
 
 def straightness_notes(
@@ -95,8 +87,7 @@ def _words(bend: Bend) -> str:
     stiffer = f"{100 * abs(bend.softer):.2g} % {'softer' if bend.softer > 0 else 'stiffer'}"
     like = "a gap or lost motion" if bend.shape == "gap" else f"a spring that is about {stiffer} there than unloaded"
     return (
-        f"{BENT} {bend.joint} is not straight: at {bend.torque:.3g} N*m RMS in the gear, "
-        f"{bend.level_db:.0f} dB of its deflection of {1e3 * bend.deflection:.2g} mrad RMS is distortion as of {like}, "
+        f"{BENT} {bend.joint} is not straight: at {bend.torque:.3g} N*m RMS in the gear it bends as {like}, "
         "which no friction explains; stiffness and damping are those of this amplitude alone: measure with half and "
         "with twice the torque, and compare"
     )
@@ -234,15 +225,7 @@ class _Problem:
         level, drop = float(trials[best][0][-1]), V - trials[best][1]
         if not drop > max(LIMITS.drop, LIMITS.share * V):
             return None
-        return Bend(
-            joint,
-            list(shapes)[best],
-            drop,
-            size,
-            self.compliance[i] * size,
-            abs(level) * float(np.std(bent[best])),
-            level * gains[best] / self.compliance[i],
-        )
+        return Bend(joint, list(shapes)[best], drop, size, level * gains[best] / self.compliance[i])
 
     @cached_property
     def _basis(self) -> ComplexArray:
