@@ -40,8 +40,7 @@ from elastid.response import UNEXPLAINED, Response
 from elastid.robot import Robot
 from elastid.robot.tolerances import RATIO
 
-# Of a sample, by which reversals are found late, that a test of the motion between samples leaves.
-TURNING_ERROR = 0.005
+TURNING_ERROR = 0.02  # of a sample, by which reversals are found late
 
 
 def estimate_without_friction(
