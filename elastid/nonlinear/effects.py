@@ -164,28 +164,22 @@ def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
         return x**3, 3 * x**2
     if effect.kind == "progressive":
         return np.abs(x) * x, 2 * np.abs(x)
-    if effect.kind in ("range", "gap"):
-        return _broken_line(effect.kind, x, effect.scale)
+    b = effect.scale
+    if effect.kind == "range":
+        return x - np.clip(x, -b, b), (np.abs(x) > b).astype(float)
+    if effect.kind == "gap":
+        return -np.clip(x, -b, b), np.where(np.abs(x) > b, 0.0, -1.0)
     # The state at the start is not known: the period is run over twice.
     twice = Path.of(np.concatenate([x, x])).without(len(x))
-    phi = (stop if effect.kind == "stop" else bristle)(twice, effect.scale) / effect.scale
-    return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / effect.scale
+    phi = (stop if effect.kind == "stop" else bristle)(twice, b) / b
+    return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / b
 
 
-def _broken_line(kind: Kind, x: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
-    """Phi and dPhi / dx (n,) of what begins or ends at deflections of b."""
-    is_beyond = np.abs(x) > b
-    if kind == "range":
-        return np.sign(x) * np.maximum(np.abs(x) - b, 0.0), is_beyond.astype(float)
-    return -np.clip(x, -b, b), np.where(is_beyond, 0.0, -1.0)
-
-
-def periodic_error(effect: GearEffect, motion: GearMotion) -> tuple[FloatArray, FloatArray]:
-    """e and de/dq (n,) of unit size."""
-    order = effect.scale * motion.ratio
-    if effect.kind.endswith("cosine"):
-        return np.cos(order * motion.angle), -order * np.sin(order * motion.angle)
-    return np.sin(order * motion.angle), order * np.cos(order * motion.angle)
+def periodic_error(effect: GearEffect, angle: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
+    """e and de/dq (n,) of unit size at angles (n,) of a motor, link side, which turns `ratio` times as far."""
+    order = effect.scale * ratio
+    sine, cosine = np.sin(order * angle), np.cos(order * angle)
+    return (cosine, -order * sine) if effect.kind.endswith("cosine") else (sine, order * cosine)
 
 
 def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
@@ -196,7 +190,7 @@ def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArr
     if effect.is_implicit:
         phi = motion.along("friction" if effect.kind == "load" else effect.kind, effect.scale)
         return [(effect.place, np.abs(motion.torque) * phi if effect.kind == "load" else phi)]
-    e, slope = periodic_error(effect, motion)
+    e, slope = periodic_error(effect, motion.angle, motion.ratio)
     if effect.kind.startswith("ripple"):
         return [("motor", e)]
     return [("gear", motion.k * e + motion.d * slope * motion.velocity), ("motor", motion.torque * slope)]

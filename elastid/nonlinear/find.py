@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -15,34 +15,34 @@ from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.spectra import RecordSpectra
-from elastid.nonlinear.choice import (
+from elastid.nonlinear.levels import (
     LIMITS,
     Choice,
+    NormalEquations,
     by_unknown_shapes,
     candidate_shapes,
     choose,
-    narrowed,
-    refined,
-    shares,
-)
-from elastid.nonlinear.levels import (
-    NormalEquations,
     covariance,
     find_levels,
-    levels_by_configuration,
+    narrowed,
     normal_equations,
+    refined,
+    shares,
 )
 from elastid.nonlinear.motion import motion_of
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken, unsuited
 from elastid.record import MOTION_ORDER, Record
-from elastid.record import Motion as Quantity
 
 VELOCITY_NOISE = 0.04  # over the RMS of a velocity, above which its sign is noise
 # Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
 # in all.
 _CHOICE_RECORDS = 24
+
+
+class _Unsuited(ValueError):
+    """Why friction cannot be found."""
 
 
 def find_friction(
@@ -58,205 +58,165 @@ def find_friction(
     configurations; the result does not depend on it.
     Raises DataError and StudyError as `estimate` does.
     """
-    execution = execution or Execution()
-    survey = _survey(measured, spec, planned, execution)
-    if isinstance(survey, FrictionTakenOut):
-        return survey
-    gather = partial(gather_configuration, spec=spec, planned=planned)
-    found = _along_samples(survey, spec)
-    if not survey.choice.shapes:
-        return found.result
-    few = _few(survey.data[0].U.shape[2])
-    if few >= len(measured) or not _is_near(few, survey, spec, gather, measured, execution):
-        found = _along_its_motion(found, survey, spec, gather, measured, execution)
-    return _with_dependence(found.result, found.data, found.choice.motor_of)
+    records = tuple(measured[0])
+    try:
+        return _found(records, measured, spec, planned, execution or Execution())
+    except _Unsuited as reason:
+        is_quiet = spec.friction == "auto" and not any(place.startswith("motor ") for place in records[0].inputs)
+        return _nothing(records[0], "" if is_quiet else str(reason), spec.friction)
 
 
-def _is_near(
-    few: int,
-    survey: _Survey,
-    spec: EstimatorSpec,
-    gather: Callable[..., ConfigurationSpectra],
+def _found(
+    records: tuple[Record, ...],
     measured: Sequence[Iterable[Record]],
+    spec: EstimatorSpec,
+    planned: IntArray | None,
     execution: Execution,
-) -> bool:
-    """True if in the first configurations F_c by the samples' motion is that between them, to what shapes are known."""
-    part = replace(survey, data=survey.data[:few], names=survey.names[:few])
-    sampled = _along_samples(part, spec)
-    between = _along_its_motion(sampled, part, spec, gather, measured[:few], execution)
-    pairs = [[found.result.sliding_level(place)[0] for found in (between, sampled)] for place in sampled.result.places]
-    return all(abs(level - other) <= LIMITS.sign_error * level for level, other in pairs)
+) -> FrictionTakenOut:
+    """Shapes chosen and refined in the first configurations, levels found in all."""
+    few, places = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
+
+    def gathered(
+        part: Sequence[Iterable[Record]], shapes: Sequence[Shape], friction: FrictionTakenOut | None = None
+    ) -> list[ConfigurationSpectra]:
+        return execution.ordered(partial(_gathered, places, shapes, spec, planned, friction), part)
+
+    refuse_mismatch(records)
+    if refused := refusal(records):
+        raise _Unsuited(refused)
+    shapes = candidate_shapes(records, spec.friction == "coulomb")
+    data = gathered(measured[:few], shapes)
+    choice, picked = choose(data, shapes, places, spec.friction == "auto")
+    found, friction = _Found(records[0], spec, [spectra.with_shapes(picked) for spectra in data], choice), None
+    if choice.shapes:
+        ladder = refined(choice, found.levels, places)
+        between = found.with_ladder(ladder, gathered(measured[:few], ladder.shapes, found.result))
+        pairs = [[each.result.sliding_level(place)[0] for each in (between, found)] for place in places]
+        # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
+        is_near = all(abs(level - other) <= LIMITS.sign_error * level for level, other in pairs)
+        if few >= len(measured) or not is_near:
+            found, friction = between, found.result
+    found = replace(found, data=[*found.data, *gathered(measured[few:], found.choice.shapes, friction)])
+    return found.with_dependence() if choice.shapes else found.result
 
 
-def _few(records: int) -> int:
-    """Configurations, of so many records, in which shapes are chosen."""
-    return -(-_CHOICE_RECORDS // records)
-
-
-def _along_samples(survey: _Survey, spec: EstimatorSpec) -> _Found:
-    """Friction along the motion that the samples show."""
-    levels, equations = find_levels(survey.data, survey.choice.motor_of)
-    accelerance = upper_accelerance(survey.data, levels, survey.choice.motor_of, spec.quantity)
-    result = _result(survey, survey.choice, levels, accelerance, equations)
-    return _Found(result, survey.choice, levels, survey.data)
+def _gathered(
+    inputs: tuple[str, ...],
+    shapes: Sequence[Shape],
+    spec: EstimatorSpec,
+    planned: IntArray | None,
+    friction: FrictionTakenOut | None,
+    measured: Iterable[Record],
+) -> ConfigurationSpectra:
+    """A configuration whose records must have the inputs of the first one."""
+    records = tuple(measured)
+    refuse_mismatch(records)
+    if refused := refusal(records):
+        raise _Unsuited(refused)
+    if records[0].inputs != inputs:
+        raise _Unsuited("configurations have different inputs, and so no motors in common")
+    data = gather_configuration(records, shapes, spec, planned, friction)
+    if not data.is_invertible:
+        raise _Unsuited(
+            f"the torques of {', '.join(inputs)}, or the angles of these motors, are not independent in all "
+            f"{len(records)} experiments of configuration {data.name}; check for a file listed twice and for a channel "
+            "that holds the signal of another motor"
+        )
+    if not data.shows_friction:
+        raise _Unsuited(
+            f"{len(records)} experiments of {len(inputs)} inputs without lines that are not excited agree with one "
+            "response whatever friction is; measure a further realisation with other phases"
+        )
+    return data
 
 
 @dataclass(frozen=True)
 class _Found:
-    """Friction with the choice of its shapes, their levels (n_f,), and the spectra that these were found in."""
-
-    result: FrictionTakenOut
-    choice: Choice
-    levels: FloatArray
-    data: Sequence[ConfigurationSpectra]
-
-
-def _along_its_motion(
-    found: _Found,
-    survey: _Survey,
-    spec: EstimatorSpec,
-    gather: Callable[..., ConfigurationSpectra],
-    measured: Sequence[Iterable[Record]],
-    execution: Execution,
-) -> _Found:
-    """Friction along the motion under friction as it was found before; without the notes on its dependence.
-
-    gather: `gather_configuration`, of each configuration.
-    """
-    choice = refined(found.choice, found.levels, survey.first.inputs)
-    data = execution.ordered(partial(gather, shapes=choice.shapes, friction=found.result), measured)
-    levels, _ = find_levels(data, choice.motor_of)
-    noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in data], axis=0))
-    choice, kept = narrowed(choice, levels, noise)
-    data = [spectra.with_shapes(kept) for spectra in data]
-    levels, equations = find_levels(data, choice.motor_of)
-    accelerance = upper_accelerance(data, levels, choice.motor_of, spec.quantity)
-    accelerance = np.where(accelerance > 0, accelerance, found.result.accelerance)
-    return _Found(_result(survey, choice, levels, accelerance, equations), choice, levels, data)
-
-
-def upper_accelerance(
-    data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray, quantity: Quantity
-) -> FloatArray:
-    """Acceleration per torque (n_m,) of motors at the highest excited lines, friction being `levels`."""
-    tops = []
-    for configuration in data:
-        on = np.flatnonzero(configuration.excited)
-        on = on[-max(1, len(on) // 20) :]
-        friction = taken(levels, configuration.Phi[on], motor_of, configuration.U.shape[1])
-        G = configuration.Y[on] @ np.linalg.pinv(configuration.U[on] - friction)
-        s = 2j * np.pi * configuration.freq_hz[on]
-        tops.append((np.diagonal(G, axis1=1, axis2=2) * s[:, None] ** (2 - MOTION_ORDER[quantity])).real)
-    return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
-
-
-@dataclass(frozen=True)
-class _Survey:
-    """Choice by the sampled motion: spectra of each configuration and the shapes that were chosen.
-
-    first: a record.
-    """
+    """Friction of a choice of shapes in some configurations; first: a record."""
 
     first: Record
-    names: tuple[str, ...]
+    spec: EstimatorSpec
     data: Sequence[ConfigurationSpectra]
     choice: Choice
 
     @cached_property
-    def before(self) -> FloatArray:
-        """Amplitude (C, n_m) of the torque that no response explains, with friction in it."""
-        return normal_equations(self.data, np.zeros(len(self.choice.shapes)), self.choice.motor_of).level
+    def sums(self) -> tuple[FloatArray, NormalEquations]:
+        """Levels (n_f,), and the sums about them."""
+        return find_levels(self.data, self.choice.motor_of)
 
+    @property
+    def levels(self) -> FloatArray:
+        """Levels (n_f,)."""
+        return self.sums[0]
 
-@dataclass(frozen=True)
-class _Configuration:
-    """One configuration by its sampled motion; refusal: why friction cannot be found in it, empty where it can."""
+    def with_ladder(self, ladder: Choice, data: Sequence[ConfigurationSpectra]) -> _Found:
+        """With those shapes of a refined choice, found in `data`, that are next to what it shows."""
+        levels, _ = find_levels(data, ladder.motor_of)
+        noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in data], axis=0))
+        choice, kept = narrowed(ladder, levels, noise)
+        return replace(self, choice=choice, data=[spectra.with_shapes(kept) for spectra in data])
 
-    name: str
-    refusal: str
-    data: ConfigurationSpectra | None = None
-
-
-def _survey(
-    measured: Sequence[Iterable[Record]], spec: EstimatorSpec, planned: IntArray | None, execution: Execution
-) -> _Survey | FrictionTakenOut:
-    """The shapes of friction of all configurations; or no friction, with the reason."""
-    records = tuple(measured[0])
-    first = records[0]
-    refuse_mismatch(records)
-    if refused := refusal(records):
-        of_motors = any(place.startswith("motor ") for place in first.inputs)
-        return _nothing(first, refused if of_motors or spec.friction != "auto" else "", spec.friction)
-    shapes = candidate_shapes(records, spec.friction == "coulomb")
-    few = _few(len(records))
-    surveyed = execution.ordered(partial(_surveyed, shapes, first.inputs, spec, planned), measured[:few])
-    if refused := next(filter(None, (configuration.refusal for configuration in surveyed)), ""):
-        return _nothing(first, refused, spec.friction)
-    spectra = [configuration.data for configuration in surveyed if configuration.data is not None]
-    choice, picked = choose(spectra, shapes, first.inputs, spec.friction == "auto")
-    data = [configuration.with_shapes(picked) for configuration in spectra]
-    later = execution.ordered(partial(_surveyed, choice.shapes, first.inputs, spec, planned), measured[few:])
-    if refused := next(filter(None, (configuration.refusal for configuration in later)), ""):
-        return _nothing(first, refused, spec.friction)
-    data += [configuration.data for configuration in later if configuration.data is not None]
-    names = tuple(configuration.name for configuration in (*surveyed, *later))
-    return _Survey(first, names, data, choice)
-
-
-def _surveyed(
-    shapes: Sequence[Shape],
-    inputs: tuple[str, ...],
-    spec: EstimatorSpec,
-    planned: IntArray | None,
-    measured: Iterable[Record],
-) -> _Configuration:
-    """A configuration whose records must have the inputs of the first one."""
-    records = tuple(measured)
-    refuse_mismatch(records)
-    name, refused = records[0].configuration.name, refusal(records)
-    if not refused and records[0].inputs != inputs:
-        refused = "configurations have different inputs, and so no motors in common"
-    if refused:
-        return _Configuration(name, refused)
-    data = gather_configuration(records, shapes, spec, planned)
-    if not data.is_invertible:
-        refused = (
-            f"the torques of {', '.join(inputs)}, or the angles of these motors, are not independent in all "
-            f"{len(records)} experiments of configuration {name}; check for a file listed twice and for a channel that "
-            "holds the signal of another motor"
+    @cached_property
+    def result(self) -> FrictionTakenOut:
+        """With a note on each motor."""
+        (levels, equations), first, choice = self.sums, self.first, self.choice
+        left = shares(equations, len(first.inputs), choice.motor_of)
+        result = FrictionTakenOut(
+            places=first.inputs,
+            place_units=first.units_of_inputs,
+            shapes=choice.shapes,
+            levels=levels,
+            covariance=covariance(equations) + by_unknown_shapes(choice, levels),
+            configurations=tuple(spectra.name for spectra in self.data),
+            before=normal_equations(self.data, 0 * levels, choice.motor_of).level,
+            after=equations.level,
+            kept_share=np.where(np.isin(np.arange(len(first.inputs)), choice.motor_of), left, choice.kept_share),
+            accelerance=self._accelerance(),
+            highest_hz=np.array([spectra.freq_hz[spectra.excited][-1] for spectra in self.data]),
         )
-        return _Configuration(name, refused)
-    if not data.shows_friction:
-        refused = (
-            f"{len(records)} experiments of {len(inputs)} inputs without lines that are not excited agree with one "
-            "response whatever friction is; measure a further realisation with other phases"
-        )
-    return _Configuration(name, refused, data)
+        return replace(result, notes=_notes(result))
 
+    def _accelerance(self) -> FloatArray:
+        """Acceleration per torque (n_m,) of motors at the highest excited lines."""
+        tops, order = [], 2 - MOTION_ORDER[self.spec.quantity]
+        for each in self.data:
+            on = np.flatnonzero(each.excited)
+            on = on[-max(1, len(on) // 20) :]
+            friction = taken(self.levels, each.Phi[on], self.choice.motor_of, each.U.shape[1])
+            G = each.Y[on] @ np.linalg.pinv(each.U[on] - friction)
+            tops.append((np.diagonal(G, axis1=1, axis2=2) * (2j * np.pi * each.freq_hz[on, None]) ** order).real)
+        return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
 
-def _result(
-    survey: _Survey,
-    choice: Choice,
-    levels: FloatArray,
-    accelerance: FloatArray,
-    equations: NormalEquations,
-) -> FrictionTakenOut:
-    first = survey.first
-    left = shares(equations, len(first.inputs), choice.motor_of)
-    result = FrictionTakenOut(
-        places=first.inputs,
-        place_units=first.units_of_inputs,
-        shapes=choice.shapes,
-        levels=levels,
-        covariance=covariance(equations) + by_unknown_shapes(choice, levels),
-        configurations=survey.names,
-        before=survey.before,
-        after=equations.level,
-        kept_share=np.where(np.isin(np.arange(len(first.inputs)), choice.motor_of), left, choice.kept_share),
-        accelerance=accelerance,
-        highest_hz=np.array([spectra.freq_hz[spectra.excited][-1] for spectra in survey.data]),
-    )
-    return replace(result, notes=_notes(result))
+    def with_dependence(self) -> FrictionTakenOut:
+        """With levels that are uncertain by their scatter over configurations, where it is more than chance's.
+
+        Factors a_c from the levels to those of a configuration alone, by least squares of e = a X f, have variances
+        s_c^2 by noise. Their scatter tau counts whole, since a level of another posture is one more draw of it:
+        tau^2 = (Q - C + 1) / (sum w - sum w^2 / sum w), Q = sum w (a_c - a)^2, w = 1 / s_c^2.
+        (DerSimonian and Laird, Controlled Clinical Trials 7, 1986.)
+        """
+        result, motor_of, n = self.result, self.choice.motor_of, len(self.data)
+        C, notes = result.covariance.copy(), list[Note]()
+        sums = [normal_equations([spectra], self.levels, motor_of) for spectra in self.data]
+        for i, place in enumerate(result.places):
+            f = np.where(motor_of == i, self.levels, 0.0)
+            power = np.array([max(f @ each.A.sum(axis=0) @ f, 1e-300) for each in sums])
+            factor = np.array([f @ each.b.sum(axis=0) for each in sums]) / power
+            weight = 2 * power * [each.dof_share for each in sums]
+            Q = float(weight @ (factor - weight @ factor / weight.sum()) ** 2)
+            if n > 1 and f.any() and chi_square_limit(n - 1, LIMITS.dependence_by_chance) < Q:
+                C += (Q - n + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(f, f)
+                level, low, high = result.sliding_level(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
+                text = (
+                    f"{place}: friction is {level * factor[high]:.4g} {result.place_units[i]} in "
+                    f"{result.configurations[high]} and {level * factor[low]:.4g} in {result.configurations[low]}, "
+                    f"and {level:.4g} was taken out of all: it depends on the angle, the temperature or the gear's "
+                    "load, and this level holds for these postures alone; a study of friction with `loads` says on "
+                    "which"
+                )
+                notes.append(Note("nonlinear/friction-differs", text))
+        result = replace(result, covariance=C)
+        return replace(result, notes=(*_notes(result), *notes))
 
 
 def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
@@ -279,38 +239,6 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
             )
             notes.append(Note("nonlinear/friction-left", text, severity="information"))
     return tuple(notes)
-
-
-def _with_dependence(
-    result: FrictionTakenOut, data: Sequence[ConfigurationSpectra], motor_of: IntArray
-) -> FrictionTakenOut:
-    """The same with levels that are uncertain by their scatter over configurations, where it is more than chance's.
-
-    The scatter tau of the factors a_c between configurations counts whole, since a level of another posture is one
-    more draw of it: tau^2 = (Q - C + 1) / (sum w - sum w^2 / sum w), Q = sum w (a_c - a)^2, w = 1 / s_c^2.
-    (DerSimonian and Laird, Controlled Clinical Trials 7, 1986.)
-    """
-    factors, stds = levels_by_configuration(data, result.levels, motor_of)
-    C = result.covariance.copy()
-    notes = list[Note]()
-    for i, place in enumerate(result.places):
-        if len(data) < 2 or place not in result.taken_places():
-            continue
-        factor, weight = factors[:, i], stds[:, i] ** -2
-        Q = float(weight @ (factor - weight @ factor / weight.sum()) ** 2)
-        if chi_square_limit(len(data) - 1, LIMITS.dependence_by_chance) < Q:
-            own = np.where(motor_of == i, result.levels, 0.0)
-            C += (Q - len(data) + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(own, own)
-            level, low, high = result.sliding_level(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
-            text = (
-                f"{place}: friction is {level * factor[high]:.4g} {result.place_units[i]} in "
-                f"{result.configurations[high]} and {level * factor[low]:.4g} in {result.configurations[low]}, and "
-                f"{level:.4g} was taken out of all: it depends on the angle, the temperature or the gear's load, and "
-                "this level holds for these postures alone; a study of friction with `loads` says on which"
-            )
-            notes.append(Note("nonlinear/friction-differs", text))
-    result = replace(result, covariance=C)
-    return replace(result, notes=(*_notes(result), *notes))
 
 
 def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:

@@ -18,6 +18,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.nonlinear.drives import elastic_joints
 from elastid.nonlinear.effects import GearEffect, Kind
 from elastid.nonlinear.gear_levels import GearData, Levels, NormalEquations, find_levels, start_levels
+from elastid.nonlinear.levels import greedy, held_out
 from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
 from elastid.robot import Robot
@@ -33,12 +34,11 @@ class Limits:
     share: float = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
     std: float = 3.0  # of a level, below which it is left out at the end
     trifle: float = 0.02  # of the largest torque of the joint's effects: shapes are not known better
-    rounds: int = 8
+    rounds: int = 8  # of the search, and of a law that is compared: one that is wrong may never end
     period: float = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
 
 
 LIMITS = Limits()
-ORDERS = (1.0, 2.0)
 _LOST = 10.0  # times smaller than the start
 SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
 _LOOPS: tuple[Kind, ...] = ("stop", "bristle")
@@ -47,17 +47,12 @@ _RIVALS: tuple[tuple[Kind, ...], ...] = (SPRINGS, ("friction",), ("load",), ("be
 _SHAPES: tuple[dict[Kind, float], ...] = (
     {"cubic": 0.0, "progressive": 0.0, "range": 1.0, "gap": 0.2}, {"stop": 0.3, "bristle": 0.3}
 )  # fmt: skip
-_APART = 1.5  # between the scales of two ranges or two elements of hysteresis of one gear, at least
-_NEXT = 2.0  # times the end of a range, at which that of the next one starts
-_TIE = 1.0  # in the logarithm of the residuals' power
-_TRIAL = 9  # rounds of a law that is compared: one that is wrong may never end
+_APART = 1.5  # between the scales of two ranges or two elements of hysteresis of one gear, at least, and at the start
 _ROUGH = 0.5  # move below which effects are compared; what is chosen is then found to the end
 _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
 
 
-def candidate_groups(
-    data: GearData, found: Levels, bent: Collection[str], orders: Sequence[float] = ORDERS
-) -> list[Group]:
+def candidate_groups(data: GearData, found: Levels, bent: Collection[str], orders: Sequence[float]) -> list[Group]:
     """Groups for every joint, on the scales of its own motion; laws of springs for the bent ones alone.
 
     Of a gear without a spring of its own friction at the motor alone: it acts in the records of the others, too.
@@ -108,7 +103,7 @@ def choose_effects(
     parameters: Parameters,
     x: FloatArray,
     bent: Collection[str],
-    orders: Sequence[float] = ORDERS,
+    orders: Sequence[float],
 ) -> Levels:
     """Parameters and levels with the effects that pay; x (n_x,): the optimum of a fit without any.
 
@@ -162,10 +157,10 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: dict[Kind, fl
     def cost(levels: Levels) -> float:
         return levels.lack + LIMITS.gain * sum(1 + (effect.edge is not None) for effect in levels.effects)
 
-    tie = _TIE * sum(lines.Y.size for lines in data.lines)
+    tie = sum(lines.Y.size for lines in data.lines)
 
     def tried(before: Levels, effects: tuple[GearEffect, ...], limit: float) -> Levels:
-        trial = find_levels(data, before, effects, _TRIAL, limit, _ROUGH, kept)
+        trial = find_levels(data, before, effects, LIMITS.rounds, limit, _ROUGH, kept)
         return trial if trial.lack > limit else _pruned(data, trial)
 
     trials = [found]
@@ -177,7 +172,7 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: dict[Kind, fl
     if best.lack < ranged.lack < best.lack + tie:
         # One range explains a little less than a law of another kind, and two may explain much more.
         (first,) = springs_of(ranged)
-        second = replace(first, scale=_NEXT * first.scale)
+        second = replace(first, scale=_APART * first.scale)
         best = min(best, tried(ranged, (*ranged.effects, second), cost(best)), key=cost)
     if best is not found:  # scales of the other effects stayed
         best = find_levels(data, best, best.effects, settled=_ROUGH)
@@ -205,23 +200,18 @@ def _named(data: GearData, found: Levels, joint: str) -> Levels:
     return find_levels(data, replace(found, x=x, effects=effects), effects, settled=_ROUGH)
 
 
-def _stands(effect: GearEffect, others: Sequence[GearEffect]) -> bool:
-    """True if it, or a rival of the same joint, is among the others: rivals trade levels, or k, against each other."""
+def _stands(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = False) -> bool:
+    """True if it, or a rival of the same joint, is among the others: rivals trade levels, or k, against each other.
+
+    alone: no second range or element of a hysteresis, either: two that are added at once may end at one scale, where
+    neither has a level.
+    """
     rivals = next((family for family in _RIVALS if effect.kind in family), ())
     near = [other for other in others if other.joint == effect.joint and other.kind in rivals]
     # K1 K2 K3, and elements of a loop
-    if effect.kind in ("range", *_LOOPS) and all(other.kind == effect.kind for other in near):
+    if not alone and effect.kind in ("range", *_LOOPS) and all(other.kind == effect.kind for other in near):
         return any(abs(np.log(other.scale / effect.scale)) < np.log(_APART) for other in near)
     return effect in others or bool(near)
-
-
-def _is_second(effect: GearEffect, added: Sequence[GearEffect]) -> bool:
-    """True of a second range or element of a hysteresis: with its scale found, the first makes most others needless.
-
-    Two that were added at once may end at one scale, where neither has a level.
-    """
-    family = next((kinds for kinds in (_LOOPS, ("range",)) if effect.kind in kinds), ())
-    return any(other.joint == effect.joint and other.kind in family for other in added)
 
 
 def _pruned(data: GearData, found: Levels) -> Levels:
@@ -247,44 +237,36 @@ def _pruned(data: GearData, found: Levels) -> Levels:
 
 def _added(data: GearData, found: Levels, groups: Sequence[Group]) -> list[GearEffect]:
     """Effects of the groups that lower V in realisations which they were not fitted to, best first."""
-    n_x = len(found.x)
-    candidates = [effect for group in groups for effect in group]
-    sums, prior = data.sums_with(found, candidates)
-    chosen = list(range(n_x + len(found.levels)))
-    places, first = [], n_x + len(found.levels)
-    for group in groups:
-        places.append(list(range(first, first + len(group))))
-        first += len(group)
-    added: list[GearEffect] = []
-    V = held_out(sums, prior, np.array(chosen))
-    while groups:
-        costs = [
-            np.inf
-            if _stands(group[0], added) or _is_second(group[0], added)
-            else held_out(sums, prior, np.array([*chosen, *own]))
-            for group, own in zip(groups, places, strict=True)
-        ]
-        best = int(np.argmin(costs))
-        if not V - costs[best] > max(LIMITS.gain * len(places[best]), LIMITS.share * V):
-            break
-        chosen += places[best]
-        added += groups[best]
-        V = costs[best]
-    return added
+    sums, prior = data.sums_with(found, [effect for group in groups for effect in group])
+    ends = len(found.x) + len(found.levels) + np.cumsum([0, *(len(group) for group in groups)])
+
+    def added(chosen: list[int]) -> list[GearEffect]:
+        return [effect for i in chosen for effect in groups[i]]
+
+    def larger(chosen: list[int]) -> list[list[int]]:
+        own = added(chosen)
+        return [[*chosen, i] for i, group in enumerate(groups) if not _stands(group[0], own, alone=True)]
+
+    def cost(chosen: list[int]) -> float:
+        return _left(
+            sums, prior, np.concatenate([np.arange(ends[0]), *(np.arange(ends[i], ends[i + 1]) for i in chosen)])
+        )
+
+    def pays(before: float, after: float, chosen: list[int]) -> bool:
+        return before - after > max(LIMITS.gain * len(groups[chosen[-1]]), LIMITS.share * before)
+
+    return added(greedy(larger, cost, pays)[0])
 
 
-def held_out(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
-    """V of each realisation with the numbers `chosen` (n,) by the step of all others; of all where there is one."""
-    V, R = 0.0, len(sums.A)
-    square = np.ix_(chosen, chosen)
-    for i in range(R):
-        others = [m for m in range(R) if m != i] or [i]
-        A = sums.A[others].sum(axis=0)[square] + prior[0][square]
+def _left(sums: NormalEquations, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
+    """V of each realisation with the numbers `chosen` (n,) by the step of all others."""
+
+    def step(A: FloatArray, b: FloatArray) -> FloatArray:
+        A, b = A + prior[0][chosen[:, None], chosen], b + prior[1][chosen]
         size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        b = (sums.b[others].sum(axis=0) + prior[1])[chosen]
-        step = np.linalg.lstsq(A / np.outer(size, size), b / size, rcond=1e-10)[0] / size
-        V += float(sums.c[i] - 2 * sums.b[i][chosen] @ step + step @ sums.A[i][square] @ step)
-    return V
+        return np.asarray(np.linalg.lstsq(A / np.outer(size, size), b / size, rcond=1e-10)[0] / size)
+
+    return held_out(sums.A[:, chosen[:, None], chosen], sums.b[:, chosen], sums.c, step)
 
 
 def bent_gears(data: GearData, robot: Robot) -> set[str]:

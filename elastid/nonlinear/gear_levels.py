@@ -22,6 +22,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.drives import DriveLines, drive_lines
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_motion import Estimate, estimate_motion, residuals, smoothed_covariance
+from elastid.nonlinear.levels import inverse
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER
@@ -286,12 +287,6 @@ def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, F
     A[: len(x), : len(x)] = np.diag(slope**2)
     b[: len(x)] = slope**2 * (mean - x)
     return A, b
-
-
-def inverse(A: FloatArray) -> FloatArray:
-    """A^-1 (n, n) of a normal matrix of any units; 0 along what it does not know."""
-    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
 
 
 def _jacobian(lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels: FloatArray, n_x: int) -> ComplexArray:

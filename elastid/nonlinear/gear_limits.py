@@ -22,9 +22,10 @@ from elastid.linear.modes import modes
 from elastid.nonlinear.drives import DriveLines
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_choice import SPRINGS, Group, candidate_groups
-from elastid.nonlinear.gear_levels import GearData, Levels, inverse
+from elastid.nonlinear.gear_levels import GearData, Levels
 from elastid.nonlinear.gear_motion import Estimate, residuals
 from elastid.nonlinear.gear_result import BENT_STILL
+from elastid.nonlinear.levels import inverse
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED
 

@@ -27,12 +27,12 @@ from scipy.sparse.linalg import LinearOperator, gmres
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.nonlinear.drives import DriveLines
 from elastid.nonlinear.effects import GearEffect, GearMotion, Place, along_period, forces, periodic_error
+from elastid.nonlinear.motion import near_mean
 from elastid.nonlinear.spectra import PeriodLines
 
 # Torque that is not explained is taken to act so many times as much at the links as at the motors: what moves the motor
 # is measured, what moves the link is not.
 _AT_LINKS = 10.0
-_WINDOW = 15  # lines over which the power of residuals is averaged
 _STEPS, _HALVINGS = 8, 5  # Newton's method
 _OF_FORCE = 10.0  # times the error of the motion, that of the force by it
 _FAR = 0.1  # error of a start over the motion, from which on that without forces is tried, too
@@ -85,9 +85,7 @@ def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) 
     factor = np.linalg.cholesky(c * of_torque + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
     white = np.linalg.solve(factor, r)
     S = white @ white.conj().swapaxes(1, 2) / r.shape[2]
-    kernel, half = np.ones(_WINDOW) / _WINDOW, _WINDOW // 2
-    padded = np.pad(S, ((half, half), (0, 0), (0, 0)), mode="edge").reshape(len(S) + 2 * half, -1)
-    columns = [np.convolve(column, kernel, "valid") for column in padded.T]
+    columns = [near_mean(column) for column in S.reshape(len(S), -1).T]
     return np.asarray(factor @ np.stack(columns, axis=1).reshape(S.shape) @ factor.conj().swapaxes(1, 2))
 
 
@@ -217,12 +215,11 @@ class _Problem:
 
     def _error(self, q: ComplexArray, j: int, m: int) -> FloatArray:
         """Transmission error (n,) of a joint along the motion of its motor."""
-        own = [(effect, f) for effect, f in zip(self.effects, self.levels, strict=True)
-               if effect.joint == self.drive.joints[j] and effect.kind.startswith("error")]  # fmt: skip
-        angle = self._angle(q, j, m)
-        none = np.zeros(len(angle))
-        plain = GearMotion(angle, none, none, none, none, float(self.drive.ratios[j]), 0.0, 0.0)
-        return np.asarray(sum((f * periodic_error(effect, plain)[0] for effect, f in own), start=none))
+        angle, total = self._angle(q, j, m), np.zeros(self.lines.points)
+        for effect, f in zip(self.effects, self.levels, strict=True):
+            if effect.joint == self.drive.joints[j] and effect.kind.startswith("error"):
+                total += f * periodic_error(effect, angle, float(self.drive.ratios[j]))[0]
+        return total
 
     def _angle(self, q: ComplexArray, j: int, m: int) -> FloatArray:
         row = self.drive.directions("motor", j)

@@ -12,7 +12,6 @@ from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import DISTORTED, Result, Status
 from elastid.nonlinear.effects import GearEffect
-from elastid.robot import Robot
 
 # Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit: 5 right models leave
 # at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
@@ -88,13 +87,12 @@ class GearNumber:
 class GearSheet:
     """The numbers of one joint's gear, and its torsion over torque as it is loaded to and fro.
 
-    rated: torque limit of the joint, Nm; infinite where none is known.  peak: largest torque of the gear in the
-    records.  torque, torsion, torsion_std (n,): a loop up to that torque, from its negative end on.
+    peak: largest torque of the gear in the records, Nm.  torque, torsion, torsion_std (n,): a loop up to that torque,
+    from its negative end on.
     """
 
     joint: str
     numbers: tuple[GearNumber, ...]
-    rated: float
     peak: float
     torque: FloatArray = labelled("torque of the gear, a loop", "N*m")
     torsion: FloatArray = labelled("torsion of the gear", "rad")
@@ -174,8 +172,3 @@ def with_gears(result: Result, gears: GearResult | None) -> Result:
     good: Status = "converged" if result.noise_is_known else "noise_unknown"
     V, free = result.cost_expected + excess, np.zeros_like(result.at_bound)
     return replace(final, status=good, message=message, cost=V, at_bound=free, indices=(), verdicts=())
-
-
-def rated_torque(robot: Robot, joint: str) -> float:
-    """Torque limit of a driven joint, infinite where none is given."""
-    return float(next(each.limits.torque for each in robot.driven if each.name == joint))

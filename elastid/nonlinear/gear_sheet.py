@@ -45,7 +45,7 @@ from elastid.nonlinear.gear_limits import (
     rigid_gears,
 )
 from elastid.nonlinear.gear_motion import Estimate
-from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet, rated_torque
+from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.nonlinear.spec import GearsSpec
 from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
@@ -185,7 +185,8 @@ class JointLevels:
 
 def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
     """The numbers of a gear, those of the linear fit beside them, and its torsion; bounds: of groups of effects."""
-    rated, reach = rated_torque(gear.robot, gear.joint), gear.largest()
+    reach = gear.largest()
+    rated = next(each.limits.torque for each in gear.robot.driven if each.name == gear.joint)
     numbers = [*_springs(gear, result, reach), *_lost_motion(gear), *_loop_numbers(gear, reach)]
     numbers += [*_frictions(gear), *_periodic(gear)]
     seen = {each.name for each in numbers}
@@ -202,9 +203,10 @@ def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -
     std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.found.covariance, rows), 0.0))
     ordered = sorted(numbers, key=lambda each: _ORDER.index(each.name.partition("_")[0].rstrip("0123456789.")))
     torsion_std = std / np.concatenate([slope, slope[::-1]])
-    return GearSheet(gear.joint, tuple(ordered), rated, gear.peak, tau, delta, torsion_std)
+    return GearSheet(gear.joint, tuple(ordered), gear.peak, tau, delta, torsion_std)
 
 
+_WIDTH = "hysteresis, width of the loop"
 # Letters of names in the order of a sheet.
 _ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
 
@@ -254,7 +256,7 @@ def _lost_motion(gear: JointLevels) -> list[GearNumber]:
     row = (gear.level_row(own) - value * of_k) / k
     of_ends = [2 * f * gear.found.scale_std[i] / k for i, _, f in gear.effects if i in own]
     std = math.hypot(gear.std(row), *of_ends)
-    return [GearNumber(f"lost_{gear.joint}", "lost motion", "angle", "rad", value, std)]
+    return [GearNumber(f"lost_{gear.joint}", *_WORDS["gap"][1:], value, std)]
 
 
 def _loop_numbers(gear: JointLevels, reach: float) -> list[GearNumber]:
@@ -271,23 +273,29 @@ def _loop_numbers(gear: JointLevels, reach: float) -> list[GearNumber]:
     row, (k, of_k) = gear.level_row(weights), gear.parameter(f"k_{gear.joint}")
     width, of_width = 2 * value / k, (2 * row - 2 * value / k * of_k) / k
     return [
-        GearNumber(f"H_{gear.joint}", "hysteresis, torque to either side", "torque", "N*m", value, gear.std(row)),
-        GearNumber(f"Hw_{gear.joint}", "hysteresis, width of the loop", "angle", "rad", width, gear.std(of_width)),
+        GearNumber(f"H_{gear.joint}", *_WORDS["stop"][1:], value, gear.std(row)),
+        GearNumber(f"Hw_{gear.joint}", _WIDTH, "angle", "rad", width, gear.std(of_width)),
     ]
 
 
-# Prefix of the name, meaning and kind of levels that are summed up.
-_SUMS = {
+# Prefix of the name, meaning, kind and unit of the number of each family of effects.
+_WORDS = {
     "friction": ("Fc_m", "running torque before the gear", "torque", "N*m"),
     "behind": ("Fb_", "running torque behind the gear", "torque", "N*m"),
     "load": ("Fcl_m", "friction by load, of the gear's torque", "share", "1"),
+    "stop": ("H_", "hysteresis, torque to either side", "torque", "N*m"),
+    "gap": ("lost_", "lost motion", "angle", "rad"),
+    "cubic": ("h_", "stiffening up to the largest torque, of the secant", "share", "1"),
+    "error": ("e", "transmission error", "error", "rad"),
+    "ripple": ("r", "ripple and cogging of the torque", "torque", "N*m"),
 }
 
 
 def _frictions(gear: JointLevels) -> list[GearNumber]:
     """Levels of friction."""
     numbers = []
-    for kind, (prefix, meaning, what, unit) in _SUMS.items():
+    for kind in ("friction", "behind", "load"):
+        prefix, meaning, what, unit = _WORDS[kind]
         own = {i: 1.0 for i, effect, _ in gear.effects if effect.kind == kind}
         if own:
             row, value = gear.level_row(own), sum(f for i, _, f in gear.effects if i in own)
@@ -295,16 +303,11 @@ def _frictions(gear: JointLevels) -> list[GearNumber]:
     return numbers
 
 
-_PERIODIC = {
-    "error": ("e", "transmission error", "error", "rad"),
-    "ripple": ("r", "ripple and cogging of the torque", "torque", "N*m"),
-}
-
-
 def _periodic(gear: JointLevels) -> list[GearNumber]:
     """Amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
     numbers = []
-    for word, (letter, meaning, what, unit) in _PERIODIC.items():
+    for word in ("error", "ripple"):
+        letter, meaning, what, unit = _WORDS[word]
         for order in dict.fromkeys(e.scale for _, e, _ in gear.effects if e.kind.split()[0] == word):
             a, b = ({i: f for i, e, f in gear.effects if e.kind == f"{word} {part}" and e.scale == order}
                     for part in ("sine", "cosine"))  # fmt: skip
@@ -325,38 +328,30 @@ def _times(order: float) -> str:
 
 def _unseen(gear: JointLevels, bounds: Mapping[Group, float], reach: float) -> list[GearNumber]:
     """Bounds of what was looked for and not found, of several shapes the largest."""
-    largest: dict[tuple[str, str, float], GearNumber] = {}
+    largest: dict[str, GearNumber] = {}
     k = gear.parameter(f"k_{gear.joint}")[0]
-    for group, bound in bounds.items():
-        effect = group[0]
-        if effect.joint != gear.joint:
-            continue
-        for number in _bounded(effect, bound, k, reach):
-            key = number.name, *family_of(effect)[1:]
-            if key not in largest or largest[key].bound < number.bound:
-                largest[key] = number
+    for (effect, *_), bound in bounds.items():
+        for number in _bounded(effect, bound, k, reach) if effect.joint == gear.joint else ():
+            if number.name not in largest or largest[number.name].bound < number.bound:
+                largest[number.name] = number
     return [*largest.values()]
 
 
 def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[GearNumber]:
-    word, joint = effect.kind.split()[0], effect.joint
-    if word in _SUMS:
-        prefix, meaning, what, unit = _SUMS[word]
-        return [GearNumber(f"{prefix}{joint}", meaning, what, unit, bound=bound)]
-    if word in _PERIODIC:
-        letter, meaning, what, unit = _PERIODIC[word]
-        name, words = f"{letter}{effect.scale:g}_{joint}", f"{meaning}, {_times(effect.scale)}"
-        return [GearNumber(name, words, what, unit, bound=bound, order=effect.scale)]
-    if word in HYSTERESIS:
-        # Within the records it does not reach its level where it bends over more than they deflect the gear.
-        part = min(1.0, reach / effect.scale)
-        width = GearNumber(f"Hw_{joint}", "hysteresis, width of the loop", "angle", "rad", bound=2 * part * bound / k)
-        torque = "hysteresis, torque to either side"
-        return [GearNumber(f"H_{joint}", torque, "torque", "N*m", bound=part * bound), width]
+    word, joint, order = family_of(effect)
+    prefix, meaning, kind, unit = _WORDS[word]
+    if order:
+        name = f"{prefix}{order:g}_{joint}"
+        return [GearNumber(name, f"{meaning}, {_times(order)}", kind, unit, bound=bound, order=order)]
+    if (
+        word == "stop"
+    ):  # within the records it does not reach its level where it bends over more than they bend the gear
+        bound *= min(1.0, reach / effect.scale)
     if word == "gap":
-        return [GearNumber(f"lost_{joint}", "lost motion", "angle", "rad", bound=2 * bound * effect.scale / k)]
-    if word in ("cubic", "progressive", "range"):
-        share = abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) * bound / (k * reach)
-        meaning = "stiffening up to the largest torque, of the secant"
-        return [GearNumber(f"h_{joint}", meaning, "share", "1", bound=share)]
-    return []
+        bound *= 2 * effect.scale / k
+    if word == "cubic":
+        bound *= abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) / (k * reach)
+    numbers = [GearNumber(f"{prefix}{joint}", meaning, kind, unit, bound=bound)]
+    if word == "stop":
+        numbers.append(GearNumber(f"Hw_{joint}", _WIDTH, "angle", "rad", bound=2 * bound / k))
+    return numbers

@@ -7,18 +7,27 @@ For each line, with the net torques U_n = U - Phi f and the projector Q that tak
 G is eliminated by variable projection; since it depends on f, the regression is repeated. At lines that were not
 excited, torque is there by feedback alone: G is interpolated, and Q = 1. Motors and their levels are the same in all
 configurations. (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973; Kaufman, BIT 15, 1975.)
+
+Shapes are chosen by cross-validation over realisations. Candidates are on the scale of the motors' own motion; one is
+taken out only where it pays. Signs are tried at speeds a factor 2 apart. Where friction turns over a speed between two
+of them, both together come out as friction that is 0.1 to 0.2 % too large in sliding; two that are near each other, and
+near the speed at which it turns (`refined`, `narrowed`), leave a tenth of that.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.nonlinear.motion import motion_of, near_mean
+from elastid.nonlinear.shapes import Kind, Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra, Net, taken
+from elastid.record import Record
 
 _BLOCKS = 5  # of lines, which replace realisations where there is one
 
@@ -87,32 +96,27 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(nnls(root[:, None] * V.T, V.T @ (b / size) / root)[0] / size)
 
 
+def inverse(A: FloatArray) -> FloatArray:
+    """A^-1 (n, n) of a normal matrix of any units; 0 along what it does not know."""
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    return np.asarray(np.linalg.pinv(A / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
+
+
 def covariance(equations: NormalEquations) -> FloatArray:
     """Covariance (n_f, n_f) of the levels by the residuals' scatter over experiments and lines."""
     A = equations.A.sum(axis=0) * equations.dof_share
-    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    both = np.outer(size, size)
-    return np.asarray(0.5 * np.linalg.pinv(A / both, hermitian=True) / both) if len(A) else A
+    return 0.5 * inverse(A) if len(A) else A
 
 
-def levels_by_configuration(
-    data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Factors (C, n_m) from the common levels (n_f,) of a motor to those of each configuration alone, and their stds.
-
-    Least squares of e = a X f, a being the factor: a = f^T b / f^T A f.  NaN for motors without levels.
-    """
-    n_m = data[0].U.shape[1]
-    factors, stds = np.full((2, len(data), n_m), np.nan)
-    for i, spectra in enumerate(data):
-        equations = normal_equations([spectra], levels, motor_of)
-        A, b = equations.A.sum(axis=0), equations.b.sum(axis=0)
-        for motor in set(motor_of[levels > 0].tolist()):
-            f = np.where(motor_of == motor, levels, 0.0)
-            power = max(float(f @ A @ f), 1e-300)
-            factors[i, motor] = f @ b / power
-            stds[i, motor] = math.sqrt(0.5 / (power * equations.dof_share))
-    return factors, stds
+def held_out(
+    A: FloatArray, b: FloatArray, c: FloatArray, solved: Callable[[FloatArray, FloatArray], FloatArray]
+) -> float:
+    """What numbers leave of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
+    left, whole, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
+    for m in range(len(A)):
+        f = solved(whole - A[m], pull - b[m])
+        left += float(c[m] - 2 * b[m] @ f + f @ A[m] @ f)
+    return left
 
 
 def _folds(data: ConfigurationSpectra, net: Net, realisations: IntArray) -> IntArray:
@@ -127,8 +131,250 @@ def _weights(power: FloatArray, excited: BoolArray) -> FloatArray:
     """1 / power (F,) of the residuals, each over neighbouring lines of the same kind."""
     smooth = np.empty_like(power)
     for kind in (excited, ~excited):
-        if not kind.any():
-            continue
-        window = np.ones(min(9, int(kind.sum())))
-        smooth[kind] = np.convolve(power[kind], window, "same") / np.convolve(np.ones(kind.sum()), window, "same")
+        if kind.any():
+            smooth[kind] = near_mean(power[kind], 9)
     return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max(initial=0.0) + 1e-300))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the choice of shapes."""
+
+    # Of what a sign has, the share of a shape's power that is not linear, at least: a sign in a multisine has 0.36 to
+    # 0.6, beside slow lines of great power, such as those of a carrier, 0.02 and less; a stop longer than the motion 0.
+    part_of_sign: float = 0.14
+    shape_gain: float = 0.02  # of the power left in other realisations, by which a further shape must lower it
+    left_share: float = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
+    near: float = 1.1  # over and below the speed at which the chosen signs turn in the mean
+    # Steps of near^2 down from there, of a turn that the samples blurred: to an eighth.
+    ladder: int = 11
+    # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.25 of a motor that never
+    # sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes levels right in
+    # scripts/studies/outside_coverage.py, at rest and on a carrier.
+    blur: float = 2.0
+    spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
+    # Std of a motor's levels, all as one factor, by what no shape has.  Calibrated, not derived, on one outside rig of
+    # two motors with F_c of a sixth of the rms torque: of signs alone F_c was up to 1 % off where noise says 0.4 %, and
+    # with curves or bristles among them up to 2.5 %; two draws of an outside rig have up to 0.3 and 0.9 %.
+    sign_error: float = 0.005
+    shape_error: float = 0.015
+    # Chance at which friction of one level is said to differ between configurations, of normal levels.
+    dependence_by_chance: float = 1e-5
+    # Variance of a response by noise and distortion over that by noise alone, and over that by noise and the arm's own
+    # swing, medians of its elements, from which on a note warns of distortion that no motor's friction explains.
+    unexplained: float = 10.0
+
+
+LIMITS = Limits()
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Shapes with the motor of each (n_f,), and the share (n_m,) of the power that they leave in other realisations."""
+
+    shapes: tuple[Shape, ...]
+    motor_of: IntArray
+    kept_share: FloatArray
+
+
+def choose(
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], places: Sequence[str], auto: bool
+) -> tuple[Choice, IntArray]:
+    """Shapes by cross-validation, and the candidates (n,) that they are."""
+    motor_of = _motors(candidates, places)
+    _, equations = find_levels(data, motor_of)
+    own = telling_shapes(data, motor_of)
+    choices = [choose_shapes(equations, i, members, _rivals(candidates)) for i, members in enumerate(own)]
+    choices = [each if not auto or each[1] <= LIMITS.left_share else (each[0][:0], 1.0) for each in choices]
+    chosen, left = np.concatenate([own for own, _ in choices]), np.array([left for _, left in choices])
+    return Choice(tuple(candidates[i] for i in chosen), motor_of[chosen], left), chosen
+
+
+def _motors(shapes: Sequence[Shape], places: Sequence[str]) -> IntArray:
+    return np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
+
+
+def _rivals(shapes: Sequence[Shape]) -> IntArray:
+    """The shapes (n,) of which a motor has one at most, and none alone: Stribeck curves together have no F_c."""
+    return np.flatnonzero([shape.kind == "stribeck" for shape in shapes])
+
+
+def telling_shapes(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
+    """Of each motor the shapes whose level distortion shows; others are a spring or a damper of the response.
+
+    The first of a motor is Coulomb friction.
+    """
+    share = np.mean([configuration.nonlinear_share() for configuration in data], axis=0)
+    every = [np.flatnonzero(motor_of == i) for i in np.unique(motor_of)]
+    return [own[share[own] > LIMITS.part_of_sign * share[own[0]]] for own in every]
+
+
+# Speeds over which a sign turns, over the RMS speed.
+_TURNING = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
+# Stribeck velocities, over the RMS speed; the fall over larger ones is that of a viscous friction.
+_FALLING = tuple(0.1 * 2 ** (i / 2) for i in range(8))
+# About the chosen one: F_c is up to 2 % off where its velocity is that of a neighbour of the above.
+_FALLING_NEAR = tuple(2 ** (i / 6) for i in range(-3, 4))
+# Distances over which a bristle bends, over the median distance between reversals. A much longer one is a spring, which
+# is part of the response. Steps of 2 instead of its root leave k up to four times as far off under LuGre.
+_BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
+
+
+def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shape, ...]:
+    """For every motor a sign, at once or gradual, a Stribeck curve and bristles."""
+    shapes: list[Shape] = []
+    for place in records[0].inputs:
+        motions = [motion_of(record, place) for record in records]
+        speed = float(np.sqrt(np.mean([motion.speed**2 for motion in motions])))
+        shapes += [Shape(place, "sign", part * speed) for part in _TURNING]
+        if signs_alone:
+            continue
+        shapes += [Shape(place, "stribeck", part * speed) for part in _FALLING if speed > 0]
+        swings = np.concatenate([motion.swings for motion in motions])
+        swing = float(np.median(swings)) if swings.size else 0.0
+        if swing > 0:
+            kinds: tuple[Kind, ...] = ("stop", "bristle")
+            shapes += [Shape(place, kind, part * swing) for kind in kinds for part in _BENDING]
+    return tuple(shapes)
+
+
+def kept_power(equations: NormalEquations, motor: int, chosen: IntArray) -> float:
+    """Power that `chosen` shapes leave of a motor's residual, each realisation by the levels of all others."""
+    A, b = equations.A[:, chosen[:, None], chosen], equations.b[:, chosen]
+    return held_out(A, b, equations.c[:, motor], solve)
+
+
+def greedy(
+    larger: Callable[[list[int]], list[list[int]]],
+    cost: Callable[[list[int]], float],
+    pays: Callable[[float, float, list[int]], bool],
+) -> tuple[list[int], float]:
+    """The set that grows from none to the cheapest of those larger by one as long as that pays, and its cost."""
+    chosen: list[int] = []
+    left = cost(chosen)
+    while sets := larger(chosen):
+        costs = [cost(members) for members in sets]
+        best = int(np.argmin(costs))
+        if not pays(left, costs[best], sets[best]):
+            break
+        chosen, left = sets[best], costs[best]
+    return chosen, left
+
+
+def choose_shapes(
+    equations: NormalEquations, motor: int, candidates: IntArray, rivals: IntArray
+) -> tuple[IntArray, float]:
+    """The shapes of a motor, added one at a time as long as another pays; and the share of the power that they leave.
+
+    rivals: those of which it has one at most, beside others.  The first candidate is Coulomb friction: it goes where
+    others explain its part.
+    """
+
+    def power(members: list[int]) -> float:
+        return kept_power(equations, motor, np.array(members, dtype=np.int64))
+
+    def pays(before: float, after: float, _: list[int]) -> bool:
+        return after < (1 - LIMITS.shape_gain) * before  # not where no line shows any power
+
+    total = power([])
+    chosen, left = greedy(lambda own: _larger(own, candidates.tolist(), rivals.tolist()), power, pays)
+    share = left / total if total > 0 else 1.0
+    return _without_needless(equations, motor, np.array(sorted(chosen), dtype=np.int64), rivals, left), share
+
+
+def _larger(chosen: list[int], candidates: list[int], rivals: list[int]) -> list[list[int]]:
+    """The sets with one shape more, their rival exchanged or not, and those with another rival alone exchanged."""
+    rest, others = [i for i in chosen if i not in rivals], [i for i in candidates if i in rivals]
+    further = [i for i in candidates if i not in chosen and i not in rivals]
+    exchanged = [[*rest, i] for i in others if rest and i not in chosen]
+    bases = [chosen, *exchanged] if len(rest) < len(chosen) else [chosen]
+    return [*exchanged, *([*base, i] for base in bases for i in further)]
+
+
+def _without_needless(
+    equations: NormalEquations, motor: int, chosen: IntArray, rivals: IntArray, left: float
+) -> IntArray:
+    """Without those that others have made needless."""
+    for i in chosen.tolist():
+        rest = chosen[chosen != i]
+        if _is_friction(rest, rivals) and kept_power(equations, motor, rest) <= (1 + LIMITS.shape_gain / 2) * left:
+            return _without_needless(equations, motor, rest, rivals, left)
+    return chosen
+
+
+def _is_friction(members: Sequence[int] | IntArray, rivals: IntArray) -> bool:
+    """True for a set with one of the rivals at most, and with another shape."""
+    of_rivals = int(np.isin(members, rivals).sum())
+    return of_rivals <= 1 and len(members) > of_rivals
+
+
+def shares(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
+    """Share (n_m,) of the power that the shapes of each motor leave in other realisations."""
+    every = [np.flatnonzero(motor_of == motor) for motor in range(motors)]
+    powers = [(kept_power(equations, i, own), kept_power(equations, i, own[:0])) for i, own in enumerate(every)]
+    return np.array([left / total if total > 0 else 1.0 for left, total in powers])
+
+
+def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice:
+    """The choice with signs instead of the chosen gradual ones, from a little over their mean speed down.
+
+    Instead of a chosen Stribeck curve there are some of neighbouring velocities.
+
+    levels (n_f,): found so far, along the motion of the samples, whose noise makes signs turn more gradually.
+    """
+    shapes: list[Shape] = []
+    for place in places:
+        own = [i for i, shape in enumerate(choice.shapes) if shape.place == place]
+        near = _near([choice.shapes[i] for i in own], levels[own], place)
+        near += [
+            replace(choice.shapes[i], threshold=choice.shapes[i].threshold * part)
+            for i in own
+            if choice.shapes[i].kind == "stribeck" and levels[i] > 0
+            for part in _FALLING_NEAR
+        ]
+        mended = {shape.kind for shape in near}
+        shapes += [*near, *(choice.shapes[i] for i in own if choice.shapes[i].kind not in mended)]
+    return Choice(tuple(shapes), _motors(shapes, places), choice.kept_share)
+
+
+def _near(shapes: Sequence[Shape], levels: FloatArray, place: str) -> list[Shape]:
+    """Signs up to the mean speed of the chosen ones; none where there are none, or far from each other."""
+    signs = [(shape.threshold, level) for shape, level in zip(shapes, levels, strict=True) if shape.kind == "sign"]
+    speeds = np.array([speed for speed, level in signs if level > 0])
+    weights = np.array([level for _, level in signs if level > 0])
+    gradual = speeds[speeds > 0]
+    if not gradual.size or gradual.max() > LIMITS.spread * gradual.min():
+        return []
+    fastest = LIMITS.near * float(weights @ speeds / weights.sum())
+    slower = (fastest / LIMITS.near ** (2 * i) for i in range(LIMITS.ladder, -1, -1))
+    return [Shape(place, "sign"), *(Shape(place, "sign", speed) for speed in slower)]
+
+
+def narrowed(choice: Choice, levels: FloatArray, velocity_noise: FloatArray) -> tuple[Choice, IntArray]:
+    """The choice with those two of a motor's refined shapes next to their mean speed, and its shapes (n,) of before.
+
+    A sign turns over the square root of D^2 - (c sigma)^2, D being the mean speed that fits and sigma (n_m,) the
+    velocity_noise: along a noisy motion friction that jumps seems to turn, and its level in sliding is too large.
+    """
+    kept = np.ones(len(choice.shapes), dtype=np.bool_)
+    refined_from = {"sign": LIMITS.ladder + 1, "stribeck": 2}
+    for motor, kind in product(np.unique(choice.motor_of), refined_from):
+        same = [i for i in range(len(kept)) if choice.motor_of[i] == motor and choice.shapes[i].kind == kind]
+        if len(same) >= refined_from[kind]:
+            speeds, own = np.array([choice.shapes[i].threshold for i in same]), levels[same]
+            mean = float(own @ speeds / max(float(own.sum()), 1e-300))
+            if kind == "sign":
+                mean = math.sqrt(max(mean**2 - (LIMITS.blur * velocity_noise[motor]) ** 2, 0.0))
+            first = int(np.clip(np.searchsorted(speeds, mean) - 1, 0, len(same) - 2))
+            kept[same] = False
+            kept[same[first : first + 2]] = True
+    places = np.flatnonzero(kept)
+    return Choice(tuple(choice.shapes[i] for i in places), choice.motor_of[places], choice.kept_share), places
+
+
+def by_unknown_shapes(choice: Choice, levels: FloatArray) -> FloatArray:
+    """Covariance (n_f, n_f) of levels (n_f,) by what no shape has: those of a motor are off by one factor."""
+    others = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (levels > 0)
+    with_others = np.isin(choice.motor_of, choice.motor_of[others])
+    error = np.where(with_others, LIMITS.shape_error, LIMITS.sign_error) * levels
+    return np.where(choice.motor_of[:, None] == choice.motor_of, np.outer(error, error), 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
+from typing import TypeVar
 
 import numpy as np
 from numpy.fft import irfft, rfft
@@ -12,11 +13,13 @@ from numpy.fft import irfft, rfft
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.record import MOTION_ORDER, Record
 
+Power = TypeVar("Power", FloatArray, ComplexArray)
 # Cells of the fine grid in a sample, since reversals of friction fall between samples.
 CELLS = 4
 # Lines of the period are kept as they are unless the velocity has more noise than this part of its RMS, since friction
-# moves the motor a little at all of them. All others are filtered, over so many neighbours.
-_NOISY, _NEIGHBOURS = 0.01, 9
+# moves the motor a little at all of them. All others are filtered.
+_NOISY = 0.01
+NEIGHBOURS = 15  # lines over which the power of residuals is averaged
 
 
 @dataclass(frozen=True)
@@ -62,40 +65,40 @@ class Motion:
         return np.asarray(np.maximum(np.maximum(least, -most), 0.0))
 
 
-def motion_of(record: Record, place: str) -> Motion:
+def motion_of(record: Record, place: str, by_torque: ComplexArray | None = None) -> Motion:
     """The motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
 
-    Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
-    line the share of its power that is not noise.
+    by_torque: DFT (n // 2 + 1,) of its angle by what is known of its torque, in place of what is noise.
     """
-    n = whole_samples(record)
-    order = MOTION_ORDER[record.quantities[record.outputs.index(place)]]
+    n, order = whole_samples(record), MOTION_ORDER[record.quantities[record.outputs.index(place)]]
     Y, start, gain = own_spectrum(record, place)
-    kept, noise = filtered(record, Y, order)
+    share, noise = signal_share(record, Y, order)
     s = laplace(len(Y), n, record.rate_hz)
-    velocity = integrated(kept, s, order - 1)
+    velocity = integrated(share * Y, s, order - 1)
+    if by_torque is not None:
+        velocity += (1 - share) * s * by_torque
     if order != 1:
         velocity[0] = gain * record.rate_hz  # a mean velocity is the gain of the angle
     x = irfft(velocity, n * CELLS) * CELLS
     return Motion(np.append(x, x[0]), start, record.rate_hz, noise)
 
 
-def filtered(record: Record, Y: ComplexArray, order: int, most_noise: float = math.inf) -> tuple[ComplexArray, float]:
-    """Of the DFT Y (n // 2 + 1,) of a motion what is not noise, and the deviation of the velocity by the noise left.
+def signal_share(record: Record, Y: ComplexArray, order: int) -> tuple[FloatArray, float]:
+    """Of the DFT Y (n // 2 + 1,) of a motion the share that is not noise, and the std of the velocity by the rest.
 
-    order: of the derivative of the angle that Y is.  most_noise: power of the noise of a line, at most.
+    Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
+    line the share of its power that is not noise.  order: of the derivative of the angle that Y is.
     """
     n = whole_samples(record)
     repeats, of_velocity = n // record.period_samples, _velocity_power(len(Y), n, record.rate_hz, order)
-    power = Y.real**2 + Y.imag**2
-    noise = min(noise_power(Y), most_noise)
+    power, noise = Y.real**2 + Y.imag**2, noise_power(Y)
     between = np.arange(len(Y)) % repeats != 0
-    kept = np.ones(len(Y))
-    kept[between] = _signal_share(power[between], noise)
-    if noise * (kept @ of_velocity) > _NOISY**2 * ((kept**2 * power) @ of_velocity):
-        kept[::repeats] = _signal_share(power[::repeats], noise)
+    share = np.ones(len(Y))
+    share[between] = _signal_share(power[between], noise)
+    if noise * (share @ of_velocity) > _NOISY**2 * ((share**2 * power) @ of_velocity):
+        share[::repeats] = _signal_share(power[::repeats], noise)
     # That of a line after Wiener's filter is noise times gain.
-    return kept * Y, math.sqrt(2 * noise * (kept @ of_velocity)) / n
+    return share, math.sqrt(2 * noise * (share @ of_velocity)) / n
 
 
 def noise_power(Y: ComplexArray) -> float:
@@ -107,15 +110,15 @@ def _signal_share(power: FloatArray, noise: float) -> FloatArray:
     """Wiener's gain (F,) of lines of a power (F,), by the mean of neighbours: 1 - noise / power, 0 below one half."""
     if not len(power):
         return power
-    near = np.convolve(power, np.ones(min(_NEIGHBOURS, len(power))), "same") / _neighbours(len(power))
+    near = near_mean(power, 9)
     # Noise alone has a mean of twice its power at four lines in a thousand.
     return np.where(near > 2 * noise, 1 - noise / np.maximum(near, 1e-300), 0.0)
 
 
-@lru_cache(maxsize=16)
-def _neighbours(lines: int) -> FloatArray:
-    """How many lines are in the mean of each (lines,)."""
-    return frozen(np.convolve(np.ones(lines), np.ones(min(_NEIGHBOURS, lines)), "same"))
+def near_mean(power: Power, width: int = NEIGHBOURS) -> Power:
+    """Mean (F,) of a power of lines (F,), real or complex, over so many neighbours, fewer at the ends."""
+    window = np.ones(min(width, len(power)))
+    return np.asarray(np.convolve(power, window, "same") / np.convolve(np.ones(len(power)), window, "same"))
 
 
 @lru_cache(maxsize=16)

@@ -8,20 +8,15 @@ Friction brakes: the torque on the motor is -f phi. A sign of threshold 0 is Cou
 gradually, as oil or noise in the velocity make it. The level of a stribeck shape is F_s - F_c, the torque by which slow
 motion has more friction than fast motion: 0 there.
 
-The motion follows from a motor's angle and torque, also between the samples. Above the excited lines a motor moves as
-an inertia, by the torque that is known in each cell of a sample,
+The motion follows from a motor's angle and torque. Above the excited lines a motor moves as an inertia,
 
 .. math:: q_a = \frac{a}{s^2} \Big(H u - \sum_i f_i \phi_i\Big), \qquad a = -\omega^2 G \text{ at high frequencies}
 
-with phi_i along the motion of the round before. At a reversal friction jumps by 2 F_c, and at each sample the held
-torque jumps: the velocity has a kink there, which interpolation of the samples rounds, so that reversals come out late
-by some 2 % of a sample. So q_a is the motion above half the rate; its samples are images in the record's y, which are
-taken out first. Noise of the angle is a velocity that grows with frequency and hides where a motor turns back; what of
-a line of the angle is noise, 1 - w of its power (`motion.filtered`), is taken from the torque there,
-
-.. math:: q = w\, (y - [q_a]_{folded}) + (1 - w)\, q_a
-
-(3e-6 rad at 500 Hz with Coulomb friction of 0.3 of the rms torque: k known three times as well.)
+with phi_i along the motion of the round before. Noise of the angle is a velocity that grows with frequency and hides
+where a motor turns back; what of a line of the angle is noise, 1 - w of its power (`motion.signal_share`), is taken
+from the torque there, q = w y + (1 - w) q_a. (3e-6 rad at 500 Hz with Coulomb friction of 0.3 of the rms torque: k
+known three times as well.) Reversals between the samples are late by some 2 % of a sample, which the responses' errors
+have.
 
 The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples:
 
@@ -30,7 +25,7 @@ The torque of a record is held between its samples, friction is not; so friction
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, TypeAlias
@@ -41,22 +36,10 @@ from numpy.fft import irfft, rfft
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, labelled
 from elastid.excitation.grids import line_frequencies
 from elastid.friction.operators import Path, bristle, stop
-from elastid.nonlinear.motion import (
-    CELLS,
-    Motion,
-    filtered,
-    laplace,
-    motion_of,
-    noise_power,
-    own_spectrum,
-    whole_samples,
-)
+from elastid.nonlinear.motion import CELLS, Motion, laplace, motion_of, whole_samples
 from elastid.record import Record
 
 Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle"]
-
-
-_ROUNDS = 2  # of motion and friction by each other
 
 
 @dataclass(frozen=True)
@@ -111,14 +94,9 @@ def amplitudes(
 ) -> ComplexArray:
     """Amplitudes (n_f, F) of the shapes of a motor at lines (F,), of the mean of some of its repetitions, by number."""
     dft, N = np.zeros((len(shapes), len(lines)), complex), record.period_samples
-    states = _states(record, motion, [shape for shape in shapes if not shape.is_memoryless])
+    path = path_of(record, motion) if any(not shape.is_memoryless for shape in shapes) else None
     for i, shape in enumerate(shapes):
-        if shape.is_memoryless:
-            mean = _mean_period(record, friction_means(record, motion, [(shape, 1.0)]).ravel(), repetitions)
-        else:
-            s = next(states) / (2 * shape.threshold)
-            # A mean over a cell is by both of its ends.
-            mean = _mean_period(record, s[:-1], repetitions) + _mean_period(record, s[1:], repetitions)
+        mean = _mean_period(record, friction_means(record, motion, [(shape, 1.0)], path).ravel(), repetitions)
         dft[i] = rfft(mean)[lines] * _between_cells(N, int(lines[-1]) + 1)[lines]
     return np.asarray(dft * (2 / N))
 
@@ -140,16 +118,21 @@ def _mean_period(record: Record, x: FloatArray, repetitions: IntArray) -> FloatA
     return np.concatenate([mean, -mean]) if record.half_wave else np.asarray(mean)
 
 
-def friction_means(record: Record, motion: Motion, taken: Taken) -> FloatArray:
-    """A motor's friction (n, cells) in the cells of the samples of whole periods: shapes, their levels."""
+def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | None = None) -> FloatArray:
+    """A motor's friction (n, cells) in the cells of the samples of whole periods: shapes, their levels.
+
+    path: `path_of` the motion, if known.
+    """
     memoryless = [(shape, level) for shape, level in taken if shape.is_memoryless]
     means = np.repeat(steady(motion.by_sample[:, 0], memoryless)[:, None], CELLS, axis=1)
     slow = np.flatnonzero(motion.slowest <= reach(memoryless))
     if memoryless and len(slow):
         means[slow] = sliding_means(motion.by_sample[slow], memoryless)
-    bent = [(shape, level) for shape, level in taken if not shape.is_memoryless]
-    for (shape, level), s in zip(bent, _states(record, motion, [shape for shape, _ in bent]), strict=True):
-        means += ((s[:-1] + s[1:]) * (level / (2 * shape.threshold))).reshape(means.shape)
+    for shape, level in taken:
+        if not shape.is_memoryless:
+            path = path or path_of(record, motion)
+            s = (stop if shape.kind == "stop" else bristle)(path, shape.threshold) * (level / shape.threshold)
+            means += ((s[:-1] + s[1:]) / 2).reshape(means.shape)
     return means
 
 
@@ -183,67 +166,28 @@ def sliding_means(velocity: FloatArray, taken: Taken) -> FloatArray:
     return means
 
 
-def _states(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
-    """The state (n cells + 1,) of each bristle at all points of a motion."""
-    if not shapes:
-        return
-    # The state of a bristle at the start is not known: the first period is run over twice.
+def path_of(record: Record, motion: Motion) -> Path:
+    """The way of a bristle whose state at the start is not known: the first period is run over twice."""
     before = motion.angle[: record.period_samples * CELLS]
-    path = Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
-    for shape in shapes:
-        yield (stop if shape.kind == "stop" else bristle)(path, shape.threshold)
+    return Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
 
 
 def motion_under(record: Record, place: str, taken: Taken, a: float, highest_hz: float) -> Motion:
-    """The motion of a motor under friction that was found; as `motion_of` where its samples show no images.
+    """The motion of a motor under friction that was found.
 
     a: acceleration per torque above the highest excited line; 0 where unknown.
     """
     motion = motion_of(record, place)
-    if a == 0 or not _shows_images(record, place):
+    if a == 0:
         return motion
     n, channel = whole_samples(record), record.inputs.index(place)
-    Y, start, gain = own_spectrum(record, place)
-    s, noise_of_line, held = laplace(n * CELLS // 2 + 1, n, record.rate_hz), noise_power(Y), record.u[:n, channel]
-    half = slice(0, len(Y))
-    is_above = s.imag[half] > 2 * np.pi * highest_hz
-    by_inertia = np.divide(a, s[half] ** 2, out=np.zeros(len(Y), complex), where=is_above)
-    torque, steps = hold_of(record)[:, channel] * rfft(held), rfft(np.repeat(held, CELLS))
-    for _ in range(_ROUNDS):
-        means = rfft(friction_means(record, motion, taken).ravel())
-        above = a * _above(steps - means, n, record.rate_hz)
-        sampled = Y - _folded(above, n)
-        kept, noise = filtered(record, sampled, 0, noise_of_line)
-        share = np.divide((kept * sampled.conj()).real, np.abs(sampled) ** 2, out=np.ones(len(Y)), where=sampled != 0)
-        velocity = above
-        velocity[half] = kept + (1 - share) * by_inertia * (torque - spectrum(means, n))
-        velocity *= s
-        velocity[0] = gain * record.rate_hz
-        x = irfft(velocity, n * CELLS) * CELLS
-        motion = Motion(np.append(x, x[0]), start, record.rate_hz, noise)
+    s = laplace(n // 2 + 1, n, record.rate_hz)
+    by_inertia = np.divide(a, s**2, out=np.zeros_like(s), where=s.imag > 2 * np.pi * highest_hz)
+    torque = hold_of(record)[:, channel] * rfft(record.u[:n, channel])
+    for _ in range(2):
+        friction = spectrum(rfft(friction_means(record, motion, taken).ravel()), n)
+        motion = motion_of(record, place, by_inertia * (torque - friction))
     return motion
-
-
-def _above(X: ComplexArray, n: int, rate_hz: float) -> ComplexArray:
-    """The second integral of a torque that is steady in cells of n samples, by its DFT X, above half their rate."""
-    above = np.zeros_like(X)
-    above[n // 2 + 1 :] = X[n // 2 + 1 :] * _second_integral(n, 2 * (len(X) - 1) // n, rate_hz)[n // 2 + 1 :]
-    return above
-
-
-@lru_cache(maxsize=8)
-def _second_integral(n: int, cells: int, rate_hz: float) -> ComplexArray:
-    """From the DFT of a torque that is steady in cells of n samples to that of its second integral, as of samples."""
-    cell, s = np.arange(n * cells // 2 + 1) / (n * cells), laplace(n * cells // 2 + 1, n, rate_hz)
-    of_cells = np.exp(-1j * np.pi * cell) * np.sinc(cell) / cells
-    return frozen(np.divide(of_cells, s**2, out=np.zeros_like(s), where=s != 0), np.complex128)
-
-
-def _folded(X: ComplexArray, n: int) -> ComplexArray:
-    """The DFT (n // 2 + 1,) that n samples show of a signal with the DFT X up to several times their rate."""
-    lines, rates = n // 2 + 1, (len(X) - 1) // n
-    mirrored = [X[m * n - lines + 1 : m * n + 1][::-1].conj() for m in range(1, rates + 1)]
-    return np.asarray(sum([X[m * n : m * n + lines] for m in range(rates)] + mirrored))
 
 
 def held_samples(record: Record, place: str, motion: Motion, taken: Taken) -> FloatArray:
@@ -253,14 +197,6 @@ def held_samples(record: Record, place: str, motion: Motion, taken: Taken) -> Fl
     H = hold_of(record)[:, record.inputs.index(place)]
     # Near a zero of the hold the torque's samples do not determine the torque.
     return np.asarray(irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n))
-
-
-def _shows_images(record: Record, place: str) -> bool:
-    """True if the samples of a motor's motion contain the images of its own held torque."""
-    images = record.images
-    if images is None:
-        return False
-    return images.rates_hz[record.inputs.index(place)] > 0 and images.sampled[record.outputs.index(place)]
 
 
 def hold_of(record: Record) -> ComplexArray:

@@ -45,6 +45,7 @@ class ConfigurationSpectra:
 
     excited (F,): where G = Y / U is found; at the other lines G is interpolated.  realisation (K,): of each experiment.
     freq_hz (F,).  velocity_noise (n_m,): standard deviation of the noise in the motion that the shapes are along.
+    name: of the configuration.
     """
 
     lines: IntArray
@@ -55,6 +56,7 @@ class ConfigurationSpectra:
     Phi: ComplexArray
     realisation: IntArray
     velocity_noise: FloatArray
+    name: str = ""
 
     @property
     def shows_friction(self) -> bool:
@@ -154,6 +156,7 @@ def gather_configuration(
         np.stack(Phi, axis=2),
         realisation,
         np.sqrt(np.mean(velocity_noise**2, axis=0)),
+        first.configuration.name,
     )
 
 

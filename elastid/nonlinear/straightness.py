@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import nnls
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note
@@ -28,6 +27,8 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.nonlinear.drives import geometric_torques
 from elastid.nonlinear.effects import GearEffect, Kind, implicit_law
+from elastid.nonlinear.levels import solve
+from elastid.nonlinear.motion import NEIGHBOURS, near_mean
 from elastid.nonlinear.spectra import PeriodLines, gather_lines, some
 from elastid.record import Configuration, Record
 from elastid.response import BENT, NOT_STRAIGHT
@@ -40,7 +41,6 @@ class Limits:
 
     drop: float = 60.0  # of V, by one shape, and
     share: float = 0.02  # so much of V
-    lines: int = 15  # over which the power of residuals is averaged; as many must lie between the excited ones
 
 
 LIMITS = Limits()
@@ -55,22 +55,14 @@ class Bend:
     """The shape that explains most of what a gear's deflection has beyond a straight line.
 
     drop: of V, a chi-square variable of one degree of freedom for a straight spring.  torque: RMS of the gear's, Nm.
-    deflection: its RMS, rad.  bent: RMS of the part beyond a straight line.  softer: change of the compliance by it, as
-    a part of the whole, negative where the spring grows stiffer.
+    softer: change of the compliance by it, as a part of the whole, negative where the spring grows stiffer.
     """
 
     joint: str
     shape: str
     drop: float
     torque: float
-    deflection: float
-    bent: float
     softer: float
-
-    @property
-    def level_db(self) -> float:
-        """Of the part beyond a straight line over the whole deflection."""
-        return float(20 * np.log10(self.bent / self.deflection))
 
 
 def straightness_notes(
@@ -95,8 +87,7 @@ def _words(bend: Bend) -> str:
     stiffer = f"{100 * abs(bend.softer):.2g} % {'softer' if bend.softer > 0 else 'stiffer'}"
     like = "a gap or lost motion" if bend.shape == "gap" else f"a spring that is about {stiffer} there than unloaded"
     return (
-        f"{BENT} {bend.joint} is not straight: at {bend.torque:.3g} N*m RMS in the gear, "
-        f"{bend.level_db:.0f} dB of its deflection of {1e3 * bend.deflection:.2g} mrad RMS is distortion as of {like}, "
+        f"{BENT} {bend.joint} is not straight: at {bend.torque:.3g} N*m RMS in the gear it bends as {like}, "
         "which no friction explains; stiffness and damping are those of this amplitude alone: measure with half and "
         "with twice the torque, and compare"
     )
@@ -188,7 +179,7 @@ class _Problem:
         if n >= M:  # one X explains any experiments there
             used = used[~lines.excited[used]]
         used = some(used, 100)
-        if len(used) < LIMITS.lines or len(on) < 2:
+        if len(used) < NEIGHBOURS or len(on) < 2:
             return None
         back = np.linalg.inv(drives.rows)
         Q = drives.rows @ lines.Y
@@ -234,15 +225,7 @@ class _Problem:
         level, drop = float(trials[best][0][-1]), V - trials[best][1]
         if not drop > max(LIMITS.drop, LIMITS.share * V):
             return None
-        return Bend(
-            joint,
-            list(shapes)[best],
-            drop,
-            size,
-            self.compliance[i] * size,
-            abs(level) * float(np.std(bent[best])),
-            level * gains[best] / self.compliance[i],
-        )
+        return Bend(joint, list(shapes)[best], drop, size, level * gains[best] / self.compliance[i])
 
     @cached_property
     def _basis(self) -> ComplexArray:
@@ -322,11 +305,10 @@ def _compliance(s2X: ComplexArray, s: ComplexArray, of_file: FloatArray) -> Floa
 
 def _power(e: ComplexArray, dof: IntArray, on: BoolArray) -> FloatArray:
     """Mean square (K,) of residuals (K, M) over neighbouring lines, excited or not."""
-    S, half = np.zeros(len(e)), LIMITS.lines // 2
+    S = np.zeros(len(e))
     for part in (on, ~on):
         if part.any():
-            power = np.pad(np.sum(np.abs(e[part]) ** 2, axis=1) / dof[part], half, mode="edge")
-            S[part] = np.convolve(power, np.ones(LIMITS.lines) / LIMITS.lines, "valid")
+            S[part] = near_mean(np.sum(np.abs(e[part]) ** 2, axis=1) / dof[part])
     return np.asarray(np.maximum(S, 1e-20 * S.max() + 1e-300))
 
 
@@ -338,17 +320,7 @@ def _real(x: ComplexArray, S: FloatArray) -> FloatArray:
 
 def _solve(A: FloatArray, b: FloatArray, brakes: int) -> tuple[FloatArray, float]:
     """Least squares x of A x = b and its V; the first `brakes` of x are not negative."""
-    columns = np.column_stack([A, b])
-    products = columns.T @ columns
-    size = np.sqrt(np.diag(products)) + 1e-300
-    # R of a QR, and Q^T b as its last column: to 3e-7 of a column, a third of the ridge below.
-    products = products / size / size[:, None] + 1e-13 * np.eye(len(size))
-    triangle, size = np.linalg.cholesky(products).T, size[:-1]
-    R, pull = triangle[:-1, :-1], triangle[:-1, -1] * np.sqrt(b @ b)
-    both = np.concatenate([R, -R[:, brakes:]], axis=1)
-    # A little of a ridge, since each free column is there with either sign.
-    m = both.shape[1]
-    x, _ = nnls(np.concatenate([both, 1e-6 * np.eye(m)]), np.concatenate([pull, np.zeros(m)]), maxiter=30 * m)
-    solution = x[: A.shape[1]] / size
-    solution[brakes:] -= x[A.shape[1] :] / size[brakes:]
-    return solution, float(np.sum((b - A @ solution) ** 2))
+    both, n = np.concatenate([A, -A[:, brakes:]], axis=1), A.shape[1]
+    f = solve(both.T @ both, both.T @ b)
+    x = np.concatenate([f[:brakes], f[brakes:n] - f[n:]])
+    return x, float(np.sum((b - A @ x) ** 2))

@@ -30,7 +30,7 @@ from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
 from elastid.frf.period_selection import settled
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.choice import LIMITS
+from elastid.nonlinear.levels import LIMITS
 from elastid.nonlinear.motion import whole_samples
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import held_samples
@@ -40,8 +40,7 @@ from elastid.response import UNEXPLAINED, Response
 from elastid.robot import Robot
 from elastid.robot.tolerances import RATIO
 
-# Of a sample, by which reversals are found late, that a test of the motion between samples leaves.
-TURNING_ERROR = 0.005
+TURNING_ERROR = 0.02  # of a sample, by which reversals are found late
 
 
 def estimate_without_friction(

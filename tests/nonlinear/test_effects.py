@@ -55,7 +55,7 @@ def test_a_transmission_error_bends_the_gear_and_pushes_the_motor_by_its_slope()
     """No energy is lost: tau (q' (1 + e') - l') is what the spring stores."""
     effect = GearEffect("error cosine", "1", 2.0)
     (gear, across), (motor, at_motor) = forces(effect, MOTION)
-    e, slope = periodic_error(effect, MOTION)
+    e, slope = periodic_error(effect, MOTION.angle, MOTION.ratio)
     assert (gear, motor) == ("gear", "motor")
     assert across == pytest.approx(MOTION.k * e + MOTION.d * slope * MOTION.velocity)
     assert at_motor == pytest.approx(MOTION.torque * slope)

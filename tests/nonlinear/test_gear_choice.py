@@ -12,7 +12,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.effects import GearEffect
-from elastid.nonlinear.gear_choice import _is_second, candidate_groups
+from elastid.nonlinear.gear_choice import _stands, candidate_groups
 from elastid.nonlinear.gear_levels import GearData, Levels, start_levels
 from elastid.nonlinear.gear_limits import rigid_gears
 from elastid.nonlinear.spectra import gather_lines
@@ -112,12 +112,12 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
     G = Response(LINES * 0.5, none, places, places, "acceleration", posture)
     data = GearData([lines], [G], linearisation)
     known = start_levels(data, parameters, parameters.x)
-    groups = candidate_groups(data, known, bent=("1", "2"))
+    groups = candidate_groups(data, known, ("1", "2"), (1.0, 2.0))
     assert {effect.kind for group in groups for effect in group if effect.joint == "2"} == {"friction"}
     assert {"behind", "gap", "stop"} < {effect.kind for group in groups for effect in group if effect.joint == "1"}
     assert not any(effect.kind.startswith(("error", "ripple")) for group in groups for effect in group)
     turning = replace(data, lines=[replace(lines, Y=1e5 * lines.Y)])  # several turns of the motors
-    assert any(effect.kind == "error sine" for g in candidate_groups(turning, known, ()) for effect in g)
+    assert any(effect.kind == "error sine" for g in candidate_groups(turning, known, (), (1.0,)) for effect in g)
     (drive,) = known.drives
     assert not drive.directions("gear", 1).any()
     assert drive.directions("motor", 1) @ drive.B == pytest.approx([0.0, 1.0])
@@ -129,10 +129,11 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
 def test_ranges_and_elements_of_a_loop_are_added_one_at_a_time() -> None:
     """Two ranges that were added at once met at one end, and k was 7.7 % off beside a std of 0.13 %."""
     added = [GearEffect("range", "1", 1e-3), GearEffect("stop", "2", 1e-4)]
-    assert _is_second(GearEffect("range", "1", 5e-4), added)
-    assert _is_second(GearEffect("bristle", "2", 5e-4), added)
+    assert _stands(GearEffect("range", "1", 5e-4), added, alone=True)
+    assert _stands(GearEffect("bristle", "2", 5e-4), added, alone=True)
+    assert not _stands(GearEffect("range", "1", 5e-4), added)
     for other in (GearEffect("range", "2", 5e-4), GearEffect("stop", "1", 1e-4), GearEffect("friction", "1", 1e-3)):
-        assert not _is_second(other, added)
+        assert not _stands(other, added, alone=True)
 
 
 @pytest.mark.slow

@@ -1,8 +1,209 @@
-"""Levels of friction by regression."""
+"""Levels of friction by regression; signs turn over the speed that friction has, not over one of those tried."""
+
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from elastid.nonlinear.levels import solve
+from elastid.nonlinear.levels import (
+    LIMITS,
+    Choice,
+    NormalEquations,
+    by_unknown_shapes,
+    choose_shapes,
+    narrowed,
+    refined,
+    solve,
+    telling_shapes,
+)
+from elastid.nonlinear.shapes import Shape
+from elastid.nonlinear.spectra import ConfigurationSpectra
+
+EVERY, NONE = np.arange(3), np.arange(0)
+F_C = 9.0
+
+
+def sums(X: np.ndarray, e: np.ndarray) -> NormalEquations:
+    """The sums of a regression of e (n,) on shapes X (3, n), complex, of variance 1, as one fold."""
+    A, b = (X.conj() @ X.T).real, (X.conj() @ e).real
+    return NormalEquations(A[None], b[None], np.array([[np.sum(np.abs(e) ** 2)]]), np.zeros((1, 1)), 1.0)
+
+
+def shapes(alike: float, rng: np.random.Generator) -> np.ndarray:
+    """Three shapes (3, 400): the second as the first but for a part, the third like neither."""
+    X = (rng.standard_normal((3, 400)) + 1j * rng.standard_normal((3, 400))) / 10
+    X[1] = X[0] + alike * X[1]
+    return X
+
+
+def regression(alike: float, seed: int, truth: tuple[float, float, float] = (F_C, 0.0, 0.0)) -> NormalEquations:
+    rng = np.random.default_rng(seed)
+    X = shapes(alike, rng)
+    noise = (rng.standard_normal(400) + 1j * rng.standard_normal(400)) / np.sqrt(2)
+    return sums(X, np.array(truth) @ X + noise)
+
+
+def test_nothing_is_chosen_where_no_line_shows_anything() -> None:
+    """Residuals of zero power, as of one realisation without lines between: no shape lowers them."""
+    nothing = sums(np.zeros((3, 4), complex), np.zeros(4, complex))
+    chosen, share = choose_shapes(nothing, 0, EVERY, NONE)
+    assert chosen.tolist() == []
+    assert share == 1.0
+
+
+def test_of_rivals_one_is_chosen() -> None:
+    """Friction of a shape and of two rivals: the rival that explains more, also where another came first."""
+    equations, rivals = regression(1.0, 0, (F_C, 2.0, 3.0)), np.array([1, 2])
+    folds = replace(equations, A=np.repeat(equations.A, 2, axis=0), b=np.repeat(equations.b, 2, axis=0),
+                    c=np.repeat(equations.c, 2, axis=0))  # fmt: skip
+    free, _ = choose_shapes(folds, 0, EVERY, NONE)
+    np.testing.assert_array_equal(free, EVERY)
+    chosen, _ = choose_shapes(folds, 0, EVERY, rivals)
+    np.testing.assert_array_equal(chosen, [0, 2])
+
+
+def test_a_stribeck_curve_is_not_chosen_alone() -> None:
+    """A nearly flat Stribeck curve fits the friction alone but has no F_c: Coulomb friction is chosen with it."""
+    equations, rivals = regression(0.25, 0, (0.0, F_C, 0.0)), np.array([1])
+    folds = replace(equations, A=np.repeat(equations.A, 2, axis=0), b=np.repeat(equations.b, 2, axis=0),
+                    c=np.repeat(equations.c, 2, axis=0))  # fmt: skip
+    chosen, _ = choose_shapes(folds, 0, EVERY, rivals)
+    assert {0, 1} <= {*chosen.tolist()}
+    alone, _ = choose_shapes(folds, 0, np.array([1]), rivals)
+    assert alone.tolist() == []
+
+
+def on_a_carrier(power: float) -> ConfigurationSpectra:
+    """Three experiments of one motor whose slowest line, alike in all, has `power` times that of the others.
+
+    Two shapes: a sign, of which no response explains half at the other lines, and a spring, which one explains.
+    """
+    rng = np.random.default_rng(0)
+    U, others = rng.standard_normal((2, 20, 1, 3)) + 1j * rng.standard_normal((2, 20, 1, 3))
+    U[0] = others[0] = 1
+    size = np.where(np.arange(20) == 0, np.sqrt(power), 1.0)[:, None, None]
+    Phi = size * np.concatenate([U + others, U], axis=1)
+    lines = np.arange(2, 22)
+    return ConfigurationSpectra(
+        lines, lines / 2.0, np.ones(20, bool), size * U, size * U, Phi, np.arange(3),
+        np.zeros(1),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("power", [1.0, 1e3])
+def test_friction_is_told_from_a_spring_beside_a_carrier(power: float) -> None:
+    """Most of a sign's power is then at the carrier's line, where it is in proportion to the torque."""
+    (own,) = telling_shapes([on_a_carrier(power)], np.zeros(2, np.int64))
+    assert own.tolist() == [0]
+
+
+PLACES = ("motor 1", "motor 2")
+QUIET = np.zeros(2)
+
+
+def choice_of(shapes: Sequence[Shape]) -> Choice:
+    return Choice(tuple(shapes), np.array([PLACES.index(shape.place) for shape in shapes]), np.ones(2))
+
+
+def test_two_signs_of_the_grid_become_two_close_ones_about_their_mean() -> None:
+    """tanh(v / 1e-3), tried at 0.93e-3 and 1.87e-3: in sliding, these two fitted are off, the close ones by less
+    than a quarter of that."""
+    v = np.random.default_rng(1).normal(0, 0.05, 20000)
+    truth = 90 * np.tanh(v / 1e-3)
+
+    def fitted(shapes: Sequence[Shape]) -> np.ndarray:
+        X = np.stack([shape.sliding(v) for shape in shapes], axis=1)
+        return solve(X.T @ X, X.T @ truth)
+
+    tried = [Shape("motor 1", "sign", 0.93e-3), Shape("motor 1", "sign", 1.87e-3)]
+    levels = fitted(tried)
+    ladder = refined(choice_of(tried), levels, PLACES)
+    near, kept = narrowed(ladder, fitted(ladder.shapes), QUIET)
+    assert near.shapes == tuple(ladder.shapes[i] for i in kept)
+    assert near.shapes[0].threshold < 1e-3 < near.shapes[1].threshold < 1.22 * near.shapes[0].threshold
+    assert abs(levels.sum() - 90) > 4 * abs(fitted(near.shapes).sum() - 90)
+
+
+def test_a_turn_that_noise_had_blurred_is_found_below_the_signs_that_were_tried() -> None:
+    """tanh(v / 3e-4) behind a sign that turns over 1e-3; one of an ideal sign at the slowest two."""
+    v = np.random.default_rng(1).normal(0, 0.05, 20000)
+    ladder = refined(choice_of([Shape("motor 1", "sign", 1e-3)]), np.ones(1), PLACES)
+    X = np.stack([shape.sliding(v) for shape in ladder.shapes], axis=1)
+    for speed, slow, fast in ((3e-4, 2.4e-4, 3.7e-4), (1e-6, 0.0, 1.4e-4)):
+        near, _ = narrowed(ladder, solve(X.T @ X, X.T @ np.tanh(v / speed)), QUIET)
+        assert slow <= near.shapes[0].threshold < near.shapes[1].threshold <= fast
+
+
+@pytest.mark.parametrize("speed", [0.0, 2e-3])
+def test_friction_that_jumps_does_not_turn_by_the_noise_of_a_velocity(speed: float) -> None:
+    """Of 5e-4 rad/s, over which it seems to turn; one that turns over 2e-3 rad/s keeps that within a tenth."""
+    rng = np.random.default_rng(1)
+    v = rng.normal(0, 0.05, 200000)
+    seen, truth = v + rng.normal(0, 5e-4, v.shape), Shape("motor 1", "sign", speed).sliding(v)
+    ladder = refined(choice_of([Shape("motor 1", "sign", 2.5e-3)]), np.ones(1), PLACES)
+    X = np.stack([shape.sliding(seen) for shape in ladder.shapes], axis=1)
+    as_seen, corrected = (
+        narrowed(ladder, solve(X.T @ X, X.T @ truth), noise)[0].shapes for noise in (QUIET, QUIET + 5e-4)
+    )
+    assert corrected[0].threshold <= speed <= 1.1 * corrected[1].threshold
+    assert as_seen[0].threshold > 5e-4
+
+
+def test_bristles_and_other_motors_stay_as_they_are() -> None:
+    """Beside signs that are refined; a sign without a level goes with those that have one."""
+    shapes = [
+        Shape("motor 1", "sign", 1e-3),
+        Shape("motor 1", "sign", 2e-3),
+        Shape("motor 1", "bristle", 3e-4),
+        Shape("motor 2", "sign", 0.0),
+    ]
+    ladder = refined(choice_of(shapes), np.array([5.0, 0.0, 1.0, 2.0]), PLACES)
+    at_the_top = np.where([shape.kind == "sign" for shape in ladder.shapes], 0.0, 1.0)
+    at_the_top[11:13] = 1.0
+    found, _ = narrowed(ladder, at_the_top, QUIET)
+    assert [shape.kind for shape in found.shapes] == ["sign", "sign", "bristle", "sign"]
+    assert found.shapes[2:] == (shapes[2], shapes[3])
+    np.testing.assert_allclose([shape.threshold for shape in found.shapes[:2]], 1e-3, rtol=0.11)
+
+
+@pytest.mark.parametrize("speeds", [(1e-3, 4e-3), (0.0,)])
+def test_signs_far_apart_and_ideal_ones_are_left_alone(speeds: tuple[float, ...]) -> None:
+    """They turn over more than one speed, or over none."""
+    shapes = [Shape("motor 2", "sign", speed) for speed in speeds]
+    found = refined(choice_of(shapes), np.ones(len(shapes)), PLACES)
+    assert found.shapes == tuple(shapes)
+
+
+def test_a_stribeck_velocity_between_those_that_were_tried_is_found() -> None:
+    """F_c is 1 % off with the neighbour's velocity, by less than a tenth of that with two about its own."""
+    v = np.random.default_rng(1).normal(0, 0.05, 20000)
+    truth = 90 * np.sign(v) + 30 * np.sign(v) * np.exp(-((v / 0.01) ** 2))
+
+    def fitted(shapes: Sequence[Shape]) -> np.ndarray:
+        X = np.stack([shape.sliding(v) for shape in shapes], axis=1)
+        return solve(X.T @ X, X.T @ truth)
+
+    tried = [Shape("motor 1", "sign"), Shape("motor 1", "stribeck", 0.0135)]
+    levels = fitted(tried)
+    ladder = refined(choice_of(tried), levels, PLACES)
+    near, _ = narrowed(ladder, fitted(ladder.shapes), QUIET)
+    of_near = dict(zip(near.shapes, fitted(near.shapes), strict=True))
+    speeds = sorted(shape.threshold for shape in near.shapes if shape.kind == "stribeck")
+    assert speeds[0] < 0.01 < speeds[1]
+    F_c = sum(level for shape, level in of_near.items() if shape.kind == "sign")
+    assert abs(levels[0] - 90) > 0.5
+    assert abs(F_c - 90) < 0.1 * abs(levels[0] - 90)
+
+
+def test_what_no_shape_has_is_smaller_where_signs_are_all() -> None:
+    """Levels of one motor are off by one factor, those of different motors by their own."""
+    shapes = [Shape("motor 1", "sign"), Shape("motor 1", "bristle", 1e-4), Shape("motor 2", "sign")]
+    C = by_unknown_shapes(choice_of(shapes), np.array([3.0, 1.0, 2.0]))
+    of_curves, of_signs = np.array([3.0, 1.0]) * LIMITS.shape_error, 2.0 * LIMITS.sign_error
+    np.testing.assert_allclose(C[:2, :2], np.outer(of_curves, of_curves))
+    np.testing.assert_allclose(C[2], [0, 0, of_signs**2])
+    assert LIMITS.sign_error < LIMITS.shape_error
 
 
 def test_shapes_that_are_alike_share_a_level() -> None:

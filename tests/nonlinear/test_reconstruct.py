@@ -8,7 +8,7 @@ import numpy as np
 from elastid.nonlinear.motion import CELLS, Motion, motion_of
 from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.shapes import Shape
-from elastid.nonlinear.take_out import net_record
+from elastid.nonlinear.take_out import TURNING_ERROR, net_record
 from elastid.record import Configuration, Record
 
 RATE, N, PERIODS = 100.0, 200, 3
@@ -58,14 +58,11 @@ def lateness(motion: Motion) -> np.ndarray:
     return late[np.abs(late) < 0.5]
 
 
-def test_reversals_are_late_between_samples_and_found_with_the_part_above_half_the_rate() -> None:
-    """Late by some 2 % of a sample; by < 1 / 2 of that, in mean and scatter, with the part above half the rate."""
+def test_reversals_are_late_between_samples_by_what_the_errors_of_responses_have() -> None:
     record, _ = simulated()
-    without, found = (lateness(friction_of(a).motion(record, "motor 1")) for a in (0.0, 1 / J))
-    assert len(found) == len(without) > 50
-    assert 0.015 < without.mean() < 0.04
-    assert abs(found.mean()) < 0.5 * without.mean()
-    assert found.std() < 0.5 * without.std()
+    late = lateness(friction_of(1 / J).motion(record, "motor 1"))
+    assert len(late) > 50
+    assert 0.5 * TURNING_ERROR < late.mean() < 1.5 * TURNING_ERROR
 
 
 def test_reversals_under_noise_are_found_by_the_torque_above_the_excited_lines() -> None:
@@ -77,27 +74,9 @@ def test_reversals_under_noise_are_found_by_the_torque_above_the_excited_lines()
     assert np.mean(lateness(by_torque) ** 2) < 0.7**2 * np.mean(lateness(by_angle) ** 2)
 
 
-def test_a_torque_that_is_not_held_leaves_the_motion_as_it_is() -> None:
-    """As `motion_of` finds it: its samples have no images."""
-    record = replace(simulated()[0], hold="band-limited")
-    sharp, plain = friction_of(1 / J).motion(record, "motor 1"), motion_of(record, "motor 1")
-    np.testing.assert_array_equal(sharp.velocity, plain.velocity)
-
-
 def test_friction_of_level_0_leaves_the_torque() -> None:
     """And the motion, to the last bit."""
     record, _ = simulated()
     net = net_record(record, replace(friction_of(1 / J), levels=np.zeros(1)))
     np.testing.assert_array_equal(net.u, record.u)
     np.testing.assert_array_equal(net.y, record.y)
-
-
-def test_bristles_are_followed_in_all_samples() -> None:
-    """Reversals under a bristle that hardly bends are late by two thirds of what the samples alone say."""
-    record, _ = simulated()
-    bristle = replace(friction_of(1 / J), shapes=(Shape("motor 1", "stop", 1e-7),))
-    late, by_samples = (
-        lateness(motion) for motion in (bristle.motion(record, "motor 1"), motion_of(record, "motor 1"))
-    )
-    assert len(late) == len(by_samples)
-    assert abs(late.mean()) < by_samples.mean() * 2 / 3

@@ -52,15 +52,14 @@ def test_a_spring_that_stiffens_or_has_a_gap_is_found(gear: Gear, shapes: tuple[
 
 
 @pytest.mark.slow
-def test_the_level_is_that_of_the_deflection_beyond_a_straight_line() -> None:
-    """Of tau^3 to first order; the stiffness of this amplitude is as much larger as the records of it show."""
+def test_the_stiffness_of_an_amplitude_is_as_much_larger_as_its_records_show() -> None:
+    """Of tau^3 to first order."""
     gear = Gear(k_3=4e7)
     (bend,) = bends(gear)
-    x = np.linspace(-4, 4, 4001) * bend.deflection
-    weight = np.exp(-((x / bend.deflection) ** 2) / 2)
+    size = bend.torque / gear.k
+    x = np.linspace(-4, 4, 4001) * size
+    weight = np.exp(-((x / size) ** 2) / 2)
     line = np.average(x**4, weights=weight) / np.average(x**2, weights=weight)
-    left = np.average((gear.k_3 / gear.k * (x**3 - line * x)) ** 2, weights=weight)
-    assert bend.level_db == pytest.approx(10 * np.log10(left / bend.deflection**2), abs=2)
     assert bend.softer == pytest.approx(-gear.k_3 / gear.k * line, rel=0.2)
 
 
@@ -82,7 +81,6 @@ def test_a_fit_of_a_spring_that_is_not_straight_does_not_converge_in_silence() -
     result = identify([response], FILE, spec)
     assert result.status == "misfit"
     assert result.cost < 1.5 * result.cost_expected
-    assert "mrad RMS" in result.message
     assert "the numbers are those of this amplitude alone" in result.message
     assert all(verdict.startswith("not to be believed") for verdict in result.verdicts[:2])
 

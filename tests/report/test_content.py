@@ -54,7 +54,7 @@ def sheets() -> GearResult:
         GearNumber("Fc_m1", "running torque before the gear", "torque", "N*m", 0.1, 0.1, rated_share=0.0003),
     )
     torque = 300 * np.concatenate([np.linspace(-1, 1, 100), np.linspace(1, -1, 100)])
-    sheet = GearSheet("1", numbers, 300.0, 300.0, torque, torque / 2e5, np.full(200, 1e-7))
+    sheet = GearSheet("1", numbers, 300.0, torque, torque / 2e5, np.full(200, 1e-7))
     return GearResult(np.zeros(0), np.zeros((0, 0)), sheets=(sheet,), before=0.1, after=0.01)
 
 
