@@ -437,11 +437,6 @@ class Consistency:
         """Numbers that move by more than their bands hold."""
         return tuple(movement for movement in self.movements if movement.size > 1)
 
-    @property
-    def is_white(self) -> bool:
-        """True if innovations are barely correlated from sample to sample."""
-        return bool(abs(self.autocorrelation[1]) < FILTER.max_correlation)
-
 
 def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
     """Of a track after settled_s; ValueError where no more than `lags` samples are left."""

@@ -182,8 +182,6 @@ class RestLimits:
 
     expansion_error: float = 1e-3  # relative, of a response: keeps a line without noise from outweighing all others
     max_slip: float = 0.3  # rms over z_s, above which the expansion does not hold
-    max_condition: float = 1e8  # of the scaled Jacobian
-    min_counts: float = 3.0  # half of the swing of the position in counts of the encoder
     same_amplitude: float = 1.4  # ratio up to which amplitudes are the same: random phases change that of one peak
     min_lines: int = 8  # of the torque that stand out of noise
     segments: int = 6  # of noise, before overlap: with 16 the leakage of their windows adds 0.6 % to sigma_1
@@ -309,7 +307,7 @@ class _Model:
                 f"{place} at rest",
             )
         (end,) = minimise(self._residual, [start], x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
-        if not end.condition < REST.max_condition:
+        if not np.all(np.isfinite(end.covariance)):
             raise FitError(
                 "friction/at-rest",
                 "stiffness, damping and slip of bristles cannot be distinguished; excite lines "
@@ -416,11 +414,11 @@ class RestResponse:
         first, posture = records[0], records[0].configuration or Configuration(records[0].name, np.zeros(1))
         periodic = [_as_record(record, i, posture) for i, record in enumerate(records)]
         reach = float(np.mean([np.ptp(_mean_period(record, record.y)) / 2 for record in periodic]))
-        if not reach > REST.min_counts * first.resolution:
+        if not reach > PASSES.min_counts * first.resolution:
             raise DataError(
                 "friction/at-rest",
                 f"joint {first.joint} at rest ({first.name}): it moves by {reach:.3g} {first.unit}, "
-                f"{reach / first.resolution:.2g} counts of its encoder; a response takes {REST.min_counts:g}: raise "
+                f"{reach / first.resolution:.2g} counts of its encoder; a response takes {PASSES.min_counts:g}: raise "
                 "the torque at rest, use a finer encoder, or measure presliding by loops",
             )
         G = estimate(periodic, _estimator(periodic))

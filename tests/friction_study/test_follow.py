@@ -68,7 +68,6 @@ def test_innovations_are_judged_in_units_of_their_expected_std() -> None:
     judged = consistency(track, 0.0)
     assert judged.nis == pytest.approx(1.0)
     assert judged.autocorrelation[1] == pytest.approx(-(n - 1) / n)
-    assert not judged.is_white
     assert not list(_noise("joint 1", judged))
 
 
