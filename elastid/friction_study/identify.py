@@ -15,7 +15,7 @@ import numpy as np
 from elastid.base.errors import DataError, FitError, Note
 from elastid.friction_study.laws import StaticLaw, friction_of
 from elastid.friction_study.motion import MotionFriction
-from elastid.friction_study.presliding import AtRest, Elements, Loops, fit_at_rest, fit_presliding, rest_responses
+from elastid.friction_study.presliding import AtRest, Elements, fit_at_rest, fit_presliding, rest_responses
 from elastid.friction_study.result import (
     FrictionNumber,
     FrictionResult,
@@ -196,23 +196,11 @@ def find_before_sliding(
         notes.append(Note("friction/presliding", text, place))
     if loops and law.presliding not in ("no", "lugre"):
         try:
-            presliding = fit_presliding(_loops(loops[0], spec), law.elements)
+            hz = None if spec.presliding is None else spec.presliding.frequency_hz
+            presliding = fit_presliding(loops[0], hz, law.elements)
         except DataError as error:
             notes.append(Note("friction/presliding", str(error), place))
     return BeforeSliding(presliding, at_rest, tuple(notes))
-
-
-def _loops(record: FrictionRecord, spec: FrictionSpec) -> Loops:
-    if spec.presliding is not None:
-        frequency_hz = spec.presliding.frequency_hz
-    else:
-        spectrum = np.abs(np.fft.rfft(record.torque - record.torque.mean()))
-        frequency_hz = max(1, int(np.argmax(spectrum))) / record.duration_s  # of the loops, not of a dither on them
-    settled = round(record.rate_hz / frequency_hz / 2)
-    return Loops(
-        f"joint {record.joint}", record.rate_hz, record.position, record.torque, float(frequency_hz),
-        record.resolution, settled,
-    )  # fmt: skip
 
 
 def _at_rest(
