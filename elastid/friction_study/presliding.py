@@ -78,7 +78,7 @@ class Elements:
         k, D = self.stiffness[used], self.threshold[used]
         shares = k * D / float(k @ D)
         # A hundred times the torque: an element that slips reaches its level at once.
-        return MaxwellSlip(tuple(k.tolist()), tuple(shares.tolist()), 100.0 * float(k @ D), switching="events")
+        return MaxwellSlip(tuple(k.tolist()), tuple(shares.tolist()), 100.0 * float(k @ D))
 
 
 def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: int | None = None) -> Elements:
