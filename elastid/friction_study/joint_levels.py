@@ -157,7 +157,7 @@ def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> 
     A = block_diag(*(np.stack([np.ones(len(own)), about_mean(speed[own])], axis=1) for own in places))
     numbers = np.repeat(np.arange(len(places)), [len(own) for own in places])
     regression = PassRegression(A, friction[every], numbers, np.zeros((len(A), 0), complex), ())
-    values, covariance, _ = regression.solve()
+    values, covariance = regression.solve()
     found = zip(means, values[::2].tolist(), np.sqrt(np.diag(covariance)[::2]).tolist(), strict=True)
     return [(mean, s, level, std, record.load_torque, record.mean_temperature) for mean, level, std in found]
 

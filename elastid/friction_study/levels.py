@@ -98,8 +98,8 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     """
     used, notes = usable_passes(passes)
     pairs = _pairs(used)
-    design = PassRegression.of(used, pairs, has_gravity, turn)
-    values, covariance, _ = design.solve()
+    design = PassRegression.of(used, has_gravity, turn)
+    values, covariance = design.solve()
     n_k = len(pairs)
     conditions = np.array([_condition(members) for members in pairs.values()])
     speed = conditions[:, 0]

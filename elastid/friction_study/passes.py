@@ -85,12 +85,12 @@ class PassRegression:
     shared: tuple[str, ...]
 
     @classmethod
-    def of(cls, passes: Sequence[Pass], pairs: dict[str, list[Pass]], has_gravity: bool, turn: float) -> PassRegression:
+    def of(cls, passes: Sequence[Pass], has_gravity: bool, turn: float) -> PassRegression:
         """The columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
         lengths = [len(each.position) for each in passes]
         step = max(1, min(sum(lengths) // 15_000, min(lengths) // 40))  # rows of all passes, and of the shortest
         has_ripple = turn > 0 and any(np.ptp(each.position) > turn for each in passes)
-        order = list(pairs)
+        order = list(dict.fromkeys(each.pair for each in passes))
         loads = list(dict.fromkeys(each.load_name for each in passes)) if has_gravity else []
         searched = range(N_WAVES if has_ripple else 0)
         rows, torques, waves, numbers = [], [], [], []
@@ -112,22 +112,18 @@ class PassRegression:
         regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), tuple(names))
         return regression._with_ripple() if has_ripple else regression
 
-    def solve(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Numbers (n_x,), covariance (n_x, n_x) and residual (n,)."""
+    def solve(self) -> tuple[FloatArray, FloatArray]:
+        """Numbers (n_x,) and covariance (n_x, n_x)."""
         size = np.linalg.norm(self.A, axis=0)
         size[size == 0] = 1.0
-        B = self.A / size
-        U, s, Vt = np.linalg.svd(B, full_matrices=False)
-        good = s > 1e-10 * s[0]
-        values = (Vt[good].T / s[good]) @ (U[:, good].T @ self.y)
-        left = self.y - B @ values
-        bread = (Vt[good].T / s[good] ** 2) @ Vt[good]
-        autocovariance = self._autocovariance(left)
+        inverse = np.linalg.pinv(self.A / size, rcond=1e-10) / size[:, None]
+        values = inverse @ self.y
+        autocovariance = self._autocovariance(self.y - self.A @ values)
         # Of numbers that change more slowly than the residuals forget, as levels do.
         long_run = autocovariance[0] + 2 * float(autocovariance[1:].sum())
         # Every number takes its share of the long-run variance from each autocovariance of the residuals.
-        spare = 1 + (2 * len(autocovariance) - 1) * B.shape[1] / len(self.y)
-        return values / size, spare * long_run * bread / np.outer(size, size), left
+        spare = 1 + (2 * len(autocovariance) - 1) * len(values) / len(self.y)
+        return values, spare * long_run * inverse @ inverse.T
 
     def _with_ripple(self) -> PassRegression:
         first, others = self._with_waves(np.arange(2)), np.arange(2, N_WAVES)

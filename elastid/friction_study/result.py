@@ -207,8 +207,8 @@ def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Ite
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
     """Time constants, and heat given off where kelvins are known."""
-    n, read = len(model.time_constants), int(np.isfinite(warm_up.readings).sum())
-    minutes = (warm_up.time_s[-1] - warm_up.time_s[0]) / 60
+    n, read = len(model.time_constants), int(np.isfinite(warm_up.log.temperature).sum())
+    minutes = np.ptp(warm_up.log.time_s) / 60
     learnt = f"{read} readings, {len(warm_up.level)} test passes in {minutes:.3g} min"
     std_of_h, *log_stds = model.log_std.tolist()
     rows = [
