@@ -274,12 +274,17 @@ def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float
     speed = np.abs(velocity)
     steady = speed > PASSES.rest_share * speed.max(initial=0.0)
     steady &= np.abs(acceleration) * PASSES.shortest_s < PASSES.steady_share * speed
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], steady, [False]]).astype(np.int8)))
     return tuple(
-        Plateau(int(start), int(stop), float(velocity[start:stop].mean()))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True)
+        Plateau(start, stop, float(velocity[start:stop].mean()))
+        for start, stop in _runs(steady)
         if stop - start >= PASSES.shortest_s * rate_hz
     )
+
+
+def _runs(samples: BoolArray) -> list[tuple[int, int]]:
+    """First sample of each run of those that are true, and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], samples, [False]]).astype(np.int8)))
+    return [(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]
 
 
 def alike_speeds(speeds: FloatArray) -> FloatArray:
@@ -373,11 +378,12 @@ def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float)
         return None
     steps = way[first + w : last] - way[first : last - w]  # travels over one window
     change, travel = np.abs(steps[w:] - steps[:-w]), np.abs(steps[w:] + steps[:-w]) / 2
-    run = _longest_run(change < PASSES.steady_share * travel)
-    if run.stop - run.start < w:
+    runs = [run for run in _runs(change < PASSES.steady_share * travel) if run[1] - run[0] >= w]
+    if not runs:
         return None
+    begin, end = max(runs, key=lambda run: run[1] - run[0])
     # The outer windows may reach into ramps, by as much as their means allow.
-    inner = slice(first + run.start + w // 2, first + run.stop + 2 * w - w // 2)
+    inner = slice(first + begin + w // 2, first + end + 2 * w - w // 2)
     t = np.arange(len(way)) / rate_hz
     speed, offset = np.polyfit(t[inner], way[inner], 1)
     away = np.abs(way - speed * t - offset)
@@ -385,13 +391,6 @@ def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float)
     before, after = on_line[: inner.start][::-1], on_line[inner.stop :]
     begin = inner.start - int(np.argmin(np.append(before, False)))
     return Plateau(start + begin, start + inner.stop + int(np.argmin(np.append(after, False))), float(speed))
-
-
-def _longest_run(samples: BoolArray) -> slice:
-    """Of those that are true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], samples, [False]]).astype(np.int8)))
-    runs = [slice(0, 0), *(slice(*pair) for pair in edges.reshape(-1, 2).tolist())]
-    return max(runs, key=lambda run: int(run.stop - run.start))
 
 
 def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: bool) -> list[tuple[Plateau, Plateau]]:

@@ -108,12 +108,7 @@ def test_half_an_elastic_joint_is_refused() -> None:
         FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0, stiffness=10.0)
 
 
-def test_tolerances_of_unknown_numbers_are_refused() -> None:
-    """With the names of those that a filter holds; a rigid joint has no stiffness to hold."""
-    with pytest.raises(ValueError, match="tolerances of mass: a filter holds stiction_ratio"):
-        replace(FOLLOWED, tolerances={"mass": 0.1})
-    with pytest.raises(ValueError, match="from 0 to 1"):
-        replace(FOLLOWED, tolerances={"inertia": 2.0})
+def test_a_rigid_joint_has_no_stiffness_to_hold() -> None:
     rigid = FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
     assert rigid.held == ("inertia", "gravity")
 
