@@ -12,11 +12,17 @@ from plants.friction_records import records, simulated, template
 from plants.friction_study import at_rest, motion
 
 from elastid.app.identified_robot import robot_of_friction
-from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels, PassLevels
-from elastid.friction_study.result import FrictionResult, JointFriction, JointLevels, numbers_of_law, true_numbers
+from elastid.friction_study.result import (
+    FrictionResult,
+    JointFriction,
+    JointLevels,
+    identify_friction,
+    numbers_of_law,
+    true_numbers,
+)
 from elastid.friction_study.spec import (
     FilterSpec,
     LawSpec,

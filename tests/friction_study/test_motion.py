@@ -12,10 +12,10 @@ from plants.measured import EMPS, measured
 from scipy.io import loadmat
 
 from elastid.base.errors import DataError
-from elastid.friction_study.identify import BeforeSliding, joint_law
 from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_terms import Motion
 from elastid.friction_study.passes import distinct_speeds
+from elastid.friction_study.result import BeforeSliding, joint_law
 from elastid.friction_study.spec import LawSpec
 
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
