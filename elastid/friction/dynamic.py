@@ -86,114 +86,55 @@ class Stop:
 
 @dataclass(frozen=True)
 class MaxwellElements:
-    """The elements of smooth and switched Maxwell slip: sigma_0, nu, sigma_1 (n,), and the attraction C in Nm/s."""
+    """Sticking until z_i sgn(v) reaches zbar_i, then slipping until v changes its sign.
+
+    sigma_0, nu, sigma_1 (n,); C: attraction, Nm/s.
+    States: z_i, then for each element the direction in which it slips, 0 where it sticks.
+    """
 
     sigma_0: tuple[float, ...]
     nu: tuple[float, ...]
     sigma_1: tuple[float, ...]
     C: float
 
-    def bounds(self, v: Expression, curve: Curve) -> ca.SX:
-        """zbar (n,) > 0 at v: where the elements slip."""
-        return ca.DM(np.divide(self.nu, self.sigma_0)) * curve.level(v)
-
-    def torque(self, v: Expression, z: ca.SX, rate: ca.SX, curve: Curve) -> ca.SX:
-        """Of deflections and rates (n,)."""
-        return ca.dot(ca.DM(self.sigma_0), z) + ca.dot(ca.DM(self.sigma_1), rate) + curve.growing(v)
-
-
-@dataclass(frozen=True)
-class SmoothMaxwellSlip:
-    """dz_i/dt = v (1 - S_i) + S_i C_i (sgn(v) - z_i / zbar_i), S_i a smooth step of z_i sgn(v) / zbar_i up to 1.
-
-    The switch has no memory of its own: where zbar grows as a motion slows down, elements stick again that by
-    events would still slip; the two differ by a few per cent of F_c at single transitions.
-    """
-
-    elements: MaxwellElements
-
-    @property
-    def n_states(self) -> int:
-        """Deflections z_i, rad."""
-        return len(self.elements.nu)
-
-    def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """sum sigma_0i z_i + sigma_1i dz_i/dt, and the parts that grow with v."""
-        return self.elements.torque(v, z, self.rate(v, z, curve), curve)
-
-    def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """dz/dt (n,)."""
-        gain, slope = self._linear(v, z, curve)
-        return gain - slope * z
-
-    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
-        """The switch held over the step; no element leaves its bound, so that |z_i| <= nu_i F_s / sigma_0i."""
-        gain, slope = self._linear(v, z, curve)
-        bound = ca.fmax(self.elements.bounds(v, curve), ca.fabs(z))
-        return ca.fmax(-bound, ca.fmin(bound, exponential_step(z, gain, slope, step)))
-
-    def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """All elements stick."""
-        return sum(self.elements.sigma_0), sum(self.elements.sigma_1)
-
-    def _linear(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX]:
-        """dz/dt = gain - slope z with the switch at z."""
-        bound, sign = self.elements.bounds(v, curve), ca.sign(v)
-        # An element begins to slip at 0.9 of its bound and slips altogether at 1, so that steady sliding takes g(v)
-        # exactly. (A switch centred at 1 saturates beyond it, and stays wrong by 3 to 5 %.)
-        x = ca.fmax(0.0, ca.fmin(1.0, (z * sign / bound - 0.9) / (1 - 0.9)))
-        S = x**2 * (3 - 2 * x)
-        slope = S * self.elements.C / curve.level(v)
-        return v * (1 - S) + slope * bound * sign, slope
-
-
-@dataclass(frozen=True)
-class SwitchedMaxwellSlip:
-    """Sticking until z_i sgn(v) reaches zbar_i, then slipping until v changes its sign.
-
-    States: z_i, then for each element the direction in which it slips, 0 where it sticks.
-    """
-
-    elements: MaxwellElements
-
     @property
     def n_states(self) -> int:
         """Two an element."""
-        return 2 * len(self.elements.nu)
+        return 2 * len(self.nu)
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """sum sigma_0i z_i + sigma_1i dz_i/dt, and the parts that grow with v."""
-        n = len(self.elements.nu)
-        return self.elements.torque(v, z[:n], self.rate(v, z, curve)[:n], curve)
+        n = len(self.nu)
+        damping = ca.dot(ca.DM(self.sigma_1), self.rate(v, z, curve)[:n])
+        return ca.dot(ca.DM(self.sigma_0), z[:n]) + damping + curve.growing(v)
 
     def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """dz_i/dt of the deflections, zeros for the directions: they jump."""
         deflection, slips, bound, sign = self._slipping(v, z, curve)
-        slope = self.elements.C / curve.level(v)
-        return ca.vertcat(ca.if_else(slips, slope * (bound * sign - deflection), v), ca.SX.zeros(len(self.elements.nu)))
+        slope = self.C / curve.level(v)
+        return ca.vertcat(ca.if_else(slips, slope * (bound * sign - deflection), v), ca.SX.zeros(len(self.nu)))
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """Exact where an element slips or sticks all the time; one that reaches its bound stays there until the end."""
         deflection, slips, bound, sign = self._slipping(v, z, curve)
-        slope = self.elements.C / curve.level(v)
+        slope = self.C / curve.level(v)
         slid = exponential_step(deflection, slope * bound * sign, slope, step)
         moved = deflection + v * step
         arrives = sign * moved >= bound
         stuck = ca.if_else(arrives, sign * bound, moved)
         direction = ca.if_else(ca.logic_or(slips, arrives), sign, 0.0)
-        n = len(self.elements.nu)
-        held = ca.if_else(sign == 0, z[n:], direction)
+        held = ca.if_else(sign == 0, z[len(self.nu) :], direction)
         return ca.vertcat(ca.if_else(slips, slid, stuck), held)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """All elements stick."""
-        return sum(self.elements.sigma_0), sum(self.elements.sigma_1)
+        return sum(self.sigma_0), sum(self.sigma_1)
 
     def _slipping(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Deflections, true where they slip at v, their bounds, sgn(v)."""
-        n = len(self.elements.nu)
+        """Deflections, true where they slip at v, their bounds zbar > 0, sgn(v)."""
+        n = len(self.nu)
         deflection, direction, sign = z[:n], z[n:], ca.sign(v)
-        bound = self.elements.bounds(v, curve)
+        bound = ca.DM(np.divide(self.nu, self.sigma_0)) * curve.level(v)
         beyond = ca.logic_and(sign != 0, sign * deflection >= bound)
         slips = ca.logic_or(ca.logic_and(direction != 0, direction == sign), beyond)
         return deflection, slips, bound, sign

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction.dynamic import Bristle, MaxwellElements, SmoothMaxwellSlip, Stop, SwitchedMaxwellSlip
+from elastid.friction.dynamic import Bristle, MaxwellElements, Stop
 from elastid.friction.static import Curve, Expression, Law, Tustin
 from elastid.robot import Directions, Friction, Robot
 
@@ -143,11 +143,10 @@ def _law(spec: Friction, n: float) -> Law:
         return Bristle(n**2 * bristle.stiffness, n**2 * bristle.damping, inverse)
     if spec.maxwell_slip is not None:
         slip = spec.maxwell_slip
-        elements = MaxwellElements(
+        return MaxwellElements(
             tuple(n**2 * k for k in slip.stiffness),
             slip.shares,
             tuple(n**2 * d for d in slip.damping or (0.0,) * len(slip.stiffness)),
             n * slip.attraction,
         )
-        return SmoothMaxwellSlip(elements) if slip.switching == "smooth" else SwitchedMaxwellSlip(elements)
     return Tustin()

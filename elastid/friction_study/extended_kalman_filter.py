@@ -97,10 +97,6 @@ class FollowedJoint:
     def __post_init__(self) -> None:
         if (self.stiffness > 0) != (self.link_inertia > 0):
             raise ValueError("a joint with a spring has inertias on both of its sides; give both, or neither")
-        if unknown := sorted(set(self.tolerances) - set(TOLERANCES)):
-            raise ValueError(f"tolerances of {', '.join(unknown)}: a filter holds {', '.join(TOLERANCES)}")
-        if not all(0 <= std < 1 for std in self.tolerances.values()):
-            raise ValueError(f"tolerances are relative standard deviations from 0 to 1, not {dict(self.tolerances)}")
         if self.stiction_ratio > 1 and self.stribeck_velocity <= 0:
             raise ValueError("stiction above Coulomb friction needs stribeck_velocity, over which it falls")
 
@@ -260,8 +256,6 @@ class JointSamples:
     angle: FloatArray
 
     def __post_init__(self) -> None:
-        if not len(self.torque) == len(self.load) == len(self.angle):
-            raise ValueError("a filter takes as many torques and loads as angles")
         if not all(np.all(np.isfinite(part)) for part in (self.torque, self.load, self.angle)):
             raise DataError(
                 "filter/record", "a filter's samples have NaN or infinite values; mend the gaps of the log first"
@@ -392,22 +386,15 @@ FILTER = FilterThresholds()
 
 @dataclass(frozen=True)
 class Movement:
-    """A followed number within lag_s: its change, root mean square.
+    """A followed number that changes within lag_s by `change`, root mean square, so many times what its band holds.
 
-    ratio: mean square over the variances of its band at both ends.  excess: over those without the errors of held
-    numbers, and the drift of the lag.
+    times: over noise, without the errors of held numbers, and the drift of the lag.
     """
 
     name: str
     lag_s: float
     change: float
-    ratio: float
-    excess: float
-
-    @property
-    def size(self) -> float:
-        """Above 1 where it is beyond what noise and drift allow, and the band cannot hold it."""
-        return min(self.ratio / FILTER.max_movement, self.excess / FILTER.max_excess)
+    times: float
 
 
 @frozen_value
@@ -415,13 +402,13 @@ class Consistency:
     """Of the samples after a filter has settled at which the joint moves (Track.moves).
 
     nis: mean.  autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
-    movements: of each followed number the largest.
+    restless: numbers that move by more than their bands hold, at the lag where they do so most.
     """
 
     nis: float
     autocorrelation: FloatArray
     n_eff: float
-    movements: tuple[Movement, ...] = ()
+    restless: tuple[Movement, ...] = ()
 
     @property
     def is_honest(self) -> bool:
@@ -431,16 +418,6 @@ class Consistency:
         """
         is_tested = self.nis <= FILTER.nis_band[1] and self.autocorrelation[1] < FILTER.max_correlation
         return is_tested and not self.restless
-
-    @property
-    def restless(self) -> tuple[Movement, ...]:
-        """Numbers that move by more than their bands hold."""
-        return tuple(movement for movement in self.movements if movement.size > 1)
-
-    @property
-    def is_white(self) -> bool:
-        """True if innovations are barely correlated from sample to sample."""
-        return bool(abs(self.autocorrelation[1]) < FILTER.max_correlation)
 
 
 def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
@@ -456,11 +433,11 @@ def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
     power = float(nu @ nu)
     rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
     n_eff = float(np.clip(moves.sum() * (1 - rho[1]) / (1 + rho[1]), 1.0, moves.sum()))
-    return Consistency(float(track.nis[first:][moves].mean()), rho, n_eff, tuple(_movements(track, first)))
+    return Consistency(float(track.nis[first:][moves].mean()), rho, n_eff, tuple(_restless(track, first)))
 
 
-def _movements(track: Track, first: int) -> Iterator[Movement]:
-    """Of each followed number the largest over its lags, within motions."""
+def _restless(track: Track, first: int) -> Iterator[Movement]:
+    """Followed numbers that move, within motions, by more than their bands hold."""
     p = len(track.joint.followed)
     x, variance = track.x[first:, -p:], track.std[first:, -p:] ** 2
     bounds = [max(0, start - first) for start in track.starts] + [len(x)]
@@ -475,8 +452,9 @@ def _movements(track: Track, first: int) -> Iterator[Movement]:
             lag = max(1, round(lag_s * track.rate_hz))
             pairs = np.concatenate([np.arange(a, max(a, b - lag)) for a, b in pairwise(bounds)])
             square = (x[pairs + lag, i] - x[pairs, i]) ** 2
-            ratio = float(np.mean(square / (variance[pairs, i] + variance[pairs + lag, i])))
-            noise = own[pairs, i] + own[pairs + lag, i] + track.drift[i] ** 2 * lag_s
-            excess = float(np.mean(square / noise))
-            found.append(Movement(name, float(lag_s), float(np.sqrt(square.mean())), ratio, excess))
-        yield max(found, key=lambda movement: movement.size)
+            ratio = np.mean(square / (variance[pairs, i] + variance[pairs + lag, i]))
+            excess = np.mean(square / (own[pairs, i] + own[pairs + lag, i] + track.drift[i] ** 2 * lag_s))
+            if ratio > FILTER.max_movement and excess > FILTER.max_excess:
+                found.append(Movement(name, float(lag_s), float(np.sqrt(square.mean())), float(np.sqrt(excess))))
+        if found:
+            yield max(found, key=lambda movement: movement.times)

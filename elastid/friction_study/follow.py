@@ -85,10 +85,6 @@ def _moving(samples: JointSamples, count: float) -> BoolArray:
 
 # Lags of the autocorrelation.
 LAGS = 50
-REVERSALS = (
-    "reversals distinguish Coulomb friction from an offset, several speeds from viscous friction; move both ways, at "
-    "several speeds"
-)
 
 
 @frozen_value
@@ -262,7 +258,10 @@ def _excitation(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
         text = f"the motion does not identify {', '.join(held)}, held where it began: move both ways, at several speeds"
         yield Note("filter/not-excited", text, place)
     if abs(correlation) > FILTER.distinct_correlation:
-        text = f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation:.2f}): {REVERSALS}"
+        text = (
+            f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation:.2f}): reversals distinguish "
+            "Coulomb friction from an offset, several speeds from viscous friction"
+        )
         yield Note("filter/not-excited", text, place, severity="warning")
 
 
@@ -270,8 +269,8 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
     """The reasons why bands are not to be believed, in one note."""
     low, high = FILTER.nis_band
     reasons = [
-        f"{moved.name} changes by {moved.change:.3g} (rms) within {moved.lag_s:.2g} s, {np.sqrt(moved.excess):.2g} "
-        "times as much as noise and filter.drift allow"
+        f"{moved.name} changes by {moved.change:.3g} (rms) within {moved.lag_s:.2g} s, {moved.times:.2g} times as "
+        "much as noise and filter.drift allow"
         for moved in judged.restless
     ]
     if judged.autocorrelation[1] > FILTER.max_correlation:  # alternating ones make no band too narrow

@@ -40,10 +40,10 @@ from elastid.base.errors import DataError, Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import solve
-from elastid.friction_study.levels import LEVELS, Levels, PassLevels, levels_of_records, refuse_unknown
+from elastid.friction_study.levels import MAX_RELATIVE_STD, Levels, PassLevels, levels_of_records, refuse_unknown
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
 from elastid.friction_study.motion_terms import Motion, MotionSignals, MotionTerms, equations_of
-from elastid.friction_study.passes import PLATEAUS, PassRegression, about_mean, check_reversal, detect_passes
+from elastid.friction_study.passes import PASSES, PassRegression, about_mean, check_reversal, detect_passes
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
@@ -125,7 +125,7 @@ def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord])
             first.place,
         )
     speed, direction, torque, std, load, temperature = np.array(rows).T
-    known = std < LEVELS.max_relative_std * np.abs(torque)
+    known = std < MAX_RELATIVE_STD * np.abs(torque)
     levels = Levels(f"joint {joint.name}", speed, direction, torque, std, load, temperature, joint.slides)
     refuse_unknown(known, torque, std, first.place)
     inertia = joint_inertia(with_point_mass(robot, first.payload), joint, first.configuration)
@@ -157,7 +157,7 @@ def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> 
     A = block_diag(*(np.stack([np.ones(len(own)), about_mean(speed[own])], axis=1) for own in places))
     numbers = np.repeat(np.arange(len(places)), [len(own) for own in places])
     regression = PassRegression(A, friction[every], numbers, np.zeros((len(A), 0), complex), ())
-    values, covariance, _ = regression.solve()
+    values, covariance = regression.solve()
     found = zip(means, values[::2].tolist(), np.sqrt(np.diag(covariance)[::2]).tolist(), strict=True)
     return [(mean, s, level, std, record.load_torque, record.mean_temperature) for mean, level, std in found]
 
@@ -261,7 +261,7 @@ def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
     """The passes where they contain more than the regression: of a stated speed, or of enough conditions."""
     temperatures = [float(np.nan_to_num(each.mean_temperature)) for each in passes]
     conditions = {
-        (round(np.log(each.speed or 1.0) / PLATEAUS.same_speed), each.load, round(degc / TEMPERATURE_STEP_K))
+        (round(np.log(each.speed or 1.0) / PASSES.same_speed), each.load, round(degc / TEMPERATURE_STEP_K))
         for each, degc in zip(passes, temperatures, strict=True)
     }
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()

@@ -22,7 +22,7 @@ from elastid.base.errors import FitError
 from elastid.base.statistics import chi_square_tail
 from elastid.friction.static import Conditions, columns, slopes
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, inverse_normal, minimise
-from elastid.friction_study.levels import LEVELS, Levels
+from elastid.friction_study.levels import MAX_RELATIVE_STD, Levels
 from elastid.friction_study.spec import LawSpec, Part
 from elastid.record import drive_unit, motion_unit
 from elastid.robot.friction import (
@@ -58,8 +58,6 @@ class CurveFit:
     covariance: FloatArray
     cost: float
     dof: int
-    hits: int
-    starts: int
 
     @property
     def reach(self) -> float:
@@ -100,13 +98,12 @@ def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
         raise FitError("friction/law", text, f"friction of {levels.place}")
     x, cost = min(ends, key=lambda end: end[1])
     dof = levels.n_levels - n_numbers
-    hits = sum(other <= cost + 1e-3 * max(1.0, cost / dof) for _, other in ends)
     eta = search.eta(x)
     linear, _ = search.project(eta)
     values = dict(zip(terms.linear, linear.tolist(), strict=True)) | eta
     J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
     covariance = inverse_normal(J) * excess(cost, dof)
-    return CurveFit(terms, T_0, values, covariance, cost, dof, hits, len(ends))
+    return CurveFit(terms, T_0, values, covariance, cost, dof)
 
 
 def excess(cost: float, dof: int) -> float:
@@ -415,7 +412,7 @@ def _tried(levels: Levels, fit: CurveFit, part: _Part, key: Part) -> tuple[Curve
         f"measure at {LOWEST_SPEED * nu_s:.2g} and below"
     )
     std = dict(zip(wider.names, np.sqrt(np.diag(wider.covariance)).tolist(), strict=True))
-    is_known = std["coulomb"] < LEVELS.max_relative_std * wider.values["coulomb"] and wider.values["excess"] > 0
+    is_known = std["coulomb"] < MAX_RELATIVE_STD * wider.values["coulomb"] and wider.values["excess"] > 0
     return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
 
 

@@ -59,14 +59,6 @@ class Optimum:
         return len(self.J) - len(self.x)
 
     @property
-    def condition(self) -> float:
-        """Of the Jacobian with columns of unit length; infinite where an unknown has no effect or is lost."""
-        size = np.linalg.norm(self.J, axis=0)
-        if not np.all(np.isfinite(self.x)) or size.min() == 0:
-            return np.inf
-        return float(np.linalg.cond(self.J / size))
-
-    @property
     def covariance(self) -> FloatArray:
         """Of x (n, n), for residuals of variance 1, or as much larger as they scatter."""
         return inverse_normal(self.J) * max(1.0, self.cost / max(1, self.dof))

@@ -10,13 +10,13 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note
-from elastid.base.statistics import chi_square_tail
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.passes import Pass, PassRegression, one_way, passes_of, usable_passes
 from elastid.record import FrictionRecord, motion_unit
 
 COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")  # (n,) of levels
+MAX_RELATIVE_STD = 0.2  # std over level, above which a level does not count
 
 
 @frozen_value
@@ -27,8 +27,7 @@ class Levels:
     torque (n,): that brakes, positive, viscous friction included.  std (n,): of torque.  load (n,): |torque| on the
     joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.
 
-    Raises ValueError where shapes disagree, DataError for a level that cannot be: a speed of zero, no std, friction
-    that drives at every condition.
+    Raises DataError for a level that cannot be: a speed of zero, no std, friction that drives at every condition.
     """
 
     place: str
@@ -41,9 +40,6 @@ class Levels:
     slides: bool = False
 
     def __post_init__(self) -> None:
-        columns = [getattr(self, name) for name in COLUMNS]
-        if len({column.shape for column in columns}) != 1 or self.speed.ndim != 1:
-            raise ValueError(f"levels of {self.place}: shapes {[column.shape for column in columns]} are not all (n,)")
         for name, column in (("speed", self.speed), ("std", self.std)):
             wrong = np.flatnonzero(~(np.isfinite(column) & (column > 0)))
             if len(wrong):
@@ -83,18 +79,6 @@ class Levels:
 
 
 @dataclass(frozen=True)
-class LevelLimits:
-    """Limits of the judgement of levels."""
-
-    max_relative_std: float = 0.2  # std over level, above which a level does not count
-    same_speed: float = 0.03  # relative difference of speeds up to which pairs have the same condition
-    same_kelvin: float = 2.0  # the same for temperatures
-
-
-LEVELS = LevelLimits()
-
-
-@dataclass(frozen=True)
 class PassLevels:
     """The levels, the parts of the torque that all passes share, and notes on passes that were left out.
 
@@ -114,22 +98,20 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     """
     used, notes = usable_passes(passes)
     pairs = _pairs(used)
-    design = PassRegression.of(used, pairs, has_gravity, turn)
-    values, covariance, _ = design.solve()
+    design = PassRegression.of(used, has_gravity, turn)
+    values, covariance = design.solve()
     n_k = len(pairs)
     conditions = np.array([_condition(members) for members in pairs.values()])
     speed = conditions[:, 0]
     g, o = values[:n_k], values[n_k : 2 * n_k]
-    scale = _scatter_scale(g, np.sqrt(np.diag(covariance)[:n_k]), conditions)
-    covariance = covariance * scale
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
     std = np.sqrt(np.diag(covariance)[:n_k])
-    known = std < LEVELS.max_relative_std * np.abs(g)
+    known = std < MAX_RELATIVE_STD * np.abs(g)
     refuse_unknown(known, g, std, f"passes of {used[0].place}")
     if not known.all():
         weak, unit = ", ".join(f"{v:.3g}" for v in speed[~known]), motion_unit("velocity", used[0].slides)
         text = (
-            f"levels at {weak} {unit} are not known to {LEVELS.max_relative_std:.0%} and do not count: gravity, ripple "
+            f"levels at {weak} {unit} are not known to {MAX_RELATIVE_STD:.0%} and do not count: gravity, ripple "
             "or noise are too large compared with them; repeat these passes, or make them longer"
         )
         notes.append(Note("friction/levels", text, f"passes of {used[0].place}"))
@@ -144,7 +126,7 @@ def refuse_unknown(known: BoolArray, torque: FloatArray, std: FloatArray, place:
     """DataError where no level (n,) is known."""
     if not known.any():
         text = (
-            f"no level is known to {LEVELS.max_relative_std:.0%}, the best is {torque[np.argmin(std)]:.3g} +- "
+            f"no level is known to {MAX_RELATIVE_STD:.0%}, the best is {torque[np.argmin(std)]:.3g} +- "
             f"{std.min():.2g}; repeat the record, longer or with a finer encoder"
         )
         raise DataError("friction/levels", text, place)
@@ -164,25 +146,6 @@ def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
 def _condition(members: Sequence[Pass]) -> list[float]:
     values = [(float(np.abs(each.velocity).mean()), each.load, each.temperature) for each in members]
     return [float(np.mean(column)) for column in zip(*values, strict=True)]
-
-
-def _scatter_scale(g: FloatArray, std: FloatArray, conditions: FloatArray) -> float:
-    """Factor of the variance of the levels by which pairs of the same condition scatter more than stated, else 1."""
-    speed, kelvin = LEVELS.same_speed, LEVELS.same_kelvin
-    keys = np.array([
-        (round(np.log(v) / speed), round(load, 6), round(np.nan_to_num(temperature) / kelvin))
-        for v, load, temperature in conditions.tolist()
-    ])  # fmt: skip
-    squares, dof = 0.0, 0
-    for key in np.unique(keys, axis=0):
-        own = np.all(keys == key, axis=1)
-        if own.sum() < 2:
-            continue
-        w = 1 / std[own] ** 2
-        mean = np.sum(w * g[own]) / w.sum()
-        squares += float(np.sum(w * (g[own] - mean) ** 2))
-        dof += int(own.sum()) - 1
-    return squares / dof if dof and chi_square_tail(squares, dof) < FALSE_ALARM else 1.0
 
 
 def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:

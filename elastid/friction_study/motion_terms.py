@@ -31,7 +31,6 @@ from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regress
 from elastid.friction_study.passes import (
     N_WAVES,
     PASSES,
-    PLATEAUS,
     Plateau,
     find_plateaus,
     harmonic_peaks,
@@ -143,7 +142,7 @@ class MotionSignals:
     def rests(self) -> BoolArray:
         """At full rate (n,), true at rest."""
         speed = np.abs(self.velocity)
-        return np.asarray(speed < PLATEAUS.rest_share * speed.max())
+        return np.asarray(speed < PASSES.rest_share * speed.max())
 
     @cached_property
     def slides(self) -> BoolArray:

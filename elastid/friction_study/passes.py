@@ -9,9 +9,9 @@ directions are each pair's own; f is the slope of friction about the mean speed 
 torque where it does not change with speed; a part that changes is friction that differs between the directions.
 Levels hold at the measured speed, not at the commanded one.
 
-A level's variance comes from how pairs of the same speed scatter, and within a pair from the autocovariance of the
-residuals of all passes. Ripple that the regression lacks would be taken for such noise, so harmonics that stand out
-of the residuals are added to it. Rows are means of a few samples, which loses no information under white noise.
+A level's variance comes from the autocovariance of the residuals of all passes. Ripple that the regression lacks would
+be taken for such noise, so harmonics that stand out of the residuals are added to it. Rows are means of a few samples,
+which loses no information under white noise.
 
 Of the log of any motion, passes are ways at one speed on the whole, and steady parts of other ways. A way is a part of
 the log between two turning points. Cogging makes the speed of a slow pass wander about its mean by a fifth and more, so
@@ -85,12 +85,12 @@ class PassRegression:
     shared: tuple[str, ...]
 
     @classmethod
-    def of(cls, passes: Sequence[Pass], pairs: dict[str, list[Pass]], has_gravity: bool, turn: float) -> PassRegression:
+    def of(cls, passes: Sequence[Pass], has_gravity: bool, turn: float) -> PassRegression:
         """The columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
         lengths = [len(each.position) for each in passes]
         step = max(1, min(sum(lengths) // 15_000, min(lengths) // 40))  # rows of all passes, and of the shortest
         has_ripple = turn > 0 and any(np.ptp(each.position) > turn for each in passes)
-        order = list(pairs)
+        order = list(dict.fromkeys(each.pair for each in passes))
         loads = list(dict.fromkeys(each.load_name for each in passes)) if has_gravity else []
         searched = range(N_WAVES if has_ripple else 0)
         rows, torques, waves, numbers = [], [], [], []
@@ -112,22 +112,18 @@ class PassRegression:
         regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), tuple(names))
         return regression._with_ripple() if has_ripple else regression
 
-    def solve(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Numbers (n_x,), covariance (n_x, n_x) and residual (n,)."""
+    def solve(self) -> tuple[FloatArray, FloatArray]:
+        """Numbers (n_x,) and covariance (n_x, n_x)."""
         size = np.linalg.norm(self.A, axis=0)
         size[size == 0] = 1.0
-        B = self.A / size
-        U, s, Vt = np.linalg.svd(B, full_matrices=False)
-        good = s > 1e-10 * s[0]
-        values = (Vt[good].T / s[good]) @ (U[:, good].T @ self.y)
-        left = self.y - B @ values
-        bread = (Vt[good].T / s[good] ** 2) @ Vt[good]
-        autocovariance = self._autocovariance(left)
+        inverse = np.linalg.pinv(self.A / size, rcond=1e-10) / size[:, None]
+        values = inverse @ self.y
+        autocovariance = self._autocovariance(self.y - self.A @ values)
         # Of numbers that change more slowly than the residuals forget, as levels do.
         long_run = autocovariance[0] + 2 * float(autocovariance[1:].sum())
         # Every number takes its share of the long-run variance from each autocovariance of the residuals.
-        spare = 1 + (2 * len(autocovariance) - 1) * B.shape[1] / len(self.y)
-        return values / size, spare * long_run * bread / np.outer(size, size), left
+        spare = 1 + (2 * len(autocovariance) - 1) * len(values) / len(self.y)
+        return values, spare * long_run * inverse @ inverse.T
 
     def _with_ripple(self) -> PassRegression:
         first, others = self._with_waves(np.arange(2)), np.arange(2, N_WAVES)
@@ -240,8 +236,8 @@ def _mean_temperature(record: FrictionRecord, part: slice) -> float:
 
 
 @dataclass(frozen=True)
-class PlateauLimits:
-    """Limits of plateaus and their pairs."""
+class PassThresholds:
+    """Thresholds of plateaus and their pairs, and of the judgement of passes."""
 
     steady_share: float = 0.05  # change of a steady velocity in the shortest plateau, as a share of itself
     shortest_s: float = 0.15
@@ -255,9 +251,13 @@ class PlateauLimits:
     windows: int = 6  # of a way at one speed, between whose means its speed changes by less than steady_share
     line_share: float = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
     margin_s: float = 0.3  # around a pair, for the derivatives at its ends
+    clipped_share: float = 0.02  # of a pass, at the largest torque of all passes, from which on it is clipped
+    min_values: int = 50  # different torques of a pass in a log of fine steps
+    min_change: float = 0.03  # of friction with the angle, relative, that is worth a note
+    min_counts: float = 3.0  # amplitude of a loop or a response at rest in counts of the encoder: below, it is steps
 
 
-PLATEAUS = PlateauLimits()
+PASSES = PassThresholds()
 
 
 @dataclass(frozen=True)
@@ -272,14 +272,19 @@ class Plateau:
 def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float) -> tuple[Plateau, ...]:
     """The plateaus of a smooth motion (n,), in their order."""
     speed = np.abs(velocity)
-    steady = speed > PLATEAUS.rest_share * speed.max(initial=0.0)
-    steady &= np.abs(acceleration) * PLATEAUS.shortest_s < PLATEAUS.steady_share * speed
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], steady, [False]]).astype(np.int8)))
+    steady = speed > PASSES.rest_share * speed.max(initial=0.0)
+    steady &= np.abs(acceleration) * PASSES.shortest_s < PASSES.steady_share * speed
     return tuple(
-        Plateau(int(start), int(stop), float(velocity[start:stop].mean()))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True)
-        if stop - start >= PLATEAUS.shortest_s * rate_hz
+        Plateau(start, stop, float(velocity[start:stop].mean()))
+        for start, stop in _runs(steady)
+        if stop - start >= PASSES.shortest_s * rate_hz
     )
+
+
+def _runs(samples: BoolArray) -> list[tuple[int, int]]:
+    """First sample of each run of those that are true, and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], samples, [False]]).astype(np.int8)))
+    return [(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]
 
 
 def alike_speeds(speeds: FloatArray) -> FloatArray:
@@ -292,7 +297,7 @@ def distinct_speeds(plateaus: Sequence[Plateau]) -> tuple[float, ...]:
     """The speeds without sign, each once, lowest first: the mean of those that are the same."""
     groups: list[list[float]] = []
     for speed in sorted(abs(plateau.velocity) for plateau in plateaus):
-        if groups and speed < groups[-1][0] * (1 + PLATEAUS.same_speed):
+        if groups and speed < groups[-1][0] * (1 + PASSES.same_speed):
             groups[-1].append(speed)
         else:
             groups.append([speed])
@@ -329,14 +334,14 @@ def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     parts = [each for each in steady if not any(each.start < way.stop and way.start < each.stop for way in ways)]
     plateaus = [*ways, *parts]
     if record.speed is not None:
-        reach = PLATEAUS.other_speed * record.speed
+        reach = PASSES.other_speed * record.speed
         plateaus = [each for each in plateaus if abs(abs(each.velocity) - record.speed) <= reach]
     return tuple(sorted(plateaus, key=lambda each: each.start))
 
 
 def _smooth(record: FrictionRecord) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Position, velocity and acceleration (n,)."""
-    sos = butter(4, min(PLATEAUS.steady_hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
+    sos = butter(4, min(PASSES.steady_hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
     position = np.asarray(sosfiltfilt(sos, record.position))
     velocity = np.gradient(position, 1 / record.rate_hz)
     return position, velocity, np.gradient(velocity, 1 / record.rate_hz)
@@ -347,7 +352,7 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 
     What is not as far, stick-slip and noise at rest, turns no way.
     """
-    far = PLATEAUS.turn_share * float(np.ptp(position))
+    far = PASSES.turn_share * float(np.ptp(position))
     slope = np.sign(np.diff(position))
     peaks = [0, *(np.flatnonzero(slope[1:] != slope[:-1]) + 1).tolist(), len(position) - 1]
     turns, low, high, sign = list[int](), 0, 0, 0  # sign: of the way, 0 before the first
@@ -365,40 +370,34 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
     """The plateau of a way of which half of the time at least is spent at one speed, if means over windows are."""
     way = position[start:stop]
-    travelled = np.abs(way - way[0]) > PLATEAUS.end_share * np.ptp(way)
-    ahead = np.abs(way - way[-1]) > PLATEAUS.end_share * np.ptp(way)
+    travelled = np.abs(way - way[0]) > PASSES.end_share * np.ptp(way)
+    ahead = np.abs(way - way[-1]) > PASSES.end_share * np.ptp(way)
     first, last = int(np.argmax(travelled)), len(way) - int(np.argmax(ahead[::-1]))
-    w = (last - first) // PLATEAUS.windows
-    if PLATEAUS.windows * w < 2 * PLATEAUS.shortest_s * rate_hz:
+    w = (last - first) // PASSES.windows
+    if PASSES.windows * w < 2 * PASSES.shortest_s * rate_hz:
         return None
     steps = way[first + w : last] - way[first : last - w]  # travels over one window
     change, travel = np.abs(steps[w:] - steps[:-w]), np.abs(steps[w:] + steps[:-w]) / 2
-    run = _longest_run(change < PLATEAUS.steady_share * travel)
-    if run.stop - run.start < w:
+    runs = [run for run in _runs(change < PASSES.steady_share * travel) if run[1] - run[0] >= w]
+    if not runs:
         return None
+    begin, end = max(runs, key=lambda run: run[1] - run[0])
     # The outer windows may reach into ramps, by as much as their means allow.
-    inner = slice(first + run.start + w // 2, first + run.stop + 2 * w - w // 2)
+    inner = slice(first + begin + w // 2, first + end + 2 * w - w // 2)
     t = np.arange(len(way)) / rate_hz
     speed, offset = np.polyfit(t[inner], way[inner], 1)
     away = np.abs(way - speed * t - offset)
-    on_line = away <= PLATEAUS.line_share * away[inner].max()
+    on_line = away <= PASSES.line_share * away[inner].max()
     before, after = on_line[: inner.start][::-1], on_line[inner.stop :]
     begin = inner.start - int(np.argmin(np.append(before, False)))
     return Plateau(start + begin, start + inner.stop + int(np.argmin(np.append(after, False))), float(speed))
-
-
-def _longest_run(samples: BoolArray) -> slice:
-    """Of those that are true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], samples, [False]]).astype(np.int8)))
-    runs = [slice(0, 0), *(slice(*pair) for pair in edges.reshape(-1, 2).tolist())]
-    return max(runs, key=lambda run: int(run.stop - run.start))
 
 
 def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: bool) -> list[tuple[Plateau, Plateau]]:
     """Each plateau with the next one back at the same speed, each used once."""
 
     def is_way_back(first: Plateau, other: Plateau) -> bool:
-        limit = PLATEAUS.same_speed * abs(first.velocity)
+        limit = PASSES.same_speed * abs(first.velocity)
         if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
             return False
         return not has_gravity or _share_positions(record, first, other)
@@ -416,11 +415,11 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
 def _share_positions(record: FrictionRecord, first: Plateau, other: Plateau) -> bool:
     q, q_back = (record.position[each.start : each.stop] for each in (first, other))
     common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
-    return bool(common > PLATEAUS.common_share * min(np.ptp(q), np.ptp(q_back)))
+    return bool(common > PASSES.common_share * min(np.ptp(q), np.ptp(q_back)))
 
 
 def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> FrictionRecord:
-    margin = round(PLATEAUS.margin_s * record.rate_hz)
+    margin = round(PASSES.margin_s * record.rate_hz)
     start, stop = max(0, forth.start - margin), min(len(record.position), back.stop + margin)
     names = ("position", "torque", "velocity", "temperature", "disturbance", "reference", "link_position")
     logged = {name: getattr(record, name) for name in names}
@@ -441,22 +440,9 @@ def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
     speeds = ", ".join(f"{each.velocity:.4g}" for each in plateaus) or "none"
     return (
         f"{where}: of its plateaus (at {speeds} {record.unit}/s) none is there and back at one speed, within "
-        f"{PLATEAUS.same_speed:.0%}, through common positions; record both directions through the same window, longer "
+        f"{PASSES.same_speed:.0%}, through common positions; record both directions through the same window, longer "
         "than ramps and settling, or correct speed"
     )
-
-
-@dataclass(frozen=True)
-class PassThresholds:
-    """Thresholds of the judgement of passes; shares are of the quantity that is named."""
-
-    clipped_share: float = 0.02  # of a pass, at the largest torque of all passes, from which on it is clipped
-    min_values: int = 50  # different torques of a pass in a log of fine steps
-    min_change: float = 0.03  # of friction with the angle, relative, that is worth a note
-    min_counts: float = 3.0  # amplitude of a loop in counts, below which it is steps of the encoder
-
-
-PASSES = PassThresholds()
 
 
 def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:

@@ -58,23 +58,6 @@ from elastid.simulation.elastic_joint import ElasticJoint
 MAX_ELEMENTS = 8
 
 
-@frozen_value
-class Loops:
-    """A quasi-static log of one place that never leaves presliding for long: position (n,), torque (n,), SI, one side.
-
-    resolution: of the position sensor.  frequency_hz: of the motion.  The first half loop only gives the elements their
-    start, so `settled` is the sample from which on the torque counts.
-    """
-
-    place: str
-    rate_hz: float
-    position: FloatArray
-    torque: FloatArray
-    frequency_hz: float
-    resolution: float = 0.0
-    settled: int = 0
-
-
 @dataclass(frozen=True)
 class Elements:
     """Stiffnesses k_j and thresholds D_j, an offset of the torque, and the mean square of the residual."""
@@ -95,37 +78,44 @@ class Elements:
         k, D = self.stiffness[used], self.threshold[used]
         shares = k * D / float(k @ D)
         # A hundred times the torque: an element that slips reaches its level at once.
-        return MaxwellSlip(tuple(k.tolist()), tuple(shares.tolist()), 100.0 * float(k @ D), switching="events")
+        return MaxwellSlip(tuple(k.tolist()), tuple(shares.tolist()), 100.0 * float(k @ D))
 
 
-def fit_presliding(loops: Loops, elements: int | None = None) -> Elements:
-    """Elements, by default as few as predict best within one std; DataError for loops of a few encoder counts."""
-    reach = np.ptp(loops.position[loops.settled :]) / 2
-    if not reach > max(PASSES.min_counts * loops.resolution, 0.0):
+def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: int | None = None) -> Elements:
+    """Elements, by default as few as predict best within one std; DataError for loops of a few encoder counts.
+
+    loops: quasi-static, and seldom out of presliding.  frequency_hz: of the motion, found in the torque for None.
+    """
+    u, resolution = loops.torque, loops.resolution
+    if frequency_hz is None:  # of the loops, not of a dither on them
+        frequency_hz = max(1, int(np.argmax(np.abs(np.fft.rfft(u - u.mean()))))) / loops.duration_s
+    # The first half loop only gives the elements their start.
+    settled = round(loops.rate_hz / frequency_hz / 2)
+    reach = np.ptp(loops.position[settled:]) / 2
+    if not reach > max(PASSES.min_counts * resolution, 0.0):
         raise DataError(
             "friction/presliding",
-            f"the joint moved by {2 * reach:.3g} rad, "
-            f"{2 * reach / max(loops.resolution, 1e-300):.2g} counts of its encoder; presliding takes more than "
-            f"{2 * PASSES.min_counts:.0f}: raise the torque of the loops, or use a finer encoder",
-            f"loops of {loops.place}",
+            f"the joint moved by {2 * reach:.3g} {loops.unit}, {2 * reach / max(resolution, 1e-300):.2g} counts of its "
+            f"encoder; presliding takes more than {2 * PASSES.min_counts:.0f}: raise the torque of the loops, or use a "
+            "finer encoder",
+            f"loops of joint {loops.joint}",
         )
-    finest = max(1e-3 * reach, loops.resolution)
-    thresholds = np.geomspace(finest, 2 * reach, 40)
-    used = np.arange(len(loops.position)) >= loops.settled
-    candidates = ((q, _fit(q, loops.torque, thresholds, used)) for q in _smoothed(loops))
+    thresholds = np.geomspace(max(1e-3 * reach, resolution), 2 * reach, 40)
+    used = np.arange(len(u)) >= settled
+    candidates = ((q, _fit(q, u, thresholds, used)) for q in _smoothed(loops, frequency_hz))
     q, spectrum = min(candidates, key=lambda each: each[1].mean_square)
     if elements is not None:
-        return _few(q, loops.torque, spectrum, elements, used)
+        return _few(q, u, spectrum, elements, used)
     folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
-    fits = [_few(q, loops.torque, spectrum, count, used) for count in range(1, MAX_ELEMENTS + 1)]
-    return fits[_fewest([[_missed(q, loops.torque, fit.threshold, used, fold) for fold in folds] for fit in fits])]
+    fits = [_few(q, u, spectrum, count, used) for count in range(1, MAX_ELEMENTS + 1)]
+    return fits[_fewest([[_missed(q, u, fit.threshold, used, fold) for fold in folds] for fit in fits])]
 
 
-def _smoothed(loops: Loops) -> Iterator[FloatArray]:
+def _smoothed(loops: FrictionRecord, frequency_hz: float) -> Iterator[FloatArray]:
     """The position as it is, and without its noise in each band, where the sensor is not exact."""
     yield loops.position
     for band in (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0) if loops.resolution > 0 else ():
-        if (hz := band * loops.frequency_hz) < 0.45 * loops.rate_hz:
+        if (hz := band * frequency_hz) < 0.45 * loops.rate_hz:
             filter_ = butter(4, hz, fs=loops.rate_hz, output="sos")
             yield np.asarray(sosfiltfilt(filter_, loops.position))
 
@@ -182,8 +172,6 @@ class RestLimits:
 
     expansion_error: float = 1e-3  # relative, of a response: keeps a line without noise from outweighing all others
     max_slip: float = 0.3  # rms over z_s, above which the expansion does not hold
-    max_condition: float = 1e8  # of the scaled Jacobian
-    min_counts: float = 3.0  # half of the swing of the position in counts of the encoder
     same_amplitude: float = 1.4  # ratio up to which amplitudes are the same: random phases change that of one peak
     min_lines: int = 8  # of the torque that stand out of noise
     segments: int = 6  # of noise, before overlap: with 16 the leakage of their windows adds 0.6 % to sigma_1
@@ -309,7 +297,7 @@ class _Model:
                 f"{place} at rest",
             )
         (end,) = minimise(self._residual, [start], x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
-        if not end.condition < REST.max_condition:
+        if not np.all(np.isfinite(end.covariance)):
             raise FitError(
                 "friction/at-rest",
                 "stiffness, damping and slip of bristles cannot be distinguished; excite lines "
@@ -416,11 +404,11 @@ class RestResponse:
         first, posture = records[0], records[0].configuration or Configuration(records[0].name, np.zeros(1))
         periodic = [_as_record(record, i, posture) for i, record in enumerate(records)]
         reach = float(np.mean([np.ptp(_mean_period(record, record.y)) / 2 for record in periodic]))
-        if not reach > REST.min_counts * first.resolution:
+        if not reach > PASSES.min_counts * first.resolution:
             raise DataError(
                 "friction/at-rest",
                 f"joint {first.joint} at rest ({first.name}): it moves by {reach:.3g} {first.unit}, "
-                f"{reach / first.resolution:.2g} counts of its encoder; a response takes {REST.min_counts:g}: raise "
+                f"{reach / first.resolution:.2g} counts of its encoder; a response takes {PASSES.min_counts:g}: raise "
                 "the torque at rest, use a finer encoder, or measure presliding by loops",
             )
         G = estimate(periodic, _estimator(periodic))

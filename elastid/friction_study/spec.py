@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.names import OptionalName, check_different
@@ -11,11 +10,6 @@ from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointPosition, JointTorque, JointVelocity, Mass, Ratio, Time
 
 Part: TypeAlias = Literal["auto", "yes", "no"]
-
-
-def _refuse_repeated(key: str, names: Sequence[str]) -> None:
-    if repeated := sorted({name for name in names if names.count(name) > 1}):
-        raise ValueError(f"{key}: {repeated[0]} is given twice; leave one out")
 
 
 def _check_rising(key: str, ends: tuple[float, float], expected: str, least: float = 0.0) -> None:
@@ -206,7 +200,7 @@ class FrictionSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        _refuse_repeated("joints", self.joints)
+        check_different("joints:", self.joints)
         if not all(load.name for load in self.loads):
             raise ValueError("loads: a load has an empty name; give it one, which logs name too")
         check_different("loads:", [load.name for load in self.loads])
@@ -247,7 +241,7 @@ class FilterSpec:
     def __post_init__(self) -> None:
         if not self.states:
             raise ValueError("states is empty; follow at least one of Fc, f, f+, f-, offset")
-        _refuse_repeated("states", self.states)
+        check_different("states:", self.states)
         if "f" in self.states and {"f+", "f-"} & set(self.states):
             raise ValueError("states: f is viscous friction of both directions; give f, or f+ and f-, not both")
 

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_banded
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError, FitError, Note
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
 from elastid.friction_study.passes import Pass, PassRegression, alike_speeds, passes_of
@@ -33,35 +33,16 @@ from elastid.record import FrictionRecord, WarmUpLog
 
 @frozen_value
 class WarmUp:
-    """A warm-up: power (n,) in W from time_s[k] to time_s[k + 1] (n + 1,), in an ambient of ambient_degc.
+    """A log with its test passes.
 
-    readings (n + 1,): of a thermometer in degC, NaN where there is none, with reading_std.
-    test (m,): index of time_s at which a test pass was made, at test_speed (m,), with its level (m,) and std (m,).
-    start_std: of start_degc, 0 where it is exact.  ambient_degc is NaN where it is that of the start.
+    test (m,): index of its times at which one was made, at test_speed (m,), with its level (m,) and std (m,).
     """
 
-    time_s: FloatArray
-    power: FloatArray
-    ambient_degc: float
-    start_degc: float
-    readings: FloatArray
-    reading_std: float
-    test: FloatArray
+    log: WarmUpLog
+    test: IntArray
     test_speed: FloatArray
     level: FloatArray
     level_std: FloatArray
-    start_std: float = 0.0
-
-    def __post_init__(self) -> None:
-        if np.any(np.diff(self.time_s) <= 0):
-            raise DataError(
-                "friction/warm-up", "its times do not increase; sort the log, or correct its clock", "warm-up"
-            )
-
-    @property
-    def tests(self) -> np.ndarray:
-        """Indices of the tests."""
-        return self.test.astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -98,10 +79,12 @@ def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
 
     Raises DataError where nothing warms up or nothing was measured, FitError where no start leads to an optimum.
     """
-    has_readings = bool(np.isfinite(warm_up.readings).any())
+    log, has_readings = warm_up.log, bool(np.isfinite(warm_up.log.temperature).any())
+    if np.any(np.diff(log.time_s) <= 0):
+        raise DataError("friction/warm-up", "its times do not increase; sort the log, or correct its clock", "warm-up")
     if not has_readings and not len(warm_up.level):
         raise DataError("friction/warm-up", "neither a thermometer nor test passes; log one of them", "warm-up")
-    if not np.any(warm_up.power > 0):
+    if not np.any(log.power > 0):
         text = "the power is nowhere positive, so that nothing warms; check the signs of torque and speed"
         raise DataError("friction/warm-up", text, "warm-up")
     _, counts = np.unique(np.round(warm_up.test_speed, 9), return_counts=True)
@@ -129,7 +112,7 @@ class _Problem:
     @property
     def is_kelvin(self) -> bool:
         """True if readings state kelvins."""
-        return bool(np.isfinite(self.warm_up.readings).any())
+        return bool(np.isfinite(self.warm_up.log.temperature).any())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -144,7 +127,7 @@ class _Problem:
         constants = np.array([T, T * ratio])[: self.nodes]
         first = np.array([value.get(name, 1.0) for name in ("share", "level_share")]) / max(1 - ratio, 1e-9)
         own, levels = np.ones((2, 1)) if self.nodes == 1 else np.stack([first, 1 - first], axis=1)
-        start = self.warm_up.start_degc + max(self.warm_up.start_std, 1e-6) * value.get("start", 0.0)
+        start = self.warm_up.log.start_degc + max(self.warm_up.log.start_std, 1e-6) * value.get("start", 0.0)
         return constants, own, levels, math.exp(value.get("h", 0.0)), start
 
     def residual(self, x: FloatArray) -> FloatArray:
@@ -152,9 +135,9 @@ class _Problem:
         warm_up, (constants, shares, level_shares, h, start) = self.warm_up, self.parts(x)
         parts = []
         if self.is_kelvin:
-            T = temperature(warm_up, constants, shares, h, start)
-            read, std = np.isfinite(warm_up.readings), max(warm_up.reading_std, LIMITS.best_thermometer)
-            parts += [(warm_up.readings - T)[read] / std, x[-1:]]
+            log, T = warm_up.log, temperature(warm_up.log, constants, shares, h, start)
+            read, std = np.isfinite(log.temperature), max(log.temperature_std, LIMITS.best_thermometer)
+            parts += [(log.temperature - T)[read] / std, x[-1:]]
         if self.has_series:
             A, b = self.series(constants, level_shares), warm_up.level / self.level_std
             parts.append(b - A @ np.linalg.lstsq(A, b, rcond=None)[0])
@@ -169,7 +152,7 @@ class _Problem:
         """Columns (m, 3 n_speeds) of the parabolas over the std of the levels."""
         warm_up = self.warm_up
         speeds, place = np.unique(np.round(warm_up.test_speed, 9), return_inverse=True)
-        heat = _heat(warm_up, constants, shares)[warm_up.tests] / warm_up.power.max()
+        heat = _heat(warm_up.log, constants, shares)[warm_up.test] / warm_up.log.power.max()
         by_speed = np.eye(len(speeds))[place]
         return np.hstack([by_speed * heat[:, None] ** power for power in range(3)]) / self.level_std[:, None]
 
@@ -187,8 +170,8 @@ class _Problem:
         )  # fmt: skip
 
     def _search(self, constant: float | None) -> Optimum:
-        span = float(self.warm_up.time_s[-1] - self.warm_up.time_s[0])
-        lead = np.log(max(self.warm_up.power.mean(), 1e-3) / 20.0)  # h such that the mean power warms by 20 K
+        span = float(self.warm_up.log.time_s[-1] - self.warm_up.log.time_s[0])
+        lead = np.log(max(self.warm_up.log.power.mean(), 1e-3) / 20.0)  # h such that the mean power warms by 20 K
         share = (0.0, LIMITS.max_share)
         bounds = {"constant": (np.log(span / 200), np.log(5.0 * span)), "ratio": (np.log(1e-3), np.log(LIMITS.closest))}
         bounds |= {"share": share, "level_share": share, "h": (lead - 10, lead + 10), "start": (-10.0, 10.0)}
@@ -211,7 +194,7 @@ class _Problem:
 def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note, ...]:
     """A note where a warm-up ended before its slowest time constant was known."""
     std, constant = float(model.log_std[1]), float(model.time_constants[0])  # of the slowest
-    minutes = (warm_up.time_s[-1] - warm_up.time_s[0]) / 60
+    minutes = np.ptp(warm_up.log.time_s) / 60
     if std < LIMITS.max_log_std and constant < 60 * minutes:
         return ()
     text = (
@@ -221,21 +204,21 @@ def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note
     return (Note("friction/warm-up", text, place),)
 
 
-def _heat(warm_up: WarmUp, constants: FloatArray, shares: FloatArray) -> FloatArray:
+def _heat(log: WarmUpLog, constants: FloatArray, shares: FloatArray) -> FloatArray:
     """sum w_i theta_i (n + 1,) in W, from a joint at ambient temperature."""
-    steps, total = np.diff(warm_up.time_s), np.zeros(len(warm_up.time_s))
+    steps, total = np.diff(log.time_s), np.zeros(len(log.time_s))
     for T_i, w in zip(constants, shares, strict=True):
         decay = np.exp(-steps / T_i)
         recursion = np.array([np.ones(len(total)), np.append(-decay, 0.0)])  # theta_k+1 - decay_k theta_k = .
-        total += w * solve_banded((1, 0), recursion, np.append(0.0, warm_up.power * (1 - decay)), check_finite=False)
+        total += w * solve_banded((1, 0), recursion, np.append(0.0, log.power * (1 - decay)), check_finite=False)
     return total
 
 
-def temperature(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float, start: float) -> FloatArray:
+def temperature(log: WarmUpLog, constants: FloatArray, shares: FloatArray, h: float, start: float) -> FloatArray:
     """T (n + 1,) in degC; a joint that stood is as warm inside as outside, and cools with its slowest constant."""
-    fading = np.exp(-(warm_up.time_s - warm_up.time_s[0]) / constants.max())
-    ambient = start if math.isnan(warm_up.ambient_degc) else warm_up.ambient_degc
-    return np.asarray(ambient + (start - ambient) * fading + _heat(warm_up, constants, shares) / h)
+    fading = np.exp(-(log.time_s - log.time_s[0]) / constants.max())
+    ambient = start if math.isnan(log.ambient_degc) else log.ambient_degc
+    return np.asarray(ambient + (start - ambient) * fading + _heat(log, constants, shares) / h)
 
 
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
@@ -244,14 +227,11 @@ def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     speeds = [float(np.mean([abs(each.velocity.mean()) for each in pair])) for pair in pairs]
     levels = np.array([_level(pair) for pair in pairs]).reshape(-1, 2)
     samples = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
-    return WarmUp(
-        log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
-        np.clip(samples, 0, len(log.time_s) - 1), alike_speeds(np.array(speeds)), levels[:, 0], levels[:, 1],
-        log.start_std,
-    )  # fmt: skip
+    samples = np.clip(samples, 0, len(log.time_s) - 1)
+    return WarmUp(log, samples, alike_speeds(np.array(speeds)), levels[:, 0], levels[:, 1])
 
 
 def _level(passes: Sequence[Pass]) -> tuple[float, float]:
     """Level and its std of one pair."""
-    values, covariance, _ = PassRegression.of(passes, {passes[0].pair: list(passes)}, True, 0.0).solve()
+    values, covariance = PassRegression.of(passes, True, 0.0).solve()
     return float(values[0]), float(np.sqrt(covariance[0, 0]))

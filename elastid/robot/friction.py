@@ -9,7 +9,7 @@ above the Stribeck region sees, and has a name.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated
 
 from elastid.base.section import Key, section
 from elastid.base.units import (
@@ -55,9 +55,6 @@ class MaxwellSlip:
         "integrate.", above=0)]
     damping: Annotated[tuple[Damping, ...], Key("Damping sigma_1 of every element (default: none).", "some for each "
         "element against ringing at standstill; none for quasi-static loops.", least=0)] = ()
-    switching: Annotated[Literal["smooth", "events"], Key("Switching between sticking and slipping: `smooth`, without "
-        "a memory of its own, or by `events`.", "`events` to compare with the textbook model; `smooth` where solvers "
-        "need derivatives.")] = "smooth"
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -14,8 +14,8 @@ from importlib.resources import files
 import elastid as ei
 from elastid.design.friction import design_friction
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
-from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
+from elastid.friction_study.result import identify_friction
 from elastid.record import FrictionRecords
 from elastid.study import load_study
 

@@ -17,10 +17,9 @@ from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.presliding import fit_at_rest, rest_responses
-from elastid.friction_study.result import FrictionResult
+from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LawSpec, PassesSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import net_record

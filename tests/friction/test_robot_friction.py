@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from plants.friction_laws import Numeric
 
-from elastid.friction.dynamic import Bristle, MaxwellElements, SwitchedMaxwellSlip
+from elastid.friction.dynamic import Bristle, MaxwellElements
 from elastid.friction.robot_friction import PlacedLaw, coulomb_levels, frictions
 from elastid.friction.static import Curve, Tustin
 from elastid.robot import (
@@ -34,7 +34,7 @@ def test_friction_of_a_robot_is_seen_from_the_link() -> None:
     """Torques times |ratio|, stiffness and damping times its square, velocities divided by it; joints as they are."""
     n = 50.0
     lugre = Friction(0.5, 0.7, 2.0, 1e-4, lugre=LuGre(30.0, 0.01, 5.0))
-    slip = Friction(9.0, maxwell_slip=MaxwellSlip((1e4, 2e4), (0.4, 0.6), 100.0, switching="events"))
+    slip = Friction(9.0, maxwell_slip=MaxwellSlip((1e4, 2e4), (0.4, 0.6), 100.0))
     robot = Robot("r", (
         Body("a", joints=(Joint("1", "z", Spring(1e5), Motor(1e-3, -n, friction=lugre), friction=slip),), inertia=1.0),
         Body("b", "a", joints=(Joint("2", "y", None, Motor(1e-3, n, 0, 0.3), friction=Friction(4.0)),), inertia=1.0),
@@ -44,7 +44,7 @@ def test_friction_of_a_robot_is_seen_from_the_link() -> None:
     np.testing.assert_allclose(first.curve(), [25, 35, n / 2, 1e-4 * n**3, 0, 0, 0, 0, 0])
     assert first.law == Bristle(30 * n**2, 0.01 * n**2, n / 5)
     assert second.law == Tustin()
-    assert third.law == SwitchedMaxwellSlip(MaxwellElements((1e4, 2e4), (0.4, 0.6), (0.0, 0.0), 100.0))
+    assert third.law == MaxwellElements((1e4, 2e4), (0.4, 0.6), (0.0, 0.0), 100.0)
     np.testing.assert_allclose(coulomb_levels(robot), [25, 15 + 4])
     # Power is the same on both sides.
     v, z = 0.02, 1e-5

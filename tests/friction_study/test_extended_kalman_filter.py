@@ -9,6 +9,7 @@ from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.extended_kalman_filter import (
+    FILTER,
     FilterNoise,
     FollowedJoint,
     JointSamples,
@@ -58,7 +59,7 @@ def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) 
     assert nees(track, "Fc", run.coulomb) < 1.2
     assert nees(track, "f", run.viscous) < 1.2
     assert 0.9 < judged.nis < 1.1
-    assert judged.is_white
+    assert abs(judged.autocorrelation[1]) < FILTER.max_correlation
 
 
 @pytest.mark.slow
@@ -107,12 +108,7 @@ def test_half_an_elastic_joint_is_refused() -> None:
         FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0, stiffness=10.0)
 
 
-def test_tolerances_of_unknown_numbers_are_refused() -> None:
-    """With the names of those that a filter holds; a rigid joint has no stiffness to hold."""
-    with pytest.raises(ValueError, match="tolerances of mass: a filter holds stiction_ratio"):
-        replace(FOLLOWED, tolerances={"mass": 0.1})
-    with pytest.raises(ValueError, match="from 0 to 1"):
-        replace(FOLLOWED, tolerances={"inertia": 2.0})
+def test_a_rigid_joint_has_no_stiffness_to_hold() -> None:
     rigid = FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
     assert rigid.held == ("inertia", "gravity")
 

@@ -1,16 +1,25 @@
 """What a filter cannot know, and when it is wrong, is said with numbers and what to do next."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from elastid.friction_study.extended_kalman_filter import Estimate, FilterNoise, FollowedJoint, JointSamples, Track
+from elastid.base.arrays import FloatArray
+from elastid.friction_study.extended_kalman_filter import (
+    Estimate,
+    FilterNoise,
+    FollowedJoint,
+    JointSamples,
+    Track,
+    consistency,
+)
 from elastid.friction_study.follow import (
     FollowedFriction,
     Motion,
     _noise,
-    consistency,
     follow,
     with_tolerances,
 )
@@ -68,7 +77,6 @@ def test_innovations_are_judged_in_units_of_their_expected_std() -> None:
     judged = consistency(track, 0.0)
     assert judged.nis == pytest.approx(1.0)
     assert judged.autocorrelation[1] == pytest.approx(-(n - 1) / n)
-    assert not judged.is_white
     assert not list(_noise("joint 1", judged))
 
 
@@ -97,3 +105,33 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     assert known["gravity"] == pytest.approx(0.01)
     elastic = replace(FOLLOWED, motor_inertia=0.9, link_inertia=1.2)
     assert with_tolerances(elastic, identified).tolerances["inertia"] == pytest.approx(np.hypot(0.02, 0.05))
+
+
+TRACK_HZ, N, STD, DRIFT = 200.0, 8000, 0.02, 0.01
+
+
+def track(coulomb: FloatArray, innovation: FloatArray) -> Track:
+    """A filter with white S = 1, whose joint moves a second each way, with rests of a second between."""
+    x = np.zeros((N, len(FOLLOWED.states)))
+    cycle = np.repeat([1.0, 0.0, -1.0, 0.0], round(TRACK_HZ))
+    x[:, FOLLOWED.states.index("v_m")] = np.resize(cycle, N)
+    x[:, FOLLOWED.states.index("Fc")] = coulomb
+    covariance = np.tile(STD**2 * np.eye(3), (N, 1, 1))
+    last = Estimate(x[-1], np.eye(x.shape[1]))
+    ones = np.ones(N)
+    return Track(
+        FOLLOWED, TRACK_HZ, x, np.full_like(x, STD), covariance, innovation, ones, last, np.full(3, DRIFT), ones > 0
+    )  # fmt: skip
+
+
+def white(seed: int = 0) -> FloatArray:
+    return np.random.default_rng(seed).standard_normal(N)
+
+
+def test_a_number_that_moves_by_more_than_its_band_is_restless() -> None:
+    """Coulomb friction that jumps by 15 std every three seconds; one that stays is honest."""
+    judged = consistency(track(0.3 * np.resize(np.repeat([1.0, -1.0], 600), N), white()), 1.0)
+    assert [movement.name for movement in judged.restless] == ["Fc"]
+    assert not judged.is_honest
+    assert any("Fc changes by" in note.text for note in _noise("joint 1", judged))
+    assert consistency(track(np.zeros(N), white()), 1.0).is_honest

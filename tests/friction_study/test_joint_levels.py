@@ -10,9 +10,8 @@ import pytest
 from plants.friction_logs import COULOMB, INERTIA, RATE, ROBOT, logs, sliding_torque, trapezoids, write_log
 
 from elastid.experiment.specs.recorded import FileSpec
-from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
-from elastid.friction_study.result import FrictionResult
+from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import FrictionSpec
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.robot import Frame, Placement

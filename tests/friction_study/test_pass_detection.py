@@ -73,14 +73,6 @@ def test_ways_whose_speed_wanders_with_the_cogging_are_passes() -> None:
     assert levels.torque == pytest.approx(truth, rel=5e-3)
 
 
-def test_a_way_back_at_another_speed_is_refused_with_both_speeds() -> None:
-    """There at 0.5, back at 0.55 rad/s through the same positions."""
-    there, back = trapezoids((0.5,)), trapezoids((0.55,))
-    q = np.concatenate([there[: len(there) // 2], back[len(back) // 2 :]])
-    with pytest.raises(DataError, match=r"plateaus \(at 0.5, -0.55 rad/s\) none is there and back at one speed"):
-        detect_passes(record(q, speed=0.5), True)
-
-
 def test_the_signals_of_a_pass_are_those_of_its_log() -> None:
     one = record(trapezoids((0.5,)), temperature=np.full(len(trapezoids((0.5,))), 40.0), start_s=100.0)
     (found,) = detect_passes(one, True)

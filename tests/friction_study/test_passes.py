@@ -61,7 +61,7 @@ def regression(noise: np.ndarray, ripple: float) -> PassRegression:
         Pass("joint 1", "a", RATE, way, s * one, 0 * one, 3.0 * s + ripple * np.cos(2 * np.pi * 5 * way) + part)
         for s, way, part in ((1.0, q, noise[:n]), (-1.0, q[::-1], noise[n:]))
     ]
-    return PassRegression.of(passes, {"a": passes}, False, 1.0)
+    return PassRegression.of(passes, False, 1.0)
 
 
 def test_a_harmonic_that_stands_out_of_the_residuals_joins_the_regression() -> None:

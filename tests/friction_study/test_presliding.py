@@ -11,7 +11,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
-from elastid.friction_study.presliding import Elements, Loops, fit_presliding, operators
+from elastid.friction_study.presliding import Elements, fit_presliding, operators
+from elastid.record import FrictionRecord
 
 RATE, COUNT = 200.0, 2 * np.pi / 2**16
 # Ten elements, 790 Nm/rad, break-away 1.6 Nm.
@@ -33,11 +34,15 @@ def minor_loops() -> FloatArray:
     return np.asarray(REACH * (0.55 * np.sin(2 * np.pi * 0.3 * t) + 0.25 * np.sin(2 * np.pi * 1.1 * t + 1)))
 
 
-def log(seed: int, noise: float = 0.02, counts: float = COUNT) -> Loops:
+def loops(q: FloatArray, torque: FloatArray, counts: float = 0.0) -> FrictionRecord:
+    return FrictionRecord("loops", "1", "loops", RATE, q, torque, resolution=counts)
+
+
+def log(seed: int, noise: float = 0.02, counts: float = COUNT) -> FrictionRecord:
     """Measured with torque noise and an encoder."""
     q = growing()
     torque = TRUTH.torque(q) + 0.1 + noise * np.random.default_rng(seed).standard_normal(len(q))
-    return Loops("motor 1", RATE, np.round(q / counts) * counts, torque, 0.5, counts, 200)
+    return loops(np.round(q / counts) * counts, torque, counts)
 
 
 def error(found: Elements) -> float:
@@ -49,10 +54,10 @@ def error(found: Elements) -> float:
 
 @pytest.mark.slow
 def test_few_elements_are_chosen_and_nearly_as_good() -> None:
-    found = fit_presliding(log(1))
+    found = fit_presliding(log(1), 0.5)
     assert 3 <= np.sum(found.stiffness > 0) <= 8
     assert error(found) < 0.025
-    assert error(fit_presliding(log(1), elements=1)) > 3 * error(found)
+    assert error(fit_presliding(log(1), 0.5, elements=1)) > 3 * error(found)
     assert found.offset == pytest.approx(0.1, abs=0.01)
 
 
@@ -61,7 +66,7 @@ def test_one_bristle_is_one_element() -> None:
     one = Elements(np.array([300.0]), np.array([4e-3]), 0.0)
     q = growing()
     torque = one.torque(q) + 0.01 * np.random.default_rng(0).standard_normal(len(q))
-    found = fit_presliding(Loops("motor 1", RATE, q, torque, 0.5, 0.0, 200))
+    found = fit_presliding(loops(q, torque), 0.5)
     assert len(found.stiffness) == 1
     assert found.stiffness[0] == pytest.approx(300, rel=0.01)
     assert found.threshold[0] == pytest.approx(4e-3, rel=0.01)
@@ -87,9 +92,8 @@ def test_operators_are_those_of_a_loop() -> None:
 
 
 def test_loops_of_a_few_counts_are_refused() -> None:
-    loops = log(0)
     with pytest.raises(DataError, match=r"counts of its encoder; .* raise the torque of the loops"):
-        fit_presliding(replace(loops, resolution=5e-3))
+        fit_presliding(replace(log(0), resolution=5e-3), None)
 
 
 @pytest.mark.slow
@@ -103,5 +107,5 @@ def test_a_dahl_bristle_is_no_single_element() -> None:
     walk = ca.Function("f", [z, v], [after, law.torque(v, after, curve)]).mapaccum("walk", len(growing()))
     q = growing()
     _, torque = walk(0.0, np.append(0.0, np.diff(q))[None] * RATE)
-    found = fit_presliding(Loops("motor 1", RATE, q, torque.full()[0], 0.5, 0.0, 200))
+    found = fit_presliding(loops(q, torque.full()[0]), 0.5)
     assert len(found.stiffness) > 1

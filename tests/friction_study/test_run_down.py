@@ -13,9 +13,8 @@ from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
-from elastid.friction_study.identify import identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
-from elastid.friction_study.result import FrictionResult
+from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import FrictionSpec
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.robot import Body, Joint, Motor, Robot

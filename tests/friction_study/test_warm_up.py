@@ -14,6 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.friction_study.passes import alike_speeds
 from elastid.friction_study.warm_up import WarmUp, fit_warm_up
+from elastid.record import WarmUpLog
 
 # 45 min and 8 W/K; the published law in Nm on the link side, speeds of the motor in rad/s.
 H, TIME_CONSTANT, AMBIENT = 8.0, 45 * 60.0, 34.0
@@ -49,14 +50,16 @@ def campaign(seed: int, second_share: float = 0.0, thermometer: bool = True, hou
     power = np.array([power_at(t + 30) for t in time_s[:-1]])
     readings = T + 0.5 * rng.standard_normal(len(T)) if thermometer else np.full(len(T), np.nan)
     std = np.full(len(tests), 0.02)
-    return WarmUp(time_s, power, AMBIENT, AMBIENT, readings, 0.5, tests, speeds, levels, std)
+    log = WarmUpLog("1", time_s, power, readings, 0.5, AMBIENT, AMBIENT)
+    return WarmUp(log, tests, speeds, levels, std)
 
 
 def first_half(whole: WarmUp) -> WarmUp:
-    n = len(whole.power) // 2
+    log, n = whole.log, len(whole.log.power) // 2
     early = whole.test <= n
     return replace(
-        whole, time_s=whole.time_s[: n + 1], power=whole.power[:n], readings=whole.readings[: n + 1],
+        whole,
+        log=replace(log, time_s=log.time_s[: n + 1], power=log.power[:n], temperature=log.temperature[: n + 1]),
         test=whole.test[early], test_speed=whole.test_speed[early], level=whole.level[early],
         level_std=whole.level_std[early],
     )  # fmt: skip
@@ -64,7 +67,7 @@ def first_half(whole: WarmUp) -> WarmUp:
 
 def without_tests(whole: WarmUp) -> WarmUp:
     """The thermometer alone."""
-    none = np.zeros(0)
+    none = np.zeros(0, int)
     return replace(whole, test=none, test_speed=none, level=none, level_std=none)
 
 
@@ -106,12 +109,10 @@ def test_stated_std_is_the_scatter() -> None:
 @pytest.mark.parametrize(
     ("wrong", "word"),
     [
-        (lambda w: replace(w, power=-w.power), "nowhere positive"),
-        (lambda w: replace(w, time_s=w.time_s[::-1]), "times do not increase"),
+        (lambda w: replace(w, log=replace(w.log, power=-w.log.power)), "nowhere positive"),
+        (lambda w: replace(w, log=replace(w.log, time_s=w.log.time_s[::-1])), "times do not increase"),
         (
-            lambda w: replace(
-                w, readings=np.full(len(w.readings), np.nan), test=[], test_speed=[], level=[], level_std=[]
-            ),
+            lambda w: without_tests(replace(w, log=replace(w.log, temperature=np.nan * w.log.temperature))),
             "neither a thermometer nor test passes",
         ),
     ],

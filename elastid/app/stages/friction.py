@@ -28,10 +28,9 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
 from elastid.friction_study.follow import FollowedFriction, Motion, follow, with_tolerances
-from elastid.friction_study.identify import held_spring, identify_friction
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
-from elastid.friction_study.result import JointFriction, JointLevels
+from elastid.friction_study.result import JointFriction, JointLevels, held_spring, identify_friction
 from elastid.friction_study.spec import FilterSpec, FrictionSpec, LoadSpec
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.recorded.friction_logs import read_friction_logs
