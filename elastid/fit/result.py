@@ -31,15 +31,13 @@ from elastid.robot import Frame, Payload, Robot
 
 @frozen_value
 class RigidPart:
-    """A part that the model takes as rigid.
+    """A base, about one axis, that the model takes as rigid.
 
-    is_base: it carries the robot.  stiffness: such a part's usual one.  changes (n,): of the variables x that were
-    asked for where it is as stiff as that.  hidden_from: the stiffness from which on none of them leaves its 95 %
-    interval by it.
+    stiffness: such a part's usual one.  changes (n,): of the variables x that were asked for where it is as stiff as
+    that.  hidden_from: the stiffness from which on none of them leaves its 95 % interval by it.
     """
 
     name: str
-    is_base: bool
     stiffness: float = labelled("usual stiffness", "N*m/rad")
     changes: FloatArray = labelled("change of each parameter asked for, of x")
     hidden_from: float = labelled("stiffness from which on no interval is left", "N*m/rad")
@@ -291,7 +289,7 @@ class Result:
     def std_with_base(self) -> dict[str, float]:
         """`std` of each parameter that was asked for with a base as elastic as is usual, which no response shows."""
         n = len(self.parameters.asked)
-        base = sum((part.changes**2 for part in self.rigid_parts if part.is_base), np.zeros(n))
+        base = sum((part.changes**2 for part in self.rigid_parts), np.zeros(n))
         return self._part(np.diag(self.covariance)[:n] + base)
 
     @property

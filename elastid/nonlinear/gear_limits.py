@@ -38,7 +38,7 @@ COARSE, COUNT = 0.1, 0.025
 # sets, which wander by up to 6.6 % (scripts/studies/results.csv), none had a wrong effect.
 DIFFERS, UNSETTLED = 1e-2, 0.1
 # Names of modification indices that make a channel late.
-_LATE = ("delay", "low_pass", "hold", "difference", "torque_lag", "sensor_lag")
+_LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
 _SETTLE = "measure more periods and leave the first out (estimator.transient_periods)"
 LOST = "stiffness, damping and friction stay those of the linear fit"
 
