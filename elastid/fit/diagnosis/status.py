@@ -33,7 +33,7 @@ from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
-from elastid.fit.diagnosis.second_source import contradiction, tool_contradiction
+from elastid.fit.diagnosis.second_source import contradictions
 from elastid.fit.result import DISTORTED, DOUBTED, ModificationIndex, Result, Status, largest_by_chance
 from elastid.fit.solve.solvers import DAMPING_UNITS
 from elastid.parameters import Parameters
@@ -149,10 +149,8 @@ def with_status(evidence: Evidence) -> Result:
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}{likeliest}")
     if misfit := _by_held_number(evidence):
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}")
-    if result.static is not None and result.static.disagrees:
-        return ended("misfit", f"{held[1:]}{' ' if held else ''}{contradiction(result.static)}")
-    if result.tool is not None and result.tool.disagrees:
-        return ended("misfit", f"{held[1:]}{' ' if held else ''}{tool_contradiction(result.tool)}")
+    for note in contradictions(result)[:1]:
+        return ended("misfit", f"{held[1:]}{' ' if held else ''}{note.text}")
     doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
     but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"
