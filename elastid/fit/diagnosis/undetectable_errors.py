@@ -89,36 +89,23 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
 
 
 def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Note, ...]:
-    """A sentence on the worst of several kinds of numbers, where the intervals are stated as they stand."""
+    """A sentence on the worst of three kinds of numbers, where the intervals are stated as they stand."""
     if scores is None or result.status not in ("converged", "at_bound") or not result.noise_is_known:
         return ()
     # Of two that do exactly the same, rounding does not choose.
     errors = sorted(undetectable_errors(result, scores), key=lambda error: -float(f"{error.moved:.6g}"))
-    errors = [error for error in errors if error.moved > SAID]
-    if not errors:
+    worst = {error.family: error for error in reversed(errors) if error.moved > SAID}
+    named = [error for error in errors if worst.get(error.family) is error][:3]
+    if not named:
         return ()
-    worst = {error.family: error for error in reversed(errors)}
-    named = [error for error in errors if worst[error.family] is error][:3]  # one of a kind
-    further = sum(not error.name.endswith("*") for error in errors if error not in named)
-    moves = [
-        f"{_stated(place, result)} moves by one standard deviation with "
-        + " or ".join(error.amount(error.per_std) for error in named if error.parameter == place)
-        for place in dict.fromkeys(error.parameter for error in named)
-    ]
-    more = f", and others with {further} further numbers" if further else ""
+    free = result.parameters.free_names
+    moves = ", ".join(f"{free[error.parameter]} with {error.amount(error.per_std)}" for error in named)
     text = (
-        f"the intervals take as exact what the fit held: {', '.join(moves)}{more}; up to "
-        f"{errors[0].amount(errors[0].error)} shows in no residual: measure them as exactly, or fit those that can be "
+        f"the intervals take as exact what the fit held: by one standard deviation moves {moves}; up to "
+        f"{named[0].amount(named[0].error)} shows in no residual: measure them as exactly, or fit those that can be "
         "with a prior"
     )
     return (Note(HELD_AS_EXACT, text, severity="information"),)
-
-
-def _stated(place: int, result: Result) -> str:
-    parameter = result.parameters.free[place]
-    value, std = result.values[parameter.name], result.std[parameter.name]
-    share = f"{100 * std / abs(value):.2g} %" if parameter.log else f"{std:.2g} {parameter.unit}"
-    return f"{parameter.name} (stated to {share})"
 
 
 # Assumed stiffness of a pedestal over that of the gear; one of steel on a floor, N m/rad, is no stiffer under a stiffer
