@@ -99,9 +99,9 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     if not named:
         return ()
     free = result.parameters.free_names
-    moves = ", ".join(f"{free[error.parameter]} with {error.amount(error.per_std)}" for error in named)
+    moves = ", ".join(f"{error.amount(error.per_std)} moves {free[error.parameter]}" for error in named)
     text = (
-        f"the intervals take as exact what the fit held: by one standard deviation moves {moves}; up to "
+        f"the intervals take as exact what the fit held: {moves} by one standard deviation; up to "
         f"{named[0].amount(named[0].error)} shows in no residual: measure them as exactly, or fit those that can be "
         "with a prior"
     )

@@ -41,12 +41,9 @@ class Limits:
     residuals: int = 2_000  # of the fit of a variant
     left: float = 1e-3  # of a payload that is not carried
     iterations: int = 30  # of a fit with a load
-    rounds: int = 5  # of linearisations, in which a load is found
-    settled: float = 0.99  # of V of the round before, from which on there is no further one
+    rounds: int = 4  # of linearisations, in which a load is found
     load_radius: float = 0.1  # of gyration of a load at the start, m
-    mass_std: float = 1.0  # of the logarithm of its mass about its linear step
-    inertia_std: float = 1.5  # of that of its inertia about the start
-    place_std: float = 0.5  # m
+    load_std: float = 1.0  # of the logarithms of its mass and inertia about the start, and of its place in m
 
 
 LIMITS = Limits()
@@ -246,10 +243,10 @@ def _carrying(
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
     robot = replace(own.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
     numbers = (
-        Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.mass_std)),
-        *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.place_std))
+        Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.load_std)),
+        *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.load_std))
           for n, v in zip(names, place, strict=True)),
-        Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.inertia_std)),
+        Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
     )  # fmt: skip
     file, known = own.parameters, dict(zip(own.parameters.free_names, evidence.result.x.tolist(), strict=True))
     every = {p.name: p for p in (*file, *numbers)}
@@ -257,16 +254,13 @@ def _carrying(
     parameters = Parameters((*in_order, *every.values()))
     asked = {p.name for p in file.free if not p.tolerated}
     x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
-    cost = math.inf
     try:
         assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
         for _ in range(LIMITS.rounds):
             fit = assembly.at(x, criterion)
             _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
-            before, cost = cost, assembly.at(x, criterion).evaluate(x).cost
-            if not cost < LIMITS.settled * before:
-                break
+        cost = assembly.at(x, criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
         return None
     values = dict(zip(parameters.free_names, x.tolist(), strict=True))
