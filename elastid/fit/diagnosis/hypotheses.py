@@ -149,11 +149,10 @@ def scale(index: ModificationIndex) -> str:
 
 def load(index: ModificationIndex) -> str:
     """Change of a gear's stiffness with the torque it carries."""
-    percent = 100 * float(index.steps[0])
-    return (
-        f"a stiffness of gear {axis(index)} that rises with the torque it carries ({percent:+.2g} % at the largest "
-        "torque of these postures)"
-    )
+    gear, percent = f"a stiffness of gear {axis(index)} that rises with the torque", 100 * float(index.steps[0])
+    if index.name.startswith("play"):
+        return f"{gear} out of a gap ({-percent:+.2g} % at the smallest torque of these postures)"
+    return f"{gear} it carries ({percent:+.2g} % at the largest torque of these postures)"
 
 
 def coupling(index: ModificationIndex) -> str:
@@ -252,7 +251,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     # What gears do besides.
     Hypothesis(
         "load",
-        ("load",),
+        ("load", "play"),
         Size(0.1, 1.0, unit="1"),
         phrase=load,
         advice="does the gear harden, or has it backlash? give its spring cubic or backlash in the robot's file",

@@ -282,6 +282,7 @@ def _flat(mixing: ComplexArray | None, values: ComplexArray) -> FloatArray:
 
 # Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
 LOAD_RATIO = 0.97
+NO_LOAD = 0.01  # of the largest torque, below which a gear carries none
 
 
 def rate_column(response: HeldResponse) -> dict[str, ComplexArray]:
@@ -345,17 +346,21 @@ def inertial(body: Body) -> list[str]:
 
 
 def stiffening(response: HeldResponse) -> dict[str, ComplexArray]:
-    r"""Derivatives to the rise of each gear's stiffness with the torque tau that it carries.
+    r"""Derivatives to the change of each gear's stiffness with the torque tau that it carries.
 
-    .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2)
+    load_2, of a gear that hardens, and play_2, of one with backlash, whose tangent is soft near no torque:
+
+    .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2), \qquad k\, (1 - e\, \tau_{min}^4 / \tau^4)
     """
     columns = {}
     for joint in (each.name for each in response.robot.driven):
         loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
         most, spring = max(loads.values(), default=0.0), f"k_{joint}"
         if most > 0 and min(loads.values()) < LOAD_RATIO * most and spring in response.slopes:
-            own = loads[response.model.configuration.name]
-            columns[f"load_{joint}"] = (own / most) ** 2 * response.value(spring) * response.slopes[spring]
+            own, least = loads[response.model.configuration.name], max(min(loads.values()), NO_LOAD * most)
+            slope = response.value(spring) * response.slopes[spring]
+            columns[f"load_{joint}"] = (own / most) ** 2 * slope
+            columns[f"play_{joint}"] = -((least / max(own, least)) ** 4) * slope
     return columns
 
 
