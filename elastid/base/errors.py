@@ -200,7 +200,6 @@ CODES: Final[Mapping[str, str]] = {
     "fit/at-bound": "A parameter ended at its bound: widen it, or look for what the model lacks.",
     "fit/bootstrap": "Draws of the bootstrap failed and are left out.",
     "fit/correlated": "Two parameters are strongly correlated: further postures or sensors separate them.",
-    "fit/depends-on-amplitude": "Responses of a posture change with the amplitude: friction or stiffening.",
     "fit/frequency-unit": "Frequencies are probably in another unit than stated.",
     "fit/held-as-exact": "What numbers of the robot's file that are held as exact would move, if they were off.",
     "fit/impossible-inertia": "A fitted inertia is one that no rigid body has: hold it, or give it a prior.",

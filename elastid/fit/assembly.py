@@ -31,14 +31,13 @@ from elastid.fit.problem.least_squares import (
     ResidualKind,
     distance,
     is_far_from_noise,
-    moved_in_std,
 )
 from elastid.fit.problem.part import Part
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor
 from elastid.fit.solve.solvers import FINE, solve
-from elastid.fit.spec import FitSpec, WeightSpec
+from elastid.fit.spec import FitSpec
 from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.linear.equilibrium import equilibrium, spring_notes
 from elastid.linear.linear_model import LinearModel, is_load
@@ -192,7 +191,7 @@ class Assembly:
         """The same with the weights of the robust loss at x."""
         if self.spec.weights.loss == "square":
             return self
-        factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x, self.spec.weights)
+        factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x)
         weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
         return replace(self, weights=tuple(weights))
 
@@ -353,39 +352,7 @@ def _where_it_stands(
     raise no_rest
 
 
-def motion_notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
-    """A note where parameters would be off by more than a standard deviation had the motion been left in."""
-    if all(map(operator.is_, assembly.responses, optimum.responses)) or assembly.spec.criterion != "complex":
-        return ()
-    weighed = replace(assembly, weights=optimum.weights)
-    both = (weighed, replace(weighed, responses=optimum.responses))
-    shift = moved_in_std(*(each.at(optimum.end.x, "complex").evaluate(optimum.end.x) for each in both))
-    return posture_notes(assembly.parameters, optimum.responses, shift)
-
-
-def posture_notes(parameters: Parameters, responses: Sequence[Response], shift: FloatArray) -> tuple[Note, ...]:
-    """A note on the parameter that was asked for and is off by most standard deviations, shift (n_x,), if above one."""
-    shift = np.abs(shift[: len(parameters.asked)])
-    worst = int(np.argmax(shift))
-    if not shift[worst] > 1:
-        return ()
-    largest = {"rad": 0.0, "m": 0.0}
-    for G in responses:
-        for motor, rms in zip(G.motion.motors, G.motion.rms.tolist(), strict=True) if G.motion is not None else ():
-            unit = "m" if motor in G.sliding else "rad"
-            largest[unit] = max(largest[unit], rms)
-    sizes = " and ".join(f"{rms:.2g} {unit}" for unit, rms in largest.items() if rms)
-    text = (
-        f"the motion of up to {sizes} rms moves the robot out of its postures, which would put "
-        f"{parameters.free[worst].name} off by {shift[worst]:.2g} standard deviations; the fit takes that out of the "
-        "responses to second order, and it falls with the square of the torque"
-    )
-    return (Note("fit/posture-moved", text, severity="information"),)
-
-
-def robust_factors(
-    fit: ElasticFit, weights: Sequence[Weights], x: FloatArray, spec: WeightSpec
-) -> tuple[FloatArray, ...]:
+def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -> tuple[FloatArray, ...]:
     """Weights w (F, n_y, n_u) of the robust loss in each configuration at x (n_x,), 1 where an element is left out."""
     distances = []
     for part, weight in zip(fit.parts, weights, strict=True):
@@ -395,6 +362,4 @@ def robust_factors(
         distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))
     every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
     reach = OUTLIER_STDS * max(1.0, float(np.median(every)) / RAYLEIGH_MEDIAN)
-    if spec.loss == "huber":
-        return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)
-    return tuple(1 / np.sqrt(1 + (z / reach) ** 2) for z in distances)
+    return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)

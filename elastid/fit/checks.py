@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 
@@ -24,9 +23,6 @@ from elastid.model.closed_posture import assembled
 from elastid.parameters import Parameters
 from elastid.response import Response
 from elastid.robot import Robot
-
-# Of |G1 - G2| over its standard deviation, the median of the lines: 0.83 by chance where that is known.
-DEPENDENCE = 3.0
 
 
 def check_responses(responses: Sequence[Response], robot: Robot) -> None:
@@ -93,30 +89,7 @@ def find_contradictions(responses: Sequence[Response], robots: Mapping[str, Sequ
     return (Note("fit/unlike-responses", text),)
 
 
-def find_dependence_on_amplitude(responses: Sequence[Response]) -> tuple[Note, ...]:
-    """A note where the responses of a posture differ between its amplitudes beyond their scatter.
-
-    By the median over lines of |G1 - G2| over its standard deviation, noise and distortion in it.
-    """
-    differences = [
-        (f"{first.configuration.name} and {second.configuration.name}", *_difference(first, second, "uncertainty"))
-        for first, second in _of_one_posture(responses, at_amplitudes=True)
-    ]
-    names, share, over_std = max(differences, key=lambda pair: pair[2], default=("", 0.0, 0.0))
-    if over_std <= DEPENDENCE:
-        return ()
-    text = (
-        f"the responses of {names} differ with their amplitude, by "
-        f"{100 * share:.2g} % (median of the lines), {over_std:.2g} times their scatter, as dry friction, springs that "
-        "are not straight and motion out of the posture make them: the linear fit lies between the amplitudes; with "
-        "gears: {} the effects of gears are found from all of them together"
-    )
-    return (Note("fit/depends-on-amplitude", text, severity="information"),)
-
-
-def _difference(
-    first: Response, second: Response, scatter: Literal["noise", "uncertainty"] = "noise"
-) -> tuple[float, float]:
+def _difference(first: Response, second: Response) -> tuple[float, float]:
     """Medians over common lines of the elements' difference: relative to the larger one, and over its std.
 
     Without common lines both are 0; where the noise is not known, it is taken for none.
@@ -128,14 +101,14 @@ def _difference(
     difference = np.abs(G - H)
     variance = sum(
         0.0 if covariance is None else covariance.variance[rows]
-        for covariance, rows in ((getattr(first, scatter), lines), (getattr(second, scatter), other_lines))
+        for covariance, rows in ((first.noise, lines), (second.noise, other_lines))
     )
     relative = difference / np.maximum(np.maximum(np.abs(G), np.abs(H)), 1e-300)
     return float(np.median(relative)), float(np.median(difference / np.sqrt(np.maximum(variance, 1e-300))))
 
 
-def _of_one_posture(responses: Sequence[Response], at_amplitudes: bool = False) -> Iterator[tuple[Response, Response]]:
-    """Pairs at the same angles, with the same payload and through the same channels; at_amplitudes: on purpose."""
+def _of_one_posture(responses: Sequence[Response]) -> Iterator[tuple[Response, Response]]:
+    """Pairs at the same angles, with the same payload and through the same channels, by other names."""
     angles = np.array([response.configuration.angles for response in responses])
     same = np.all(np.abs(angles[:, None] - angles) < 2e-5, axis=2)  # rad or m
     for i, j in np.argwhere(np.triu(same, 1)):
@@ -143,7 +116,7 @@ def _of_one_posture(responses: Sequence[Response], at_amplitudes: bool = False) 
         has_one_load = first.configuration.carries == second.configuration.carries
         has_one_name = posture_of(first.configuration.name) == posture_of(second.configuration.name)
         channels = {(each.inputs, each.outputs, each.motors) for each in (first, second)}
-        if has_one_load and len(channels) == 1 and has_one_name == at_amplitudes:
+        if has_one_load and len(channels) == 1 and not has_one_name:
             yield first, second
 
 

@@ -30,7 +30,6 @@ from elastid.fit.assembly import (
     floor_of_residuals,
     is_distorted_by_friction,
     is_friction_taken_out,
-    motion_notes,
     relinearise,
 )
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
@@ -47,7 +46,7 @@ from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh_all, with_floor
-from elastid.fit.release import measurements_that_help, release
+from elastid.fit.release import release
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
@@ -91,8 +90,7 @@ def identify(
         if not (result.has_tolerances and evidence.result.status == "model_error"):
             result = diagnose(evidence, _notes(assembly, optimum))
             result = add_intervals(result, optimum, spec, execution)
-            helpful = (*_contradicted_priors(result), *measurements_that_help(result))
-            return replace(result, notes=(*result.notes, *helpful))
+            return replace(result, notes=(*result.notes, *_contradicted_priors(result)))
     except FitError as error:
         if not isinstance(error, NoRestError) or robot.tolerances is None:
             if not loads:
@@ -305,7 +303,6 @@ def _estimate(
         criterion=fit.parts[0].criterion,
         configurations=tuple(part.configuration for part in fit.parts),
         share=uncertainty.share,
-        informing_hz=uncertainty.informing_hz,
         linear=tuple(part.kernel.model for part in fit.parts if part.kernel.model.is_delayed),
         repeated=uncertainty.repeated,
         lasting=uncertainty.lasting,
@@ -319,10 +316,8 @@ def _estimate(
 def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
     """Known before the result is diagnosed: data that contradict each other or are left out, an optimum that moves."""
     responses = assembly.responses
-    robots = assembly.spec.robots
-    unlike = (*checks.find_contradictions(responses, robots), *checks.find_dependence_on_amplitude(responses))
-    moved = (*optimum.notes, *motion_notes(assembly, optimum))
-    return (*unlike, *assembly.notes, *moved, *assembly.spring_notes(optimum.end.x))
+    unlike = checks.find_contradictions(responses, assembly.spec.robots)
+    return (*unlike, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))
 
 
 # Of data and prior, in standard deviations of their difference; by chance one prior in two thousand.

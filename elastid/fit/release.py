@@ -1,4 +1,4 @@
-r"""A fit with the robot's file in doubt: its optimum, what the data leave of the tolerances, and what to measure.
+r"""A fit with the robot's file in doubt: its optimum, and what the data leave of the tolerances.
 
 .. math:: V(x, \nu) = V(x; \nu) + \sum_j \Big( \frac{\nu_j - \nu_j^{file}}{\tau_j} \Big)^2
 
@@ -10,14 +10,13 @@ of the estimate with the file in doubt; with nu known it would be the part of th
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import FitError, Note, StudyError
+from elastid.base.errors import FitError, StudyError
 from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import LocalOptimum
@@ -25,22 +24,8 @@ from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, NEAR, solve
 from elastid.fit.tolerances import tolerances_of, with_tolerances
-from elastid.parameters import Parameter
 from elastid.robot import BodyTolerances, Robot, Tolerances
 from elastid.robot.tolerances import Exact
-
-
-@dataclass(frozen=True)
-class AdviceLimits:
-    """Limits of the advice on what to measure, which states no fault and so has no false alarms."""
-
-    part: float = 0.1  # of a tolerance, that a measurement leaves
-    most: int = 3  # measurements that are named
-    enough: float = 0.5  # of an interval, at which no further one is named
-    worthwhile: float = 0.7  # of an interval, above which nothing is said
-
-
-ADVICE = AdviceLimits()
 
 
 @dataclass(frozen=True)
@@ -124,45 +109,3 @@ def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | N
             own = left.setdefault(each.owner, {})
             own[each.kind] = max(own.get(each.kind, 0.0), std)
     return replace(robot.tolerances, bodies=tuple(BodyTolerances(owner, **own) for owner, own in left.items()))
-
-
-def measurements_that_help(result: Result) -> tuple[Note, ...]:
-    """Numbers of the file whose measurement narrows the interval that the file widens most, with the gain.
-
-    One that is measured with the std delta takes c c^T / (C_jj + delta^2) off the covariance, c its column.
-    """
-    wanted, C = result.parameters.asked, result.covariance.copy()
-    file, noise, values = result.std_by_file, result.std_by_noise, result.values
-    widened = [p.name for p in wanted if p.log and file[p.name] > noise[p.name]]
-    if not result.has_tolerances or not widened or not np.isfinite(C).all():
-        return ()
-    name = max(widened, key=lambda name: file[name] / values[name])
-    place, known = result.parameters.free_names.index(name), dict[int, str]()
-    before = math.sqrt(C[place, place])
-    for _ in range(ADVICE.most):
-        delta = np.array(
-            [ADVICE.part * p.prior.std if p.tolerated and p.prior else math.inf for p in result.parameters.free]
-        )
-        gains = C[place] ** 2 / (np.diag(C) + delta**2)
-        gains[[*known]] = 0.0
-        best = int(np.argmax(gains))
-        if not gains[best] > 0:
-            break
-        C -= np.outer(C[best], C[best]) / (C[best, best] + delta[best] ** 2)
-        known[best] = _stated(result.parameters.free[best], float(delta[best]))
-        if C[place, place] < (ADVICE.enough * before) ** 2:
-            break
-    after = math.sqrt(C[place, place])
-    if after > ADVICE.worthwhile * before:
-        return ()
-    text = (
-        f"the tolerances of the robot's file are most of the interval of {name} ({100 * before:.2g} %): with "
-        f"{', '.join(known.values())} it would be {100 * after:.2g} %"
-    )
-    return (Note("fit/prior-contradicted", text, severity="information"),)
-
-
-def _stated(parameter: Parameter, std: float) -> str:
-    in_unit = {"m": f"{1e3 * std:.2g} mm", "rad": f"{math.degrees(std):.2g} deg"}
-    size = f"{100 * std:.2g} %" if parameter.log else in_unit.get(parameter.unit, f"{std:.2g} {parameter.unit}")
-    return f"{parameter.name} known to {size}"

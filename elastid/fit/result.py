@@ -31,15 +31,13 @@ from elastid.robot import Frame, Payload, Robot
 
 @frozen_value
 class RigidPart:
-    """A part that the model takes as rigid.
+    """A base, about one axis, that the model takes as rigid.
 
-    is_base: it carries the robot.  stiffness: such a part's usual one.  changes (n,): of the variables x that were
-    asked for where it is as stiff as that.  hidden_from: the stiffness from which on none of them leaves its 95 %
-    interval by it.
+    stiffness: such a part's usual one.  changes (n,): of the variables x that were asked for where it is as stiff as
+    that.  hidden_from: the stiffness from which on none of them leaves its 95 % interval by it.
     """
 
     name: str
-    is_base: bool
     stiffness: float = labelled("usual stiffness", "N*m/rad")
     changes: FloatArray = labelled("change of each parameter asked for, of x")
     hidden_from: float = labelled("stiffness from which on no interval is left", "N*m/rad")
@@ -149,7 +147,7 @@ class Result:
     rigid_parts: what is taken as rigid and shows in no response; empty where that was not judged.
     verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
     floor: the model error relative to |G| in weights and covariance, the largest of the responses.
-    configurations, share (Q, n_x), informing_hz (n_x, 2), repeated, lasting (n_x,): as `Uncertainty`.
+    configurations, share (Q, n_x), repeated, lasting (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     robot, equations: those that were fitted, for postures that were not measured.
     static, tool: static load tests, and responses at the tool, next to the responses of the motors; None without any.
@@ -175,9 +173,6 @@ class Result:
     bootstrap95: FloatArray = labelled("95 % interval by bootstrap", "SI", "free_names end", default_factory=_NO_PAIRS)
     configurations: tuple[str, ...] = ()
     share: FloatArray = labelled("share of the information", "", "configurations free_names", default_factory=_NO_TABLE)
-    informing_hz: FloatArray = labelled(
-        "middle half of that information", "", "free_names end", default_factory=_NO_PAIRS
-    )
     cost_dof: float = math.nan
     floor: float = 0.0
     indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
@@ -291,7 +286,7 @@ class Result:
     def std_with_base(self) -> dict[str, float]:
         """`std` of each parameter that was asked for with a base as elastic as is usual, which no response shows."""
         n = len(self.parameters.asked)
-        base = sum((part.changes**2 for part in self.rigid_parts if part.is_base), np.zeros(n))
+        base = sum((part.changes**2 for part in self.rigid_parts), np.zeros(n))
         return self._part(np.diag(self.covariance)[:n] + base)
 
     @property

@@ -39,7 +39,7 @@ COARSE, COUNT = 0.1, 0.025
 # by up to 6.6 % (scripts/studies/results.csv), none had a wrong effect.
 UNSETTLED = 0.1
 # Names of modification indices that make a channel late.
-_LATE = ("delay", "low_pass", "hold", "difference", "torque_lag", "sensor_lag")
+_LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
 _SAME = 0.95  # correlation from which two effects cannot be told apart
 LOST = "stiffness, damping and friction stay those of the linear fit"
 HYSTERESIS = ("stop", "bristle")

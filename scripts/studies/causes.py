@@ -329,7 +329,7 @@ INJECTIONS: tuple[Injection, ...] = (
     # Gears and friction.
     Injection("gear 1 hardens by 10 %", "two-axis", hardening("upper", 0, 0.1), ("load_1",)),
     Injection("gear 2 hardens by 10 %", "demo", hardening("upper_arm", 0, 0.1), ("load_2",)),
-    Injection("backlash in gear 2", "demo", backlash("upper_arm", 0, 0.95), ("load_2",)),
+    Injection("backlash in gear 2", "demo", backlash("upper_arm", 0, 0.95), ("play_2",)),
     Injection("friction behind gear 2", "two-axis", moved(f_2=60.0), ("f_2",)),
     # Channels, clocks and files.
     Injection("torque constant 2 20 % off", "two-axis", of_channel("u", 1, constant(1 / 1.2)), ("gain_u_motor_2",)),
@@ -702,9 +702,9 @@ def _rows() -> Iterator[tuple[str, Callable[[Plant], Responses], tuple[str, ...]
     yield "current loops of 100 Hz", times(drive(100.0)), ("delay", "low_pass", "hold"), _ALL
     yield "encoders filtered by 250 Hz", times(filtered(250.0)), ("delay", "low_pass", "hold"), _ALL
     yield "one file 1 ms late", late_posture(1e-3), ("delay@{p}",), _OPEN_SIX
-    yield "gear hardens by 30 %", hard(0.3), ("load_{i}",), _OPEN
-    yield "gear hardens by 5 %", hard(0.05), ("load_{i}",), _OPEN
-    yield "backlash 0.8", gapped(0.8), ("load_{i}",), _OPEN
+    yield "gear hardens by 30 %", hard(0.3), ("load_{i}", "play_{i}"), _OPEN
+    yield "gear hardens by 5 %", hard(0.05), ("load_{i}", "play_{i}"), _OPEN
+    yield "backlash 0.8", gapped(0.8), ("play_{i}", "load_{i}"), _OPEN
     yield "axis 1 deg off everywhere", offset((1.0,), False), ("angle_{i}", "zero_{i}"), _ALL
     yield "axis 3 deg off in one posture", offset((3.0,), True), ("angle_{i}@{p}",), _OPEN
     yield "angles off by 1 to 3 deg", offset((1.0, -2.0, 3.0, -1.5, 2.5), False), ("angle*", "zero_{i}"), _OPEN_SIX

@@ -10,12 +10,12 @@ import pytest
 from plants.marks import SEEDS
 from plants.measured_robots import deviations, responses_of
 
-from elastid.fit.assembly import Assembly, posture_notes, relinearise
+from elastid.fit.assembly import Assembly, relinearise
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.response import MotorMotion, Response
+from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ = np.linspace(2, 60, 60)
@@ -83,20 +83,6 @@ def test_a_fit_names_the_joint_that_rests_inside_its_gap() -> None:
     assert deviations(result, truth).max() < 3.5
     (word,) = (note.text for note in result.notes if note.code == "robot/operating-point")
     assert word.startswith("joint 1 rests inside its backlash of +-0.0001 rad in c4 (deflected by")
-
-
-def test_motions_that_turn_and_that_slide_have_their_own_units() -> None:
-    """A rail that moves by 3 mm below an axis that turns by 0.002 rad is not said to move by 0.003 rad or m."""
-    arms = arm(Spring(3e5, 500), Spring(1.8e5, 250))
-    (G,) = measure(arms, POSTURES[:1], 0)
-    motion = MotorMotion(G.inputs, np.array([5.0]), np.diag([3e-3, 2e-3])[None].astype(complex) ** 2, np.zeros(2))
-    parameters = choose(FitSpec(parameters={"k_1": ParameterSpec()}), arms)
-    turning, mixed = (
-        posture_notes(parameters, [replace(G, motion=motion, sliding=slides)], np.array([3.0]))[0].text
-        for slides in ((), ("motor 1",))
-    )
-    assert turning.startswith("the motion of up to 0.003 rad rms moves")
-    assert mixed.startswith("the motion of up to 0.002 rad and 0.003 m rms moves")
 
 
 def test_a_search_that_ends_where_the_robot_tips_over_comes_back_to_where_it_stands() -> None:

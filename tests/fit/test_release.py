@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from functools import lru_cache
 
@@ -15,7 +14,7 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.release import measurements_that_help, release
+from elastid.fit.release import release
 from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
 from elastid.robot import Tolerances
@@ -87,20 +86,6 @@ def test_a_search_that_the_file_leads_astray_is_begun_again() -> None:
     _, _, (best, *_) = release(assembly, [end], robot)
     (dof,) = {assembly.at(assembly.parameters.x, "complex").problem.dof}
     assert best.cost < 1.5 * dof
-
-
-def test_what_to_measure_is_said_with_its_gain() -> None:
-    """Where the file is most of an interval; the tolerances that it names, given, narrow it so."""
-    loose = replace(arm(), tolerances=Tolerances(torque_constant=0.05))
-    rng = np.random.default_rng(6)
-    responses = measure(off(arm(), rng), rng)
-    result = identify(responses, loose, SPEC)
-    (note,) = measurements_that_help(result)
-    assert note in result.notes
-    name, before, after = re.fullmatch(r".* of (\S+) \((\S+) %\): .* it would be (\S+) %", str(note)).groups()
-    assert float(before) == pytest.approx(100 * result.std[name] / result.values[name], rel=0.1)
-    assert float(after) < 0.7 * float(before)
-    assert measurements_that_help(fitted(3, None)) == ()
 
 
 @pytest.mark.slow

@@ -46,7 +46,6 @@ def taps(robot: Outside, rng: np.random.Generator, motors: str = "held", fault: 
 FAULTS: dict[str, tuple[Fault | None, str]] = {
     "sign": (lambda G, s: -G, "opposite signs"),
     "hammer": (lambda G, s: 1.1 * G, "times as large: check unit"),
-    "axes": (lambda G, s: G[:, :, [1, 0, 2]], "axes x, y and z of the force are y, x, z"),
     "velocity": (lambda G, s: G / s, "holds the velocity"),
     "late": (lambda G, s: G * np.exp(-1e-3 * s), "no single cause"),
     "free": (None, "the motors were free"),

@@ -18,13 +18,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
-from elastid.fit.diagnosis import phrases
-from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size
+from elastid.fit.diagnosis.hypothesis import POSTURES, SCALE, Hypothesis, Size, axis, posture, relative
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
-from elastid.fit.diagnosis.phrases import GAIN_U, GAIN_Y
 from elastid.fit.diagnosis.readings import READINGS, find_lateness, find_misreading
-from elastid.fit.diagnosis.response_columns import (
+from elastid.fit.diagnosis.sensitivities import (
     channel_delays,
     gear_couplings,
     gear_ratios,
@@ -34,18 +33,159 @@ from elastid.fit.diagnosis.response_columns import (
     stiffening,
 )
 from elastid.fit.diagnosis.variants import find_variants
+from elastid.fit.result import ModificationIndex, Result
+
+GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
+INERTIA = Size(0.05, math.log(3), True)  # of a motor
+CHANNELS = "check torque constants, units and scales of the channels"
+DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
+
+
+def gain(index: ModificationIndex) -> str:
+    """Factor by which a channel, or all channels of one kind, read wrongly."""
+    _, role, where = index.name.split("_", 2)
+    signals, factor = "torques" if role == "u" else "motions", relative(math.exp(float(index.steps[0])))
+    if where == "*":
+        return f"{signals} of all channels that read {factor}"
+    return f"{signals[:-1]} at {where.replace('_', ' ')} that reads {factor}"
+
+
+def rate(index: ModificationIndex) -> str:
+    """Sampling rate."""
+    return f"a sampling rate {relative(1 + float(index.steps[0]))} (and motions from positions)"
+
+
+def angle(index: ModificationIndex) -> str:
+    """Offset of an axis, in one configuration or in all."""
+    axis, _, configuration = index.name.partition("_")[2].partition("@")
+    where = f"in configuration {configuration}" if configuration else "in all configurations"
+    if index.units[0] == "m":
+        return f"a position of axis {axis} {1e3 * float(index.steps[0]):+.2g} mm {where}"
+    return f"an angle of axis {axis} {math.degrees(float(index.steps[0])):+.2g} deg {where}"
+
+
+def angles(index: ModificationIndex) -> str:
+    """Offsets of an axis that differ between configurations, the largest first."""
+    by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda each: -abs(each[0]))
+    slides = index.units[0] == "m"
+    sizes = [f"{1e3 * step:+.2g} mm" if slides else f"{math.degrees(step):+.2g} deg" for step, _ in by_size[:POSTURES]]
+    named = (member.partition("@")[2] for _, member in by_size)
+    where = ", ".join(f"{size} in {name}" for size, name in zip(sizes, named, strict=False))
+    return f"{'positions' if slides else 'angles'} of axis {axis(index)} that are off by {where}"
+
+
+def compliance(index: ModificationIndex) -> str:
+    """Stiffness of a gear, a base or a body that the file has as rigid."""
+    kind, _, where = index.name.partition("_")
+    k = 1 / index.changed[0] if index.changed[0] > 0 else math.inf
+    if kind == "gear":
+        return f"elasticity in the gear of axis {where} of {k:.2g} N*m/rad"
+    if kind == "base":
+        return f"an elastic base about its {where} axis of {k:.2g} N*m/rad"
+    body, _, axis = where.rpartition("_")
+    return f"an elastic rotation of body {body} about its {axis} axis of {k:.2g} N*m/rad"
+
+
+def payload(index: ModificationIndex) -> str:
+    """Mass, centre and inertia of a body together; as a further mass where they are one."""
+    body = index.name.partition("_")[2]
+    mass, new = float(index.values[0]), index.changed[0]
+    more = new - mass
+    centres = {
+        name[-1]: (new * changed - mass * float(value))
+        for name, value, changed in zip(index.members, index.values, index.changed, strict=True)
+        if name[0] == "c"
+    }
+    if not more > 0 or len(centres) < 3:
+        return f"mass, centre of mass and inertia of {body} ({mass:.4g} to {new:.4g} kg)"
+    centre = ", ".join(f"{centres[axis] / more:.2g}" for axis in "xyz")
+    return f"{more:.2g} kg more on {body}, about [{centre}] m in its axes"
+
+
+def late(index: ModificationIndex) -> str:
+    """Delay, low pass or hold of a channel or of all, with its time."""
+    T = float(index.steps[0])
+    form = next(form for form in ("delay", "low_pass", "hold") if index.name.startswith(form))
+    role, _, place = index.name.removeprefix(form).lstrip("_").partition("_")
+    on = f" of {role} at {place.replace('_', ' ')}" if role else ""
+    if form == "delay":
+        return f"a delay of {T / 1e-3:.3g} ms{on}"
+    if form == "hold":
+        when = f"late, held for {T / 1e-3:.3g} ms" if T > 0 else "earlier than it was taken to"
+        return f"a torque that acts {abs(T) / 2e-3:.3g} ms {when}{on}"
+    size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
+    return f"{size}{on}" if T > 0 else f"{size} that was taken out where there is none{on}"
+
+
+def late_advice(index: ModificationIndex, result: Result) -> str:
+    """Keys that give a delay, a hold or a lag to the model, or the filter to check."""
+    delay, names = "free delay (fit.parameters: {delay: {}})", (index.name, *index.alike)
+    hold = next((i for i in result.indices if i.name == "hold" and i.name in names), None)
+    if hold is not None and hold.steps[0] < 0:
+        return "leave hold: zero-order out where u was measured, and check the delay"
+    if hold is not None:
+        T = float(hold.steps[0])
+        text = (
+            f"where u is a command that the drive holds, a sample at {1 / T:.4g} Hz, say hold: zero-order in "
+            "experiment.recorded (with rate_hz in experiment.responses); where y are velocities that it makes of its "
+            f"encoder, give the robot's file chain: {{differentiator: {1e3 * T:.4g} ms}}"
+        )
+        return f"{text}; where the torque loop or a log delays it, {delay}" if "delay" in names else text
+    if index.name == "delay":
+        return f"{delay}, or give the robot's chain its lags"
+    if index.name.startswith("low_pass") and index.steps[0] < 0:
+        return "log torques before their filter, or take the filter out of what was logged"
+    if index.name == "low_pass":
+        return "give the robot's chain the sensor_lag of its encoders, or the torque_lag of its drives"
+    return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
+
+
+def scale(index: ModificationIndex) -> str:
+    """Factors of channels in another unit."""
+    factors = [float(word) for before, word in pairwise(index.name.replace(",", "").split()) if before == "times"]
+    is_degrees = factors and all(abs(math.log(math.radians(1) / factor)) < DEGREES_LOG for factor in factors)
+    return f"{'degrees read as radians' if is_degrees else 'channels in another scale'} ({index.name})"
+
+
+def load(index: ModificationIndex) -> str:
+    """Change of a gear's stiffness with the torque it carries."""
+    gear, percent = f"a stiffness of gear {axis(index)} that rises with the torque", 100 * float(index.steps[0])
+    if index.name.startswith("play"):
+        return f"{gear} out of a gap ({-percent:+.2g} % at the smallest torque of these postures)"
+    return f"{gear} it carries ({percent:+.2g} % at the largest torque of these postures)"
+
+
+def coupling(index: ModificationIndex) -> str:
+    """Turns of a motor with another axis."""
+    motor, joint = index.name.split("_")[1:3]
+    return f"a gear that turns motor {motor} along by {float(index.steps[0]):+.3g} of its ratio when axis {joint} turns"
+
+
+def payload_of_one(index: ModificationIndex) -> str:
+    """Load in one configuration."""
+    return f"{payload(replace(index, name=index.name.partition('@')[0]))}, in configuration {posture(index)} alone"
+
+
+def words_of_one_posture(index: ModificationIndex) -> str:
+    """Delay, torques or stiffness of one configuration."""
+    where, step = f"configuration {posture(index)} alone", float(index.steps[0])
+    if index.name.startswith("delay"):
+        return f"motions of {where} that are {1e3 * step:.3g} ms late against its torques"
+    what = "torques that read" if index.name.startswith("torques") else f"a stiffness of gear {axis(index)} of"
+    return f"{what} {100 * step:+.2g} % in {where}"
+
 
 LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     # Channels and clocks.
-    Hypothesis("gain", ("gain_u",), GAIN_U, True, phrases.gain, phrases.gain_advice),
-    Hypothesis("gain", ("gain_y",), GAIN_Y, True, phrases.gain, phrases.gain_advice),
+    Hypothesis("gain", ("gain_u",), GAIN_U, True, gain, CHANNELS),
+    Hypothesis("gain", ("gain_y",), GAIN_Y, True, gain, CHANNELS),
     Hypothesis(
         "rate",
         ("rate",),
         Size(0.005, 0.2, unit="1"),
-        phrase=phrases.rate,
+        phrase=rate,
         advice="check rate_hz",
         columns=rate_column,
     ),
@@ -54,8 +194,8 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         ("delay", "low", "hold"),
         LATE,
         False,
-        phrases.late,
-        phrases.late_advice,
+        late,
+        late_advice,
         columns=channel_delays,
         search=find_lateness,
     ),
@@ -67,18 +207,18 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "angle",
         ("angle", "zero"),
         Size(0.02, 0.6, unit="rad"),
-        phrase=phrases.angle,
+        phrase=angle,
         advice="check the zero of the axis, and the angles that the configurations have",
         columns=posture_angles,
     ),
     Hypothesis(
         "angles by posture",
         ("angles",),
-        phrase=phrases.angles,
+        phrase=angles,
         advice="check the angles that the configurations have; does its brake hold, and does its encoder slip?",
     ),
     # The robot's file.
-    Hypothesis("motor inertia", ("Jm",), phrases.INERTIA, True, advice=phrases.inertia_advice),
+    Hypothesis("motor inertia", ("Jm",), INERTIA, True),
     Hypothesis("mass", ("m",), Size(0.05, math.log(3), True)),
     Hypothesis("centre of mass", ("c",), Size(0.01, 0.3)),
     Hypothesis("centre of mass", ("a",), Size(0.05, 0.5)),
@@ -88,14 +228,14 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2)),
     Hypothesis(
         "payload",
-        phrase=phrases.payload,
+        phrase=payload,
         advice="is a payload forgotten? give it as payload in the robot's file, or check body {where}",
         plausibility=20.0,  # what a robot carries changes, its links do not
         columns=of_one_posture,
     ),
     Hypothesis(
         "payload of one posture",
-        phrase=phrases.payload_of_one,
+        phrase=payload_of_one,
         advice="was it measured with another load? leave it out, or say which configurations carry the payload",
         is_stated=False,
     ),
@@ -103,7 +243,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "one posture",
         ("delay@", "torques@", "spring@"),
         Size(0.03, 2.0, unit="1"),
-        phrase=phrases.of_one_posture,
+        phrase=words_of_one_posture,
         advice="check the time stamps and the start of its files; was it measured warm, on another day, or on another "
         "robot? leave it out, or measure it again",
         is_stated=False,
@@ -111,9 +251,9 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     # What gears do besides.
     Hypothesis(
         "load",
-        ("load",),
+        ("load", "play"),
         Size(0.1, 1.0, unit="1"),
-        phrase=phrases.load,
+        phrase=load,
         advice="does the gear harden, or has it backlash? give its spring cubic or backlash in the robot's file",
         columns=stiffening,
         is_stated=False,
@@ -122,7 +262,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "gear coupling",
         ("coupling",),
         Size(0.1, 2.0, unit="1"),
-        phrase=phrases.coupling,
+        phrase=coupling,
         advice="give it as gears in the robot's file",
         columns=gear_couplings,
         is_stated=False,
@@ -130,7 +270,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     *READINGS,
     Hypothesis(
         SCALE,
-        phrase=phrases.scale,
+        phrase=scale,
         advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of the robot",
         search=find_misreading,
     ),
@@ -139,7 +279,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         "compliance",
         ("torsion", "gear", "base"),
         Size(math.inf, math.inf, unit="rad/(N*m)", grows=True),
-        phrase=phrases.compliance,
+        phrase=compliance,
         advice="add it to the robot's file with a spring, and let elastid compare --search judge it",
         search=find_missing_springs,
     ),

@@ -62,8 +62,6 @@ POSTURES = 3  # that a phrase names
 SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
 FREE_MOTORS = "free the viscous friction of all motors, which its file lacks (fit.parameters: {fm_*: {}})"
 CHECK_OR_PRIOR = "check it, or give it a prior (fit.parameters: {{{name}: {{prior: {{std: {usual:g}}}}}}})"
-# Of a number of 0 that has none, being positive where it is free.
-CHECK_OR_START = "check it, or free it from another start (fit.parameters: {{{name}: {{start: {start:.2g}}}}})"
 
 
 @dataclass(frozen=True)
@@ -302,11 +300,8 @@ def number_phrase(index: ModificationIndex) -> str:
 def _advice(index: ModificationIndex, evidence: Evidence) -> str:
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
-    is_none = bool(index.members) and not index.log[0] and index.values[0] == 0 < index.changed[0]
     if _is_motor_friction(index):
         return FREE_MOTORS
-    if advice == CHECK_OR_PRIOR and is_none and hypothesis and hypothesis.size and hypothesis.size.log:
-        return CHECK_OR_START.format(name=index.name, start=index.changed[0])
     if not isinstance(advice, str):
         return advice(index, evidence.result)
     size = hypothesis and hypothesis.size

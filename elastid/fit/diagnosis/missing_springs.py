@@ -31,7 +31,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
-from elastid.fit.diagnosis.prediction import STEP_STD, evaluate, spread_out, squares, thinned
+from elastid.fit.diagnosis.prediction import AS_READ, evaluate, predict, spread_out, squares, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel
 from elastid.fit.problem.elastic import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
@@ -105,10 +105,11 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
             sprung = _with_spring(some, name, float(k), ratio, models, assembly)
             known = dict(zip(assembly.parameters.free_names, x.tolist(), strict=True))
             start = np.array([known.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
-            step, predicted = _damped_step(thinned(sprung), start)
-            if predicted < LIMITS.predicted_ratio * V:
-                end = np.clip(start + step, *sprung.parameters.x_bounds)
-                yield _Spring(name, float(k), ratio, end, predicted)
+            thin, every_one = thinned(sprung), np.ones(len(start), dtype=bool)
+            after = predict(AS_READ, evaluate(thin, start), thin.prior_slopes, every_one)
+            if after.cost < LIMITS.predicted_ratio * V:
+                end = np.clip(start + after.step, *sprung.parameters.x_bounds)
+                yield _Spring(name, float(k), ratio, end, after.cost)
 
 
 def _models(evidence: Evidence, held: HeldModel, responses: Sequence[Response]) -> list[LinearModel]:
@@ -157,16 +158,6 @@ def _with_spring(
     kernels = (kernel_of(m, parameters, p.kernel.freq_hz) for p, m in zip(fit.parts, models, strict=True))
     parts = tuple(replace(part, kernel=kernel) for part, kernel in zip(fit.parts, kernels, strict=True))
     return ElasticFit(parameters, parts, moved_inertias(parameters, assembly.linearisation.model.robot))
-
-
-def _damped_step(fit: ElasticFit, x: FloatArray) -> tuple[FloatArray, float]:
-    """A Gauss-Newton step (n_x + 1,) with a prior that keeps it near, and V after it."""
-    now = fit.evaluate(x)
-    if not math.isfinite(now.cost):
-        return np.zeros(len(x)), math.inf
-    near = now.cost / max(fit.n_residuals, 1) / STEP_STD**2
-    step = -np.linalg.solve(now.hessian / 2 + max(near, 1e-300) * np.eye(len(x)), now.gradient / 2)
-    return np.asarray(step), now.cost + float(step @ (now.gradient + now.hessian @ step / 2))
 
 
 def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> ModificationIndex | None:

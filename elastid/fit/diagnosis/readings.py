@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, product
@@ -29,6 +30,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores
 from elastid.fit.diagnosis.prediction import (
     AS_READ,
@@ -75,23 +77,29 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     """The indices with the best reading, and the names of those that cannot be distinguished from it."""
     if not evidence.is_unexplained:
         return indices
-    optimum, result = evidence.optimum, evidence.result
+    optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     fit, x = thinned(optimum.fit), optimum.end.x
     every = np.ones(len(x), dtype=bool)
     costs = np.array(squares(evaluate(fit, x)))
+    starts = [(fit, x, ~result.at_bound)]
+    with suppress(ElastidError):  # no robot stands there
+        file = thinned(assembly.at(assembly.parameters.x, assembly.spec.criterion))
+        # A fit of responses that were read wrongly may have moved the numbers of the file far within their tolerances.
+        starts.append((file, assembly.parameters.x, np.array([not p.tolerated for p in assembly.parameters.free])))
     predicted = [  # V of every reading after one step from each start
-        (predict(reading, evaluated, fit.prior_slopes, free).cost, reading, start)
-        for start, free in ((x, ~result.at_bound), (fit.parameters.x, every))
-        for evaluated in (evaluate(fit, start),)
+        (predict(reading, evaluated, problem.prior_slopes, free).cost, reading, (problem, start, free))
+        for problem, start, free in starts
+        for evaluated in (evaluate(problem, start),)
         for hypothesis in evidence.hypotheses
         for reading in (hypothesis.changes(evaluated, costs) if hypothesis.changes is not None else ())
     ]
     followed: dict[str, tuple[float, FloatArray, Reading]] = {}
-    for cost, reading, start in sorted(predicted, key=lambda trial: trial[0]):
+    for cost, reading, (problem, start, free) in sorted(predicted, key=lambda trial: trial[0]):
         if len(followed) >= LIMITS.followed or cost > LIMITS.predicted_ratio * costs.sum():
             break
         if reading.name not in followed:
-            followed[reading.name] = (*settle(reading, fit, start, every), reading)
+            near = settle(reading, problem, start, free)[1]
+            followed[reading.name] = (*settle(reading, problem, near, every), reading)
     noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)
     as_read = min(float(costs.sum()), scores.cost * fit.n_residuals / max(optimum.fit.n_residuals, 1))
     excess = max(as_read - noise, 1e-300)

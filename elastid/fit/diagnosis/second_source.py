@@ -6,8 +6,8 @@ The fit to the motors' responses alone, x_m with covariance C, and the residuals
 
 by a few damped steps of Gauss and Newton. Where T, or the factor by which all that the source measured is larger, is
 beyond chance, they disagree. The cause is that factor, c in r - c W y, where it explains more than half of T; of
-responses at the tool it may be another reading of force and motion (sign, axis, quantity, motors that were not as
-stated). Else the reading that is farthest off is named.
+responses at the tool it may be another reading of force and motion (sign, quantity, motors that were not as stated).
+Else the reading that is farthest off is named.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import permutations
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -49,6 +48,8 @@ class Limits:
 
 
 LIMITS = Limits()
+_KEPT = "the numbers are those of the motors' responses alone"
+_BOTH = ", and their intervals contain those of both together"
 # r (n,) and its slopes (n, n_z) at x (n_x,) along a root of C, with a factor 1 + c, None without one, by parts.
 Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float | None], Iterable[tuple[FloatArray, FloatArray]]]
 
@@ -191,24 +192,6 @@ def _softer_or_stiffer(by: float) -> str:
     return f"all springs are {does}, or the loads or the gauge are in another scale"
 
 
-def contradiction(static: StaticAgreement) -> str:
-    """The disagreement with its cause."""
-    return f"static load tests contradict the responses: {static.words}; {static.cause}"
-
-
-def static_notes(result: Result) -> tuple[Note, ...]:
-    """A warning where load tests contradict the responses."""
-    if result.static is None or not result.static.disagrees:
-        return ()
-    return (
-        Note(
-            "fit/loads",
-            f"{contradiction(result.static)}; the numbers are those of the responses alone, and their intervals "
-            "contain those of both together",
-        ),
-    )
-
-
 def _tool_residuals(
     fit: ElasticFit, x: FloatArray, root: FloatArray, factor: float | None
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -286,34 +269,15 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
     for motors in ways:
         if any(G.motors != motors for G in responses):
             yield tuple(replace(G, motors=motors, loop=None) for G in responses), f"the motors were {motors}"
-    for axes in permutations("xyz"):
-        if "".join(axes) != "xyz" and (other := _along(responses, dict(zip("xyz", axes, strict=True)))) is not None:
-            yield other, f"the axes x, y and z of the force are {', '.join(axes)} of the robot's frame"
 
 
-def _along(responses: Sequence[Response], axes: dict[str, str]) -> tuple[Response, ...] | None:
-    """The same with forces along other axes of their frames; None where a force is none along an axis."""
-    names = [place.rpartition(" ") for G in responses for place in G.inputs]
-    if any(axis not in axes for _, _, axis in names):
-        return None
-    renamed = []
-    for G in responses:
-        parts = [place.rpartition(" ") for place in G.inputs]
-        renamed.append(replace(G, inputs=tuple(f"{head} {axes[axis]}" for head, _, axis in parts)))
-    return (
-        tuple(renamed) if any(new.inputs != old.inputs for new, old in zip(renamed, responses, strict=True)) else None
-    )
-
-
-def tool_contradiction(tool: ToolAgreement) -> str:
-    """The disagreement with its cause."""
-    return f"responses at the tool contradict those of the motors: {tool.words}; {tool.cause}"
-
-
-def tool_notes(result: Result) -> tuple[Note, ...]:
-    """A warning where responses at the tool contradict those of the motors."""
-    if result.tool is None or not result.tool.disagrees:
-        return ()
-    both = "" if result.tool.is_misread else ", and their intervals contain those of both together"
-    alone = f"the numbers are those of the motors' responses alone{both}"
-    return (Note("fit/tool", f"{tool_contradiction(result.tool)}; {alone}"),)
+def contradictions(result: Result) -> tuple[Note, ...]:
+    """Warnings where load tests, or responses at the tool, contradict the responses of the motors."""
+    notes = []
+    if result.static is not None and result.static.disagrees:
+        text = f"static load tests contradict the responses: {result.static.words}; {result.static.cause}"
+        notes.append(Note("fit/loads", f"{text}; {_KEPT}{_BOTH}"))
+    if result.tool is not None and result.tool.disagrees:
+        text = f"responses at the tool contradict those of the motors: {result.tool.words}; {result.tool.cause}"
+        notes.append(Note("fit/tool", f"{text}; {_KEPT}{'' if result.tool.is_misread else _BOTH}"))
+    return tuple(notes)

@@ -33,33 +33,24 @@ from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
-from elastid.fit.diagnosis.second_source import contradiction, tool_contradiction
+from elastid.fit.diagnosis.second_source import contradictions
 from elastid.fit.result import DISTORTED, DOUBTED, ModificationIndex, Result, Status, largest_by_chance
 from elastid.fit.solve.solvers import DAMPING_UNITS
 from elastid.parameters import Parameters
 from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED
 
-
-@dataclass(frozen=True)
-class BoundLimits:
-    """Thresholds of notes on bounds."""
-
-    near: float = 1e-4  # share of a range within which x is at its bound
-    starts: float = 0.5  # share of those that end at a bound
-
-
-BOUNDS = BoundLimits()
+NEAR_BOUND = 1e-4  # share of a range within which x is at its bound
 
 
 def at_bound(parameters: Parameters, x: FloatArray) -> BoolArray:
     """True for each free parameter (n_x,) that ended at a bound."""
     lower, upper = parameters.x_bounds
-    reach = BOUNDS.near * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    reach = NEAR_BOUND * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
     return np.asarray((x - lower < reach) | (upper - x < reach))
 
 
 def bound_notes(result: Result) -> Iterator[Note]:
-    """On parameters that ended at a bound, and on bounds at which most starts ended, the best one not among them."""
+    """On parameters that ended at a bound."""
     for i in np.flatnonzero(result.at_bound):
         parameter, x = result.parameters.free[i], float(result.x[i])
         low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
@@ -72,15 +63,6 @@ def bound_notes(result: Result) -> Iterator[Note]:
         )
         text = f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}: {advice}"
         yield Note("fit/at-bound", text)
-    ends = [start.x for start in result.starts if math.isfinite(start.cost)]
-    if len(ends) < 3 or result.has_tolerances:  # those ended with the file's numbers
-        return
-    share = np.mean([at_bound(result.parameters, x) for x in ends], axis=0)
-    for name, part, held in zip(result.parameters.free_names, share, result.at_bound, strict=True):
-        if part > BOUNDS.starts and not held:
-            often = f"in {round(100 * part)} % of the starts"
-            text = f"{name} ended at a bound {often}: widen its bounds, or start it elsewhere"
-            yield Note("fit/at-bound", text)
 
 
 @dataclass(frozen=True)
@@ -149,10 +131,8 @@ def with_status(evidence: Evidence) -> Result:
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}{likeliest}")
     if misfit := _by_held_number(evidence):
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}")
-    if result.static is not None and result.static.disagrees:
-        return ended("misfit", f"{held[1:]}{' ' if held else ''}{contradiction(result.static)}")
-    if result.tool is not None and result.tool.disagrees:
-        return ended("misfit", f"{held[1:]}{' ' if held else ''}{tool_contradiction(result.tool)}")
+    for note in contradictions(result)[:1]:
+        return ended("misfit", f"{held[1:]}{' ' if held else ''}{note.text}")
     doubted = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(DOUBTED)]
     but = f", though {', '.join(doubted)} {'are' if len(doubted) > 1 else 'is'} {DOUBTED}" if doubted else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"

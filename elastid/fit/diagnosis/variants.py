@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeAlias
@@ -40,12 +41,9 @@ class Limits:
     residuals: int = 2_000  # of the fit of a variant
     left: float = 1e-3  # of a payload that is not carried
     iterations: int = 30  # of a fit with a load
-    rounds: int = 5  # of linearisations, in which a load is found
-    settled: float = 0.99  # of V of the round before, from which on there is no further one
+    rounds: int = 4  # of linearisations, in which a load is found
     load_radius: float = 0.1  # of gyration of a load at the start, m
-    mass_std: float = 1.0  # of the logarithm of its mass about its linear step
-    inertia_std: float = 1.5  # of that of its inertia about the start
-    place_std: float = 0.5  # m
+    load_std: float = 1.0  # of the logarithms of its mass and inertia about the start, and of its place in m
 
 
 LIMITS = Limits()
@@ -58,30 +56,32 @@ def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: 
     is_explained = explained > LIMITS.explained_share and not any(i.group == SCALE for i in indices)
     if not evidence.is_unexplained or is_explained:
         return indices
-    # V that the file's own robot reaches from the study's start is no merit of a variant.
-    own = _judged((_named("", ""), evidence.assembly), evidence, scores)[0]
     judged = sorted((_judged(each, evidence, scores) for each in _variants(evidence)), key=lambda trial: trial[1])
-    first = judged[0][0] if judged else own
-    equal = tuple(index.name for index, V in judged[1:] if LIMITS.cost_ratio * judged[0][1] > V)
-    drop, share = first.drop - max(own.drop, 0.0), first.share - max(own.share, 0.0)
-    found = [replace(first, drop=drop, share=share, alike=equal)]
-    if max(explained, share) <= LIMITS.explained_share:
-        found += _with_load(evidence, scores)
+    # V that the file's own robot reaches from the study's start is no merit of a variant.
+    as_stated = min(_judged((_named("", ""), evidence.assembly), evidence, scores)[1], scores.cost)
+    first, least = judged[0]
+    found = []
+    if as_stated - least > LIMITS.share * (as_stated - scores.noise):
+        equal = tuple(index.name for index, V in judged[1:] if LIMITS.cost_ratio * least > V)
+        found.append(replace(first, alike=equal))
+    if max(explained, *(index.share for index in found), 0.0) <= LIMITS.explained_share:
+        found += [index for index in _with_load(evidence, scores) if index.share > LIMITS.share]
     shares = {index.name: index.share for index in indices}
-    better = {i.name: i for i in found if i.share > max(LIMITS.share, shares.get(i.name, 0.0))}
+    better = {i.name: i for i in found if i.share > shares.get(i.name, 0.0)}
     return [*(index for index in indices if index.name not in better), *better.values()]
 
 
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
-    """The index of a variant, and V of all lines at the optimum that a few steps reach from the start."""
+    """The index of a variant, and V of all lines at the best optimum that a few steps reach."""
     index, assembly = variant
-    cost, x = math.inf, assembly.parameters.x
-    try:
-        fit = thinned(assembly.at(x, assembly.spec.criterion), LIMITS.residuals)
-        cost, x = settle(AS_READ, fit, x, np.ones(len(x), dtype=bool))
-        cost *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
-    except ElastidError:  # no robot stands there
-        pass
+    cost, x, parameters = math.inf, assembly.parameters.x, assembly.parameters
+    asked = np.array([not p.tolerated for p in parameters.free])
+    for start in (parameters.x, np.where(asked, evidence.optimum.end.x, parameters.x)):
+        with suppress(ElastidError):  # no robot stands there
+            fit = thinned(assembly.at(start, assembly.spec.criterion), LIMITS.residuals)
+            V, end = settle(AS_READ, fit, start, np.ones(len(start), dtype=bool))
+            V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
+            cost, x = min((cost, x), (V, end), key=lambda each: each[0])
     return _against(index, cost, x, evidence, scores), cost
 
 
@@ -243,10 +243,10 @@ def _carrying(
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
     robot = replace(own.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
     numbers = (
-        Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.mass_std)),
-        *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.place_std))
+        Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.load_std)),
+        *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.load_std))
           for n, v in zip(names, place, strict=True)),
-        Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.inertia_std)),
+        Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
     )  # fmt: skip
     file, known = own.parameters, dict(zip(own.parameters.free_names, evidence.result.x.tolist(), strict=True))
     every = {p.name: p for p in (*file, *numbers)}
@@ -254,16 +254,13 @@ def _carrying(
     parameters = Parameters((*in_order, *every.values()))
     asked = {p.name for p in file.free if not p.tolerated}
     x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
-    cost = math.inf
     try:
         assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
         for _ in range(LIMITS.rounds):
             fit = assembly.at(x, criterion)
             _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
-            before, cost = cost, assembly.at(x, criterion).evaluate(x).cost
-            if not cost < LIMITS.settled * before:
-                break
+        cost = assembly.at(x, criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
         return None
     values = dict(zip(parameters.free_names, x.tolist(), strict=True))

@@ -35,14 +35,6 @@ class Evaluation:
     hessian: FloatArray
 
 
-def moved_in_std(measured: Evaluation, other: Evaluation) -> FloatArray:
-    """By how many standard deviations (n_x,) the optimum of the measured data is beside that of others, at one x."""
-    size = np.sqrt(np.maximum(np.diag(other.hessian), 1e-300))
-    inverse = np.linalg.pinv(other.hessian / np.outer(size, size), rcond=1e-12) / np.outer(size, size)
-    std = np.sqrt(2 * np.maximum(np.diag(inverse), 1e-300))
-    return np.asarray(inverse @ (other.gradient - measured.gradient) / std)
-
-
 @dataclass(frozen=True)
 class LeastSquares:
     """parameters: names, scale, bounds, start.  evaluate(x): all that Gauss-Newton needs, the Jacobian never stacked.

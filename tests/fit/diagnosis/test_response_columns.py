@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from plants.faults import CONFIGURATIONS, FREQ_HZ, SPEC, Case, drawn, exact, true_case
 
-from elastid.fit.diagnosis.response_columns import gear_ratios
-from elastid.fit.diagnosis.sensitivities import HeldResponse
+from elastid.fit.diagnosis.sensitivities import HeldResponse, gear_ratios
 from elastid.fit.identify import identify
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -21,7 +20,6 @@ from elastid.record import Configuration
 from elastid.robot import Robot
 
 SOFT = 0.95
-AXIS = (0.0, 0.6, 0.8)  # of a rotor that rides on the upper arm
 
 
 def with_soft_day(case: Case) -> Case:
@@ -62,14 +60,13 @@ def test_a_cause_is_named_first_with_its_size(fault: Callable[[Case], Case], nam
         assert index.steps[0] == pytest.approx(step, rel=0.2)
 
 
-@pytest.mark.parametrize("carrier", ["", "upper"])
-def test_the_slope_to_a_ratio_is_that_between_robots_of_two_ratios(carrier: str) -> None:
-    """Also of a rotor that turns with the body that it rides on; logs are on the link side by the ratio of the file."""
+def test_the_slope_to_a_ratio_is_that_between_robots_of_two_ratios() -> None:
+    """Logs are on the link side by the ratio of the file."""
     step, turns, carried = 1e-4, np.diag([0.0, 1.0]), true_case().truth
 
     def linear(ratio: float) -> tuple[Robot, LinearModel]:
         joint = carried.bodies[1].joints[0]
-        motor = replace(joint.motor, inertia=0.1, ratio=5 * ratio, on=carrier, axis=AXIS if carrier else None)
+        motor = replace(joint.motor, inertia=0.1, ratio=5 * ratio)
         fore = replace(carried.bodies[1], joints=(replace(joint, motor=motor), *carried.bodies[1].joints[1:]))
         robot = replace(carried, bodies=(carried.bodies[0], fore, *carried.bodies[2:]))
         model = serial(robot)

@@ -177,14 +177,13 @@ def test_unequal_factors_keep_honest_intervals():
     assert np.mean(inside) > 0.9
 
 
-@pytest.mark.parametrize("loss", ["huber", "soft_l1"])
-def test_robust_losses_shrug_off_outliers(loss):
+def test_a_robust_loss_shrugs_off_outliers():
     """One line in twenty is off by half of G: least squares goes astray, the robust estimate stays ten times nearer."""
     model, rng = plant((0, 2)), np.random.default_rng(7)
     response = measured(model, noise_of("relative", model) / 5, rng)
     spoilt = rng.random(response.G.shape) < 0.05
     response = replace(response, G=response.G * np.where(spoilt, 1.5 * np.exp(0.5j), 1.0))
-    spec = WeightSpec(floor=0.0, loss=loss)
+    spec = WeightSpec(floor=0.0, loss="huber")
     weights = weigh(response, FitSpec(weights=spec))
     x = parameters().x
     errors = []
@@ -193,7 +192,7 @@ def test_robust_losses_shrug_off_outliers(loss):
         x = solve(fit.problem, x).x
         errors.append(np.abs(x - parameters().x).max())
         plain = weigh(response, FitSpec(weights=spec))
-        factor = robust_factors(elastic_fit([response], [model], [plain], parameters(), "complex"), [plain], x, spec)
+        factor = robust_factors(elastic_fit([response], [model], [plain], parameters(), "complex"), [plain], x)
         weights = replace(plain, factor=factor[0])
     assert errors[-1] < errors[0] / 5
     assert np.median(weights.factor[spoilt]) < 0.2 < 0.8 < np.median(weights.factor[~spoilt])
