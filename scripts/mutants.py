@@ -143,7 +143,19 @@ def outcome(test: Path, mutant: MutantLoader | None) -> int:
 
     if mutant is not None:
         sys.meta_path.insert(0, mutant)
-    options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not slow", "-o", "addopts="]
+    options = [
+        "-x",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:xdist",
+        "-m",
+        "not slow",
+        "-o",
+        "addopts=",
+        "--assert=plain",
+    ]
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         code = pytest.main([*options, "--doctest-modules", str(test)])
     return 0 if code == pytest.ExitCode.NO_TESTS_COLLECTED else int(code)
