@@ -1,4 +1,4 @@
-r"""Records from which effects of gears cannot be found, effects that are hidden or alike, and bounds of the others.
+r"""Records from which effects of gears cannot be found, effects that are hidden, and bounds of the others.
 
 How large each effect that was not found could be without having been seen:
 
@@ -40,7 +40,6 @@ COARSE, COUNT = 0.1, 0.025
 UNSETTLED = 0.1
 # Names of modification indices that make a channel late.
 _LATE = ("delay", "low_pass", "hold", "difference", "torque_lag", "sensor_lag")
-_SAME = 0.95  # correlation from which two effects cannot be told apart
 LOST = "stiffness, damping and friction stay those of the linear fit"
 HYSTERESIS = ("stop", "bristle")
 
@@ -154,23 +153,6 @@ def bent_notes(data: GearData, found: Levels) -> list[Note]:
     bent = dict.fromkeys(text.removeprefix(BENT).partition(" is ")[0].strip() for text in every)
     text = "its gear is no straight spring, and nothing of it was found: its stiffness is that of this amplitude"
     return [Note(BENT_STILL, text, f"joint {joint}") for joint in bent if joint not in laws]
-
-
-def alike_notes(found: Levels) -> list[Note]:
-    """Effects that were found and cannot be told apart, with the level of the first that is both."""
-    n, notes, std = len(found.x), list[Note](), found.std
-    for i, first in enumerate(found.effects):
-        for j, second in enumerate(found.effects[:i]):
-            shared = float(found.covariance[n + i, n + j])
-            if family_of(first) != family_of(second) and abs(shared) > _SAME * std[i] * std[j]:
-                unit = "" if first.unit == "1" else f" {first.unit}"
-                text = (
-                    f"{first.kind} and {second.kind} cannot be told apart in these records (correlation "
-                    f"{shared / (std[i] * std[j]):.3f}): together they are "
-                    f"{found.levels[i] - shared / std[j] ** 2 * found.levels[j]:.4g}{unit} of the first"
-                )
-                notes.append(Note("gears/effects-alike", text, f"joint {first.joint}"))
-    return notes
 
 
 def left(data: GearData, drives: Sequence[DriveLines], estimates: Sequence[Estimate], levels: FloatArray) -> float:

@@ -85,7 +85,7 @@ def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) 
     factor = np.linalg.cholesky(c * of_torque + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
     white = np.linalg.solve(factor, r)
     S = white @ white.conj().swapaxes(1, 2) / r.shape[2]
-    columns = [near_mean(column) for column in S.reshape(len(S), -1).T]
+    columns = [near_mean(column, 15) for column in S.reshape(len(S), -1).T]
     return np.asarray(factor @ np.stack(columns, axis=1).reshape(S.shape) @ factor.conj().swapaxes(1, 2))
 
 

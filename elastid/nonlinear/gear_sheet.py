@@ -33,7 +33,6 @@ from elastid.nonlinear.gear_levels import GearData, Levels
 from elastid.nonlinear.gear_limits import (
     HYSTERESIS,
     LOST,
-    alike_notes,
     bent_notes,
     coarse_encoders,
     family_of,
@@ -114,7 +113,6 @@ def open_gears(
         *preloaded,
         *rigid_gears([joint for joint in data.joints if joint not in elastic]),
         *bent_notes(data, found),
-        *alike_notes(found),
     )
     nothing_acts = [Estimate.start(each, drive, 0) for each, drive in zip(lines, drives, strict=True)]
     before = left(linear, drives, nothing_acts, np.zeros(0))

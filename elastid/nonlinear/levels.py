@@ -65,7 +65,7 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
             e, X = net.e[net.counts][:, motor], of_shapes[own]
             left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
             level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
-            w = np.sqrt(_weights(left, excited))[:, None]
+            w = np.sqrt(weights(left, excited))[:, None]
             e, X = w * e, w * X
             for m in range(M):
                 e_m, X_m = e[fold == m], X[:, fold == m]
@@ -127,12 +127,12 @@ def _folds(data: ConfigurationSpectra, net: Net, realisations: IntArray) -> IntA
     return np.broadcast_to((np.arange(F) * 4 * _BLOCKS // max(F, 1) % _BLOCKS)[:, None], (F, K))
 
 
-def _weights(power: FloatArray, excited: BoolArray) -> FloatArray:
+def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
     """1 / power (F,) of the residuals, each over neighbouring lines of the same kind."""
     smooth = np.empty_like(power)
     for kind in (excited, ~excited):
         if kind.any():
-            smooth[kind] = near_mean(power[kind], 9)
+            smooth[kind] = near_mean(power[kind])
     return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max(initial=0.0) + 1e-300))
 
 

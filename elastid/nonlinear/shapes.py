@@ -124,8 +124,10 @@ def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | No
     path: `path_of` the motion, if known.
     """
     memoryless = [(shape, level) for shape, level in taken if shape.is_memoryless]
-    means = np.repeat(steady(motion.by_sample[:, 0], memoryless)[:, None], CELLS, axis=1)
-    slow = np.flatnonzero(motion.slowest <= reach(memoryless))
+    steady = np.copysign(sum(level for shape, level in memoryless if shape.kind == "sign"), motion.by_sample[:, :1])
+    means = np.repeat(steady, CELLS, axis=1)
+    # Faster than some of their thresholds memoryless shapes are 1 or 0, to 1e-4.
+    slow = np.flatnonzero(motion.slowest <= 5 * max((shape.threshold for shape, _ in memoryless), default=0.0))
     if memoryless and len(slow):
         means[slow] = sliding_means(motion.by_sample[slow], memoryless)
     for shape, level in taken:
@@ -139,16 +141,6 @@ def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | No
 def spectrum(means: ComplexArray, n: int) -> ComplexArray:
     """Transform (n // 2 + 1,) of a torque at lines of n samples, in samples, by the DFT of its means in their cells."""
     return means[: n // 2 + 1] * _between_cells(n, n // 2 + 1)
-
-
-def reach(taken: Taken) -> float:
-    """The speed beyond which memoryless shapes are 1 or 0, to 1e-4."""
-    return max(((5.0 if shape.kind == "sign" else 3.5) * shape.threshold for shape, _ in taken), default=0.0)
-
-
-def steady(velocity: FloatArray, taken: Taken) -> FloatArray:
-    """Memoryless friction (n,) at velocities (n,) beyond its reach."""
-    return np.copysign(sum(level for shape, level in taken if shape.kind == "sign"), velocity)
 
 
 def sliding_means(velocity: FloatArray, taken: Taken) -> FloatArray:
