@@ -160,7 +160,7 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: dict[Kind, fl
     tie = sum(lines.Y.size for lines in data.lines)
 
     def tried(before: Levels, effects: tuple[GearEffect, ...], limit: float) -> Levels:
-        trial = find_levels(data, before, effects, LIMITS.rounds, limit, _ROUGH, kept)
+        trial = find_levels(data, before, effects, LIMITS.rounds, _ROUGH, kept)
         return trial if trial.lack > limit else _pruned(data, trial)
 
     trials = [found]

@@ -30,14 +30,11 @@ from elastid.response import Response
 
 _ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation, and
 _OF_SCALES, _OF_TURNING = 5.0, 15.0  # times it a scale, which levels hardly follow, and that of a velocity least
-_FALLS = 3.0  # times its last fall, by which V still falls at most
 # Errors of the motion: where moves are far, in a search, and where what is found ends.
 _NEAR, _FAR, _CLOSE = (1e-3, 1e-4, 1e-5), 50.0, 2.0
 _STEP = 0.3  # of a scale, at most
 _SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
 _SEEN = 2.0  # standard deviations of a level, from which on its scale moves
-_HELD = 1e12  # times what is known of a scale, which then stays
-_KNOWN = 1.0  # of a scale: the standard deviation to which it is known without any record
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,14 +117,12 @@ def find_levels(
     start: Levels,
     effects: Sequence[GearEffect],
     rounds: int = _ROUNDS,
-    limit: float = np.inf,
     settled: float = MOVE,
     held: Collection[GearEffect] = (),
 ) -> Levels:
     """Parameters and levels of the effects from those of others, or of none (`start_levels`); 0 of those it has not.
 
-    limit: of the lack; where it would stay above that if it fell by a few times as much as in the last round, no
-    further round is taken.  settled: move below which none is, either.  held: effects whose scales stay.
+    settled: move below which no further round is taken.  held: effects whose scales stay.
     """
     parameters, x, n_x, n_f = start.parameters, start.x, len(start.x), len(effects)
     levels = start.levels_of(effects)
@@ -135,7 +130,7 @@ def find_levels(
     estimates = start.estimates_of(effects, sum(len(own) for own in scales))
     effects = _rescaled(effects, scales, np.zeros(len(scales)))
     move = start.move if start.effects == tuple(effects) else np.inf
-    lack, covariance, std = np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
+    covariance, std = np.zeros((0, 0)), np.zeros(n_x + n_f)
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
     held, last = np.zeros(len(scales)), np.zeros(len(scales))
     of_scales = np.array([_OF_SCALES if effects[own[0]].place == "gear" else _OF_TURNING for own in scales])
@@ -166,14 +161,13 @@ def find_levels(
         x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_SMALLER, _LARGER)), step[:n_x])
         levels = levels + step[n_x : n_x + n_f]
         effects = _rescaled(effects, scales, step[n_x + n_f :])
-        fall, lack = lack - sums.lack, sums.lack
-        if move < settled or lack - limit > _FALLS * max(fall, 0.0):
+        if move < settled:
             break
     scale_std = np.zeros(n_f)
     for own, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[own] = [relative * effects[i].scale for i in own]
     covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of(range(n_f)) for e in estimates)
-    end = tuple(effects), x, levels, covariance, count, move, lack
+    end = tuple(effects), x, levels, covariance, count, move, sums.lack
     return Levels(parameters, *end, estimated, tuple(drives), scale_std)
 
 
@@ -202,15 +196,15 @@ def _by_scales(
 def scale_priors(
     A: FloatArray, levels: FloatArray, std: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
-    """Weights (n_s,) of priors of the logarithms of scales; those of levels that are not seen stay.
+    """Weights (n_s,) of priors of the logarithms of scales, whose std is 1; those of levels that are not seen stay.
 
     A: normal matrix of parameters, levels and scales.  levels, std (n_f,), (n_x + n_f + ...): of the last round, which
     is the first where all std are 0.
     """
-    known = np.full(len(scales), _KNOWN**-2.0)
+    known = np.ones(len(scales))
     for s, own in enumerate(scales):
         if np.all(np.abs(levels[own]) < _SEEN * std[n_x:][own]):  # of next to nothing any scale will do
-            known[s] = _HELD * max(1.0, float(A[n_x + len(levels) + s, n_x + len(levels) + s]))
+            known[s] = 1e12 * max(1.0, float(A[n_x + len(levels) + s, n_x + len(levels) + s]))
     return known
 
 

@@ -35,7 +35,6 @@ from elastid.nonlinear.spectra import PeriodLines
 _AT_LINKS = 10.0
 _STEPS, _HALVINGS = 8, 5  # Newton's method
 _OF_FORCE = 10.0  # times the error of the motion, that of the force by it
-_FAR = 0.1  # error of a start over the motion, from which on that without forces is tried, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,7 +304,7 @@ def newton(
         return e, slope, float(np.sqrt(np.mean(e**2))), float(np.sqrt(np.mean(of_force**2))), force
 
     e, slope, left, of_force, force = error(x)
-    if left > _FAR and (at_0 := error(x_0))[2] < left:
+    if (at_0 := error(x_0))[2] < left:
         x, (e, slope, left, of_force, force) = x_0, at_0
     for _ in range(_STEPS):
         if max(left, of_force / _OF_FORCE) < near:
