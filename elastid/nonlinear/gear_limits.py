@@ -121,21 +121,6 @@ def gear_torque(lines: PeriodLines, drive: DriveLines, j: int) -> FloatArray:
     return np.asarray(lines.fine(of_motion) + drive.torque[j])
 
 
-def preloads(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -> list[Note]:
-    """Joints whose gear never changes the sign of its torque, so that it never crosses its lost motion."""
-    notes = []
-    for j, joint in enumerate(drives[0].joints):
-        torques = [gear_torque(lines, drive, j) for lines, drive in zip(data, drives, strict=True)]
-        if all(tau.min() > 0 or tau.max() < 0 for tau in torques):
-            text = (
-                "gravity preloads its gear, whose torque never goes through 0 in the records, where lost motion shows: "
-                "it is neither found nor bounded; measure a posture in which gravity loads the joint less, or with "
-                "more torque"
-            )
-            notes.append(Note("gears/left-out", text, f"joint {joint}"))
-    return notes
-
-
 def rigid_gears(joints: Sequence[str]) -> list[Note]:
     """Gears of which the model has no deflection, and so the friction of their motors alone."""
     text = (

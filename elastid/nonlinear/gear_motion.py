@@ -245,20 +245,17 @@ class _Problem:
         """Motion of a joint in an experiment from its estimate q (F, n), unknowns x (n_x, n) and forces by them."""
         lines, drive, signals = self.lines, self.drive, self.signals
         motor, gear, link = (q @ drive.directions(place, j) for place in ("motor", "gear", "link"))
-        error = self._error(q, j, m)
-        deflection = lines.fine(gear[None])[0] + self._rest(m)[j] + error
-        if ("gear", j) in signals:
-            deflection = x[signals.index(("gear", j))]
-        velocity, link_velocity = lines.fine(np.stack([lines.s * motor, lines.s * link]))
-        if ("motor", j) in signals:
-            velocity = x[signals.index(("motor", j))]
-        if ("link", j) in signals:
-            link_velocity = x[signals.index(("link", j))]
-        torque = drive.k[j] * deflection + drive.d[j] * lines.fine((lines.s * gear)[None])[0]
+        amplitudes = np.stack([gear, lines.s * gear, lines.s * motor, lines.s * link])
+        swing, slope, velocity, link_velocity = lines.fine(amplitudes)
+        known: dict[Place, FloatArray] = {
+            "gear": swing + self._rest(m)[j] + self._error(q, j, m), "motor": velocity, "link": link_velocity,
+        }  # fmt: skip
+        known |= {place: each for (place, joint), each in zip(signals, x, strict=False) if joint == j}
+        torque = drive.k[j] * known["gear"] + drive.d[j] * slope
         if ("gear", j) in signals:
             torque = torque + force[signals.index(("gear", j))]
-        return GearMotion(self._angle(q, j, m), velocity, link_velocity, deflection, torque, float(drive.ratios[j]),
-                          float(drive.k[j]), float(drive.d[j]))  # fmt: skip
+        of_joint = float(drive.ratios[j]), float(drive.k[j]), float(drive.d[j])
+        return GearMotion(self._angle(q, j, m), known["motor"], known["link"], known["gear"], torque, *of_joint)
 
 
 @dataclass(frozen=True, eq=False)

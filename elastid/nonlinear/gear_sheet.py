@@ -39,7 +39,6 @@ from elastid.nonlinear.gear_limits import (
     gear_torque,
     left,
     level_bounds,
-    preloads,
     refusal,
     rigid_gears,
 )
@@ -96,10 +95,7 @@ def open_gears(
         unseen = np.concatenate([taken_out_error(found.parameters), _LEVEL_ERROR * found.levels])
         found = replace(found, covariance=found.covariance + np.diag(unseen**2))
     execution.progress(2, 3)  # the search takes about two thirds of the time
-    preloaded = preloads(data.lines, found.drives)
-    hidden = [note.place.removeprefix("joint ") for note in preloaded]
-    every = level_bounds(data, found, gears.orders).items()
-    bounds = {group: bound for group, bound in every if group[0].kind != "gap" or group[0].joint not in hidden}
+    bounds = level_bounds(data, found, gears.orders)
     execution.progress(3, 3)
     pairs = [*zip(data.lines, found.drives, strict=True)]
     peaks = [max(float(np.abs(gear_torque(*pair, j)).max()) for pair in pairs) for j in range(len(data.joints))]
@@ -110,7 +106,6 @@ def open_gears(
     )
     notes = (
         *coarse_encoders(data.lines, drives),
-        *preloaded,
         *rigid_gears([joint for joint in data.joints if joint not in elastic]),
         *bent_notes(data, found),
     )
@@ -346,6 +341,8 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
     ):  # within the records it does not reach its level where it bends over more than they bend the gear
         bound *= min(1.0, reach / effect.scale)
     if word == "gap":
+        if bound > k:  # of a gear that never crosses it
+            return []
         bound *= 2 * effect.scale / k
     if word == "cubic":
         bound *= abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) / (k * reach)

@@ -26,7 +26,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.nonlinear.motion import motion_of, near_mean
 from elastid.nonlinear.shapes import Kind, Shape
-from elastid.nonlinear.spectra import ConfigurationSpectra, Net, taken
+from elastid.nonlinear.spectra import ConfigurationSpectra, taken
 from elastid.record import Record
 
 _BLOCKS = 5  # of lines, which replace realisations where there is one
@@ -56,13 +56,13 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
     A, b, c = np.zeros((M, n_f, n_f)), np.zeros((M, n_f)), np.zeros((M, n_m))
     level, shares = np.zeros((len(data), n_m)), np.ones(len(data))
     for i, spectra in enumerate(data):
-        net = spectra.net(taken(levels, spectra.Phi, motor_of, n_m))
-        excited = spectra.excited[net.counts]
+        e_c, X_c, counts = spectra.net(taken(levels, spectra.Phi, motor_of, n_m))
+        excited, e_c, of_shapes = spectra.excited[counts], e_c[counts], np.moveaxis(X_c[counts], 1, 0)
         shares[i] = 1 - n_m / spectra.U.shape[2] * excited.mean() if excited.size else 1.0
-        fold, of_shapes = _folds(spectra, net, realisations), np.moveaxis(net.X[net.counts], 1, 0)
+        fold = _folds(spectra, len(excited), realisations)
         for motor in range(n_m):
             own = np.flatnonzero(motor_of == motor)
-            e, X = net.e[net.counts][:, motor], of_shapes[own]
+            e, X = e_c[:, motor], of_shapes[own]
             left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
             level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
             w = np.sqrt(weights(left, excited))[:, None]
@@ -119,9 +119,9 @@ def held_out(
     return left
 
 
-def _folds(data: ConfigurationSpectra, net: Net, realisations: IntArray) -> IntArray:
+def _folds(data: ConfigurationSpectra, F: int, realisations: IntArray) -> IntArray:
     """The fold (F, K) of each residual at the lines that count."""
-    F, K = int(net.counts.sum()), data.U.shape[2]
+    K = data.U.shape[2]
     if len(realisations) > 1:
         return np.broadcast_to(np.searchsorted(realisations, data.realisation), (F, K))
     return np.broadcast_to((np.arange(F) * 4 * _BLOCKS // max(F, 1) % _BLOCKS)[:, None], (F, K))

@@ -185,4 +185,5 @@ def test_lost_motion_is_the_way_between_the_flanks() -> None:
     bound = sheet({}, bounds={GearEffect("gap", "1", 2e-4): 0.1 * K}).number("lost_1")
     assert bound is not None
     assert bound.bound == pytest.approx(4e-5)
+    assert sheet({}, bounds={GearEffect("gap", "1", 2e-4): 1e3 * K}).number("lost_1") is None  # it is never crossed
     assert sheet({GearEffect("gap", "1", 2e-4): K}).number("k_1").meaning == "stiffness beyond the gap"
