@@ -24,7 +24,7 @@ from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.friction.operators import Path, bristle, stop
-from elastid.nonlinear.shapes import Shape, sliding_means
+from elastid.nonlinear.friction import Shape, sliding_means
 
 Signal = TypeVar("Signal", FloatArray, BoolArray)
 

@@ -24,8 +24,8 @@ from itertools import product
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.nonlinear.friction import Kind, Shape
 from elastid.nonlinear.motion import motion_of, near_mean
-from elastid.nonlinear.shapes import Kind, Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra, taken
 from elastid.record import Record
 

@@ -17,9 +17,8 @@ from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
+from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes
 from elastid.nonlinear.motion import CELLS, motion_of
-from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape, amplitudes
 from elastid.record import Configuration, Motion, Record
 
 _MIN_SINGULAR = 1e-9  # of the torques, over the largest singular value
