@@ -1,24 +1,31 @@
-"""The effects of a robot's gears that its records show, by cross-validation over realisations.
+r"""The effects of a robot's gears that its records show, by cross-validation over realisations.
 
 The normal equations of parameters and levels are summed up for each realisation, along the motion under the effects
 found so far. Of the candidates, a group (a sine with its cosine) is added while it lowers V in realisations to which
 its levels were not fitted. Parameters, levels and motion are then found again, until no group is added. Levels below
-three of their standard deviations are left out.
+three of their standard deviations are left out. How large each effect that was not found could be without having been
+seen:
+
+.. math:: f < \max(\hat f, 0) + 1.645\, \sigma_f \quad (95\,\%)
+
+f and its standard deviation by one Gauss-Newton step of parameters, found levels and the effect in question together,
+along the motion under the effects that were found. Of a sine with its cosine the amplitude.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.statistics import ONE_SIDED_95
 from elastid.nonlinear.drives import elastic_joints
 from elastid.nonlinear.effects import GearEffect, Kind
 from elastid.nonlinear.gear_levels import GearData, Levels, NormalEquations, find_levels, start_levels
-from elastid.nonlinear.levels import greedy, held_out
+from elastid.nonlinear.levels import greedy, held_out, inverse
 from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
 from elastid.robot import Robot
@@ -273,3 +280,36 @@ def bent_gears(data: GearData, robot: Robot) -> set[str]:
     """Joints with gears that are no straight springs, in any configuration."""
     pairs = zip(data.lines, data.responses, strict=True)
     return {bend.joint for lines, G in pairs for bend in find_bends(lines, G.inputs, robot)}
+
+
+# Of kinds that are one effect in several shapes.
+_FAMILIES = {"progressive": "cubic", "range": "cubic", "bristle": "stop"}
+
+
+def family_of(effect: GearEffect) -> tuple[str, str, float]:
+    """Kind in general, joint, and order of what is periodic: shapes of one effect have the same."""
+    word = effect.kind.split()[0]
+    order = effect.scale if word in ("error", "ripple") else 0.0
+    return _FAMILIES.get(word, word), effect.joint, order
+
+
+def level_bounds(data: GearData, found: Levels, orders: Iterable[float]) -> dict[Group, float]:
+    """How large each candidate group could be, none of whose family is among the effects that were found.
+
+    data: as the effects were found in.
+    """
+    families = {family_of(effect) for effect in found.effects}
+    every = candidate_groups(data, found, bent=data.joints, orders=tuple(orders))
+    groups = [group for group in every if family_of(group[0]) not in families]
+    sums, (A, b) = data.sums_with(found, [effect for group in groups for effect in group])
+    A, b = A + sums.A.sum(axis=0), b + sums.b.sum(axis=0)
+    bounds, n = dict[Group, float](), len(found.x) + len(found.levels)
+    first = n
+    for group in groups:
+        chosen = [*range(n), *range(first, first + len(group))]
+        covariance = inverse(A[np.ix_(chosen, chosen)])
+        step = (covariance @ b[chosen])[n:]
+        size = float(max(step[0], 0.0) if group[0].brakes else np.hypot.reduce(step))
+        bounds[group] = size + ONE_SIDED_95 * float(np.sqrt(np.diag(covariance)[n:].max()))
+        first += len(group)
+    return bounds

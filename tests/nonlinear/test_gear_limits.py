@@ -14,8 +14,8 @@ from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.nonlinear.drives import DriveLines
 from elastid.nonlinear.gear_levels import GearData
-from elastid.nonlinear.gear_limits import LOST, coarse_encoders, difference, left, refusal
 from elastid.nonlinear.gear_motion import Estimate
+from elastid.nonlinear.gear_sheet import LOST, coarse_encoders, difference, left, refusal
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameter, Parameters
 from elastid.response import Response
