@@ -24,7 +24,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.statistics import ONE_SIDED_95
 from elastid.nonlinear.drives import elastic_joints
 from elastid.nonlinear.effects import GearEffect, Kind
-from elastid.nonlinear.gear_levels import GearData, Levels, NormalEquations, find_levels, start_levels
+from elastid.nonlinear.gear_levels import SEEN, GearData, Levels, NormalEquations, find_levels, start_levels
 from elastid.nonlinear.levels import greedy, held_out, inverse
 from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
@@ -39,7 +39,6 @@ class Limits:
 
     gain: float = 12.0  # of V of realisations that the levels were not fitted to, by which a group must lower it
     share: float = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
-    std: float = 3.0  # of a level, below which it is left out at the end
     trifle: float = 0.02  # of the largest torque of the joint's effects: shapes are not known better
     rounds: int = 8  # of the search, and of a law that is compared: one that is wrong may never end
     period: float = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
@@ -233,7 +232,7 @@ def _pruned(data: GearData, found: Levels) -> Levels:
     of_group: dict[tuple[str, str, float], float] = {}
     for effect, z in zip(found.effects, size.tolist(), strict=True):
         of_group[effect.family] = max(of_group.get(effect.family, -np.inf), z if effect.brakes else abs(z))
-    keep = np.array([of_group[effect.family] >= LIMITS.std for effect in found.effects], bool)
+    keep = np.array([of_group[effect.family] >= SEEN for effect in found.effects], bool)
     is_pair = np.array([effect.kind.endswith("sine") for effect in found.effects], bool)
     keep &= is_pair | (power > LIMITS.trifle**2 * largest)
     if keep.all():

@@ -34,7 +34,7 @@ _OF_SCALES, _OF_TURNING = 5.0, 15.0  # times it a scale, which levels hardly fol
 _NEAR, _FAR, _CLOSE = (1e-3, 1e-4, 1e-5), 50.0, 2.0
 _STEP = 0.3  # of a scale, at most
 _SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
-_SEEN = 2.0  # standard deviations of a level, from which on its scale moves
+SEEN = 3.0  # standard deviations of a level, from which on its scale moves, and below which it is left out at the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,6 @@ def find_levels(
     move = start.move if start.effects == tuple(effects) else np.inf
     covariance, std = np.zeros((0, 0)), np.zeros(n_x + n_f)
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
-    held, last = np.zeros(len(scales)), np.zeros(len(scales))
     of_scales = np.array([_OF_SCALES if effects[own[0]].place == "gear" else _OF_TURNING for own in scales])
     for count in range(1, rounds + 1):
         drives = data.drives(parameters, x)
@@ -150,11 +149,6 @@ def find_levels(
         covariance = inverse(A + of_priors)
         step = covariance @ (b + pull)
         std = np.sqrt(np.diag(covariance))
-        # Of a scale that jumps to and fro the part that it moves is halved.
-        held = np.where(last * step[n_x + n_f :] < 0, 2 * held + 1, held / 2)
-        last = step[n_x + n_f :]
-        of_priors[n_x + n_f :, n_x + n_f :] += np.diag(held / np.maximum(std[n_x + n_f :], 1e-150) ** 2)
-        step = inverse(A + of_priors) @ (b + pull)
         parts = np.abs(step) / np.where(std > 0, std, np.inf)
         move = float(np.max(np.append(parts[: n_x + n_f], parts[n_x + n_f :] / of_scales)))
         # The response is nearly linear in the number itself, of which the logarithm is to be found.
@@ -203,7 +197,7 @@ def scale_priors(
     """
     known = np.ones(len(scales))
     for s, own in enumerate(scales):
-        if np.all(np.abs(levels[own]) < _SEEN * std[n_x:][own]):  # of next to nothing any scale will do
+        if np.all(np.abs(levels[own]) < SEEN * std[n_x:][own]):  # of next to nothing any scale will do
             known[s] = 1e12 * max(1.0, float(A[n_x + len(levels) + s, n_x + len(levels) + s]))
     return known
 
