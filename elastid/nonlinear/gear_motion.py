@@ -30,11 +30,7 @@ from elastid.nonlinear.effects import GearEffect, GearMotion, Place, along_perio
 from elastid.nonlinear.motion import near_mean
 from elastid.nonlinear.spectra import PeriodLines
 
-# Torque that is not explained is taken to act so many times as much at the links as at the motors: what moves the motor
-# is measured, what moves the link is not.
-_AT_LINKS = 10.0
 _STEPS, _HALVINGS = 8, 5  # Newton's method
-_OF_FORCE = 10.0  # times the error of the motion, that of the force by it
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +94,8 @@ def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArra
     """Of the estimate to residuals of the angles (F, n, n_u)."""
     CH = drive.C @ drive.H
     size = _sizes(lines)
-    rows = [drive.B.T, _AT_LINKS**0.5 * drive.places["link"]]
-    weights = np.concatenate([size, np.resize(size, len(rows[1]))])
-    P = np.concatenate(rows).T
+    P = np.concatenate([drive.B.T, drive.places["link"]]).T
+    weights = np.resize(size, P.shape[1])
     W = P * weights @ P.T
     noise = np.diag(lines.noise)
     of_torque = CH @ W @ CH.conj().swapaxes(1, 2)
@@ -293,28 +288,25 @@ def newton(
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
 
-    def error(x: FloatArray) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
-        """Error, slope of the law, RMS of the error and of that of the force by it, larger if it sticks; the force."""
+    def error(x: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """RMS of the error, the error, slope of the law, and the force."""
         force, slope = law(x)
         e = np.asarray((x - x_0 + linear(force)) / size)
-        of_force = slope * e * size / (np.std(force, axis=1)[:, None] + 1e-300)
-        return e, slope, float(np.sqrt(np.mean(e**2))), float(np.sqrt(np.mean(of_force**2))), force
+        return float(np.sqrt(np.mean(e**2))), e, slope, force
 
-    e, slope, left, of_force, force = error(x)
-    if (at_0 := error(x_0))[2] < left:
-        x, (e, slope, left, of_force, force) = x_0, at_0
+    now = error(x)
+    if (at_0 := error(x_0))[0] < now[0]:
+        x, now = x_0, at_0
     for _ in range(_STEPS):
-        if max(left, of_force / _OF_FORCE) < near:
+        if now[0] < near:
             break
-        step = _moved(linear, slope, size, -e * size, 3e-2)
-        for halving in range(_HALVINGS + 1):
-            trial = error(x + step / 2**halving)
-            if trial[2] < left:
-                x, (e, slope, left, of_force, force) = x + step / 2**halving, trial
-                break
-        else:
+        step = _moved(linear, now[2], size, -now[1] * size, 3e-2)
+        trials = ((x + step / 2**halving, error(x + step / 2**halving)) for halving in range(_HALVINGS + 1))
+        better = next((trial for trial in trials if trial[1][0] < now[0]), None)
+        if better is None:
             break
-    return x, force
+        x, now = better
+    return x, now[3]
 
 
 def _moved(
