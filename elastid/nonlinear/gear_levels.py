@@ -29,9 +29,7 @@ from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
 _ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation, and
-_OF_SCALES, _OF_TURNING = 5.0, 15.0  # times it a scale, which levels hardly follow, and that of a velocity least
-# Errors of the motion: where moves are far, in a search, and where what is found ends.
-_NEAR, _FAR, _CLOSE = (1e-3, 1e-4, 1e-5), 50.0, 2.0
+_OF_SCALES = 10.0  # times it a scale, which levels hardly follow
 _STEP = 0.3  # of a scale, at most
 _SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
 SEEN = 3.0  # standard deviations of a level, from which on its scale moves, and below which it is left out at the end
@@ -51,7 +49,6 @@ class Levels:
     x: FloatArray
     levels: FloatArray
     covariance: FloatArray
-    rounds: int
     move: float
     lack: float
     estimates: tuple[Estimate, ...]
@@ -95,7 +92,7 @@ class GearData:
 
     def motions(
         self, drives: Sequence[DriveLines], effects: Sequence[GearEffect], levels: FloatArray,
-        before: Sequence[Estimate], near: float = _NEAR[1],
+        before: Sequence[Estimate], near: float = 1e-4,
     ) -> list[Estimate]:  # fmt: skip
         """The motion in each configuration under effects of given levels, as `estimate_motion` has it."""
         every = zip(self.lines, drives, before, strict=True)
@@ -129,16 +126,13 @@ def find_levels(
     scales = [own for own in scales_of(effects) if not any(effects[i] in held for i in own)]
     estimates = start.estimates_of(effects, sum(len(own) for own in scales))
     effects = _rescaled(effects, scales, np.zeros(len(scales)))
-    move = start.move if start.effects == tuple(effects) else np.inf
     covariance, std = np.zeros((0, 0)), np.zeros(n_x + n_f)
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
-    of_scales = np.array([_OF_SCALES if effects[own[0]].place == "gear" else _OF_TURNING for own in scales])
     for count in range(1, rounds + 1):
         drives = data.drives(parameters, x)
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
-        is_last = settled <= MOVE and move < _CLOSE
-        near = _NEAR[is_last + (move < _FAR)]
+        near = 1e-5 if settled <= MOVE else 1e-4  # error of the motion
         for _ in range(1 if start.effects or count > 1 else 2):
             estimates = data.motions(drives, every, with_edges, estimates, near)
         sums = normal_equations(data.lines, drives, estimates, n_x, with_edges)
@@ -150,7 +144,7 @@ def find_levels(
         step = covariance @ (b + pull)
         std = np.sqrt(np.diag(covariance))
         parts = np.abs(step) / np.where(std > 0, std, np.inf)
-        move = float(np.max(np.append(parts[: n_x + n_f], parts[n_x + n_f :] / of_scales)))
+        move = float(np.max(np.append(parts[: n_x + n_f], parts[n_x + n_f :] / _OF_SCALES)))
         # The response is nearly linear in the number itself, of which the logarithm is to be found.
         x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_SMALLER, _LARGER)), step[:n_x])
         levels = levels + step[n_x : n_x + n_f]
@@ -161,7 +155,7 @@ def find_levels(
     for own, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[own] = [relative * effects[i].scale for i in own]
     covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of(range(n_f)) for e in estimates)
-    end = tuple(effects), x, levels, covariance, count, move, sums.lack
+    end = tuple(effects), x, levels, covariance, move, sums.lack
     return Levels(parameters, *end, estimated, tuple(drives), scale_std)
 
 
@@ -223,7 +217,7 @@ def start_levels(data: GearData, parameters: Parameters, x: FloatArray) -> Level
     estimates = tuple(Estimate.start(c, drive, 0) for c, drive in zip(data.lines, drives, strict=True))
     sums, (A, _) = normal_equations(data.lines, drives, estimates, len(x), none), priors(parameters, x, len(x))
     covariance = inverse(sums.A.sum(axis=0) + A)
-    return Levels(parameters, (), x, none, covariance, 0, np.inf, sums.lack, estimates, drives, none)
+    return Levels(parameters, (), x, none, covariance, np.inf, sums.lack, estimates, drives, none)
 
 
 @dataclass(frozen=True, eq=False)

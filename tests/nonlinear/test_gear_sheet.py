@@ -48,7 +48,7 @@ def sheet(
     x, levels = PARAMETERS.x, np.array([*found.values()])
     covariance = np.diag(np.concatenate([[1e-6, 1e-6], (0.01 * levels) ** 2]))
     scale_std = np.array([0.02 * effect.scale if effect.kind == "gap" else 0.0 for effect in found])
-    known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 1, 0.0, 0.0, (), (), scale_std)
+    known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 0.0, 0.0, (), (), scale_std)
     groups = {(effect,): size for effect, size in (bounds or {}).items()}
     gear = JointLevels(known, robot(Gear()), "1", PEAK)
     return sheet_of(gear, linear_fit(x + np.array([np.log(1.1), 0.0])), groups)
