@@ -229,16 +229,6 @@ class FrictionTakenOut:
     highest_hz: FloatArray = labelled("highest excited line", "Hz", "configurations")
     notes: tuple[Note, ...] = field(default=())
 
-    def __post_init__(self) -> None:
-        """Check the shapes."""
-        n_m, n_f, C = len(self.places), len(self.shapes), len(self.configurations)
-        expected: dict[str, tuple[int, ...]] = {"levels": (n_f,), "covariance": (n_f, n_f)}
-        expected |= {"before": (C, n_m), "after": (C, n_m), "highest_hz": (C,)}
-        of_motors = ("kept_share", "accelerance")
-        for name, shape in (expected | dict.fromkeys(of_motors, (n_m,))).items():
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"friction: {name} has shape {getattr(self, name).shape}, expected {shape}")
-
     @property
     def std(self) -> FloatArray:
         """Standard deviation (n_f,) of the levels."""

@@ -49,10 +49,11 @@ _LOST = 10.0  # times smaller than the start
 SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
 _LOOPS: tuple[Kind, ...] = ("stop", "bristle")
 _RIVALS: tuple[tuple[Kind, ...], ...] = (SPRINGS, ("friction",), ("load",), ("behind",), _LOOPS)
-# Of each kind the part of the deflection at which its scale starts.
-_SHAPES: tuple[dict[Kind, float], ...] = (
-    {"cubic": 0.0, "progressive": 0.0, "range": 1.0, "gap": 0.2}, {"stop": 0.3, "bristle": 0.3}
-)  # fmt: skip
+# Scales that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the middle one.
+_PARTS: dict[Kind, tuple[float, ...]] = {
+    "friction": (0.01, 0.08), "load": (0.01,), "behind": (0.01,), "cubic": (0.0,), "progressive": (0.0,),
+    "range": (0.5, 1.0, 1.5), "gap": (0.1, 0.3), "stop": (0.03, 0.1, 0.3, 1.0), "bristle": (0.03, 0.1, 0.3, 1.0),
+}  # fmt: skip
 _APART = 1.5  # between the scales of two ranges or two elements of hysteresis of one gear, at least, and at the start
 _ROUGH = 0.5  # move below which effects are compared; what is chosen is then found to the end
 _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
@@ -67,19 +68,12 @@ def candidate_groups(data: GearData, found: Levels, bent: Collection[str], order
     elastic = elastic_joints(data.linearisation)
     for j, joint in enumerate(data.joints):
         speed, deflection = _sizes(data, found, j)
-        groups += [(GearEffect("friction", joint, part * speed),) for part in (0.01, 0.08)]
+        for kind, parts in _PARTS.items():
+            if kind == "friction" or (joint in elastic and (kind not in SPRINGS or joint in bent)):
+                size = deflection if kind in (*SPRINGS, *_LOOPS) else speed
+                groups += [(GearEffect(kind, joint, part * size),) for part in parts]
         if joint not in elastic:
             continue
-        groups += [(GearEffect(kind, joint, 0.01 * speed),) for kind in ("load", "behind")]
-        if joint in bent:
-            groups += [(GearEffect("cubic", joint),), (GearEffect("progressive", joint),)]
-            groups += [(GearEffect("range", joint, part * deflection),) for part in (0.5, 1.0, 1.5)]
-            groups += [(GearEffect("gap", joint, part * deflection),) for part in (0.1, 0.3)]
-        groups += [
-            (GearEffect(kind, joint, part * deflection),)
-            for kind in ("stop", "bristle")
-            for part in (0.03, 0.1, 0.3, 1.0)
-        ]
         turns = travelled_turns(data, found, j)
         for order in (order for order in orders if order * turns > LIMITS.period):
             groups.append((GearEffect("error sine", joint, order), GearEffect("error cosine", joint, order)))
@@ -129,7 +123,7 @@ def choose_effects(
             break
         before = _kinds(found.effects)
         found = _pruned(data, find_levels(data, found, (*found.effects, *added), settled=_ROUGH))
-        for family in _SHAPES:
+        for family in (SPRINGS, _LOOPS):
             for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
                 found = _best_shape(data, found, joint, family)
         if _kinds(found.effects) == before:  # none of those that were added stays
@@ -148,7 +142,7 @@ def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
     return sorted((effect.kind, effect.joint) for effect in effects)
 
 
-def _best_shape(data: GearData, found: Levels, joint: str, family: dict[Kind, float]) -> Levels:
+def _best_shape(data: GearData, found: Levels, joint: str, family: tuple[Kind, ...]) -> Levels:
     """With another spring or loop of a gear, if it explains more, or as much by fewer numbers; along its own motion."""
 
     def springs_of(levels: Levels) -> list[GearEffect]:
@@ -165,21 +159,21 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: dict[Kind, fl
 
     tie = sum(lines.Y.size for lines in data.lines)
 
-    def tried(before: Levels, effects: tuple[GearEffect, ...], limit: float) -> Levels:
-        trial = find_levels(data, before, effects, LIMITS.rounds, _ROUGH, kept)
-        return trial if trial.lack > limit else _pruned(data, trial)
+    def tried(before: Levels, effects: tuple[GearEffect, ...]) -> Levels:
+        return _pruned(data, find_levels(data, before, effects, LIMITS.rounds, _ROUGH, kept))
 
     trials = [found]
-    for kind, part in family.items():
+    for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
-            trials.append(tried(found, (*kept, GearEffect(kind, joint, part * deflection)), cost(found)))
+            start = _PARTS[kind][len(_PARTS[kind]) // 2] * deflection
+            trials.append(tried(found, (*kept, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.lack < ranged.lack < best.lack + tie:
         # One range explains a little less than a law of another kind, and two may explain much more.
         (first,) = springs_of(ranged)
         second = replace(first, scale=_APART * first.scale)
-        best = min(best, tried(ranged, (*ranged.effects, second), cost(best)), key=cost)
+        best = min(best, tried(ranged, (*ranged.effects, second)), key=cost)
     if best is not found:  # scales of the other effects stayed
         best = find_levels(data, best, best.effects, settled=_ROUGH)
     return _named(data, best, joint)

@@ -324,28 +324,21 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice
     """
     shapes: list[Shape] = []
     for place in places:
-        own = [i for i, shape in enumerate(choice.shapes) if shape.place == place]
-        near = _near([choice.shapes[i] for i in own], levels[own], place)
-        near += [
-            replace(choice.shapes[i], threshold=choice.shapes[i].threshold * part)
-            for i in own
-            if choice.shapes[i].kind == "stribeck" and levels[i] > 0
-            for part in _FALLING_NEAR
-        ]
+        own = [(shape, f) for shape, f in zip(choice.shapes, levels.tolist(), strict=True) if shape.place == place]
+        near = [*_near([(shape.threshold, f) for shape, f in own if shape.kind == "sign" and f > 0], place)]
+        curves = [shape for shape, f in own if shape.kind == "stribeck" and f > 0]
+        near += [replace(shape, threshold=shape.threshold * part) for shape in curves for part in _FALLING_NEAR]
         mended = {shape.kind for shape in near}
-        shapes += [*near, *(choice.shapes[i] for i in own if choice.shapes[i].kind not in mended)]
+        shapes += [*near, *(shape for shape, _ in own if shape.kind not in mended)]
     return Choice(tuple(shapes), _motors(shapes, places), choice.kept_share)
 
 
-def _near(shapes: Sequence[Shape], levels: FloatArray, place: str) -> list[Shape]:
-    """Signs up to the mean speed of the chosen ones; none where there are none, or far from each other."""
-    signs = [(shape.threshold, level) for shape, level in zip(shapes, levels, strict=True) if shape.kind == "sign"]
-    speeds = np.array([speed for speed, level in signs if level > 0])
-    weights = np.array([level for _, level in signs if level > 0])
-    gradual = speeds[speeds > 0]
-    if not gradual.size or gradual.max() > LIMITS.spread * gradual.min():
+def _near(signs: list[tuple[float, float]], place: str) -> list[Shape]:
+    """Signs up to the mean speed of those that were found (speed, level); none where they are far from each other."""
+    gradual = [speed for speed, _ in signs if speed > 0]
+    if not gradual or max(gradual) > LIMITS.spread * min(gradual):
         return []
-    fastest = LIMITS.near * float(weights @ speeds / weights.sum())
+    fastest = LIMITS.near * sum(speed * level for speed, level in signs) / sum(level for _, level in signs)
     slower = (fastest / LIMITS.near ** (2 * i) for i in range(LIMITS.ladder, -1, -1))
     return [Shape(place, "sign"), *(Shape(place, "sign", speed) for speed in slower)]
 
