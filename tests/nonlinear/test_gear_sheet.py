@@ -29,6 +29,7 @@ from elastid.nonlinear.gear_result import (
 from elastid.nonlinear.gear_sheet import JointLevels, open_gears, sheet_of
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, Parameters
+from elastid.robot.simplified import stiffened
 
 K, PEAK = 2e5, 600.0
 SPEC = EstimatorSpec(friction="none", transient_periods=0)
@@ -187,3 +188,10 @@ def test_lost_motion_is_the_way_between_the_flanks() -> None:
     assert bound.bound == pytest.approx(4e-5)
     assert sheet({}, bounds={GearEffect("gap", "1", 2e-4): 1e3 * K}).number("lost_1") is None  # it is never crossed
     assert sheet({GearEffect("gap", "1", 2e-4): K}).number("k_1").meaning == "stiffness beyond the gap"
+
+
+def test_a_robot_without_a_spring_in_any_gear_keeps_its_fit() -> None:
+    rigid = stiffened(robot(Gear()), ["1"])
+    found = open_gears([], [], linear_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
+    assert found.refused
+    assert found.sheets == ()
