@@ -12,8 +12,8 @@ from elastid.fit.fitted_robot import robots_by_group
 from elastid.fit.release import remaining_tolerances
 from elastid.fit.result import Result
 from elastid.linear.linear_model import DELAY
+from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.nonlinear.gear_result import GearResult
-from elastid.nonlinear.result import FrictionTakenOut, friction_rows
 from elastid.parameters import Parameter, Parameters
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws

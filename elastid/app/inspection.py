@@ -16,7 +16,7 @@ from elastid.base.display import Display, columns, value_cells
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.friction_study.laws import NOT_ASKED
-from elastid.nonlinear.result import friction_rows
+from elastid.nonlinear.friction import friction_rows
 from elastid.recorded.files.formats import is_log, naming, opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, described_format, guess_format

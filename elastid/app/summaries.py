@@ -24,7 +24,7 @@ from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import stick_figure
-from elastid.nonlinear.result import FrictionTakenOut, friction_rows
+from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot

@@ -251,7 +251,6 @@ CODES: Final[Mapping[str, str]] = {
     "friction/rigid-body": "The rigid body behind the friction of a motion is unknown or contradicts the robot's file.",
     "friction/warm-up": "A warm-up does not inform the thermal law.",
     "gears/coarse-encoder": "The steps of an encoder are coarse relative to the effects of its gear.",
-    "gears/effects-alike": "Two effects of a gear cannot be distinguished on these records.",
     "gears/left-out": "An effect of a gear was looked for and left out.",
     "gears/not-straight": "The spring of a gear is not straight: the section gears finds its law.",
     "gears/records": "The records do not let the effects of gears be found.",

@@ -6,5 +6,5 @@ Phi_i: spectrum of a known function of measured motions, at a place with the tra
 independent realisations G must be the same; the levels are those for which it is. Friction at the motors is the case
 of Phi_i = phi(q, q') of a motor's angle, H_i = -G e_j: it is taken out of the torque, u_net = u - sum f_i phi_i.
 
-A further effect is a kind of `shapes.Shape` at a place of its own: its transfer in `levels`, candidates in `choice`.
+Effects of gears are kinds of `effects.GearEffect`, found together with the parameters of the model in `gear_levels`.
 """

@@ -46,8 +46,6 @@ POINTS = 8
 REACH = 2  # times the highest line of the motion, up to which the torques are kept
 # Parameters of torques that are no arm's: springs, dampers and friction of joints and motors.
 ELASTIC = ("k_", "d_", "fm_", "f_")
-_PASSES = 3  # motion and torques by each other
-_SMALL = 1e-3  # part of the motion, over which the torques of first order are taken
 _STEPS, _CLOSED = 8, 1e-12  # of Newton's method; gap of a loop, m, which second order then leaves far behind
 
 
@@ -161,7 +159,8 @@ def geometric_torques(
     def tau(part: float) -> FloatArray:
         return arm.torques(*(part * x for x in states))
 
-    first = (tau(_SMALL) - tau(-_SMALL)) / (2 * _SMALL)
+    h = 1e-3
+    first = (tau(h) - tau(-h)) / (2 * h)
     beyond = (tau(1.0) - first - tau(0.0)).reshape(n, -1, M)
     of_lines = np.where(np.arange(F + 1) == 0, 1, 2)[:, None, None] / beyond.shape[1]
     return np.asarray(rfft(beyond, axis=1)[:, : F + 1].swapaxes(0, 1) * of_lines)
@@ -178,7 +177,7 @@ def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLi
     H, links, sensor = drive.H[:reach], drive.places["link"], drive.sensor[:reach, :, None]
     of_angles = links @ H @ drive.B @ np.linalg.inv(drive.C @ H @ drive.B)
     Y, arm = lines.Y.copy(), np.zeros((len(lines.s) + 1, len(links), lines.Y.shape[2]), complex)
-    for _ in range(_PASSES):
+    for _ in range(3):  # motion and torques by each other
         motion = of_angles @ (Y[:reach] / sensor) - links @ H @ links.T @ arm[1 : reach + 1]
         motion[top:] = 0.0
         arm[: reach + 1] = geometric_torques(robot, lines.configuration, motion, lines.s[:reach])

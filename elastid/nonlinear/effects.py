@@ -24,7 +24,7 @@ from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.friction.operators import Path, bristle, stop
-from elastid.nonlinear.shapes import Shape, sliding_means
+from elastid.nonlinear.friction import Shape, sliding_means
 
 Signal = TypeVar("Signal", FloatArray, BoolArray)
 
@@ -67,8 +67,6 @@ _UNITS: dict[Kind, str] = {
     "load": "1", "cubic": "N*m/rad^3", "progressive": "N*m/rad^2", "range": "N*m/rad", "gap": "N*m/rad",
     "error sine": "rad", "error cosine": "rad",
 }  # fmt: skip
-
-_STEP = 1e-3  # of a scale, over which a change with it is taken
 
 
 @dataclass(frozen=True)
@@ -185,8 +183,9 @@ def periodic_error(effect: GearEffect, angle: FloatArray, ratio: float) -> tuple
 def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
     """Phi (n,) at each place where the effect acts, against the motion there."""
     if effect.is_edge:
-        both = [forces(replace(effect, scale=(1 + h) * effect.scale, is_edge=False), motion) for h in (0.0, _STEP)]
-        return [(place, (b - a) / (_STEP * effect.scale)) for (place, a), (_, b) in zip(*both, strict=True)]
+        h, own = 1e-3 * effect.scale, replace(effect, is_edge=False)
+        both = forces(own, motion), forces(replace(own, scale=own.scale + h), motion)
+        return [(place, (b - a) / h) for (place, a), (_, b) in zip(*both, strict=True)]
     if effect.is_implicit:
         phi = motion.along("friction" if effect.kind == "load" else effect.kind, effect.scale)
         return [(effect.place, np.abs(motion.torque) * phi if effect.kind == "load" else phi)]

@@ -15,6 +15,7 @@ from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import refuse_mismatch
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.spectra import RecordSpectra
+from elastid.nonlinear.friction import FrictionTakenOut, Shape
 from elastid.nonlinear.levels import (
     LIMITS,
     Choice,
@@ -30,8 +31,6 @@ from elastid.nonlinear.levels import (
     shares,
 )
 from elastid.nonlinear.motion import motion_of
-from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken, unsuited
 from elastid.record import MOTION_ORDER, Record
 

@@ -1,24 +1,31 @@
-"""The effects of a robot's gears that its records show, by cross-validation over realisations.
+r"""The effects of a robot's gears that its records show, by cross-validation over realisations.
 
 The normal equations of parameters and levels are summed up for each realisation, along the motion under the effects
 found so far. Of the candidates, a group (a sine with its cosine) is added while it lowers V in realisations to which
 its levels were not fitted. Parameters, levels and motion are then found again, until no group is added. Levels below
-three of their standard deviations are left out.
+three of their standard deviations are left out. How large each effect that was not found could be without having been
+seen:
+
+.. math:: f < \max(\hat f, 0) + 1.645\, \sigma_f \quad (95\,\%)
+
+f and its standard deviation by one Gauss-Newton step of parameters, found levels and the effect in question together,
+along the motion under the effects that were found. Of a sine with its cosine the amplitude.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.statistics import ONE_SIDED_95
 from elastid.nonlinear.drives import elastic_joints
 from elastid.nonlinear.effects import GearEffect, Kind
-from elastid.nonlinear.gear_levels import GearData, Levels, NormalEquations, find_levels, start_levels
-from elastid.nonlinear.levels import greedy, held_out
+from elastid.nonlinear.gear_levels import SEEN, GearData, Levels, NormalEquations, find_levels, start_levels
+from elastid.nonlinear.levels import greedy, held_out, inverse
 from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
 from elastid.robot import Robot
@@ -32,7 +39,6 @@ class Limits:
 
     gain: float = 12.0  # of V of realisations that the levels were not fitted to, by which a group must lower it
     share: float = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
-    std: float = 3.0  # of a level, below which it is left out at the end
     trifle: float = 0.02  # of the largest torque of the joint's effects: shapes are not known better
     rounds: int = 8  # of the search, and of a law that is compared: one that is wrong may never end
     period: float = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
@@ -43,10 +49,11 @@ _LOST = 10.0  # times smaller than the start
 SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
 _LOOPS: tuple[Kind, ...] = ("stop", "bristle")
 _RIVALS: tuple[tuple[Kind, ...], ...] = (SPRINGS, ("friction",), ("load",), ("behind",), _LOOPS)
-# Of each kind the part of the deflection at which its scale starts.
-_SHAPES: tuple[dict[Kind, float], ...] = (
-    {"cubic": 0.0, "progressive": 0.0, "range": 1.0, "gap": 0.2}, {"stop": 0.3, "bristle": 0.3}
-)  # fmt: skip
+# Scales that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the middle one.
+_PARTS: dict[Kind, tuple[float, ...]] = {
+    "friction": (0.01, 0.08), "load": (0.01,), "behind": (0.01,), "cubic": (0.0,), "progressive": (0.0,),
+    "range": (0.5, 1.0, 1.5), "gap": (0.1, 0.3), "stop": (0.03, 0.1, 0.3, 1.0), "bristle": (0.03, 0.1, 0.3, 1.0),
+}  # fmt: skip
 _APART = 1.5  # between the scales of two ranges or two elements of hysteresis of one gear, at least, and at the start
 _ROUGH = 0.5  # move below which effects are compared; what is chosen is then found to the end
 _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
@@ -61,19 +68,12 @@ def candidate_groups(data: GearData, found: Levels, bent: Collection[str], order
     elastic = elastic_joints(data.linearisation)
     for j, joint in enumerate(data.joints):
         speed, deflection = _sizes(data, found, j)
-        groups += [(GearEffect("friction", joint, part * speed),) for part in (0.01, 0.08)]
+        for kind, parts in _PARTS.items():
+            if kind == "friction" or (joint in elastic and (kind not in SPRINGS or joint in bent)):
+                size = deflection if kind in (*SPRINGS, *_LOOPS) else speed
+                groups += [(GearEffect(kind, joint, part * size),) for part in parts]
         if joint not in elastic:
             continue
-        groups += [(GearEffect(kind, joint, 0.01 * speed),) for kind in ("load", "behind")]
-        if joint in bent:
-            groups += [(GearEffect("cubic", joint),), (GearEffect("progressive", joint),)]
-            groups += [(GearEffect("range", joint, part * deflection),) for part in (0.5, 1.0, 1.5)]
-            groups += [(GearEffect("gap", joint, part * deflection),) for part in (0.1, 0.3)]
-        groups += [
-            (GearEffect(kind, joint, part * deflection),)
-            for kind in ("stop", "bristle")
-            for part in (0.03, 0.1, 0.3, 1.0)
-        ]
         turns = travelled_turns(data, found, j)
         for order in (order for order in orders if order * turns > LIMITS.period):
             groups.append((GearEffect("error sine", joint, order), GearEffect("error cosine", joint, order)))
@@ -123,7 +123,7 @@ def choose_effects(
             break
         before = _kinds(found.effects)
         found = _pruned(data, find_levels(data, found, (*found.effects, *added), settled=_ROUGH))
-        for family in _SHAPES:
+        for family in (SPRINGS, _LOOPS):
             for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
                 found = _best_shape(data, found, joint, family)
         if _kinds(found.effects) == before:  # none of those that were added stays
@@ -142,7 +142,7 @@ def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
     return sorted((effect.kind, effect.joint) for effect in effects)
 
 
-def _best_shape(data: GearData, found: Levels, joint: str, family: dict[Kind, float]) -> Levels:
+def _best_shape(data: GearData, found: Levels, joint: str, family: tuple[Kind, ...]) -> Levels:
     """With another spring or loop of a gear, if it explains more, or as much by fewer numbers; along its own motion."""
 
     def springs_of(levels: Levels) -> list[GearEffect]:
@@ -159,21 +159,21 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: dict[Kind, fl
 
     tie = sum(lines.Y.size for lines in data.lines)
 
-    def tried(before: Levels, effects: tuple[GearEffect, ...], limit: float) -> Levels:
-        trial = find_levels(data, before, effects, LIMITS.rounds, limit, _ROUGH, kept)
-        return trial if trial.lack > limit else _pruned(data, trial)
+    def tried(before: Levels, effects: tuple[GearEffect, ...]) -> Levels:
+        return _pruned(data, find_levels(data, before, effects, LIMITS.rounds, _ROUGH, kept))
 
     trials = [found]
-    for kind, part in family.items():
+    for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
-            trials.append(tried(found, (*kept, GearEffect(kind, joint, part * deflection)), cost(found)))
+            start = _PARTS[kind][len(_PARTS[kind]) // 2] * deflection
+            trials.append(tried(found, (*kept, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.lack < ranged.lack < best.lack + tie:
         # One range explains a little less than a law of another kind, and two may explain much more.
         (first,) = springs_of(ranged)
         second = replace(first, scale=_APART * first.scale)
-        best = min(best, tried(ranged, (*ranged.effects, second), cost(best)), key=cost)
+        best = min(best, tried(ranged, (*ranged.effects, second)), key=cost)
     if best is not found:  # scales of the other effects stayed
         best = find_levels(data, best, best.effects, settled=_ROUGH)
     return _named(data, best, joint)
@@ -226,7 +226,7 @@ def _pruned(data: GearData, found: Levels) -> Levels:
     of_group: dict[tuple[str, str, float], float] = {}
     for effect, z in zip(found.effects, size.tolist(), strict=True):
         of_group[effect.family] = max(of_group.get(effect.family, -np.inf), z if effect.brakes else abs(z))
-    keep = np.array([of_group[effect.family] >= LIMITS.std for effect in found.effects], bool)
+    keep = np.array([of_group[effect.family] >= SEEN for effect in found.effects], bool)
     is_pair = np.array([effect.kind.endswith("sine") for effect in found.effects], bool)
     keep &= is_pair | (power > LIMITS.trifle**2 * largest)
     if keep.all():
@@ -273,3 +273,36 @@ def bent_gears(data: GearData, robot: Robot) -> set[str]:
     """Joints with gears that are no straight springs, in any configuration."""
     pairs = zip(data.lines, data.responses, strict=True)
     return {bend.joint for lines, G in pairs for bend in find_bends(lines, G.inputs, robot)}
+
+
+# Of kinds that are one effect in several shapes.
+_FAMILIES = {"progressive": "cubic", "range": "cubic", "bristle": "stop"}
+
+
+def family_of(effect: GearEffect) -> tuple[str, str, float]:
+    """Kind in general, joint, and order of what is periodic: shapes of one effect have the same."""
+    word = effect.kind.split()[0]
+    order = effect.scale if word in ("error", "ripple") else 0.0
+    return _FAMILIES.get(word, word), effect.joint, order
+
+
+def level_bounds(data: GearData, found: Levels, orders: Iterable[float]) -> dict[Group, float]:
+    """How large each candidate group could be, none of whose family is among the effects that were found.
+
+    data: as the effects were found in.
+    """
+    families = {family_of(effect) for effect in found.effects}
+    every = candidate_groups(data, found, bent=data.joints, orders=tuple(orders))
+    groups = [group for group in every if family_of(group[0]) not in families]
+    sums, (A, b) = data.sums_with(found, [effect for group in groups for effect in group])
+    A, b = A + sums.A.sum(axis=0), b + sums.b.sum(axis=0)
+    bounds, n = dict[Group, float](), len(found.x) + len(found.levels)
+    first = n
+    for group in groups:
+        chosen = [*range(n), *range(first, first + len(group))]
+        covariance = inverse(A[np.ix_(chosen, chosen)])
+        step = (covariance @ b[chosen])[n:]
+        size = float(max(step[0], 0.0) if group[0].brakes else np.hypot.reduce(step))
+        bounds[group] = size + ONE_SIDED_95 * float(np.sqrt(np.diag(covariance)[n:].max()))
+        first += len(group)
+    return bounds

@@ -29,15 +29,10 @@ from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
 _ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation, and
-_OF_SCALES, _OF_TURNING = 5.0, 15.0  # times it a scale, which levels hardly follow, and that of a velocity least
-_FALLS = 3.0  # times its last fall, by which V still falls at most
-# Errors of the motion: where moves are far, in a search, and where what is found ends.
-_NEAR, _FAR, _CLOSE = (1e-3, 1e-4, 1e-5), 50.0, 2.0
+_OF_SCALES = 10.0  # times it a scale, which levels hardly follow
 _STEP = 0.3  # of a scale, at most
 _SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
-_SEEN = 2.0  # standard deviations of a level, from which on its scale moves
-_HELD = 1e12  # times what is known of a scale, which then stays
-_KNOWN = 1.0  # of a scale: the standard deviation to which it is known without any record
+SEEN = 3.0  # standard deviations of a level, from which on its scale moves, and below which it is left out at the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +49,6 @@ class Levels:
     x: FloatArray
     levels: FloatArray
     covariance: FloatArray
-    rounds: int
     move: float
     lack: float
     estimates: tuple[Estimate, ...]
@@ -98,7 +92,7 @@ class GearData:
 
     def motions(
         self, drives: Sequence[DriveLines], effects: Sequence[GearEffect], levels: FloatArray,
-        before: Sequence[Estimate], near: float = _NEAR[1],
+        before: Sequence[Estimate], near: float = 1e-4,
     ) -> list[Estimate]:  # fmt: skip
         """The motion in each configuration under effects of given levels, as `estimate_motion` has it."""
         every = zip(self.lines, drives, before, strict=True)
@@ -120,31 +114,25 @@ def find_levels(
     start: Levels,
     effects: Sequence[GearEffect],
     rounds: int = _ROUNDS,
-    limit: float = np.inf,
     settled: float = MOVE,
     held: Collection[GearEffect] = (),
 ) -> Levels:
     """Parameters and levels of the effects from those of others, or of none (`start_levels`); 0 of those it has not.
 
-    limit: of the lack; where it would stay above that if it fell by a few times as much as in the last round, no
-    further round is taken.  settled: move below which none is, either.  held: effects whose scales stay.
+    settled: move below which no further round is taken.  held: effects whose scales stay.
     """
     parameters, x, n_x, n_f = start.parameters, start.x, len(start.x), len(effects)
     levels = start.levels_of(effects)
     scales = [own for own in scales_of(effects) if not any(effects[i] in held for i in own)]
     estimates = start.estimates_of(effects, sum(len(own) for own in scales))
     effects = _rescaled(effects, scales, np.zeros(len(scales)))
-    move = start.move if start.effects == tuple(effects) else np.inf
-    lack, covariance, std = np.inf, np.zeros((0, 0)), np.zeros(n_x + n_f)
+    covariance, std = np.zeros((0, 0)), np.zeros(n_x + n_f)
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
-    held, last = np.zeros(len(scales)), np.zeros(len(scales))
-    of_scales = np.array([_OF_SCALES if effects[own[0]].place == "gear" else _OF_TURNING for own in scales])
     for count in range(1, rounds + 1):
         drives = data.drives(parameters, x)
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
-        is_last = settled <= MOVE and move < _CLOSE
-        near = _NEAR[is_last + (move < _FAR)]
+        near = 1e-5 if settled <= MOVE else 1e-4  # error of the motion
         for _ in range(1 if start.effects or count > 1 else 2):
             estimates = data.motions(drives, every, with_edges, estimates, near)
         sums = normal_equations(data.lines, drives, estimates, n_x, with_edges)
@@ -155,25 +143,19 @@ def find_levels(
         covariance = inverse(A + of_priors)
         step = covariance @ (b + pull)
         std = np.sqrt(np.diag(covariance))
-        # Of a scale that jumps to and fro the part that it moves is halved.
-        held = np.where(last * step[n_x + n_f :] < 0, 2 * held + 1, held / 2)
-        last = step[n_x + n_f :]
-        of_priors[n_x + n_f :, n_x + n_f :] += np.diag(held / np.maximum(std[n_x + n_f :], 1e-150) ** 2)
-        step = inverse(A + of_priors) @ (b + pull)
         parts = np.abs(step) / np.where(std > 0, std, np.inf)
-        move = float(np.max(np.append(parts[: n_x + n_f], parts[n_x + n_f :] / of_scales)))
+        move = float(np.max(np.append(parts[: n_x + n_f], parts[n_x + n_f :] / _OF_SCALES)))
         # The response is nearly linear in the number itself, of which the logarithm is to be found.
         x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_SMALLER, _LARGER)), step[:n_x])
         levels = levels + step[n_x : n_x + n_f]
         effects = _rescaled(effects, scales, step[n_x + n_f :])
-        fall, lack = lack - sums.lack, sums.lack
-        if move < settled or lack - limit > _FALLS * max(fall, 0.0):
+        if move < settled:
             break
     scale_std = np.zeros(n_f)
     for own, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[own] = [relative * effects[i].scale for i in own]
     covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of(range(n_f)) for e in estimates)
-    end = tuple(effects), x, levels, covariance, count, move, lack
+    end = tuple(effects), x, levels, covariance, move, sums.lack
     return Levels(parameters, *end, estimated, tuple(drives), scale_std)
 
 
@@ -202,15 +184,15 @@ def _by_scales(
 def scale_priors(
     A: FloatArray, levels: FloatArray, std: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
-    """Weights (n_s,) of priors of the logarithms of scales; those of levels that are not seen stay.
+    """Weights (n_s,) of priors of the logarithms of scales, whose std is 1; those of levels that are not seen stay.
 
     A: normal matrix of parameters, levels and scales.  levels, std (n_f,), (n_x + n_f + ...): of the last round, which
     is the first where all std are 0.
     """
-    known = np.full(len(scales), _KNOWN**-2.0)
+    known = np.ones(len(scales))
     for s, own in enumerate(scales):
-        if np.all(np.abs(levels[own]) < _SEEN * std[n_x:][own]):  # of next to nothing any scale will do
-            known[s] = _HELD * max(1.0, float(A[n_x + len(levels) + s, n_x + len(levels) + s]))
+        if np.all(np.abs(levels[own]) < SEEN * std[n_x:][own]):  # of next to nothing any scale will do
+            known[s] = 1e12 * max(1.0, float(A[n_x + len(levels) + s, n_x + len(levels) + s]))
     return known
 
 
@@ -235,7 +217,7 @@ def start_levels(data: GearData, parameters: Parameters, x: FloatArray) -> Level
     estimates = tuple(Estimate.start(c, drive, 0) for c, drive in zip(data.lines, drives, strict=True))
     sums, (A, _) = normal_equations(data.lines, drives, estimates, len(x), none), priors(parameters, x, len(x))
     covariance = inverse(sums.A.sum(axis=0) + A)
-    return Levels(parameters, (), x, none, covariance, 0, np.inf, sums.lack, estimates, drives, none)
+    return Levels(parameters, (), x, none, covariance, np.inf, sums.lack, estimates, drives, none)
 
 
 @dataclass(frozen=True, eq=False)

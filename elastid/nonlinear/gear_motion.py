@@ -30,12 +30,7 @@ from elastid.nonlinear.effects import GearEffect, GearMotion, Place, along_perio
 from elastid.nonlinear.motion import near_mean
 from elastid.nonlinear.spectra import PeriodLines
 
-# Torque that is not explained is taken to act so many times as much at the links as at the motors: what moves the motor
-# is measured, what moves the link is not.
-_AT_LINKS = 10.0
 _STEPS, _HALVINGS = 8, 5  # Newton's method
-_OF_FORCE = 10.0  # times the error of the motion, that of the force by it
-_FAR = 0.1  # error of a start over the motion, from which on that without forces is tried, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +80,7 @@ def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) 
     factor = np.linalg.cholesky(c * of_torque + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
     white = np.linalg.solve(factor, r)
     S = white @ white.conj().swapaxes(1, 2) / r.shape[2]
-    columns = [near_mean(column) for column in S.reshape(len(S), -1).T]
+    columns = [near_mean(column, 15) for column in S.reshape(len(S), -1).T]
     return np.asarray(factor @ np.stack(columns, axis=1).reshape(S.shape) @ factor.conj().swapaxes(1, 2))
 
 
@@ -99,9 +94,8 @@ def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArra
     """Of the estimate to residuals of the angles (F, n, n_u)."""
     CH = drive.C @ drive.H
     size = _sizes(lines)
-    rows = [drive.B.T, _AT_LINKS**0.5 * drive.places["link"]]
-    weights = np.concatenate([size, np.resize(size, len(rows[1]))])
-    P = np.concatenate(rows).T
+    P = np.concatenate([drive.B.T, drive.places["link"]]).T
+    weights = np.resize(size, P.shape[1])
     W = P * weights @ P.T
     noise = np.diag(lines.noise)
     of_torque = CH @ W @ CH.conj().swapaxes(1, 2)
@@ -246,20 +240,17 @@ class _Problem:
         """Motion of a joint in an experiment from its estimate q (F, n), unknowns x (n_x, n) and forces by them."""
         lines, drive, signals = self.lines, self.drive, self.signals
         motor, gear, link = (q @ drive.directions(place, j) for place in ("motor", "gear", "link"))
-        error = self._error(q, j, m)
-        deflection = lines.fine(gear[None])[0] + self._rest(m)[j] + error
-        if ("gear", j) in signals:
-            deflection = x[signals.index(("gear", j))]
-        velocity, link_velocity = lines.fine(np.stack([lines.s * motor, lines.s * link]))
-        if ("motor", j) in signals:
-            velocity = x[signals.index(("motor", j))]
-        if ("link", j) in signals:
-            link_velocity = x[signals.index(("link", j))]
-        torque = drive.k[j] * deflection + drive.d[j] * lines.fine((lines.s * gear)[None])[0]
+        amplitudes = np.stack([gear, lines.s * gear, lines.s * motor, lines.s * link])
+        swing, slope, velocity, link_velocity = lines.fine(amplitudes)
+        known: dict[Place, FloatArray] = {
+            "gear": swing + self._rest(m)[j] + self._error(q, j, m), "motor": velocity, "link": link_velocity,
+        }  # fmt: skip
+        known |= {place: each for (place, joint), each in zip(signals, x, strict=False) if joint == j}
+        torque = drive.k[j] * known["gear"] + drive.d[j] * slope
         if ("gear", j) in signals:
             torque = torque + force[signals.index(("gear", j))]
-        return GearMotion(self._angle(q, j, m), velocity, link_velocity, deflection, torque, float(drive.ratios[j]),
-                          float(drive.k[j]), float(drive.d[j]))  # fmt: skip
+        of_joint = float(drive.ratios[j]), float(drive.k[j]), float(drive.d[j])
+        return GearMotion(self._angle(q, j, m), known["motor"], known["link"], known["gear"], torque, *of_joint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,28 +288,25 @@ def newton(
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
 
-    def error(x: FloatArray) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
-        """Error, slope of the law, RMS of the error and of that of the force by it, larger if it sticks; the force."""
+    def error(x: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """RMS of the error, the error, slope of the law, and the force."""
         force, slope = law(x)
         e = np.asarray((x - x_0 + linear(force)) / size)
-        of_force = slope * e * size / (np.std(force, axis=1)[:, None] + 1e-300)
-        return e, slope, float(np.sqrt(np.mean(e**2))), float(np.sqrt(np.mean(of_force**2))), force
+        return float(np.sqrt(np.mean(e**2))), e, slope, force
 
-    e, slope, left, of_force, force = error(x)
-    if left > _FAR and (at_0 := error(x_0))[2] < left:
-        x, (e, slope, left, of_force, force) = x_0, at_0
+    now = error(x)
+    if (at_0 := error(x_0))[0] < now[0]:
+        x, now = x_0, at_0
     for _ in range(_STEPS):
-        if max(left, of_force / _OF_FORCE) < near:
+        if now[0] < near:
             break
-        step = _moved(linear, slope, size, -e * size, 3e-2)
-        for halving in range(_HALVINGS + 1):
-            trial = error(x + step / 2**halving)
-            if trial[2] < left:
-                x, (e, slope, left, of_force, force) = x + step / 2**halving, trial
-                break
-        else:
+        step = _moved(linear, now[2], size, -now[1] * size, 3e-2)
+        trials = ((x + step / 2**halving, error(x + step / 2**halving)) for halving in range(_HALVINGS + 1))
+        better = next((trial for trial in trials if trial[1][0] < now[0]), None)
+        if better is None:
             break
-    return x, force
+        x, now = better
+    return x, now[3]
 
 
 def _moved(

@@ -109,8 +109,7 @@ class GearResult:
 
     Stiffnesses are those at zero torque.  sheets: a gear each.  refused: why nothing was looked for, in a sentence; x
     is then that of the fit, and there are no sheets.  before, after: share of the motors' motion at the excited lines
-    that the linear fit and the model with the effects leave.  notes: what the linear fit misses, and what cannot be
-    told apart.
+    that the linear fit and the model with the effects leave.  notes: what could not be looked for.
     """
 
     x: FloatArray = labelled("estimate as the variable of the solver")

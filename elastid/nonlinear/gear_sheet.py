@@ -18,40 +18,40 @@ from itertools import pairwise
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, Note
 from elastid.base.execution import Execution
 from elastid.fit.covariance import taken_out_error
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
+from elastid.linear.modes import modes
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.drives import elastic_joints, without_arm
+from elastid.nonlinear.drives import DriveLines, elastic_joints, without_arm
 from elastid.nonlinear.effects import GearEffect, implicit_law
-from elastid.nonlinear.gear_choice import Group, bent_gears, choose_effects
+from elastid.nonlinear.gear_choice import SPRINGS, Group, bent_gears, choose_effects, family_of, level_bounds
 from elastid.nonlinear.gear_levels import GearData, Levels
-from elastid.nonlinear.gear_limits import (
-    HYSTERESIS,
-    LOST,
-    alike_notes,
-    bent_notes,
-    coarse_encoders,
-    family_of,
-    gear_torque,
-    left,
-    level_bounds,
-    preloads,
-    refusal,
-    rigid_gears,
-)
-from elastid.nonlinear.gear_motion import Estimate
-from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
+from elastid.nonlinear.gear_motion import Estimate, residuals
+from elastid.nonlinear.gear_result import BENT_STILL, GearNumber, GearResult, GearSheet
 from elastid.nonlinear.spec import GearsSpec
-from elastid.nonlinear.spectra import gather_lines
+from elastid.nonlinear.spectra import PeriodLines, gather_lines
 from elastid.record import Record
-from elastid.response import Response
+from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED, Response
 from elastid.robot import Robot
 
+_SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
+# Of the rms deflection of a gear at the excited lines, above which noise of its motor's angle hides the effects, or a
+# count of its encoder moves the numbers: k of a motor and link was 2.1 and 4.2 std off with counts of 1/16 of the
+# deflection, 0.5 and 2.4 with 1/32, 1.1 and 1.3 with 1/65.
+COARSE, COUNT = 0.1, 0.025
+# Of the motion, by which periods differ above which nothing is looked for. Below, it counts as noise: of motor and
+# link, unsettled by 1.7 to 7.5 %, k was at most 0.05 % and 1.7 std off, levels 1.2 std; of 23 clean sets, which wander
+# by up to 6.6 % (scripts/studies/results.csv), none had a wrong effect.
+UNSETTLED = 0.1
+# Names of modification indices that make a channel late.
+_LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
+LOST = "stiffness, damping and friction stay those of the linear fit"
+HYSTERESIS = ("stop", "bristle")
 _POINTS = 400  # of a loop
 _LEVEL_ERROR = 4e-3  # of a level: std of what its shape is not known by, levels within 1 %
 _FREE = 0.02  # of k, at least, is the slope by which a torsion is known: within a gap a torque says nothing of it
@@ -97,10 +97,7 @@ def open_gears(
         unseen = np.concatenate([taken_out_error(found.parameters), _LEVEL_ERROR * found.levels])
         found = replace(found, covariance=found.covariance + np.diag(unseen**2))
     execution.progress(2, 3)  # the search takes about two thirds of the time
-    preloaded = preloads(data.lines, found.drives)
-    hidden = [note.place.removeprefix("joint ") for note in preloaded]
-    every = level_bounds(data, found, gears.orders).items()
-    bounds = {group: bound for group, bound in every if group[0].kind != "gap" or group[0].joint not in hidden}
+    bounds = level_bounds(data, found, gears.orders)
     execution.progress(3, 3)
     pairs = [*zip(data.lines, found.drives, strict=True)]
     peaks = [max(float(np.abs(gear_torque(*pair, j)).max()) for pair in pairs) for j in range(len(data.joints))]
@@ -111,16 +108,120 @@ def open_gears(
     )
     notes = (
         *coarse_encoders(data.lines, drives),
-        *preloaded,
         *rigid_gears([joint for joint in data.joints if joint not in elastic]),
         *bent_notes(data, found),
-        *alike_notes(found),
     )
     nothing_acts = [Estimate.start(each, drive, 0) for each, drive in zip(lines, drives, strict=True)]
     before = left(linear, drives, nothing_acts, np.zeros(0))
     after = left(data, found.drives, found.estimates, found.levels)
     own = found.x, found.covariance, found.effects, found.levels, sheets
     return GearResult(*own, before=before, after=after, notes=notes)
+
+
+def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str:
+    """Why no effects of gears can be found, and what is lost; empty where they can."""
+    if result.status not in _SOLVED:
+        ended = result.status.replace("_", " ")
+        return f"the fit ended as {ended}, and effects of gears are found beside a model that fits"
+    if len(np.unique(np.concatenate([lines.realisation for lines in data.lines]))) < 2:
+        return (
+            "the records are of one realisation, and an effect is taken where it predicts those that it was not fitted "
+            f"to; measure two or more realisations; {LOST}"
+        )
+    late = next((index for index in result.indices if index.name.startswith(_LATE) and index.share > 0.5), None)
+    # A late torque distorts nothing.
+    is_distorted = any(note.code == UNEXPLAINED for G in data.responses for note in G.notes)
+    if late is not None and result.status == "misfit" and not is_distorted:
+        return (
+            f"the fit finds {late.name} ({100 * late.share:.0f} % of the excess of V): the logged torque is not the "
+            "one that acts, and effects of gears would follow the difference; give the robot's chain its torque_lag, "
+            f"or free the delay; {LOST}"
+        )
+    apart = {lines.configuration.name: difference(lines) for lines in data.lines}
+    if moving := [name for name, share in apart.items() if share > UNSETTLED]:
+        return (
+            f"the records of {', '.join(moving)} are not settled, or disturbed: their periods differ by up to "
+            f"{100 * max(apart.values()):.2g} % of the motion, and effects of gears are found between the excited "
+            "lines, where a transient lies, too; measure more periods and leave the first out "
+            f"(estimator.transient_periods); {LOST}"
+        )
+    first = min(float(modes(drive.model, drive.theta).freq_hz.min(initial=np.inf)) for drive in drives)
+    highest = max(float(lines.freq_hz[lines.excited].max()) for lines in data.lines)
+    if first > highest:
+        return (
+            f"the first mode, {first:.3g} Hz, lies above the highest excited line, {highest:.3g} Hz: motors and links "
+            "move as one, so that nothing behind a gear is distinguished from the same before it; excite higher lines; "
+            f"{LOST}"
+        )
+    coarse = coarse_encoders(data.lines, drives)
+    if coarse and len(coarse) == sum(bool(row.any()) for row in drives[0].places["gear"]):
+        return f"{coarse[0]}; {LOST}"
+    return ""
+
+
+def difference(lines: PeriodLines) -> float:
+    """RMS of the mean over the periods by their scatter, less the noise of the angles, over that of the motion."""
+    motion = np.sum(np.mean(np.abs(lines.Y) ** 2, axis=2), axis=0)
+    scatter = np.sum(lines.scatter - lines.noise, axis=0)
+    return float(np.sqrt(np.max(np.maximum(scatter, 0.0) / motion)))
+
+
+def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -> list[Note]:
+    """Joints whose deflection is not large against the noise of their motor's angle, or a count of its encoder."""
+    notes = []
+    for j, joint in enumerate(drives[0].joints):
+        if not drives[0].directions("gear", j).any():
+            continue
+        bent, noise, counts = [], [], []
+        for lines, drive in zip(data, drives, strict=True):
+            on, row = lines.excited, drive.motor_row(j)
+            bent.append(np.sum(np.mean(np.abs(drive.moved("gear", j, lines.U)[on]) ** 2, axis=1)))
+            noise.append(np.sum(lines.scatter[on] @ row**2))
+            counts.append(np.abs(row) @ lines.count)
+        size, error, count = np.sqrt(np.mean(bent) / 2), np.sqrt(np.mean(noise) / 2), max(counts)
+        if error > COARSE * size or count > COUNT * size:
+            text = (
+                f"its angle has {error:.2g} rad of noise at the excited lines and counts of {count:.2g} rad, and its "
+                f"gear bends by {size:.2g} rad: effects of this gear are hidden, and its numbers may be off by more "
+                "than they state; take an encoder of more counts, more periods, or more torque"
+            )
+            notes.append(Note("gears/coarse-encoder", text, f"motor {joint}"))
+    return notes
+
+
+def gear_torque(lines: PeriodLines, drive: DriveLines, j: int) -> FloatArray:
+    """Torque (M, n) of a gear on the fine grid by the linear model, with that at rest."""
+    of_motion = (drive.k[j] + lines.s * drive.d[j]) * drive.moved("gear", j, lines.U).T
+    return np.asarray(lines.fine(of_motion) + drive.torque[j])
+
+
+def rigid_gears(joints: Sequence[str]) -> list[Note]:
+    """Gears of which the model has no deflection, and so the friction of their motors alone."""
+    text = (
+        "its gear has no spring of its own in the model (rigid, or in series with that of a shaft), so that friction "
+        "at its motor alone was looked for; what the gear does otherwise is left out, and has no bound"
+    )
+    return [Note("gears/left-out", text, f"joint {joint}", "information") for joint in joints]
+
+
+def bent_notes(data: GearData, found: Levels) -> list[Note]:
+    """Gears that are no straight springs, of which neither law, hysteresis nor transmission error was found."""
+    kinds = (*SPRINGS, *HYSTERESIS, "error sine", "error cosine")
+    laws = {effect.joint for effect in found.effects if effect.kind in kinds}
+    every = (note.text for G in data.responses for note in G.notes if note.code == NOT_STRAIGHT)
+    bent = dict.fromkeys(text.removeprefix(BENT).partition(" is ")[0].strip() for text in every)
+    text = "its gear is no straight spring, and nothing of it was found: its stiffness is that of this amplitude"
+    return [Note(BENT_STILL, text, f"joint {joint}") for joint in bent if joint not in laws]
+
+
+def left(data: GearData, drives: Sequence[DriveLines], estimates: Sequence[Estimate], levels: FloatArray) -> float:
+    """Share of the motors' motion at the excited lines that a model with effects of these levels leaves, rms."""
+    shares = []
+    for lines, drive, estimate in zip(data.lines, drives, estimates, strict=True):
+        signals = residuals(lines, drive, estimate, levels), lines.Y
+        r, motion = (np.sum(np.abs(x[lines.excited]) ** 2, axis=(1, 2)) for x in signals)
+        shares.append(np.mean(r / motion))
+    return float(np.sqrt(np.mean(shares)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,6 +449,8 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
     ):  # within the records it does not reach its level where it bends over more than they bend the gear
         bound *= min(1.0, reach / effect.scale)
     if word == "gap":
+        if bound > k:  # of a gear that never crosses it
+            return []
         bound *= 2 * effect.scale / k
     if word == "cubic":
         bound *= abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) / (k * reach)

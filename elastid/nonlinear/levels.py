@@ -24,9 +24,9 @@ from itertools import product
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.nonlinear.friction import Kind, Shape
 from elastid.nonlinear.motion import motion_of, near_mean
-from elastid.nonlinear.shapes import Kind, Shape
-from elastid.nonlinear.spectra import ConfigurationSpectra, Net, taken
+from elastid.nonlinear.spectra import ConfigurationSpectra, taken
 from elastid.record import Record
 
 _BLOCKS = 5  # of lines, which replace realisations where there is one
@@ -56,16 +56,16 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
     A, b, c = np.zeros((M, n_f, n_f)), np.zeros((M, n_f)), np.zeros((M, n_m))
     level, shares = np.zeros((len(data), n_m)), np.ones(len(data))
     for i, spectra in enumerate(data):
-        net = spectra.net(taken(levels, spectra.Phi, motor_of, n_m))
-        excited = spectra.excited[net.counts]
+        e_c, X_c, counts = spectra.net(taken(levels, spectra.Phi, motor_of, n_m))
+        excited, e_c, of_shapes = spectra.excited[counts], e_c[counts], np.moveaxis(X_c[counts], 1, 0)
         shares[i] = 1 - n_m / spectra.U.shape[2] * excited.mean() if excited.size else 1.0
-        fold, of_shapes = _folds(spectra, net, realisations), np.moveaxis(net.X[net.counts], 1, 0)
+        fold = _folds(spectra, len(excited), realisations)
         for motor in range(n_m):
             own = np.flatnonzero(motor_of == motor)
-            e, X = net.e[net.counts][:, motor], of_shapes[own]
+            e, X = e_c[:, motor], of_shapes[own]
             left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
             level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
-            w = np.sqrt(_weights(left, excited))[:, None]
+            w = np.sqrt(weights(left, excited))[:, None]
             e, X = w * e, w * X
             for m in range(M):
                 e_m, X_m = e[fold == m], X[:, fold == m]
@@ -119,20 +119,20 @@ def held_out(
     return left
 
 
-def _folds(data: ConfigurationSpectra, net: Net, realisations: IntArray) -> IntArray:
+def _folds(data: ConfigurationSpectra, F: int, realisations: IntArray) -> IntArray:
     """The fold (F, K) of each residual at the lines that count."""
-    F, K = int(net.counts.sum()), data.U.shape[2]
+    K = data.U.shape[2]
     if len(realisations) > 1:
         return np.broadcast_to(np.searchsorted(realisations, data.realisation), (F, K))
     return np.broadcast_to((np.arange(F) * 4 * _BLOCKS // max(F, 1) % _BLOCKS)[:, None], (F, K))
 
 
-def _weights(power: FloatArray, excited: BoolArray) -> FloatArray:
+def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
     """1 / power (F,) of the residuals, each over neighbouring lines of the same kind."""
     smooth = np.empty_like(power)
     for kind in (excited, ~excited):
         if kind.any():
-            smooth[kind] = near_mean(power[kind], 9)
+            smooth[kind] = near_mean(power[kind])
     return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max(initial=0.0) + 1e-300))
 
 
@@ -324,28 +324,21 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice
     """
     shapes: list[Shape] = []
     for place in places:
-        own = [i for i, shape in enumerate(choice.shapes) if shape.place == place]
-        near = _near([choice.shapes[i] for i in own], levels[own], place)
-        near += [
-            replace(choice.shapes[i], threshold=choice.shapes[i].threshold * part)
-            for i in own
-            if choice.shapes[i].kind == "stribeck" and levels[i] > 0
-            for part in _FALLING_NEAR
-        ]
+        own = [(shape, f) for shape, f in zip(choice.shapes, levels.tolist(), strict=True) if shape.place == place]
+        near = [*_near([(shape.threshold, f) for shape, f in own if shape.kind == "sign" and f > 0], place)]
+        curves = [shape for shape, f in own if shape.kind == "stribeck" and f > 0]
+        near += [replace(shape, threshold=shape.threshold * part) for shape in curves for part in _FALLING_NEAR]
         mended = {shape.kind for shape in near}
-        shapes += [*near, *(choice.shapes[i] for i in own if choice.shapes[i].kind not in mended)]
+        shapes += [*near, *(shape for shape, _ in own if shape.kind not in mended)]
     return Choice(tuple(shapes), _motors(shapes, places), choice.kept_share)
 
 
-def _near(shapes: Sequence[Shape], levels: FloatArray, place: str) -> list[Shape]:
-    """Signs up to the mean speed of the chosen ones; none where there are none, or far from each other."""
-    signs = [(shape.threshold, level) for shape, level in zip(shapes, levels, strict=True) if shape.kind == "sign"]
-    speeds = np.array([speed for speed, level in signs if level > 0])
-    weights = np.array([level for _, level in signs if level > 0])
-    gradual = speeds[speeds > 0]
-    if not gradual.size or gradual.max() > LIMITS.spread * gradual.min():
+def _near(signs: list[tuple[float, float]], place: str) -> list[Shape]:
+    """Signs up to the mean speed of those that were found (speed, level); none where they are far from each other."""
+    gradual = [speed for speed, _ in signs if speed > 0]
+    if not gradual or max(gradual) > LIMITS.spread * min(gradual):
         return []
-    fastest = LIMITS.near * float(weights @ speeds / weights.sum())
+    fastest = LIMITS.near * sum(speed * level for speed, level in signs) / sum(level for _, level in signs)
     slower = (fastest / LIMITS.near ** (2 * i) for i in range(LIMITS.ladder, -1, -1))
     return [Shape(place, "sign"), *(Shape(place, "sign", speed) for speed in slower)]
 

@@ -19,7 +19,7 @@ CELLS = 4
 # Lines of the period are kept as they are unless the velocity has more noise than this part of its RMS, since friction
 # moves the motor a little at all of them. All others are filtered.
 _NOISY = 0.01
-NEIGHBOURS = 15  # lines over which the power of residuals is averaged
+NEIGHBOURS = 9  # lines over which powers are averaged
 
 
 @dataclass(frozen=True)
@@ -110,14 +110,14 @@ def _signal_share(power: FloatArray, noise: float) -> FloatArray:
     """Wiener's gain (F,) of lines of a power (F,), by the mean of neighbours: 1 - noise / power, 0 below one half."""
     if not len(power):
         return power
-    near = near_mean(power, 9)
+    near = near_mean(power)
     # Noise alone has a mean of twice its power at four lines in a thousand.
     return np.where(near > 2 * noise, 1 - noise / np.maximum(near, 1e-300), 0.0)
 
 
-def near_mean(power: Power, width: int = NEIGHBOURS) -> Power:
-    """Mean (F,) of a power of lines (F,), real or complex, over so many neighbours, fewer at the ends."""
-    window = np.ones(min(width, len(power)))
+def near_mean(power: Power, lines: int = NEIGHBOURS) -> Power:
+    """Mean (F,) of a power of lines (F,), real or complex, over neighbouring lines, fewer at the ends."""
+    window = np.ones(min(lines, len(power)))
     return np.asarray(np.convolve(power, window, "same") / np.convolve(np.ones(len(power)), window, "same"))
 
 

@@ -17,26 +17,11 @@ from elastid.frf.lines import analysed_lines, spectra_of
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
+from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes
 from elastid.nonlinear.motion import CELLS, motion_of
-from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape, amplitudes
 from elastid.record import Configuration, Motion, Record
 
 _MIN_SINGULAR = 1e-9  # of the torques, over the largest singular value
-
-
-@dataclass(frozen=True)
-class Net:
-    """Remainder of a configuration after the net torques: residuals e (F, n_m, K) in Nm and shapes X (F, n_f, K).
-
-    e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
-    experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  counts (F,): lines that
-    constrain f.
-    """
-
-    e: ComplexArray
-    X: ComplexArray
-    counts: BoolArray
 
 
 @dataclass(frozen=True)
@@ -87,13 +72,18 @@ class ConfigurationSpectra:
         on, (_, n_m, K) = self.excited, self.U.shape
         power = np.sum(np.abs(self.Phi[on]) ** 2, axis=(0, 2))
         if n_m < K:
-            X = self.net(np.zeros_like(self.U)).X[on]
+            X = self.net(np.zeros_like(self.U))[1][on]
             return np.asarray(np.sum(np.abs(X) ** 2, axis=(0, 2)) * K / (K - n_m) / np.maximum(power, 1e-300))
         off = np.mean(np.abs(self.Phi[~on]) ** 2, axis=(0, 2))
         return np.asarray(off / np.maximum(off + power / (on.sum() * K), 1e-300))
 
-    def net(self, friction: ComplexArray) -> Net:
-        """Residuals and shapes where `friction` (F, n_m, K) is taken out of U."""
+    def net(self, friction: ComplexArray) -> tuple[ComplexArray, ComplexArray, BoolArray]:
+        """What is left where `friction` (F, n_m, K) is taken out of U: residuals e (F, n_m, K), shapes X (F, n_f, K).
+
+        e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
+        experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  And the lines (F,)
+        that constrain f.
+        """
         on = self.excited
         net = self.U - friction
         pseudo = np.linalg.pinv(net[on], rcond=_MIN_SINGULAR)
@@ -105,7 +95,7 @@ class ConfigurationSpectra:
             signal[on] -= (signal[on] @ pseudo) @ net[on]
         counts = on & (self.U.shape[2] > self.U.shape[1])
         counts[~on] = _smooth(self.lines[~on], self.lines[on], G)
-        return Net(e, X, counts)
+        return e, X, counts
 
 
 def gather_configuration(

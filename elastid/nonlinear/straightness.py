@@ -21,14 +21,15 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note
+from elastid.frf.distortion import interpolated
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.nonlinear.drives import geometric_torques
 from elastid.nonlinear.effects import GearEffect, Kind, implicit_law
-from elastid.nonlinear.levels import solve
-from elastid.nonlinear.motion import NEIGHBOURS, near_mean
+from elastid.nonlinear.levels import solve, weights
+from elastid.nonlinear.motion import NEIGHBOURS
 from elastid.nonlinear.spectra import PeriodLines, gather_lines, some
 from elastid.record import Configuration, Record
 from elastid.response import BENT, NOT_STRAIGHT
@@ -46,7 +47,6 @@ class Limits:
 LIMITS = Limits()
 _TURN = 0.1  # of the RMS speed or torque, over which a sign turns
 _LOOP = 0.3  # of the RMS torque or angle, over which a loop bends
-_SHOWN = 1e-3  # of the RMS torque, that a shape must have beyond a straight line
 _NEAR = 2.0  # factor by which a compliance is off that of the robot's file, at most
 
 
@@ -143,19 +143,11 @@ class _Drives:
 
 
 @dataclass(frozen=True, eq=False)
-class _Friction:
-    """Phi (K, M) on the lines used; place (n,): torque on the gears by one on a shaft, or the link where is_behind."""
-
-    place: FloatArray
-    is_behind: bool
-    phi: ComplexArray
-
-
-@dataclass(frozen=True, eq=False)
 class _Problem:
     """tau, Q (K, n, M) of gears and X (K, n, n) on the lines used (K,).  torque (n, M, N): on the fine grid, its mean
-    apart: load (n, M).  motion (L, n, M): of the joints on lines 1 to L, the highest that is excited.  arm (K, n, M):
-    torques of the arm beyond its linearisation, where they are known.
+    apart: load (n, M).  motion (L, n, M): of the joints on lines 1 to L, the highest that is excited.  at_motors:
+    torque (n,) on the gears by one on a shaft, and Phi (K, M) of friction there; behind (K, n, M): of that behind the
+    gears.  arm (K, n, M): torques of the arm beyond its linearisation, where they are known.
     """
 
     lines: PeriodLines
@@ -167,7 +159,8 @@ class _Problem:
     load: FloatArray
     compliance: FloatArray
     motion: ComplexArray
-    friction: tuple[_Friction, ...]
+    at_motors: list[tuple[FloatArray, ComplexArray]]
+    behind: ComplexArray
     arm: ComplexArray | None = None
 
     @classmethod
@@ -185,12 +178,19 @@ class _Problem:
         Q = drives.rows @ lines.Y
         tau = back.T @ lines.U - drives.inertia @ (s**2 * Q)
         s2X = s[on] ** 2 * (Q[on] @ np.linalg.pinv(tau[on]))
-        X = _between(used, on, s2X) / s[used] ** 2
-        friction = tuple(_friction(lines, used, tau, Q, drives))
-        torque = lines.fine(tau.transpose(1, 2, 0))
+        X = interpolated(used, on, s2X) / s[used] ** 2
+        shafts, of_file = drives.shafts @ back, drives.compliance[:, None]
+        angle, v, w, torque = (
+            lines.fine(x.transpose(1, 2, 0)) for x in (shafts @ Q, shafts @ (s * Q), s * (Q - of_file * tau), tau)
+        )
+        # A sign that turns over a little speed, and a stop; a sign alone behind the gear.
+        laws = [(_turning(v[j]), _along("stop", _LOOP * float(np.std(x)), x)) for j, x in enumerate(angle)]
+        at_motors = [(shafts[j], _spectra(lines, used, x)) for j, own in enumerate(laws) for x in own]
+        behind = np.stack([_spectra(lines, used, _turning(x)) for x in w], axis=1)
         compliance = _compliance(s2X, lines.s[on], drives.compliance)
         motion = (Q - compliance[:, None] * tau)[: on[-1] + 1]
-        return cls(lines, used, tau[used], Q[used], X, torque, back.T @ lines.load, compliance, motion, friction)
+        known = torque, back.T @ lines.load, compliance, motion, at_motors, behind
+        return cls(lines, used, tau[used], Q[used], X, *known)
 
     def on_arm(self, robot: Robot, at: Configuration) -> _Problem:
         """With the arm's torques."""
@@ -210,17 +210,18 @@ class _Problem:
         gains = [float(np.mean(x * tau) / np.mean(tau**2)) for x in shapes.values()]
         bent = [x - x.mean(axis=1)[:, None] - g * tau for x, g in zip(shapes.values(), gains, strict=True)]
         stop = _along("stop", _LOOP * size, tau)
-        others = [self._gain(i, each)[:, None] * each.phi for each in self.friction]
+        X = self.X[:, i]
+        of_links = X - self.compliance[i] * np.eye(len(self.compliance))[i]
+        others = [-(X @ place)[:, None] * phi for place, phi in self.at_motors]
+        others += [*np.moveaxis(-of_links[:, :, None] * self.behind, 1, 0)]
         if self.arm is not None:
-            others.append(-np.einsum("kj,kjm->km", (self.X - np.diag(self.compliance))[:, i], self.arm))
+            others.append(-np.einsum("kj,kjm->km", of_links, self.arm))
         others.append(_spectra(self.lines, self.used, stop - np.mean(stop * tau) / np.mean(tau**2) * tau))
         columns = np.stack([*others, *(_spectra(self.lines, self.used, x) for x in bent)], axis=2)
         A, b = self._whitened(i, columns, len(others) + 1)
         R = len(others)
         V = _solve(A[:, :R], b, R)[1]
-        # A gear that its load never lets cross zero has no gap to show.
-        known = [m for m, x in enumerate(bent) if np.std(x) > _SHOWN * size]
-        trials = {m: _solve(A[:, [*range(R), R + m]], b, R + (m == 0)) for m in known}
+        trials = {m: _solve(A[:, [*range(R), R + m]], b, R + (m == 0)) for m in range(len(bent))}
         best = min(trials, key=lambda m: trials[m][1])
         level, drop = float(trials[best][0][-1]), V - trials[best][1]
         if not drop > max(LIMITS.drop, LIMITS.share * V):
@@ -232,11 +233,6 @@ class _Problem:
         """Of the torques' span over the experiments (K_on, M, n), at excited lines."""
         torques = self.tau[self.lines.excited[self.used]]
         return np.asarray(np.linalg.svd(torques.swapaxes(1, 2), full_matrices=False)[0])
-
-    def _gain(self, i: int, friction: _Friction) -> ComplexArray:
-        """Angle i (K,) by a braking torque."""
-        X = self.X - np.diag(self.compliance) if friction.is_behind else self.X
-        return np.asarray(-X[:, i] @ friction.place)
 
     def _whitened(self, i: int, columns: ComplexArray, brakes: int) -> tuple[FloatArray, FloatArray]:
         """Real columns (2 K M, n_c) and what a straight spring leaves of angle i (2 K M,), over its residuals' std."""
@@ -253,24 +249,10 @@ class _Problem:
         straight = np.where(on[:, None], 0.0, np.einsum("kj,kjm->km", self.X[:, i], self.tau))
         y, columns = left((self.Q[:, i] - straight)[:, :, None]), left(columns)
         dof = np.where(on, M - n, M)
-        S = _power(y[:, :, 0], dof, on)
-        S = _power(y[:, :, 0] - columns @ _solve(_real(columns, S), _real(y, S)[:, 0], brakes)[0], dof, on)
-        return _real(columns, S), _real(y, S)[:, 0]
-
-
-def _friction(
-    lines: PeriodLines, used: IntArray, tau: ComplexArray, Q: ComplexArray, drives: _Drives
-) -> Iterator[_Friction]:
-    """Shapes of friction of each motor and behind each gear: a sign that turns over a little speed, and a stop."""
-    s = lines.s[:, None, None]
-    back, n = np.linalg.inv(drives.rows), len(drives.rows)
-    shafts = drives.shafts @ back
-    angle, v = (lines.fine((shafts @ X).transpose(1, 2, 0)) for X in (Q, s * Q))
-    w = lines.fine((s * (Q - drives.compliance[:, None] * tau)).transpose(1, 2, 0))
-    for j in range(n):
-        for x in (_turning(v[j]), _along("stop", _LOOP * float(np.std(angle[j])), angle[j])):
-            yield _Friction(shafts[j], False, _spectra(lines, used, x))
-        yield _Friction(np.eye(n)[j], True, _spectra(lines, used, _turning(w[j])))
+        w = weights(np.sum(np.abs(y[:, :, 0]) ** 2, axis=1) / dof, on)
+        e = y[:, :, 0] - columns @ _solve(_real(columns, w), _real(y, w)[:, 0], brakes)[0]
+        w = weights(np.sum(np.abs(e) ** 2, axis=1) / dof, on)
+        return _real(columns, w), _real(y, w)[:, 0]
 
 
 def _turning(v: FloatArray) -> FloatArray:
@@ -288,13 +270,6 @@ def _spectra(lines: PeriodLines, used: IntArray, x: FloatArray) -> ComplexArray:
     return np.asarray(lines.amplitudes(x)[:, used].T)
 
 
-def _between(wanted: IntArray, on: IntArray, values: ComplexArray) -> ComplexArray:
-    """Values (K, n, n) between those on lines `on`."""
-    flat = values.reshape(len(on), -1).T
-    parts = [np.interp(wanted, on, x.real) + 1j * np.interp(wanted, on, x.imag) for x in flat]
-    return np.stack(parts, axis=1).reshape(len(wanted), *values.shape[1:])
-
-
 def _compliance(s2X: ComplexArray, s: ComplexArray, of_file: FloatArray) -> FloatArray:
     """1 / k (n,) of s^2 X_ii = 1 / m + s^2 / k, of the robot's file where modes of the arm bend that line."""
     columns = np.stack([np.ones(len(s)), (s**2).real], axis=1)
@@ -303,18 +278,9 @@ def _compliance(s2X: ComplexArray, s: ComplexArray, of_file: FloatArray) -> Floa
     return np.asarray(np.where(is_near, found, of_file))
 
 
-def _power(e: ComplexArray, dof: IntArray, on: BoolArray) -> FloatArray:
-    """Mean square (K,) of residuals (K, M) over neighbouring lines, excited or not."""
-    S = np.zeros(len(e))
-    for part in (on, ~on):
-        if part.any():
-            S[part] = near_mean(np.sum(np.abs(e[part]) ** 2, axis=1) / dof[part])
-    return np.asarray(np.maximum(S, 1e-20 * S.max() + 1e-300))
-
-
-def _real(x: ComplexArray, S: FloatArray) -> FloatArray:
-    """Rows (2 K M, m) of x (K, M, m) over the standard deviation of each part."""
-    rows = (x / np.sqrt(S / 2)[:, None, None]).reshape(-1, x.shape[2])
+def _real(x: ComplexArray, w: FloatArray) -> FloatArray:
+    """Rows (2 K M, m) of x (K, M, m) over the standard deviation of each part; w (K,): 1 over the variance of both."""
+    rows = (x * np.sqrt(2 * w)[:, None, None]).reshape(-1, x.shape[2])
     return np.concatenate([rows.real, rows.imag])
 
 

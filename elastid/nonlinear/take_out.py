@@ -30,10 +30,9 @@ from elastid.frf.distortion import SYSTEMATIC_ERRORS, interpolated
 from elastid.frf.estimate import estimate
 from elastid.frf.period_selection import settled
 from elastid.frf.spec import EstimatorSpec
+from elastid.nonlinear.friction import FrictionTakenOut, held_samples
 from elastid.nonlinear.levels import LIMITS
 from elastid.nonlinear.motion import whole_samples
-from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import held_samples
 from elastid.nonlinear.spectra import gather_configuration, taken
 from elastid.record import MOTION_ORDER, Record
 from elastid.response import UNEXPLAINED, Response

@@ -18,8 +18,8 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
 from elastid.linear.fitted_model import response_deviation
 from elastid.linear.response.transfer import to_response
+from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
-from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
 from elastid.robot import Robot

@@ -16,7 +16,7 @@ from elastid.base.units import of_translation
 from elastid.experiment.plan.friction import PassReference
 from elastid.experiment.plan.movement import Reference
 from elastid.experiment.plan.plan import Experiment, Plan
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.record import Record
 from elastid.response import Response, Responses
 from elastid.store.artefacts import NO_STAMP, Stamp, opened

@@ -12,7 +12,7 @@ from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
 
 from elastid.app.summaries import summary
 from elastid.base.statistics import QUANTILE_95
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 MOTOR = Motor(1e-3, 50, 1e-3, coulomb=0.1)

@@ -10,8 +10,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.nonlinear import find
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import friction_means, spectrum
+from elastid.nonlinear.friction import FrictionTakenOut, friction_means, spectrum
 from elastid.nonlinear.take_out import net_record
 from elastid.record import Record
 

@@ -14,7 +14,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.effects import GearEffect
 from elastid.nonlinear.gear_choice import _stands, candidate_groups
 from elastid.nonlinear.gear_levels import GearData, Levels, start_levels
-from elastid.nonlinear.gear_limits import rigid_gears
+from elastid.nonlinear.gear_sheet import rigid_gears
 from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Configuration, Record
 from elastid.response import Response

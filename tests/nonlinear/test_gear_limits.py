@@ -14,8 +14,8 @@ from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.nonlinear.drives import DriveLines
 from elastid.nonlinear.gear_levels import GearData
-from elastid.nonlinear.gear_limits import LOST, coarse_encoders, difference, gear_torque, left, preloads, refusal
 from elastid.nonlinear.gear_motion import Estimate
+from elastid.nonlinear.gear_sheet import LOST, coarse_encoders, difference, left, refusal
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameter, Parameters
 from elastid.response import Response
@@ -128,15 +128,3 @@ def test_counts_that_are_not_small_against_the_deflection_leave_the_fit_as_it_is
     assert coarse.words.endswith(LOST)
     assert fine.words == ""
     assert RATIO == 100
-
-
-def test_a_gear_that_never_crosses_its_lost_motion_is_named() -> None:
-    """Only where gravity bends it by more than the largest torque of the records, in every posture."""
-    own = case()
-    assert preloads(own.data, own.drives) == []
-    high = float(gear_torque(own.data[0], own.drives[0], 0).max())
-    loaded = replace(own.drives[0], torque=np.array([2.0 * high]))
-    (note,) = preloads(own.data, [loaded])
-    assert (note.code, note.place) == ("gears/left-out", "joint 1")
-    assert preloads([*own.data, *own.data], [loaded, own.drives[0]]) == []
-    assert preloads(own.data, [replace(loaded, torque=np.array([0.9 * high]))]) == []

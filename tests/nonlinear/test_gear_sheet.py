@@ -29,6 +29,7 @@ from elastid.nonlinear.gear_result import (
 from elastid.nonlinear.gear_sheet import JointLevels, open_gears, sheet_of
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, Parameters
+from elastid.robot.simplified import stiffened
 
 K, PEAK = 2e5, 600.0
 SPEC = EstimatorSpec(friction="none", transient_periods=0)
@@ -48,7 +49,7 @@ def sheet(
     x, levels = PARAMETERS.x, np.array([*found.values()])
     covariance = np.diag(np.concatenate([[1e-6, 1e-6], (0.01 * levels) ** 2]))
     scale_std = np.array([0.02 * effect.scale if effect.kind == "gap" else 0.0 for effect in found])
-    known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 1, 0.0, 0.0, (), (), scale_std)
+    known = Levels(PARAMETERS, tuple(found), x, levels, covariance, 0.0, 0.0, (), (), scale_std)
     groups = {(effect,): size for effect, size in (bounds or {}).items()}
     gear = JointLevels(known, robot(Gear()), "1", PEAK)
     return sheet_of(gear, linear_fit(x + np.array([np.log(1.1), 0.0])), groups)
@@ -185,4 +186,12 @@ def test_lost_motion_is_the_way_between_the_flanks() -> None:
     bound = sheet({}, bounds={GearEffect("gap", "1", 2e-4): 0.1 * K}).number("lost_1")
     assert bound is not None
     assert bound.bound == pytest.approx(4e-5)
+    assert sheet({}, bounds={GearEffect("gap", "1", 2e-4): 1e3 * K}).number("lost_1") is None  # it is never crossed
     assert sheet({GearEffect("gap", "1", 2e-4): K}).number("k_1").meaning == "stiffness beyond the gap"
+
+
+def test_a_robot_without_a_spring_in_any_gear_keeps_its_fit() -> None:
+    rigid = stiffened(robot(Gear()), ["1"])
+    found = open_gears([], [], linear_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
+    assert found.refused
+    assert found.sheets == ()

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elastid.nonlinear.friction import Shape
 from elastid.nonlinear.levels import (
     LIMITS,
     Choice,
@@ -17,7 +18,6 @@ from elastid.nonlinear.levels import (
     solve,
     telling_shapes,
 )
-from elastid.nonlinear.shapes import Shape
 from elastid.nonlinear.spectra import ConfigurationSpectra
 
 EVERY, NONE = np.arange(3), np.arange(0)

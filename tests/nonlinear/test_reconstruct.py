@@ -5,9 +5,8 @@ from functools import cache
 
 import numpy as np
 
+from elastid.nonlinear.friction import FrictionTakenOut, Shape
 from elastid.nonlinear.motion import CELLS, Motion, motion_of
-from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape
 from elastid.nonlinear.take_out import TURNING_ERROR, net_record
 from elastid.record import Configuration, Record
 

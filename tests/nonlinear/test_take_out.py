@@ -10,7 +10,7 @@ from plants.dry_friction import measured, measured_bristles, measured_swing, rob
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.take_out import estimate_without_friction, net_records, on_links, on_shafts, ratio_std
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Motor, Robot, Spring

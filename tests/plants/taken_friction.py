@@ -3,8 +3,7 @@
 import numpy as np
 
 from elastid.base.errors import Note
-from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape
+from elastid.nonlinear.friction import FrictionTakenOut, Shape
 
 LEVELS, STDS, THRESHOLD = (3.0, 1.5), (0.1, 0.2), 2e-3
 LEFT = "no friction was taken out of the torque: it leaves 98 % of the power"

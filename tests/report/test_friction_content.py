@@ -12,7 +12,7 @@ from plants.taken_friction import LEVELS, STDS, taken_friction
 
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.result import FrictionResult
-from elastid.nonlinear.result import friction_rows
+from elastid.nonlinear.friction import friction_rows
 from elastid.validation.twin import TORQUE, TwinFindings, TwinRun, twin_signal
 
 

@@ -21,8 +21,7 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import weigh
-from elastid.nonlinear.result import FrictionTakenOut
-from elastid.nonlinear.shapes import Shape
+from elastid.nonlinear.friction import FrictionTakenOut, Shape
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, Levels, MotorMotion, Quality, Response
 from elastid.store.files import write_checksum

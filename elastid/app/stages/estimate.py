@@ -27,7 +27,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.take_out import estimate_without_friction, net_records, on_shafts, shaft_couplings
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming

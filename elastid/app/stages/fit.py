@@ -24,8 +24,8 @@ from elastid.fit.solve.solvers import Interrupted
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.nonlinear.result import FrictionTakenOut
 from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
 from elastid.report.overview import OPEN_GEARS, next_steps, numbers_answer, residual_sentence, verdict_sentence
 from elastid.robot import Robot

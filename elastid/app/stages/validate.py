@@ -23,8 +23,8 @@ from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.model.spec import ModelSpec
+from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.nonlinear.result import FrictionTakenOut
 from elastid.nonlinear.take_out import net_records, shaft_couplings
 from elastid.response import Response
 from elastid.robot import Robot

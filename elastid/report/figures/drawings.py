@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_names
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
 from elastid.report.figures import fit, friction
 from elastid.response import Response

@@ -13,7 +13,7 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction.static import Conditions
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.report.figures import style
 from elastid.report.figures.style import Curve, Panel
 from elastid.robot import Robot

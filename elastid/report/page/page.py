@@ -28,7 +28,7 @@ from elastid.base.errors import grouped
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, write_whole
 from elastid.fit.result import Result
-from elastid.nonlinear.result import friction_rows
+from elastid.nonlinear.friction import friction_rows
 from elastid.report import overview
 from elastid.report.content import (
     ParameterRow,

@@ -17,7 +17,7 @@ from plants.taken_friction import LEFT, taken_friction
 from elastid.base.display import number
 from elastid.base.errors import Note
 from elastid.modal.modes import without_modes
-from elastid.nonlinear.result import FrictionTakenOut
+from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.report.content import ResponsesContent, parameter_rows
 from elastid.report.figures.drawings import drawings
 from elastid.report.figures.fit import fleet_parameter

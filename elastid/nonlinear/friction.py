@@ -1,4 +1,4 @@
-r"""Shapes of friction: functions phi of a motor's measured angle and velocity, each 1 in steady sliding.
+r"""Friction at motors that was found, and its shapes: functions phi of angle and velocity, each 1 in steady sliding.
 
 .. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D
 
@@ -25,15 +25,18 @@ The torque of a record is held between its samples, friction is not; so friction
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.fft import irfft, rfft
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, frozen_value, labelled
+from elastid.base.errors import Note
+from elastid.base.statistics import QUANTILE_95
 from elastid.excitation.grids import line_frequencies
 from elastid.friction.operators import Path, bristle, stop
 from elastid.nonlinear.motion import CELLS, Motion, laplace, motion_of, whole_samples
@@ -124,8 +127,10 @@ def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | No
     path: `path_of` the motion, if known.
     """
     memoryless = [(shape, level) for shape, level in taken if shape.is_memoryless]
-    means = np.repeat(steady(motion.by_sample[:, 0], memoryless)[:, None], CELLS, axis=1)
-    slow = np.flatnonzero(motion.slowest <= reach(memoryless))
+    steady = np.copysign(sum(level for shape, level in memoryless if shape.kind == "sign"), motion.by_sample[:, :1])
+    means = np.repeat(steady, CELLS, axis=1)
+    # Faster than some of their thresholds memoryless shapes are 1 or 0, to 1e-4.
+    slow = np.flatnonzero(motion.slowest <= 5 * max((shape.threshold for shape, _ in memoryless), default=0.0))
     if memoryless and len(slow):
         means[slow] = sliding_means(motion.by_sample[slow], memoryless)
     for shape, level in taken:
@@ -139,16 +144,6 @@ def friction_means(record: Record, motion: Motion, taken: Taken, path: Path | No
 def spectrum(means: ComplexArray, n: int) -> ComplexArray:
     """Transform (n // 2 + 1,) of a torque at lines of n samples, in samples, by the DFT of its means in their cells."""
     return means[: n // 2 + 1] * _between_cells(n, n // 2 + 1)
-
-
-def reach(taken: Taken) -> float:
-    """The speed beyond which memoryless shapes are 1 or 0, to 1e-4."""
-    return max(((5.0 if shape.kind == "sign" else 3.5) * shape.threshold for shape, _ in taken), default=0.0)
-
-
-def steady(velocity: FloatArray, taken: Taken) -> FloatArray:
-    """Memoryless friction (n,) at velocities (n,) beyond its reach."""
-    return np.copysign(sum(level for shape, level in taken if shape.kind == "sign"), velocity)
 
 
 def sliding_means(velocity: FloatArray, taken: Taken) -> FloatArray:
@@ -203,3 +198,101 @@ def hold_of(record: Record) -> ComplexArray:
     """H (n // 2 + 1, n_u) of the torques at the lines of all whole periods."""
     n = whole_samples(record)
     return record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))
+
+
+@frozen_value
+class FrictionTakenOut:
+    """Levels f_i of shapes of friction, torque = -sum f_i phi_i, that were taken out of the records' torque.
+
+    places (n_m,): the motors that were looked at, `motor 1`.  place_units (n_m,): N*m, or N where a motor slides.
+    shapes (n_f,): each with its motor; of a motor without shapes nothing was taken out.  levels (n_f,): in Nm (N), link
+    side.  covariance (n_f, n_f): of the levels by noise, by what no shape has and by their difference between
+    configurations; standard deviations are those of a normal distribution.
+    configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
+    median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
+    of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
+    accelerance (n_m,): acceleration per torque a of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
+    highest_hz (C,): the highest excited line, above which a motor moves so.
+    notes: what was taken out of which motor, or why nothing was.
+    """
+
+    places: tuple[str, ...]
+    place_units: tuple[str, ...]
+    shapes: tuple[Shape, ...]
+    levels: FloatArray = labelled("level of each shape, link side", "N*m", "shape")
+    covariance: FloatArray = labelled("covariance of the levels", "", "shape shape")
+    configurations: tuple[str, ...]
+    before: FloatArray = labelled("torque that no response explains, median line", "N*m", "configurations places")
+    after: FloatArray = labelled("the same with friction taken out", "N*m", "configurations places")
+    kept_share: FloatArray = labelled("share of its power left in other realisations", "", "places")
+    accelerance: FloatArray = labelled("acceleration per torque as an inertia", "", "places")
+    highest_hz: FloatArray = labelled("highest excited line", "Hz", "configurations")
+    notes: tuple[Note, ...] = field(default=())
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation (n_f,) of the levels."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def taken_shapes(self, place: str) -> tuple[tuple[Shape, float], ...]:
+        """The shapes that were taken out of a motor's torque, each with its level."""
+        pairs = zip(self.shapes, self.levels.tolist(), strict=True)
+        return tuple((shape, level) for shape, level in pairs if shape.place == place and level > 0)
+
+    def taken_places(self) -> tuple[str, ...]:
+        """The motors that friction was taken out of."""
+        return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
+
+    def sliding_level(self, place: str) -> tuple[float, float]:
+        """F_c in Nm (N) of fast steady sliding at a motor, the sum of its levels, and its standard deviation."""
+        row = np.array([shape.when_fast * (shape.place == place) for shape in self.shapes])
+        return float(row @ self.levels), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
+
+    def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its standard deviation.
+
+        From -F_c at distance 0 to F_c where all bristles slide again; link side, rad and Nm (m and N).
+        """
+        return self._curve(place, [shape.reversal(distance) for shape in self.shapes])
+
+    def sliding(self, place: str, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Torque (n,) in steady sliding at `velocity` (n,), and its standard deviation; link side, rad/s and Nm."""
+        return self._curve(place, [shape.sliding(velocity) for shape in self.shapes])
+
+    def motion(self, record: Record, place: str) -> Motion:
+        """The motion of a motor under its friction."""
+        a = float(self.accelerance[self.places.index(place)])
+        return motion_under(record, place, self.taken_shapes(place), a, float(self.highest_hz.max()))
+
+    def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        of_place = np.array([shape.place == place for shape in self.shapes])
+        rows = np.stack(values, axis=1) * of_place
+        return rows @ self.levels, np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, self.covariance, rows), 0.0))
+
+
+@dataclass(frozen=True)
+class FrictionRow:
+    """Sliding friction F_c of a motor in Nm (N), link side, with std and 95 % interval; None where none was taken out.
+
+    kept_share: of the power of the unexplained torque that is left in realisations which the levels were not fitted to.
+    """
+
+    place: str
+    unit: str
+    kept_share: float
+    level: float | None = None
+    std: float | None = None
+    interval: tuple[float, float] | None = None
+
+
+def friction_rows(friction: FrictionTakenOut) -> tuple[FrictionRow, ...]:
+    """One row for each motor that was looked at, in their order."""
+    rows, taken = [], friction.taken_places()
+    for place, unit, kept in zip(friction.places, friction.place_units, friction.kept_share.tolist(), strict=True):
+        if place not in taken:
+            rows.append(FrictionRow(place, unit, kept))
+            continue
+        level, std = friction.sliding_level(place)
+        interval = (max(level - QUANTILE_95 * std, 0.0), level + QUANTILE_95 * std)
+        rows.append(FrictionRow(place, unit, kept, level, std, interval))
+    return tuple(rows)
