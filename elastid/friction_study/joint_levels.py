@@ -64,31 +64,32 @@ def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionR
 def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion) -> JointLevels:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     planned = [r for r in measured.of(joint.name, "passes") if not r.is_warm_up or np.isfinite(r.mean_temperature)]
-    records, friction = [*planned, *motion.passes], motion.friction
+    records, levels = [*planned, *motion.passes], None
     own = [record for record in measured.records if record.joint == joint.name]
     notes = [note for record in own for note in record.notes]
     for record in own:
         if record.purpose == "loops":
             check_reversal(record)
     notes += motion.notes
-    run_downs = measured.of(joint.name, "run_down")
-    if run_downs and not records:
-        coasting = _of_run_downs(robot, joint, run_downs)
-        return JointLevels(joint.name, joint.slides, coasting, friction, notes=(*notes, *coasting.notes))
-    is_warmed = any(log.joint == joint.name for log in measured.warm_ups)
-    if not records and friction is None and not (is_warmed or any(r.purpose in STILL for r in own)):
+    run_downs, warmed = measured.of(joint.name, "run_down"), [log.joint for log in measured.warm_ups]
+    if records:
+        against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
+        levels = levels_of_records(records, against or motion.has_gravity, _turn(joint))
+    elif run_downs:
+        levels = _of_run_downs(robot, joint, run_downs)
+    elif not (motion.friction or any(r.purpose in STILL for r in own) or joint.name in warmed):
         raise DataError(
             "friction/no-record",
             "neither passes nor a motion were recorded; leave it out of friction.joints, or record them",
             f"joint {joint.name}",
         )
-    if not records:
-        return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes), gain=motion.gain)
-    against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
-    turn = 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0  # of the joint for one of its motor
-    levels = levels_of_records(records, against or motion.has_gravity, turn)
-    notes += levels.notes
-    return JointLevels(joint.name, joint.slides, levels, friction, tuple(notes), motion.gain)
+    notes += () if levels is None else levels.notes
+    return JointLevels(joint.name, joint.slides, levels, motion.friction, tuple(notes), motion.gain)
+
+
+def _turn(joint: Joint) -> float:
+    """Of the joint for one of its motor; 0 without a motor."""
+    return 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
 
 
 @dataclass(frozen=True)
@@ -207,8 +208,7 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
             passes += detect_passes(record, against)
         except DataError as error:
             problems.append(str(error))
-    turn = 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
-    motions, gain = [_motion(record, against, turn) for record in records], None
+    motions, gain = [_motion(record, against, _turn(joint)) for record in records], None
     try:
         if len({record.payload for record in records}) > 1:
             carried = [_payload_torque(robot, record, record.payload - records[0].payload) for record in records]
