@@ -447,16 +447,15 @@ def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
 
 def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
     """The passes that slide below the drive's limit, and notes on the others, whole pairs; DataError where none is."""
-    sticking = {
+    faults = {
         each.pair: f"the joint stands or turns back within the pass (velocity {each.velocity.min():.3g} to "
         f"{each.velocity.max():.3g}): it sticks and slips at this speed, and its level does not count; raise the "
         "bandwidth of the controller, or measure faster"
         for each in passes
         if each.turns_back
     }
-    faults = {pair: ("friction/passes", text) for pair, text in sticking.items()}
-    faults |= {pair: ("friction/passes", text) for pair, text in _clipped(passes).items()}
-    notes = [Note(code, text, f"pass {name}") for name, (code, text) in faults.items()]
+    faults |= _clipped(passes)
+    notes = [Note("friction/passes", text, f"pass {name}") for name, text in faults.items()]
     used = [each for each in passes if each.pair not in faults]
     if not used:
         place = passes[0].place if passes else "the joint"
