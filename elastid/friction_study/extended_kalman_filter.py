@@ -421,11 +421,8 @@ class Consistency:
 
 
 def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
-    """Of a track after settled_s; ValueError where no more than `lags` samples are left."""
+    """Of a track after settled_s."""
     first = round(settled_s * track.rate_hz)
-    if len(track.innovation) - first <= lags:
-        left = max(0, len(track.innovation) - first)
-        raise ValueError(f"{left} samples after {settled_s:g} s are too few to judge a filter; record longer")
     # At standstill the error of a rounded angle is constant, and no noise.
     moves = track.moves[first:]
     moves = moves if moves.mean() > FILTER.least_moving else np.ones_like(moves)

@@ -64,31 +64,32 @@ def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionR
 def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion) -> JointLevels:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     planned = [r for r in measured.of(joint.name, "passes") if not r.is_warm_up or np.isfinite(r.mean_temperature)]
-    records, friction = [*planned, *motion.passes], motion.friction
+    records, levels = [*planned, *motion.passes], None
     own = [record for record in measured.records if record.joint == joint.name]
     notes = [note for record in own for note in record.notes]
     for record in own:
         if record.purpose == "loops":
             check_reversal(record)
     notes += motion.notes
-    run_downs = measured.of(joint.name, "run_down")
-    if run_downs and not records:
-        coasting = _of_run_downs(robot, joint, run_downs)
-        return JointLevels(joint.name, joint.slides, coasting, friction, notes=(*notes, *coasting.notes))
-    is_warmed = any(log.joint == joint.name for log in measured.warm_ups)
-    if not records and friction is None and not (is_warmed or any(r.purpose in STILL for r in own)):
+    run_downs, warmed = measured.of(joint.name, "run_down"), [log.joint for log in measured.warm_ups]
+    if records:
+        against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
+        levels = levels_of_records(records, against or motion.has_gravity, _turn(joint))
+    elif run_downs:
+        levels = _of_run_downs(robot, joint, run_downs)
+    elif not (motion.friction or any(r.purpose in STILL for r in own) or joint.name in warmed):
         raise DataError(
             "friction/no-record",
             "neither passes nor a motion were recorded; leave it out of friction.joints, or record them",
             f"joint {joint.name}",
         )
-    if not records:
-        return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes), gain=motion.gain)
-    against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
-    turn = 2 * np.pi / abs(joint.motor.ratio) if joint.motor is not None else 0.0  # of the joint for one of its motor
-    levels = levels_of_records(records, against or motion.has_gravity, turn)
-    notes += levels.notes
-    return JointLevels(joint.name, joint.slides, levels, friction, tuple(notes), motion.gain)
+    notes += () if levels is None else levels.notes
+    return JointLevels(joint.name, joint.slides, levels, motion.friction, tuple(notes), motion.gain)
+
+
+def _turn(joint: Joint) -> float:
+    """Of the joint for one of its motor; 0 without a motor."""
+    return 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
 
 
 @dataclass(frozen=True)
@@ -207,8 +208,7 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
             passes += detect_passes(record, against)
         except DataError as error:
             problems.append(str(error))
-    turn = 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
-    motions, gain = [_motion(record, against, turn) for record in records], None
+    motions, gain = [_motion(record, against, _turn(joint)) for record in records], None
     try:
         if len({record.payload for record in records}) > 1:
             carried = [_payload_torque(robot, record, record.payload - records[0].payload) for record in records]
@@ -304,46 +304,38 @@ def check_sides(
     robot: Robot, joint: Joint, inertia: float, std: float, posture: Configuration | None, place: str
 ) -> None:
     """DataError for a known inertia (kg m^2, of a slide kg) close to that of the file times a power of the ratio."""
-    if joint.motor is None or abs(joint.motor.ratio) < SIDES.min_ratio:
+    known, unit = joint_inertia(robot, joint, posture), "kg" if joint.slides else "kg*m^2"
+    if joint.motor is None or abs(inertia - known) < SIDES.min_stds * std or min(inertia, known) <= 0:
         return
-    ratio, known = abs(joint.motor.ratio), joint_inertia(robot, joint, posture)
-    wrong = inertia / known if known > 0 else 1.0
-    if abs(inertia - known) < SIDES.min_stds * std or wrong <= 0:
-        return
-    power = round(math.log(wrong) / math.log(ratio))
-    if power == 0 or abs(math.log(wrong) - power * math.log(ratio)) > math.log(SIDES.close_factor):
-        return
-    unit = "kg" if joint.slides else "kg*m^2"
     found = (
         f"the motion gives joint {joint.name} an inertia of {inertia:.4g} {unit}, the robot's file {known:.4g}: "
-        f"{wrong:.3g} times as much"
+        f"{inertia / known:.3g} times as much"
     )
-    raise _wrong_side(found, power, ratio, place)
+    _refuse_other_side(robot, {joint.name: inertia / known}, found, place)
 
 
 def check_torques(
     robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], place: str
 ) -> None:
     """DataError where torques (n,) by joint that follow the expected ones are, in the median, of the other side."""
-    powers = []
+    factors = {}
     for joint, torque in measured.items():
-        known, ratio = expected[joint], abs(robot.ratio(joint))
-        size = float(np.linalg.norm(known))
-        follows = float(torque @ known) / max(size * float(np.linalg.norm(torque)), 1e-300)
-        if ratio >= SIDES.min_ratio and follows > SIDES.min_correlation:
-            powers.append(math.log(float(torque @ known) / size**2) / math.log(ratio))
-    power = float(np.median(powers)) if powers else 0.0
-    if round(power) == 0:
+        known, size = expected[joint], max(float(np.linalg.norm(expected[joint])), 1e-300)
+        if torque @ known > SIDES.min_correlation * size * np.linalg.norm(torque):
+            factors[joint] = float(torque @ known) / size**2
+    _refuse_other_side(robot, factors, "torques are of another size than those of the robot's file", place)
+
+
+def _refuse_other_side(robot: Robot, factors: Mapping[str, float], found: str, place: str) -> None:
+    """DataError for factors by joint that are in the median close to a power of the gear's ratio."""
+    ratios = {joint: abs(robot.ratio(joint)) for joint in factors if abs(robot.ratio(joint)) >= SIDES.min_ratio}
+    powers = [math.log(factors[joint]) / math.log(ratio) for joint, ratio in ratios.items()]
+    power, ratio = float(np.median(powers or [0.0])), float(np.median([*ratios.values()] or [1.0]))
+    if round(power) == 0 or abs(power - round(power)) * math.log(ratio) > math.log(SIDES.close_factor):
         return
-    found = f"torques are {'smaller' if power < 0 else 'larger'} than those of the robot's file"
-    raise _wrong_side(found, power, float(np.median([abs(robot.ratio(joint)) for joint in measured])), place)
-
-
-def _wrong_side(found: str, power: float, ratio: float, place: str) -> DataError:
-    """Of numbers that are off by a power of the gear's ratio."""
     advice = "of the motors: give their channels side: motor" if power < 0 else "of the joints: leave side: motor out"
     text = f"{found}, and the ratio of the gear is {ratio:.4g}: torques or angles are {advice}, or correct their unit"
-    return DataError("friction/rigid-body", text, place)
+    raise DataError("friction/rigid-body", text, place)
 
 
 def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:

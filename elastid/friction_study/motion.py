@@ -218,14 +218,12 @@ def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Hel
     terms, slides = fit.terms.at(fit.chosen), fit.motion.slides
     speed = np.concatenate([np.abs(each.filtered(each.velocity))[each.used] for each in signals])
     lowest = float(np.quantile(speed, _SLOWEST_SHARE))
-    for part in parts_held(fit.plateaus, slides):
-        nu_s = terms.stribeck_velocity
-        if part.part == "stribeck" and not nu_s:
-            yield replace(part, reason=f"{part.reason}; {extrapolates(lowest)}")
-        elif part.part == "temperature" and not terms.heat:
-            yield replace(part, reason=_no_heat(terms))
-        elif part.part == "load" and not terms.load:
-            yield part
+    if not terms.stribeck_velocity and (reason := too_few_speeds(fit.plateaus, slides)):
+        yield Held("stribeck", f"{reason}; {extrapolates(lowest)}")
+    if not terms.heat:
+        yield Held("temperature", _no_heat(terms))
+    if not terms.load:
+        yield ONE_LOAD
     if terms.stribeck_velocity and lowest > LOWEST_SPEED * terms.stribeck_velocity:
         slow, unit = LOWEST_SPEED * terms.stribeck_velocity, "m/s" if slides else "rad/s"
         yield Held(
@@ -249,11 +247,11 @@ def _judged(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFric
     bands, terms = both_bands(signals), fit.terms.at(fit.chosen)
     names = [name for name in fit.chosen.names if name not in terms.searched]  # held in both
     moved: dict[str, tuple[float, float]] = {}
-    if bands is not None:
+    if bands:
         wide, slow = (solve(equations_of(each, terms)[1], signals[0].kept_hz) for each in bands)
         moved = moved_numbers(names, *shift_between(wide, slow, signals[0].kept_hz))
     chosen, misfit = judged(fit.chosen, moved, fit.passband_hz, "the law lacks a part; measure passes, which show it")
-    if bands is not None:
+    if bands:
         change, spring = _by_spring(fit.chosen, bands[1], terms)
         chosen = replace(chosen, covariance=chosen.covariance + np.outer(change, change))
         misfit = "; ".join(filter(None, (spring, misfit)))
@@ -276,19 +274,18 @@ def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: Motion
     return change, text if stds > LIMITS.spring_shift else ""
 
 
-def both_bands(signals: Sequence[MotionSignals]) -> tuple[list[MotionSignals], list[MotionSignals]] | None:
-    """All of the band and its narrow part at the same samples; None where logs are too short or reverse too often."""
+def both_bands(signals: Sequence[MotionSignals]) -> tuple[list[MotionSignals], ...]:
+    """All of the band and its narrow part at the same samples; none where logs are too short or reverse too often."""
     try:
         narrow = [MotionSignals.of(each.motion, LIMITS.narrow * each.passband_hz) for each in signals]
     except DataError:
-        return None
+        return ()
     if any(each.used.all() for each in narrow):
-        return None
+        return ()
     inner = [slice(slow.kept.start, slow.kept.stop, each.kept.step) for slow, each in zip(narrow, signals, strict=True)]
-    wide, slow = (
+    return tuple(
         [replace(each, kept=kept) for each, kept in zip(band, inner, strict=True)] for band in (signals, narrow)
     )
-    return wide, slow
 
 
 def moved_numbers(names: Sequence[str], shift: FloatArray, std: FloatArray) -> dict[str, tuple[float, float]]:
@@ -373,18 +370,16 @@ def motion_samples(fit: MotionFriction) -> MotionSamples:
     return MotionSamples(time_s, signals.filtered(signals.velocity), torque, regressed, friction)
 
 
-def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
-    """Parts of the law that a motion with these plateaus cannot identify."""
+ONE_LOAD = Held("load", "a regression of one load has none; record motions with other payloads, or in other postures")
+
+
+def too_few_speeds(plateaus: Sequence[Plateau], slides: bool) -> str:
+    """The reason why a motion with these plateaus cannot identify a Stribeck effect; empty without one."""
     speeds, unit = distinct_speeds(plateaus), "m/s" if slides else "rad/s"
-    held = (
-        Held("temperature", "joints that move together are regressed without; record this joint alone, cold and warm"),
-        Held("load", "a regression of one load has none; record motions with other payloads, or in other postures"),
-    )
     if len(speeds) >= MIN_SPEEDS:
-        return held
+        return ""
     dwelt = ", ".join(f"{speed:.3g}" for speed in speeds)
-    text = (
+    return (
         f"the motion dwells at {f'{len(speeds)} speeds ({dwelt} {unit})' if len(speeds) else 'no speed'}; it takes "
         f"{MIN_SPEEDS}, the lowest below a third of the Stribeck velocity; measure passes at more speeds"
     )
-    return (Held("stribeck", text), *held)

@@ -50,7 +50,6 @@ class Pass:
 
     place: str
     pair: str
-    rate_hz: float
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
@@ -64,11 +63,6 @@ class Pass:
     def direction(self) -> float:
         """1 or -1."""
         return float(np.sign(self.velocity.mean()))
-
-    @property
-    def turns_back(self) -> bool:
-        """True if the velocity changes its sign: the joint sticks and slips, or stands."""
-        return bool(np.any(self.velocity * self.direction <= 0))
 
 
 @dataclass(frozen=True)
@@ -127,8 +121,7 @@ class PassRegression:
 
     def _with_ripple(self) -> PassRegression:
         first, others = self._with_waves(np.arange(2)), np.arange(2, N_WAVES)
-        Q = np.linalg.qr(first.A / np.maximum(np.linalg.norm(first.A, axis=0), 1e-300))[0]
-        left = first.y - Q @ (Q.T @ first.y)
+        left = first.y - first.A @ first.solve()[0]
         return first._with_waves(others[harmonic_peaks(left, self.waves[:, others])])
 
     def _with_waves(self, waves: IntArray) -> PassRegression:
@@ -207,7 +200,7 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     pair = f"{record.name}, load {record.load}" if record.load else record.name
     return tuple(
         Pass(
-            f"joint {record.joint}", pair, record.rate_hz, position[part], velocity[part], acceleration[part],
+            f"joint {record.joint}", pair, position[part], velocity[part], acceleration[part],
             record.torque[part], record.load_torque, _mean_temperature(record, part), record.slides, record.load,
         )
         for part in (_inner(*window, record.rate_hz) for window in (record.there, record.back) if window is not None)
@@ -447,16 +440,15 @@ def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
 
 def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
     """The passes that slide below the drive's limit, and notes on the others, whole pairs; DataError where none is."""
-    sticking = {
+    faults = {
         each.pair: f"the joint stands or turns back within the pass (velocity {each.velocity.min():.3g} to "
         f"{each.velocity.max():.3g}): it sticks and slips at this speed, and its level does not count; raise the "
         "bandwidth of the controller, or measure faster"
         for each in passes
-        if each.turns_back
+        if np.any(each.velocity * each.direction <= 0)
     }
-    faults = {pair: ("friction/passes", text) for pair, text in sticking.items()}
-    faults |= {pair: ("friction/passes", text) for pair, text in _clipped(passes).items()}
-    notes = [Note(code, text, f"pass {name}") for name, (code, text) in faults.items()]
+    faults |= _clipped(passes)
+    notes = [Note("friction/passes", text, f"pass {name}") for name, text in faults.items()]
     used = [each for each in passes if each.pair not in faults]
     if not used:
         place = passes[0].place if passes else "the joint"

@@ -290,12 +290,6 @@ class _Model:
 
     def fit(self, start: FloatArray, place: str) -> Optimum:
         """The optimum from a start."""
-        if len(self._residual(start)) < len(start):
-            raise FitError(
-                "friction/at-rest",
-                "fewer lines than unknowns stand out of the noise; raise the torque, or excite more lines",
-                f"{place} at rest",
-            )
         (end,) = minimise(self._residual, [start], x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
         if not np.all(np.isfinite(end.covariance)):
             raise FitError(

@@ -177,26 +177,17 @@ RIGID_TERMS = {
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the static law, and of each direction where they differ."""
-    rows, slides = law.intervals, law.levels.slides
-    for name, row in rows.items():
-        yield _number(joint, TERMS[name], TERMS[name].unit_at(slides), row, law.learnt_from(name), truth)
-    values, (value, std, _, high) = np.array(list(law.values.values())), rows["coulomb"]
-    reach, learnt = (high - value) / std, law.learnt_from("coulomb")
-    yield from _directed(joint, law.names, values, law.covariance, slides, reach, learnt)
+    values, learnt = np.array(list(law.values.values())), {name: law.learnt_from(name) for name in law.intervals}
+    yield from _table(joint, law.levels.slides, learnt, law.names, values, law.covariance, truth, law.fit.reach)
 
 
 def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Iterator[FrictionNumber]:
-    """Numbers of the regression of a motion."""
-    fit, terms = motion.chosen, TERMS | RIGID_TERMS
-    learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
+    """Numbers of the regression of a motion, without ripple."""
+    fit, learnt = motion.chosen, f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
     if motion.terms.heat:
         learnt = f"{learnt}, at {motion.terms.reference:.3g} degC"
-    for name in motion.known:
-        if name not in terms:  # ripple
-            continue
-        value, std = fit[name], fit.std(name)
-        yield _number(joint, terms[name], motion.unit(name), (value, std, *_ends(value, std)), learnt, truth)
-    yield from _directed(joint, fit.names, fit.values, fit.covariance, motion.motion.slides, QUANTILE_95, learnt)
+    known = dict.fromkeys(motion.known, learnt)
+    yield from _table(joint, motion.motion.slides, known, fit.names, fit.values, fit.covariance, truth)
 
 
 def number_of_gain(joint: str, gain: float, std: float) -> FrictionNumber:
@@ -207,10 +198,9 @@ def number_of_gain(joint: str, gain: float, std: float) -> FrictionNumber:
 
 def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
     """Stiffness and damping of the bristles."""
-    learnt, stds = f"responses at rest, {rest.amplitudes} amplitudes", np.sqrt(np.diag(rest.covariance)).tolist()
-    for key, value, std in zip(("stiffness", "damping"), (rest.sigma_0, rest.sigma_1), stds, strict=True):
-        term = TERMS[f"lugre.{key}"]
-        yield _number(joint, term, term.unit_at(slides), (value, std, *_ends(value, std)), learnt, truth)
+    names, values = ("lugre.stiffness", "lugre.damping"), np.array([rest.sigma_0, rest.sigma_1])
+    learnt = dict.fromkeys(names, f"responses at rest, {rest.amplitudes} amplitudes")
+    yield from _table(joint, slides, learnt, names, values, rest.covariance, truth)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
@@ -235,34 +225,34 @@ def _ends(value: float, std: float, reach: float = QUANTILE_95) -> tuple[float, 
     return value - reach * std, value + reach * std
 
 
-def _number(
-    joint: str, term: FrictionTerm, unit: str, row: tuple[float, float, float, float], learnt: str, truth: Truth
-) -> FrictionNumber:
-    name = term.name(joint)
-    return FrictionNumber(name, term.symbol, term.meaning, unit, *row, learnt, truth.get(name))
-
-
-def _directed(
+def _table(
     joint: str,
+    slides: bool,
+    learnt: Mapping[str, str],
     names: Sequence[str],
     values: FloatArray,
     covariance: FloatArray,
-    slides: bool,
-    reach: float,
-    learnt: str,
+    truth: Truth,
+    reach: float = QUANTILE_95,
 ) -> Iterator[FrictionNumber]:
-    """Coulomb and viscous friction forwards and backwards: mean and half difference, summed and subtracted."""
+    """Numbers that were learnt, by name, and Coulomb and viscous friction forwards and backwards where they differ.
+
+    The latter are mean and half difference, summed and subtracted.
+    """
+    terms = TERMS | RIGID_TERMS
+    rows = [(terms[name], "", "", [i]) for i, name in enumerate(names) if name in terms and name in learnt]
     for name in ("coulomb", "viscous"):
-        if name not in names or f"directions.{name}" not in names:
-            continue
-        term, pair = TERMS[name], [names.index(name), names.index(f"directions.{name}")]
-        for sign, mark, word in ((1.0, "+", "forwards"), (-1.0, "-", "backwards")):
-            a = np.array([1.0, sign])
-            value, std = float(a @ values[pair]), float(np.sqrt(a @ covariance[np.ix_(pair, pair)] @ a))
-            yield FrictionNumber(
-                f"{term.name(joint)}{mark}", f"{term.symbol}{mark}", f"{term.meaning} {word}", term.unit_at(slides),
-                value, std, *_ends(value, std, reach), learnt,
-            )  # fmt: skip
+        if name in names and f"directions.{name}" in names:
+            pair = [names.index(name), names.index(f"directions.{name}")]
+            rows += [(terms[name], mark, word, pair) for mark, word in (("+", " forwards"), ("-", " backwards"))]
+    for term, mark, word, places in rows:
+        a = np.array([1.0, -1.0 if mark == "-" else 1.0])[: len(places)]
+        value, std = float(a @ values[places]), float(np.sqrt(a @ covariance[np.ix_(places, places)] @ a))
+        unit, name = "kg" if slides and term.path == "inertia" else term.unit_at(slides), f"{term.name(joint)}{mark}"
+        yield FrictionNumber(
+            name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, *_ends(value, std, reach),
+            learnt[term.path], truth.get(name),
+        )  # fmt: skip
 
 
 def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> dict[str, float]:

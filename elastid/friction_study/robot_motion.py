@@ -29,12 +29,13 @@ from elastid.friction_study.least_squares import (
     solve,
 )
 from elastid.friction_study.motion import (
+    ONE_LOAD,
     MotionFriction,
     RigidBody,
     both_bands,
     judged,
     moved_numbers,
-    parts_held,
+    too_few_speeds,
 )
 from elastid.friction_study.motion_terms import Motion, MotionSignals
 from elastid.model.rigid_body import inverse_dynamics, regressor
@@ -50,6 +51,7 @@ MAX_UNIDENTIFIED = 1e-3
 # Of columns of unit length: numbers that logs barely excite are large, of either sign, and predict no other motion
 # (Hoerl and Kennard, Technometrics 12, 1970).
 RIDGES = (0.0, 0.03, 0.1, 0.3, 1.0)
+ALONE = "joints that move together are regressed without; record this joint alone, cold and warm"
 GRAVITY_HIDES = "Coulomb friction that differs between the directions cannot be distinguished from offset and gravity"
 
 
@@ -287,15 +289,14 @@ def _shifts_between_bands(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Of the numbers of both regressions, from all of the band to its narrow part, and their std; empty without it."""
     joints = tuple(logs[0].of_joints)
-    by_joint = {joint: both_bands([each.of_joints[joint] for each in logs]) for joint in joints}
+    bands = {joint: both_bands([each.of_joints[joint] for each in logs]) for joint in joints}
+    if not all(bands.values()):
+        return []
     solutions = []
     for side in (0, 1):
-        own = []
-        for k, log in enumerate(logs):
-            bands = {joint: band[side][k] for joint, band in by_joint.items() if band is not None}
-            own.append(_Signals(bands, log.resting))
-        if len(own[0].of_joints) < len(joints):
-            return []
+        own = [
+            _Signals({joint: band[side][k] for joint, band in bands.items()}, log.resting) for k, log in enumerate(logs)
+        ]
         solutions.append(_solutions(own, [_columns(robot, joints, joints, chosen, each) for each in own]))
     rate_hz = logs[0].of_joints[joints[0]].kept_hz
     return [shift_between(wide, slow, rate_hz) for wide, slow in zip(*solutions, strict=True)]
@@ -321,8 +322,10 @@ def _of_joint(
     width = len(fit.chosen.names)
     own = slice(width * i, width * (i + 1))
     moved = moved_numbers(fit.chosen.names, *(each[own] for each in shifts[fit.are_apart])) if shifts else {}
-    held = (*parts_held(fit.plateaus, motion.slides), Held("directions.coulomb", GRAVITY_HIDES))
-    fit = replace(fit, held=held, notes=(_rigid_body_note(motion.place, signals, alike),))
+    reasons = {"stribeck": too_few_speeds(fit.plateaus, motion.slides), "temperature": ALONE}
+    held = [Held(part, reason) for part, reason in reasons.items() if reason]
+    held += [ONE_LOAD, Held("directions.coulomb", GRAVITY_HIDES)]
+    fit = replace(fit, held=tuple(held), notes=(_rigid_body_note(motion.place, signals, alike),))
     return fit.with_chosen(*judged(fit.chosen, moved, fit.passband_hz, advice))
 
 

@@ -59,7 +59,7 @@ def passes(
                     + GRAVITY * np.cos(q / RATIO) + RIPPLE[0] * np.cos(q) + RIPPLE[1] * np.sin(2 * q) + noise * coloured
                 )  # fmt: skip
                 angle = q / RATIO
-                found.append(Pass("motor 2", f"{v:.4g}/{number}", rate, angle, velocity, acceleration, u, slides=False))
+                found.append(Pass("motor 2", f"{v:.4g}/{number}", angle, velocity, acceleration, u, slides=False))
     return found
 
 

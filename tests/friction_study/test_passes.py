@@ -58,7 +58,7 @@ def regression(noise: np.ndarray, ripple: float) -> PassRegression:
     n = len(noise) // 2
     q, one = np.linspace(0, 10.0, n), np.ones(n)
     passes = [
-        Pass("joint 1", "a", RATE, way, s * one, 0 * one, 3.0 * s + ripple * np.cos(2 * np.pi * 5 * way) + part)
+        Pass("joint 1", "a", way, s * one, 0 * one, 3.0 * s + ripple * np.cos(2 * np.pi * 5 * way) + part)
         for s, way, part in ((1.0, q, noise[:n]), (-1.0, q[::-1], noise[n:]))
     ]
     return PassRegression.of(passes, False, 1.0)
@@ -97,7 +97,7 @@ def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts() -> None:
     np.testing.assert_allclose((held.velocity - read.velocity)[20:-20], 5e-3 * read.acceleration[20:-20], rtol=0.02)
 
 
-RATE_HZ, N = 200.0, 400
+N = 400
 
 
 def arm_passes(speeds: Sequence[float], seed: int = 0, gravity: float = 20.0, uneven: float = 0.0) -> list[Pass]:
@@ -108,7 +108,7 @@ def arm_passes(speeds: Sequence[float], seed: int = 0, gravity: float = 20.0, un
             q = s * (np.arange(N) / N - 0.5) * 0.4
             v = np.full(N, s * speed)
             u = s * (10 + 5 * speed) + uneven * speed + gravity * np.cos(q) + 0.3 * rng.standard_normal(N)
-            found.append(Pass("joint 1", f"p{k}", RATE_HZ, q, v, np.zeros(N), u))
+            found.append(Pass("joint 1", f"p{k}", q, v, np.zeros(N), u))
     return found
 
 
