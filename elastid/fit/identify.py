@@ -302,6 +302,7 @@ def _estimate(
         criterion=fit.parts[0].criterion,
         configurations=tuple(part.configuration for part in fit.parts),
         share=uncertainty.share,
+        informing_hz=uncertainty.informing_hz,
         linear=tuple(part.kernel.model for part in fit.parts if part.kernel.model.is_delayed),
         repeated=uncertainty.repeated,
         lasting=uncertainty.lasting,
