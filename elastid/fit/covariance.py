@@ -61,16 +61,24 @@ from elastid.parameters import Parameter, Parameters
 from elastid.response import UNEXPLAINED, Response
 
 
-def information_shares(power: Sequence[FloatArray], by_loads: FloatArray) -> FloatArray:
-    """Share (Q, n_x) of each configuration in the information.
+def information_shares(
+    power: Sequence[FloatArray], freq_hz: Sequence[FloatArray], by_loads: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Share (Q, n_x) of each configuration, and the band (n_x, 2) of the middle half of the responses' information.
 
-    power: [A^-1 A_k A^-1]_ii (F, n_x) of the lines of each.  by_loads (n_x,): the same of load tests, whose share is
-    the rest.
+    power: [A^-1 A_k A^-1]_ii (F, n_x) of the lines freq_hz (F,) of each.  by_loads (n_x,): the same of load
+    tests, whose share is the rest.
     """
-    sums = np.array([np.sum(lines, axis=0) for lines in power])
+    sums = [np.sum(lines, axis=0) for lines in power]
     total = np.sum(sums, axis=0)
     total[total == 0] = np.nan
-    return np.asarray(sums / (total + by_loads))
+    every = np.concatenate(freq_hz)
+    order = np.argsort(every, kind="stable")
+    rising = np.cumsum(np.concatenate(power)[order], axis=0) / total
+    columns = np.nan_to_num(rising.T, nan=1.0)
+    places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in columns])
+    band = every[order][np.minimum(places, len(every) - 1)]
+    return np.array([own / (total + by_loads) for own in sums]), band
 
 
 def noise_dof(power: Sequence[FloatArray], dof: Sequence[float], by_loads: FloatArray) -> FloatArray:
@@ -92,9 +100,10 @@ class Uncertainty:
 
     unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone;
     cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
-    share (Q, n_x): of each configuration in the information.  disagreement: T of the blocks, 1 for a true model
-    (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise, ratios of gears and declared
-    floor alone.
+    share (Q, n_x): of each configuration in the information; informing_hz (n_x, 2): the middle half of it.
+    disagreement: T of the blocks, 1 for a true
+    model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise, ratios of gears and
+    declared floor alone.
     repeated, lasting (n_x,): shares of the variance that a repeated measurement has, the robot's file erring as before,
     and that is left of the file by measurements without end; 1 and 0 where it is exact.
     """
@@ -105,6 +114,7 @@ class Uncertainty:
     expected_cost: float
     cost_dof: float
     share: FloatArray
+    informing_hz: FloatArray
     disagreement: float
     shift: FloatArray
     repeated: FloatArray
@@ -180,11 +190,12 @@ def estimate_uncertainty(
     covariance[unreached, unreached] = np.inf
     known = total + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
+    share, band_hz = information_shares(power, [part.freq_hz for part in parts], by_loads)
     kept = slice(n_x)  # the factors are no part of the result
-    by_noise, share = (expected_cost, cost_dof), information_shares(power, by_loads)[:, kept]
+    by_noise, information = (expected_cost, cost_dof), (share[:, kept], band_hz[kept])
     parted = disagreement([part.disagreement for part in parts], len(half))
     estimate = covariance[kept, kept], singular_values, unreached[kept]
-    return Uncertainty(*estimate, *by_noise, share, parted, shift[kept], repeated[kept], lasting[kept])
+    return Uncertainty(*estimate, *by_noise, *information, parted, shift[kept], repeated[kept], lasting[kept])
 
 
 # Of a stiffness, of a damping, and of a motor's viscous friction: std of what friction or effects of gears leave that

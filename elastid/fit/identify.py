@@ -76,7 +76,7 @@ def identify(
     parameters: those of `choose` if None, else these in place of spec.parameters.  loads: load tests in their postures
     (`placed_tests`), whose deflections count as residuals, too.
     Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
-    a parameter without effect, gains without a scale, where every start fails, or where the best robot finds no rest
+    a parameter without effect, where every start fails, or where the best robot finds no rest
     between its end and its start; Interrupted, with the starts that were done, on Ctrl-C once the search has begun.
     """
     execution = execution or Execution()
@@ -164,7 +164,6 @@ def _search(
         few = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
         raise DataError("fit/undetermined", f"{few}; fix some, or use more lines")
     checks.check_effects(fit, robot)
-    checks.check_scale(fit, robot)
     starts, hits = _from_all_starts(assembly, fit, spec, execution)
     if has_tolerances(robot):
         assembly, fit, starts = release(assembly, starts, robot, loads)
@@ -303,6 +302,7 @@ def _estimate(
         criterion=fit.parts[0].criterion,
         configurations=tuple(part.configuration for part in fit.parts),
         share=uncertainty.share,
+        informing_hz=uncertainty.informing_hz,
         linear=tuple(part.kernel.model for part in fit.parts if part.kernel.model.is_delayed),
         repeated=uncertainty.repeated,
         lasting=uncertainty.lasting,

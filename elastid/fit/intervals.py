@@ -132,12 +132,10 @@ MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
 
 @dataclass(frozen=True)
 class Profile:
-    """Of one parameter: the interval in x, infinite where the data give no bound, and the points (n,) of V_p found."""
+    """Of one parameter: the interval in x, infinite where the data give no bound."""
 
     name: str
     interval: tuple[float, float]
-    x: FloatArray
-    cost: FloatArray
 
 
 def profiles(
@@ -176,26 +174,22 @@ class _Work:
     def __call__(self, place: int) -> Profile:
         """Both ends of the interval of one parameter."""
         begin = self._point(place, Ending(self.x, self.best, "", 0))
-        (low, below), (high, above) = self._end(place, -1, begin), self._end(place, 1, begin)
-        costs = dict(sorted((float(point.x[place]), point.cost) for point in (begin, *below, *above)))
-        name = self.problem.parameters.free_names[place]
-        return Profile(name, (low, high), np.array(list(costs)), np.array(list(costs.values())))
+        ends = self._end(place, -1, begin), self._end(place, 1, begin)
+        return Profile(self.problem.parameters.free_names[place], ends)
 
-    def _end(self, place: int, side: int, begin: _Point) -> tuple[float, list[_Point]]:
-        """Where V_p crosses the level on one side, infinite where it does not before the bound, and the points."""
+    def _end(self, place: int, side: int, begin: _Point) -> float:
+        """Where V_p crosses the level on one side, infinite where it does not before the bound."""
         optimum, bound = float(self.x[place]), float(self.problem.parameters.x_bounds[(side + 1) // 2][place])
-        level, points = math.sqrt(self.allowed[place]), list[_Point]()
-        inside, outside, last = 0.0, math.inf, begin
+        level, inside, outside, last = math.sqrt(self.allowed[place]), 0.0, math.inf, begin
         at = optimum + side * QUANTILE_95 * math.sqrt(float(self.variance[place]))
-        while len(points) < 15:
+        for _ in range(15):
             at = min(at, bound) if side > 0 else max(at, bound)
             point = self._moved(place, last, at)
-            points.append(point)
             rise = math.sqrt(max(0.0, point.cost - self.best.cost))
             if rise > level:
                 outside = abs(at - optimum)
             elif at == bound:
-                return side * math.inf, points
+                return side * math.inf
             else:
                 inside = abs(at - optimum)
             slope = side * point.slope / (2 * rise) if 0 < rise < math.inf else 0.0
@@ -204,9 +198,9 @@ class _Work:
             # The last step needs no evaluation where sqrt(V_p - V) is near its level, nor does an end that is known.
             is_near = slope > 0 and abs(level - rise) < 0.05 * level
             if is_near or outside - inside < 0.005 * outside:
-                return at, points
+                return at
             last = point if math.isfinite(rise) else last
-        return optimum + side * outside, points
+        return optimum + side * outside
 
     def _moved(self, place: int, last: _Point, value: float) -> _Point:
         """The point of the path with a value, begun on the tangent of another one."""

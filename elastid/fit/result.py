@@ -147,7 +147,7 @@ class Result:
     rigid_parts: what is taken as rigid and shows in no response; empty where that was not judged.
     verdicts (n,): on each parameter that was asked for, in words; empty where the fit ended without an optimum.
     floor: the model error relative to |G| in weights and covariance, the largest of the responses.
-    configurations, share (Q, n_x), repeated, lasting (n_x,): as `Uncertainty`.
+    configurations, share (Q, n_x), informing_hz (n_x, 2), repeated, lasting (n_x,): as `Uncertainty`.
     linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     robot, equations: those that were fitted, for postures that were not measured.
     static, tool: static load tests, and responses at the tool, next to the responses of the motors; None without any.
@@ -173,6 +173,9 @@ class Result:
     bootstrap95: FloatArray = labelled("95 % interval by bootstrap", "SI", "free_names end", default_factory=_NO_PAIRS)
     configurations: tuple[str, ...] = ()
     share: FloatArray = labelled("share of the information", "", "configurations free_names", default_factory=_NO_TABLE)
+    informing_hz: FloatArray = labelled(
+        "middle half of that information", "", "free_names end", default_factory=_NO_PAIRS
+    )
     cost_dof: float = math.nan
     floor: float = 0.0
     indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())

@@ -293,7 +293,7 @@ def filtered(corner_hz: float) -> Callable[[ComplexArray], ComplexArray]:
     return lambda s: 1 / (1 + s / (2 * np.pi * corner_hz))
 
 
-PAYLOAD, ALL_GAINS, NO_TOLERANCE = ("payload_*",), ("gain_u_*", "gain_y_*", "rate"), True
+PAYLOAD, ALL_GAINS, NO_TOLERANCE = ("payload_*",), ("gain_u_*", "gain_y_*"), True
 # fmt: off
 INJECTIONS: tuple[Injection, ...] = (
     # The robot carries what its file does not have, or is otherwise than its file.

@@ -69,7 +69,6 @@ def test_profiles_of_a_nearly_linear_problem_are_the_intervals():
         reach = 1.96 * np.sqrt(sure.covariance[place, place])
         assert profile.name == tuple(TRUTH)[place]
         np.testing.assert_allclose(profile.interval, end.x[place] + np.array([-reach, reach]), atol=0.05 * reach)
-        assert np.all(profile.cost >= end.cost - 1e-6)
 
 
 def test_a_profile_knows_that_data_only_bound_a_parameter():

@@ -12,14 +12,13 @@ from plants.notes import said
 from plants.refusals import refused
 
 from elastid.app.stages.fit import TRUSTED
-from elastid.base.errors import DataError, Note
+from elastid.base.errors import Note
 from elastid.fit.assembly import Assembly
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.result import DISTORTED, Result
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
-from elastid.record import Configuration
 from elastid.response import UNEXPLAINED, Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.study import load_robot
@@ -221,18 +220,6 @@ def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor
     assert result.model_error < 2
     assert (result.notes[0].code, result.notes[0].place) == ("fit/frequency-unit", "k_1")
     assert f"in {unit}" in result.notes[0].text
-
-
-@pytest.mark.slow
-def test_one_measurement_under_two_names_is_refused(noisy) -> None:
-    """A file given for another posture, too; two measurements of one posture differ by their noise."""
-    again = replace(noisy[0], configuration=Configuration("again", noisy[1].configuration.angles))
-    with pytest.raises(DataError) as refusal:
-        identify([*noisy, again], started_elsewhere(arm(), 1.5), FitSpec(starts=2, seed=1))
-    assert refusal.value.code == "fit/responses"
-    apart = measure(arm(), rng=np.random.default_rng(12))[1]
-    repeated = replace(apart, configuration=again.configuration)
-    assert identify([*noisy, repeated], started_elsewhere(arm(), 1.5), FitSpec(starts=2, seed=1)).status == "converged"
 
 
 def test_small_residuals_far_beyond_a_smaller_noise_are_no_failure() -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.notes import said
 from plants.refusals import refused
 
 from elastid.fit.fitted_robot import FittedRobot
@@ -245,23 +244,6 @@ def test_a_configuration_of_another_robot_is_named(data):
     foreign = measure(bench(k=60.0), "c6", rng)
     result = identify([*data, *others, foreign], bench(), FitSpec(starts=3))
     assert ("fit/unlike-responses", "configuration c6") in [(note.code, note.place) for note in result.notes]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("foreign", [("c4",), ("c4", "c5")])
-def test_one_or_two_of_a_few_configurations_of_another_robot_are_named(data, foreign):
-    """They draw the fit so far that no residual stands out; without them the others agree."""
-    rng = np.random.default_rng(4)
-    other = bench(k=20.0, d=0.3, viscous=5e-3)
-    result = identify([*data, *(measure(other, name, rng) for name in foreign)], bench(), FitSpec(starts=3))
-    sentences = (
-        f"without configuration {' and '.join(foreign)} the model fits the others far better",
-        f"configuration {foreign[0]}: its residuals",
-        f"configurations c1, c2, c3 on the one side and {', '.join(foreign)} on the other disagree",
-    )
-    assert any(word.startswith(sentences) for word in said(result.notes)), said(result.notes)
-    alone = said(identify(data, bench(), FitSpec(starts=3)).notes)
-    assert not any("far better" in word or "disagree" in word for word in alone)
 
 
 def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):

@@ -12,7 +12,7 @@ from elastid.validation.comparison import Refit
 from elastid.validation.results import Fold
 
 START = LocalOptimum(np.array([0.1, np.pi]), np.array([1 / 3, -1e-300]), np.inf, 7, False, "none")
-PROFILE = Profile("k_1", (-np.inf, 0.3), np.array([0.1, 0.2]), np.array([1.0, np.nan]))
+PROFILE = Profile("k_1", (-np.inf, 0.3))
 REFIT = Refit("failed", "why", 3, np.inf, 2, {"a": Fold("a", 1 / 7, np.nan, 3.0)})
 
 

@@ -41,6 +41,7 @@ def test_intervals_and_information_come_back_to_the_last_bit(tmp_path):
         bootstrap95=2 * pairs,
         configurations=("b", "a"),
         share=np.array([[0.25, 0.5], [0.75, 0.5]]),
+        informing_hz=3 * pairs,
     )
     write_fit(tmp_path / "fit.h5", full)
     assert same(read_fit(tmp_path / "fit.h5"), full)

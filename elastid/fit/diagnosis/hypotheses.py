@@ -29,7 +29,6 @@ from elastid.fit.diagnosis.sensitivities import (
     gear_ratios,
     of_one_posture,
     posture_angles,
-    rate_column,
     stiffening,
 )
 from elastid.fit.diagnosis.variants import find_variants
@@ -37,7 +36,7 @@ from elastid.fit.result import ModificationIndex, Result
 
 GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
 INERTIA = Size(0.05, math.log(3), True)  # of a motor
-CHANNELS = "check torque constants, units and scales of the channels"
+CHANNELS = "check torque constants, units and scales of the channels, and rate_hz"
 DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
 
 
@@ -48,11 +47,6 @@ def gain(index: ModificationIndex) -> str:
     if where == "*":
         return f"{signals} of all channels that read {factor}"
     return f"{signals[:-1]} at {where.replace('_', ' ')} that reads {factor}"
-
-
-def rate(index: ModificationIndex) -> str:
-    """Sampling rate."""
-    return f"a sampling rate {relative(1 + float(index.steps[0]))} (and motions from positions)"
 
 
 def angle(index: ModificationIndex) -> str:
@@ -181,14 +175,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     # Channels and clocks.
     Hypothesis("gain", ("gain_u",), GAIN_U, True, gain, CHANNELS),
     Hypothesis("gain", ("gain_y",), GAIN_Y, True, gain, CHANNELS),
-    Hypothesis(
-        "rate",
-        ("rate",),
-        Size(0.005, 0.2, unit="1"),
-        phrase=rate,
-        advice="check rate_hz",
-        columns=rate_column,
-    ),
     Hypothesis(
         "time",
         ("delay", "low", "hold"),

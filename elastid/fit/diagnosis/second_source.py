@@ -7,7 +7,6 @@ The fit to the motors' responses alone, x_m with covariance C, and the residuals
 by a few damped steps of Gauss and Newton. Where T, or the factor by which all that the source measured is larger, is
 beyond chance, they disagree. The cause is that factor, c in r - c W y, where it explains more than half of T; of
 responses at the tool it may be another reading of force and motion (sign, quantity, motors that were not as stated).
-Else the reading that is farthest off is named.
 """
 
 from __future__ import annotations
@@ -48,6 +47,7 @@ class Limits:
 
 
 LIMITS = Limits()
+_UNKNOWN = "no single cause explains it: check load, direction and std of the readings that are farthest off"
 _KEPT = "the numbers are those of the motors' responses alone"
 _BOTH = ", and their intervals contain those of both together"
 # r (n,) and its slopes (n, n_z) at x (n_x,) along a root of C, with a factor 1 + c, None without one, by parts.
@@ -156,7 +156,7 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
     found = agreement(now, alone)
     cause = ""
     if found.is_beyond:
-        cause = _softer_or_stiffer(found.factor) if found.explains else _worst(loads, alone)
+        cause = _softer_or_stiffer(found.factor) if found.explains else _UNKNOWN
     ratio = (1 + found.factor, found.std) if np.isfinite(found.std) else (np.nan, np.nan)
     return StaticAgreement(_readings(loads, alone, now), *ratio, found.T, now.n_residuals, cause)
 
@@ -170,18 +170,6 @@ def _readings(loads: StaticLoads, alone: Result, now: SecondSource) -> tuple[Loa
     return tuple(
         LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *own)
         for i, (x, y, z), own in zip(loads.owners, rows, numbers, strict=True)
-    )
-
-
-def _worst(loads: StaticLoads, alone: Result) -> str:
-    """The reading that is farthest off, where no single cause explains all."""
-    predicted = loads.predicted(alone.parameters, alone.x)[0]
-    worst = int(np.argmax(np.abs(loads.whitening @ (loads.measured - predicted))))
-    load = loads.robot.loads[loads.owners[worst]]
-    return (
-        f"no single cause explains it; the worst is a reading at {load.read_at} in {load.configuration.name} with "
-        f"{1e6 * loads.measured[worst]:.4g} um instead of {1e6 * predicted[worst]:.4g} um: check its load, direction "
-        "and std"
     )
 
 

@@ -6,17 +6,12 @@ geometry and the gains of its channels these are:
 - angle_2: an offset of the angle at which axis 2 stood, in all configurations; angle_2@c1: in one.
 - torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
 - base_x: that of what the robot stands on, about x of its first body before it turns.
-- rate: a sampling rate 1 + e of the stated one. Frequencies are then 1 + e of those read, and motions that were
-  differentiated from positions (1 + e)^2:
-
-.. math:: \omega \frac{\partial}{\partial \omega}: \quad dK = -2 K\, d\epsilon, \; dD = -D\, d\epsilon
 
 A stiff spring stands in for a rigid coordinate: dK = -k^2 dc (...).
 
 Of numbers that need no model of their own, the `columns` of hypotheses, derivatives follow from the response itself:
 
-.. math:: \text{delay of an output or input}: \; -j \omega G \text{ in its row or column}, \qquad
-          \text{rate}: \; \frac{dG}{d\epsilon} = \omega \frac{\partial G}{\partial \omega} - 2 G
+.. math:: \text{delay of an output or input}: \; -j \omega G \text{ in its row or column}
 
 .. math:: \text{ratio of motor } i: \quad \dot S G + G \dot S^T
           + 2 \Big( J_m \frac{\partial G}{\partial J_m} + f_m \frac{\partial G}{\partial f_m} + \ldots \Big),
@@ -48,7 +43,6 @@ from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Robot, Spring, gain_name
 
-RATE = "rate"
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -90,10 +84,10 @@ class HeldModel:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of theta: those of the equations, the delay, offsets of the angles, the rate."""
+        """Names of theta: those of the equations, the delay, offsets of the angles."""
         robot = self.linearisation.model.robot
         further = (f"angle_{joint.name}" for joint in robot.driven)
-        return (*self.linearisation.model.parameters, DELAY, *further, RATE)
+        return (*self.linearisation.model.parameters, DELAY, *further)
 
     def theta(self, fitted: Parameters, x: FloatArray, configuration: str) -> FloatArray:
         """The numbers (n,) in SI where x (n_x,) is the estimate."""
@@ -115,7 +109,7 @@ class HeldModel:
             return at_measured_places(model, measured)
 
         model = model_at(measured.configuration, self.linearisation)
-        slopes = dict(model.slopes) | {RATE: Slope(D=-model.D, K=-2 * model.K)}
+        slopes = dict(model.slopes)
         for name in self.rigid:
             k = model.number(np.append(own, 0.0), name)
             stiff = {letter: getattr(slopes[name], letter) for letter in "MDKCTB"}
@@ -283,11 +277,6 @@ def _flat(mixing: ComplexArray | None, values: ComplexArray) -> FloatArray:
 # Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
 LOAD_RATIO = 0.97
 NO_LOAD = 0.01  # of the largest torque, below which a gear carries none
-
-
-def rate_column(response: HeldResponse) -> dict[str, ComplexArray]:
-    """Derivative to a sampling rate 1 + e of the stated one."""
-    return {RATE: response.slopes[RATE] - 2 * response.G}
 
 
 def channel_delays(response: HeldResponse) -> dict[str, ComplexArray]:

@@ -22,7 +22,6 @@ from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.diagnosis.hypothesis import Scores
-from elastid.fit.diagnosis.sensitivities import RATE
 from elastid.fit.diagnosis.status import MISFIT
 from elastid.fit.result import HELD_AS_EXACT, Result, RigidPart
 from elastid.robot import Robot
@@ -53,7 +52,7 @@ class UndetectableError:
     def amount(self, error: float) -> str:
         """An error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
         size = f"{100 * error:.2g} %" if self.log or self.unit == "1" else f"{error:.2g} {self.unit}"
-        return f"{size} of {'rate_hz' if self.name == RATE else self.name}"
+        return f"{size} of {self.name}"
 
 
 def undetectable_errors(result: Result, scores: Scores) -> Iterator[UndetectableError]:
