@@ -47,6 +47,7 @@ class Limits:
 LIMITS = Limits()
 _TURN = 0.1  # of the RMS speed or torque, over which a sign turns
 _LOOP = 0.3  # of the RMS torque or angle, over which a loop bends
+_SHOWN = 1e-3  # of the RMS torque, that a shape must have beyond a straight line
 _NEAR = 2.0  # factor by which a compliance is off that of the robot's file, at most
 
 
@@ -221,7 +222,9 @@ class _Problem:
         A, b = self._whitened(i, columns, len(others) + 1)
         R = len(others)
         V = _solve(A[:, :R], b, R)[1]
-        trials = {m: _solve(A[:, [*range(R), R + m]], b, R + (m == 0)) for m in range(len(bent))}
+        # A gear that its load never lets cross zero has no gap to show.
+        known = [m for m, x in enumerate(bent) if np.std(x) > _SHOWN * size]
+        trials = {m: _solve(A[:, [*range(R), R + m]], b, R + (m == 0)) for m in known}
         best = min(trials, key=lambda m: trials[m][1])
         level, drop = float(trials[best][0][-1]), V - trials[best][1]
         if not drop > max(LIMITS.drop, LIMITS.share * V):
