@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 
+Values = TypeVar("Values", FloatArray, ComplexArray)
 # 95 % of a normal distribution lie within so many standard deviations of its mean.
 QUANTILE_95 = 1.959964
 # And so many above its mean bound it on one side with 95 %.
@@ -193,8 +194,8 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
     return Spread(value, linear, "linearisation", unknown)
 
 
-def mean_of_neighbours(values: FloatArray, width: int) -> FloatArray:
-    """Mean (F, ...) over `width` rows, an odd number, about each; fewer of them at the ends."""
+def mean_of_neighbours(values: Values, width: int) -> Values:
+    """Mean (F, ...) of values over `width` rows, an odd number, about each; fewer of them at the ends."""
     F, half = len(values), width // 2
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
     first, end = np.maximum(np.arange(F) - half, 0), np.minimum(np.arange(F) + half + 1, F)

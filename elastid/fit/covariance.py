@@ -199,7 +199,7 @@ def estimate_uncertainty(
 
 
 # Of a stiffness, of a damping, and of a motor's viscous friction: std of what friction or effects of gears leave that
-# were taken out. Levels are known to 0.5 to 1 % (`nonlinear.choice`); k was within 0.05 %, d within 0.5 % of the truth
+# were taken out. Levels are known to 0.5 to 1 % (`nonlinear.levels`); k was within 0.05 %, d within 0.5 % of the truth
 # (scripts/studies/results.csv).
 STIFFNESS_ERROR, DAMPING_ERROR, FRICTION_ERROR = 2e-4, 2e-3, 1e-2
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.statistics import ONE_SIDED_95
+from elastid.fit.covariance import taken_out_error
 from elastid.nonlinear.drives import elastic_joints
 from elastid.nonlinear.effects import GearEffect, Kind
 from elastid.nonlinear.gear_levels import SEEN, GearData, Levels, NormalEquations, find_levels, start_levels
@@ -56,6 +57,7 @@ _PARTS: dict[Kind, tuple[float, ...]] = {
 }  # fmt: skip
 _APART = 1.5  # between the scales of two ranges or two elements of hysteresis of one gear, at least, and at the start
 _ROUGH = 0.5  # move below which effects are compared; what is chosen is then found to the end
+_LEVEL_ERROR = 4e-3  # of a level: std of what its shape is not known by, levels within 1 %
 _LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
 
 
@@ -128,7 +130,11 @@ def choose_effects(
                 found = _best_shape(data, found, joint, family)
         if _kinds(found.effects) == before:  # none of those that were added stays
             break
-    return _settled(data, found)
+    found = _settled(data, found)
+    if not found.effects:
+        return found
+    unseen = np.concatenate([taken_out_error(found.parameters), _LEVEL_ERROR * found.levels])
+    return replace(found, covariance=found.covariance + np.diag(unseen**2))
 
 
 def _settled(data: GearData, found: Levels) -> Levels:

@@ -25,9 +25,9 @@ from numpy.fft import irfft, rfft
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.statistics import mean_of_neighbours
 from elastid.nonlinear.drives import DriveLines
 from elastid.nonlinear.effects import GearEffect, GearMotion, Place, along_period, forces, periodic_error
-from elastid.nonlinear.motion import near_mean
 from elastid.nonlinear.spectra import PeriodLines
 
 _STEPS, _HALVINGS = 8, 5  # Newton's method
@@ -80,8 +80,7 @@ def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) 
     factor = np.linalg.cholesky(c * of_torque + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
     white = np.linalg.solve(factor, r)
     S = white @ white.conj().swapaxes(1, 2) / r.shape[2]
-    columns = [near_mean(column, 15) for column in S.reshape(len(S), -1).T]
-    return np.asarray(factor @ np.stack(columns, axis=1).reshape(S.shape) @ factor.conj().swapaxes(1, 2))
+    return np.asarray(factor @ mean_of_neighbours(S, 15) @ factor.conj().swapaxes(1, 2))
 
 
 def _sizes(lines: PeriodLines) -> FloatArray:

@@ -20,7 +20,6 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note
 from elastid.base.execution import Execution
-from elastid.fit.covariance import taken_out_error
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
@@ -53,7 +52,6 @@ _LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
 LOST = "stiffness, damping and friction stay those of the linear fit"
 HYSTERESIS = ("stop", "bristle")
 _POINTS = 400  # of a loop
-_LEVEL_ERROR = 4e-3  # of a level: std of what its shape is not known by, levels within 1 %
 _FREE = 0.02  # of k, at least, is the slope by which a torsion is known: within a gap a torque says nothing of it
 
 
@@ -93,9 +91,6 @@ def open_gears(
         return replace(nothing, refused=f"{error}; {LOST}")
     execution.progress(0, 3)
     found = choose_effects(data, result.parameters, result.x, bent_gears(linear, robot), gears.orders)
-    if found.effects:
-        unseen = np.concatenate([taken_out_error(found.parameters), _LEVEL_ERROR * found.levels])
-        found = replace(found, covariance=found.covariance + np.diag(unseen**2))
     execution.progress(2, 3)  # the search takes about two thirds of the time
     bounds = level_bounds(data, found, gears.orders)
     execution.progress(3, 3)

@@ -24,8 +24,9 @@ from itertools import product
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.statistics import mean_of_neighbours
 from elastid.nonlinear.friction import Kind, Shape
-from elastid.nonlinear.motion import motion_of, near_mean
+from elastid.nonlinear.motion import NEIGHBOURS, motion_of
 from elastid.nonlinear.spectra import ConfigurationSpectra, taken
 from elastid.record import Record
 
@@ -111,7 +112,7 @@ def covariance(equations: NormalEquations) -> FloatArray:
 def held_out(
     A: FloatArray, b: FloatArray, c: FloatArray, solved: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> float:
-    """What numbers leave of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
+    """Power that numbers leave of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
     left, whole, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
     for m in range(len(A)):
         f = solved(whole - A[m], pull - b[m])
@@ -132,7 +133,7 @@ def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
     smooth = np.empty_like(power)
     for kind in (excited, ~excited):
         if kind.any():
-            smooth[kind] = near_mean(power[kind])
+            smooth[kind] = mean_of_neighbours(power[kind], NEIGHBOURS)
     return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max(initial=0.0) + 1e-300))
 
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
-from typing import TypeVar
 
 import numpy as np
 from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.statistics import mean_of_neighbours
 from elastid.record import MOTION_ORDER, Record
 
-Power = TypeVar("Power", FloatArray, ComplexArray)
 # Cells of the fine grid in a sample, since reversals of friction fall between samples.
 CELLS = 4
 # Lines of the period are kept as they are unless the velocity has more noise than this part of its RMS, since friction
@@ -110,15 +109,9 @@ def _signal_share(power: FloatArray, noise: float) -> FloatArray:
     """Wiener's gain (F,) of lines of a power (F,), by the mean of neighbours: 1 - noise / power, 0 below one half."""
     if not len(power):
         return power
-    near = near_mean(power)
+    near = mean_of_neighbours(power, NEIGHBOURS)
     # Noise alone has a mean of twice its power at four lines in a thousand.
     return np.where(near > 2 * noise, 1 - noise / np.maximum(near, 1e-300), 0.0)
-
-
-def near_mean(power: Power, lines: int = NEIGHBOURS) -> Power:
-    """Mean (F,) of a power of lines (F,), real or complex, over neighbouring lines, fewer at the ends."""
-    window = np.ones(min(lines, len(power)))
-    return np.asarray(np.convolve(power, window, "same") / np.convolve(np.ones(len(power)), window, "same"))
 
 
 @lru_cache(maxsize=16)

@@ -78,7 +78,7 @@ class ConfigurationSpectra:
         return np.asarray(off / np.maximum(off + power / (on.sum() * K), 1e-300))
 
     def net(self, friction: ComplexArray) -> tuple[ComplexArray, ComplexArray, BoolArray]:
-        """What is left where `friction` (F, n_m, K) is taken out of U: residuals e (F, n_m, K), shapes X (F, n_f, K).
+        """Residuals e (F, n_m, K) and shapes X (F, n_f, K) where `friction` (F, n_m, K) is taken out of U.
 
         e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
         experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  And the lines (F,)
