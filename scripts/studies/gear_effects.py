@@ -15,12 +15,9 @@ share of 95 % intervals of k, d and levels that hold the truth. Asserted in ever
 plant and no other, levels within 3 % or 3 std, ends of ranges and gaps and what a hysteresis bends by within 2 % or 3
 std, k within 0.1 %, d within 2 %; on a clean plant nothing is found. Coverage is printed and not asserted.
 
-Found, case by case with `--draws 40 --seed 11`, whose noise is that of all cases and leaves the linear fit of the clean
-plant with 73 of 80 intervals (77 of 80 with `--case none --draws 40 --seed 12`): gap 111 of 120, hysteresis 111, lost
-motion 110, with friction 183 of 200; k at most 0.005 % off and d 0.07 %. Before the search worked on half the points:
-ranges of torque 144 of 160, k 0.043 %. Before laws broke between points: at the motor 110 of 120, behind the gear 112,
-both sides 148 of 160, by load 148 of 160, hardening 115 of 120, progressive 107, ripple 113, transmission error 111,
-all at once 227 of 240. In all draws the effects are those of the plant, and every case passes.
+Found with `--draws 3 --seed 11`: none 6 of 6 intervals, friction at the motor 9 of 9, behind the gear 9 of 9, both
+sides 12 of 12, hardening 9 of 9, progressive 9 of 9, ranges of torque 12 of 12; k at most 0.019 % off. The case `gap`
+fails: its level is 5 to 8 % too small at 0.6 % of stated std.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
