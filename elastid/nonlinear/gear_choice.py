@@ -227,15 +227,14 @@ def _pruned(data: GearData, found: Levels) -> Levels:
     """
     size = found.levels / np.maximum(found.std, 1e-300)
     power = sum(np.sum(np.abs(e.Phi) ** 2, axis=(0, 1, 2)) for e in found.estimates) * found.levels**2
-    joint = np.array([effect.joint for effect in found.effects])
-    largest = np.array([power[joint == name].max() for name in joint])
-    of_group: dict[tuple[str, str, float], float] = {}
-    for effect, z in zip(found.effects, size.tolist(), strict=True):
-        of_group[effect.family] = max(of_group.get(effect.family, -np.inf), z if effect.brakes else abs(z))
-    keep = np.array([of_group[effect.family] >= SEEN for effect in found.effects], bool)
-    is_pair = np.array([effect.kind.endswith("sine") for effect in found.effects], bool)
-    keep &= is_pair | (power > LIMITS.trifle**2 * largest)
-    if keep.all():
+    families = [effect.family for effect in found.effects]
+    seen, powers = dict[tuple[str, str, float], float](), dict.fromkeys(families, 0.0)
+    for effect, z, P in zip(found.effects, size.tolist(), power.tolist(), strict=True):
+        seen[effect.family] = max(seen.get(effect.family, -np.inf), z if effect.brakes else abs(z))
+        powers[effect.family] += P
+    largest = {joint: max(P for (_, other, _), P in powers.items() if other == joint) for _, joint, _ in families}
+    keep = [seen[family] >= SEEN and powers[family] > LIMITS.trifle**2 * largest[family[1]] for family in families]
+    if all(keep):
         return found
     effects = tuple(effect for effect, kept in zip(found.effects, keep, strict=True) if kept)
     return find_levels(data, found, effects, settled=_ROUGH)

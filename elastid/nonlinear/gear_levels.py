@@ -293,6 +293,6 @@ def _jacobian(lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels:
             )
             slope = slope + drive.sensor[:, :, None] * (CH @ (dZ @ q))
         J[..., :n_x] += slope[..., None] * row
-    moved = np.einsum("fan,fnmi->fami", CH, estimate.Phi)
+    moved = np.einsum("fan,fnmi->fami", CH, estimate.Phi) + estimate.folded
     J[..., n_x:] = -drive.sensor[:, :, None, None] * moved
     return J

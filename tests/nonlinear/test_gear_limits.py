@@ -58,7 +58,7 @@ def case(gear: Gear | None = None, *, noise: float = 1e-8) -> Case:
     scatter = np.full((F, 1), noise**2)
     lines = PeriodLines(
         POSTURE, RATE_HZ, SAMPLES, U, U, *np.zeros((2, 1, 2)), np.array([noise**2]), scatter, excited,
-        np.arange(2), np.zeros(1),
+        np.arange(2), np.zeros(1), np.ones(1, bool),
     )  # fmt: skip
     data = GearData([lines], [G], linearisation)
     drives = data.drives(parameters, result.x)

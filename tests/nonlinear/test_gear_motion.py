@@ -53,7 +53,7 @@ def quiet_lines(told: int, experiments: int = 1, noise: float = 0.0) -> PeriodLi
     none = np.zeros((told, 1, experiments), complex)
     rest = np.zeros((1, experiments))
     numbers = np.array([noise]), np.zeros((told, 1)), np.ones(told, bool), np.arange(experiments)
-    return PeriodLines(POSTURE, 500.0, 100, none + 1, none, rest, rest, *numbers, rest[:, 0])
+    return PeriodLines(POSTURE, 500.0, 100, none + 1, none, rest, rest, *numbers, rest[:, 0], np.ones(1, bool))
 
 
 def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_its_window() -> None:
@@ -107,7 +107,7 @@ def test_forces_at_motor_gear_and_link_move_two_masses_as_they_must() -> None:
     F, none = 100, np.zeros((100, 1, 1), complex)
     lines = PeriodLines(
         POSTURE, RATE_HZ, SAMPLES, none, none, *np.zeros((2, 1, 1)), np.ones(1), np.ones((F, 1)), np.ones(F, bool),
-        np.zeros(1, np.int64), np.zeros(1),
+        np.zeros(1, np.int64), np.zeros(1), np.ones(1, bool),
     )  # fmt: skip
     places = ("motor 1",)
     response = Response(lines.freq_hz, none, places, places, "acceleration", POSTURE)

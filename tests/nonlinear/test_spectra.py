@@ -7,7 +7,6 @@ import pytest
 from plants.refusals import refused
 
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.motion import CELLS
 from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Configuration, Record
 
@@ -38,10 +37,19 @@ def test_amplitudes_and_mean_are_those_of_the_signals() -> None:
 
 def test_the_fine_grid_is_the_signal_between_its_samples() -> None:
     lines = gather_lines([record()], SPEC, np.array([5, 9]))
-    t = np.arange(N * CELLS) / (RATE_HZ * CELLS)
+    t = np.arange(lines.points) / (RATE_HZ * lines.points / N)
     fine = lines.fine(lines.Y[:, :, 0].T)[0]
     assert fine == pytest.approx(0.02 * np.sin(2 * np.pi * t) + 0.001 * np.cos(2 * np.pi * 5 * t), abs=1e-12)
     assert lines.amplitudes(fine[None])[0] == pytest.approx(lines.Y[:, 0, 0], abs=1e-12)
+
+
+def test_motion_beyond_half_the_rate_is_folded_into_samples() -> None:
+    """A force at line N - 3, of an inertia that moves by 1 at the last line F, is seen at line 3."""
+    lines = gather_lines([record()], SPEC, np.array([5, 9]))
+    F, force = N // 2 - 1, np.cos(2 * np.pi * (N - 3) * np.arange(lines.points) / lines.points)
+    expected = np.zeros(F)
+    expected[2] = (F / (N - 3)) ** 2
+    assert lines.folded(force[None])[0] == pytest.approx(expected, abs=1e-12)
 
 
 def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
