@@ -15,9 +15,8 @@ share of 95 % intervals of k, d and levels that hold the truth. Asserted in ever
 plant and no other, levels within 3 % or 3 std, ends of ranges and gaps and what a hysteresis bends by within 2 % or 3
 std, k within 0.1 %, d within 2 %; on a clean plant nothing is found. Coverage is printed and not asserted.
 
-Found with `--draws 3 --seed 11`: none 6 of 6 intervals, friction at the motor 9 of 9, behind the gear 9 of 9, both
-sides 12 of 12, hardening 9 of 9, progressive 9 of 9, ranges of torque 12 of 12; k at most 0.019 % off. The case `gap`
-fails: its level is 5 to 8 % too small at 0.6 % of stated std.
+Found with `--draws 8 --seed 11`: in all 120 draws the effects are those of the plant; 414 of 416 intervals hold; k at
+most 0.027 % off (ranges of torque), by load 0.018, all others 0.008; d 0.072 %.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
