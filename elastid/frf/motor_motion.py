@@ -63,11 +63,10 @@ def _representative(records: Sequence[Record]) -> list[Record]:
 
 
 def _amplitudes(record: Record, signals: FloatArray, columns: list[int]) -> ComplexArray:
-    """Complex amplitudes (N // 2, c) of the mean period of some signals in the second half of a record; twice at 0."""
+    """Complex amplitudes (N // 2, c) of some signals in the last period of a record that is used; twice at 0."""
     N, P = record.period_samples, record.n_periods
-    used = [p for p in range(P // 2, P) if p not in record.left_out] or [P - 1]
-    mean = np.asarray(sum(signals[p * N : (p + 1) * N] for p in used))[:, columns]
-    return np.asarray(rfft(mean, axis=0)[: N // 2] * (2 / N / len(used)))
+    last = max((p for p in range(P) if p not in record.left_out), default=P - 1)
+    return np.asarray(rfft(signals[last * N : (last + 1) * N, columns], axis=0)[: N // 2] * (2 / N))
 
 
 def _feedback(
