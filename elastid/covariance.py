@@ -64,7 +64,7 @@ class Covariance:
         return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
 
     def lines(self, keep: BoolArray) -> Covariance:
-        """The same on some of its lines; keep (F,) is True where a line stays."""
+        """Covariance on some of its lines; keep (F,) is True where a line stays."""
         parts = (self.left, self.right, self.matrix)
         left, right, matrix = (None if part is None else np.asarray(part)[keep] for part in parts)
         return replace(self, variance=self.variance[keep], left=left, right=right, matrix=matrix)
@@ -80,7 +80,7 @@ class Covariance:
         return next((part for part in (self.matrix, self.right) if part is not None), None)
 
     def elements(self, rows: Sequence[int], columns: Sequence[int]) -> Covariance:
-        """The same of some outputs and inputs, by their indices."""
+        """Covariance of some outputs and inputs, by their indices."""
         n_y = self.variance.shape[1]
         of_vec = [i + n_y * j for j in columns for i in rows]
 

@@ -177,7 +177,7 @@ class Parameters:
 
     @cached_property
     def free(self) -> tuple[Parameter, ...]:
-        """Those with a variable in x, in the order of x: those that were asked for, then those within tolerances."""
+        """Parameters with a variable in x, in its order: those that were asked for, then those within tolerances."""
         return tuple(sorted((p for p in self.parameters if p.is_free), key=lambda p: p.tolerated))
 
     @property
@@ -253,14 +253,14 @@ class Parameters:
         return {}
 
     def with_values(self, values: Mapping[str, float]) -> Parameters:
-        """The same set starting from other SI values."""
+        """Parameters starting from other SI values."""
         for name in values:
             self[name]
         moved = (replace(p, value=float(values[p.name])) if p.name in values else p for p in self.parameters)
         return Parameters(tuple(moved))
 
     def with_means(self, x: FloatArray) -> Parameters:
-        """The same for configurations that were not fitted: a parameter with stand-ins alone is their mean at x (n_x,).
+        """Parameters of configurations that were not fitted: stand-ins alone are their mean at x (n_x,).
 
         The mean is of the solver's variable: geometric for logarithmic parameters.
         """

@@ -85,7 +85,7 @@ class Configuration:
             raise ValueError(f"configuration {self.name}: the angles {self.angles.tolist()} are not all finite")
 
     def moved(self, index: int, angle: float) -> Configuration:
-        """The same posture with one joint elsewhere."""
+        """Posture with one joint elsewhere."""
         angles = self.angles.copy()
         angles[index] = angle
         return replace(self, angles=angles)
@@ -249,7 +249,7 @@ class Record:
 
     @property
     def _held(self) -> tuple[float, ...]:
-        """For how many samples each input is held, 0 where it is band-limited."""
+        """Samples for which each input is held, 0 where it is band-limited."""
         return self.hold_samples or (1.0 if self.hold == "zero-order" else 0.0,) * len(self.inputs)
 
 
@@ -340,12 +340,12 @@ class FrictionRecord:
 
     @property
     def unit(self) -> str:
-        """Of its position: rad or m."""
+        """Unit of the position: rad or m."""
         return "m" if self.slides else "rad"
 
     @property
     def torque_unit(self) -> str:
-        """Of its torque: N*m or N."""
+        """Unit of the torque: N*m or N."""
         return drive_unit(self.slides)
 
 
@@ -387,7 +387,7 @@ class FrictionRecords:
         return tuple(r for r in self.records if r.joint == joint and r.purpose == purpose)
 
     def divided(self, left_out: Collection[str]) -> tuple[FrictionRecords, FrictionRecords]:
-        """Those to identify from, and those of the logs that are left out, by name, with all their parts."""
+        """Records to identify from, and those of the logs that are left out, by name, with all their parts."""
         names = {r.name: r.name.partition(PART)[0] for r in self.records}
         inside, outside = (
             tuple(r for r in self.records if (r.name in left_out or names[r.name] in left_out) == out)

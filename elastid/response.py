@@ -108,7 +108,7 @@ class MotorMotion:
         return np.asarray(np.sqrt(np.einsum("kii->i", self.power).real))
 
     def grouped(self, most: int) -> MotorMotion:
-        """The same on at most so many lines: neighbours together, at the frequency of the same mean square velocity."""
+        """Motion on at most so many lines: neighbours together, at the frequency of the same mean square velocity."""
         if len(self.freq_hz) <= most:
             return self
         starts = np.arange(most) * len(self.freq_hz) // most
@@ -359,7 +359,7 @@ class Responses(tuple[Response, ...]):
 
 
 def in_quantity(response: Response, quantity: Motion) -> Response:
-    r"""The same response in position, velocity or acceleration per torque, its covariance with it.
+    r"""Response in position, velocity or acceleration per torque, its covariance with it.
 
     .. math:: G' = (j\omega)^k G, \qquad cov(vec\, G') = \omega^{2k} cov(vec\, G)
     """

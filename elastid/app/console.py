@@ -125,7 +125,7 @@ class _LogFile(logging.FileHandler):
         """Nothing: the work goes on."""
 
     def close(self) -> None:
-        """Without the lines that do not fit; an error of theirs would take the place of the one that ended the work."""
+        """The display ends without lines that do not fit: an error of theirs would hide the one that ended the work."""
         with suppress(OSError):
             super().close()
 

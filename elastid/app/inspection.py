@@ -170,7 +170,7 @@ def _gear_sheets(path: Path) -> list[str]:
 
 
 def _whole(display: Display) -> list[str]:
-    """Its title and all rows."""
+    """Title and all rows of a display."""
     return [f"  {line}" for line in (display.title, *columns([display.headings, *display.rows]))]
 
 

@@ -124,7 +124,7 @@ def handed_values(loaded: LoadedStudy, stage: Stage) -> dict[str, Any]:
 
 
 def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
-    """For each stage the stamp that its result must carry to be the result that the study asks for."""
+    """Stamp by stage that a result must carry to be the one that the study asks for."""
     code, results = code_hash(), dict[str, Stamp]()
     for name, stage in stages_of_study(loaded.study).items():
         handed = {value.argument: value.of(loaded) for value in stage.values}

@@ -221,7 +221,7 @@ class FileArray(np.memmap):
         return plain[()] if return_scalar else plain
 
     def __reduce__(self) -> Any:
-        """Its place; of a temporary file the numbers, for one of that process; of a part the numbers."""
+        """Place of the array; of a temporary file the numbers, for one of that process; of a part the numbers."""
         if hasattr(self, "place"):
             return FileArray.at, (*self.place, self.dtype, self.shape)
         values = np.array(self)
@@ -265,7 +265,7 @@ def kept_beside(source: NDArray[Any] | None, values: NDArray[Any]) -> NDArray[An
 
 
 def kept_in(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
-    """The same in a temporary file of a folder."""
+    """The numbers in a temporary file of a folder."""
     if not hasattr(mmap, "MADV_DONTNEED"):
         return values
     values, key = np.ascontiguousarray(values), (os.getpid(), folder)
@@ -316,7 +316,7 @@ class ValueRange:
 
 
 def value_range(blocks: Iterable[NDArray[Any]]) -> ValueRange:
-    """Of numbers in pieces, real or (their magnitude) complex.
+    """Range of numbers in pieces, real or (their magnitude) complex.
 
     >>> value_range([np.array([2.0, 1.0]), np.array([np.nan, 5.0])])
     ValueRange(first=2.0, low=1.0, high=5.0, missing=1)

@@ -40,7 +40,7 @@ class Display:
 
     @property
     def html(self) -> str:
-        """The same as a table of HTML with the title as its caption."""
+        """Table in HTML with the title as its caption."""
         head = "".join(f"<th>{_html(cell)}</th>" for cell in self.headings)
         body = "".join(f"<tr>{''.join(f'<td>{_html(cell)}</td>' for cell in row)}</tr>" for row in self.rows[:MAX_ROWS])
         caption = f'<caption style="text-align: left">{_html(self.title)}</caption>'

@@ -141,7 +141,7 @@ class Note:
 
 @dataclass(frozen=True)
 class NoteGroup:
-    """The same note from `places`: one code, and texts that differ at most in their numbers."""
+    """One note from `places`: one code, and texts that differ at most in their numbers."""
 
     first: Note
     places: tuple[str, ...]

@@ -19,7 +19,7 @@ _NOT_IN_IDENTIFIER = re.compile(r"[\W_]+", re.ASCII)
 
 
 def printable(text: str) -> str:
-    r"""For a terminal, a log, a prompt: control characters, and those that turn the direction of writing, written out.
+    r"""Text for a terminal, a log, a prompt: control characters and those that turn the writing are written out.
 
     Tabs and line feeds stay.
 
@@ -73,7 +73,7 @@ def _apart(text: str, *pairs: str) -> str:
 
 
 def c_identifiers(joints: Iterable[str]) -> dict[str, str]:
-    """By joint an identifier of C and of CasADi, all different in more than case.
+    """Identifier of C and of CasADi by joint, all different in more than case.
 
     >>> c_identifiers(["axis - 1", "axis 1", "é"])
     {'axis - 1': 'joint_axis_1', 'axis 1': 'joint_axis_1_2', 'é': 'joint'}

@@ -158,7 +158,7 @@ class Execution:
 
     @property
     def quiet(self) -> Execution:
-        """The same without progress: of short work within a stage."""
+        """Execution without progress: of short work within a stage."""
         return replace(self, progress=silent)
 
     @property
@@ -226,7 +226,7 @@ def _scattered(client: Any, address: str, function: Callable[[Item], Value]) -> 
 
 
 def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
-    """By a cluster; where all workers that have the function die, it goes to their successors."""
+    """Values from a cluster; where all workers that have the function die, it goes to their successors."""
     left, deaths = dict(enumerate(items)), 0
     while left:
         try:
@@ -253,7 +253,7 @@ MOST_DEATHS = 4
 
 
 def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> Iterator[tuple[int, Value]]:
-    """By processes of this machine; the item of a worker that dies is done again, by half as many."""
+    """Values from processes of this machine; the item of a worker that dies is done again, by half as many."""
     # Pickled here, so that an error of pickling is reported as such.
     work, left, deaths = pickle.dumps(function), dict(enumerate(items)), 0
     while left:
@@ -277,7 +277,7 @@ def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs
 def _survived(
     function: Callable[[Item], Value], items: Sequence[Item], jobs: int
 ) -> Iterator[tuple[int, Value | None]]:
-    """By processes of this machine; an item at which a worker died is None."""
+    """Values from processes of this machine; an item at which a worker died is None."""
     with closing(outcomes(pickle.dumps(function), enumerate(items), min(jobs, len(items)))) as results:
         for index, outcome in results:
             if outcome.died and _main_is_unguarded():

@@ -170,7 +170,7 @@ def _require_own_values(path: str, name: str, dataset: Any) -> None:
 
 
 def _address(group: Any) -> int:
-    """Where a group lies in its file: the same whatever link leads to it."""
+    """Address of a group in its file, whatever link leads to it."""
     import h5py
 
     return int(h5py.h5o.get_info(group).addr)

@@ -43,7 +43,7 @@ def small_sample_factor(n: int) -> float:
 
 
 def small_sample_factors(dof: FloatArray) -> FloatArray:
-    """The same (n,) for variances of `dof` (n,) degrees of freedom each, 1 where these are infinite.
+    """Factors (n,) for variances of `dof` (n,) degrees of freedom each, 1 where these are infinite.
 
     >>> small_sample_factors(np.array([3.0, 24.0, np.inf])).round(3).tolist()
     [1.624, 1.053, 1.0]
@@ -146,7 +146,7 @@ class Spread:
         return np.where(self.unknown | np.isnan(known), np.inf, known)
 
     def radii(self, level: float = LEVEL) -> tuple[FloatArray, FloatArray]:
-        """Of y (F, n_y, n_u): distances (F, n_y, n_u) within which the truth is with probability `level`.
+        """Distances (F, n_y, n_u) from y (F, n_y, n_u) within which the truth is with probability `level`.
 
         First at each line by itself, then at all lines of an element together.
         """

@@ -136,7 +136,7 @@ class Measured(float):
 
 
 def to_si_of(value: Any, dimensions: tuple[str, ...]) -> float:
-    """As `to_si`, for any of several dimensions; a text with a unit keeps its dimension.
+    """SI value as of `to_si`, for any of several dimensions; a text with a unit keeps its dimension.
 
     >>> to_si_of("5 N/mm", ("N*m/rad", "N/m")).dimension
     'N/m'

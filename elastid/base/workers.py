@@ -210,7 +210,7 @@ def _start(called: list[Worker]) -> None:
 
 
 def end(worker: Worker) -> None:
-    """At once."""
+    """A worker ends at once."""
     if worker.process.pid is not None:
         worker.process.terminate()
         worker.process.join()

@@ -112,7 +112,7 @@ def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configurati
 
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
-    """With d (n_u,) in Nms/rad more viscous friction in the motors, link side."""
+    """Problem with d (n_u,) in Nms/rad more viscous friction in the motors, link side."""
     values = {}
     for joint, more in zip(problem.robot.driven, d, strict=True):
         if joint.motor is not None:

@@ -254,7 +254,7 @@ def _dynamics(
 
 
 def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckGuess) -> float:
-    """Of the ramps: within the joint's limit, 0.4 s to full speed, and 90 % of the torque less gravity and friction."""
+    """Acceleration of ramps: within the joint's limit, 0.4 s to full speed, 90 % of the torque left by gravity."""
     limits = joint.limits
     speed = limits.velocity if math.isfinite(limits.velocity) else 1.0
     given = min(limits.acceleration, RAMP_PEAK * speed / 0.4)

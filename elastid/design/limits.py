@@ -53,7 +53,7 @@ def rehearsed_peaks(
 
 
 def expected_peaks(rig: SimulatedRig, factor: FloatArray, base: FloatArray, q: int) -> dict[str, FloatArray]:
-    """The same for all runs of the q-th configuration, from its base (5, n_u), by the linear response."""
+    """Peaks of all runs of the q-th configuration, from its base (5, n_u), by the linear response."""
     plan, response, found = rig.plan, _response(rig, q), {}
     for run in plan.experiments:
         if run.configuration.name == plan.configurations[q].name:

@@ -216,7 +216,7 @@ class _Option:
 
     @property
     def order(self) -> tuple[bool, float, float]:
-        """Those that reach the goal first, the shortest of them; else by the gain for each second."""
+        """Rank: those that reach the goal first, the shortest of them; else by the gain for each second."""
         return (False, self.time_s, -self.gain) if self.reaches else (True, -self.gain / self.time_s, self.time_s)
 
 

@@ -169,7 +169,7 @@ class Prospect:
         return np.stack([self.expected(configuration, guess).information(guess) for guess in x])
 
     def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
-        """The same, elements weighed one by one, as a function of the powers of R; friction scatters as under R.
+        """Information by elements one by one, a function of the powers of R; friction scatters as under R.
 
         StudyError where the level of the noise does not depend on the powers.
         """

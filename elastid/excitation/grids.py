@@ -118,7 +118,7 @@ def zippered(n_lines: int, n_u: int) -> IntArray:
 
 
 def _quasi_logarithmic(lines: IntArray, ratio: float) -> IntArray:
-    """From line to line the nearest one to `ratio` times the last, and at least the next one."""
+    """Lines each of which is the nearest to `ratio` times the last, and at least the next one."""
     half_step = (lines[1] - lines[0]) / 2 if len(lines) > 1 else 0.5
     chosen = [0]
     while True:

@@ -161,7 +161,7 @@ class MultisineSpec:
         return tuple(each[0] if len(each) == 1 else each for each in lists)
 
     def at_level(self, level: int) -> MultisineSpec:
-        """The same with one of its amplitudes, counted from 1."""
+        """Multisine with one of its amplitudes, counted from 1."""
         return self if len(self.levels) == 1 else replace(self, torque_rms=self.levels[level - 1])
 
     @property

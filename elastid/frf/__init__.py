@@ -1,1 +1,1 @@
-"""From records to frequency responses with their covariance."""
+"""Frequency responses with their covariance, from records."""

@@ -174,7 +174,7 @@ def unlike_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) ->
 
 
 def _power_unlike(blocks: Sequence[Block], m: int) -> FloatArray:
-    """Of the experiments (E,) of block m, over that of the others."""
+    """Power of the experiments (E,) of block m over that of the others."""
     step = -(-len(blocks[0].U) // LIMITS.lines)
     others = [block for i, block in enumerate(blocks) if i != m]
     U, Y = (np.concatenate([getattr(block, Z)[::step] for block in others], axis=2) for Z in "UY")

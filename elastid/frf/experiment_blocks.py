@@ -67,7 +67,7 @@ class PackedSum:
         self.S: FloatArray = np.zeros((-(-F // BATCH), n * (n + 1) // 2, 2, BATCH))
 
     def add(self, part: slice, z: ComplexArray) -> ComplexArray:
-        """As `FullSum.add`, from whole batches on."""
+        """Part added as by `FullSum.add`, from whole batches on."""
         (P, f, n), mean = z.shape, np.empty((z.shape[2], z.shape[1]), np.complex128)
         apart = [stride // z.itemsize for stride in z.strides]
         # By its address: z may be a view.
@@ -75,14 +75,14 @@ class PackedSum:
         return mean.T
 
     def power(self) -> FloatArray:
-        """As `FullSum.power`."""
+        """Power as of `FullSum.power`."""
         F, n = self.scale.shape
         i = np.arange(n)
         diagonal = self.S[:, i * n - i * (i - 1) // 2, 0].transpose(0, 2, 1).reshape(-1, n)[:F]
         return np.asarray(diagonal * np.abs(self.scale) ** 2)
 
     def collected(self) -> ComplexArray:
-        """As `FullSum.collected`."""
+        """Sum as of `FullSum.collected`."""
         S = np.empty((*self.scale.shape, self.scale.shape[1]), np.complex128)
         call("collect", *self.scale.shape, self.S, self.scale, S)
         return S
@@ -138,7 +138,7 @@ class Block:
         return adjoint(self.U) @ inverse(self.U @ adjoint(self.U))
 
     def on(self, lines: BoolArray) -> Block:
-        """The same on some of its lines (F,)."""
+        """Spectra on some of the lines (F,)."""
         R = None if self.R is None else self.R[lines]
         return replace(self, U=self.U[lines], Y=self.Y[lines], R=R, input_noise=self.input_noise[lines])
 
@@ -159,12 +159,12 @@ class MeanSpectra:
 
     @cached_property
     def U(self) -> tuple[ComplexArray, ...]:
-        """Of each block."""
+        """Torques of each block."""
         return tuple(block.U for block in self.blocks)
 
     @property
     def Y(self) -> tuple[ComplexArray, ...]:
-        """Of each block."""
+        """Motions of each block."""
         return tuple(block.Y for block in self.blocks)
 
     @cached_property
@@ -209,7 +209,7 @@ class MeanSpectra:
         )
 
     def on(self, lines: BoolArray) -> MeanSpectra:
-        """The same on some of its lines (F,)."""
+        """Spectra on some of the lines (F,)."""
         if lines.all():
             return self
         blocks, scatter = tuple(block.on(lines) for block in self.blocks), tuple(Z[:, lines] for Z in self.scatter)

@@ -20,7 +20,7 @@ MIN_SNR, _MIN_SHARE_OF_NEIGHBOURS = 4.0, 0.04
 
 
 def spectra_of(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray | None) -> list[RecordSpectra]:
-    """Of each record; with its driver, in which lines that are not stated or planned are found, unless it is large."""
+    """Spectra of each record; with its driver, in which unstated lines are found, unless it is large."""
     known = spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
     every = [RecordSpectra(record) for record in records]
     return [each if known or each.is_large else replace(each, driver=each.dft(each.driver_role)) for each in every]
@@ -77,7 +77,7 @@ def smoothed_noise(noise: FloatArray, dof: int) -> FloatArray:
 
 
 def _envelope(lines: IntArray, level: FloatArray) -> FloatArray:
-    """At each line the highest level of its half octave, up to the first steep fall on the way from the strongest."""
+    """Highest level of a line's half octave, up to the first steep fall on the way from the strongest."""
     octave = np.floor(2 * np.log2(lines / lines[0])).astype(int)
     peaks = np.zeros(octave[-1] + 1)
     np.maximum.at(peaks, octave, level)

@@ -138,7 +138,7 @@ def _sum_of_products(A: Stacks, B: Stacks, sign: int) -> ComplexArray:
 
 
 def _places(stacks: Stacks) -> IntArray:
-    """Where each lies: its address, and the numbers from line to line, row to row and column to column."""
+    """Place of each stack: its address, and the numbers from line to line, row to row and column to column."""
     if any(stack.dtype != np.complex128 for stack in stacks):
         raise TypeError(f"the kernels read complex128, not {', '.join(str(stack.dtype) for stack in stacks)}")
     return np.array([(stack.ctypes.data, *(stride // stack.itemsize for stride in stack.strides)) for stack in stacks])

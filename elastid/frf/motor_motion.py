@@ -27,7 +27,7 @@ _EXPLAINED = 0.5
 
 
 def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion | None:
-    """Of the motors among the outputs of all records of one configuration; None without any, or without a rate."""
+    """Motion of the motors among the outputs of one configuration; None without any, or without a rate."""
     records = _representative(records)
     first = records[0]
     columns = [i for i, place in enumerate(first.outputs) if place.startswith("motor ")]

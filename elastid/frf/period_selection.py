@@ -106,7 +106,7 @@ class Compared:
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
 
     def weighed(self, good: IntArray) -> Compared:
-        """The same in units of the noise that the good periods (indices) have at each line and its neighbours."""
+        """Spectra in units of the noise that the good periods (indices) have at each line and its neighbours."""
         c, _, n = self.X.shape
         of_good = self.X[:, good]
         V = of_good - of_good.mean(axis=1, keepdims=True)
@@ -221,7 +221,7 @@ def distances(compared: Compared, good: IntArray) -> Distances:
 
 
 def _median(x: FloatArray) -> FloatArray:
-    """Of each column of x (n, c), by sorting, which is faster than np.median for the few values here."""
+    """Median of each column of x (n, c), by sorting: faster than np.median for the few values here."""
     ordered = np.sort(x, axis=0)
     return np.asarray((ordered[(len(x) - 1) // 2] + ordered[len(x) // 2]) / 2)
 
@@ -264,7 +264,7 @@ def _transient(
 def _leading(
     spectra: PeriodSpectra, compared: Compared, logs: Sequence[IntArray], halves: Sequence[IntArray], later: IntArray
 ) -> tuple[BoolArray, tuple[Note, ...]]:
-    """As `_transient`, by distances as they are compared.  halves: of each log, that may be one; later: all others."""
+    """Transient as of `_transient`, by distances as compared.  halves: of each log, may be one; later: all others."""
     P = len(spectra.periods)
     none = np.zeros(P, dtype=np.bool_)
     if compared.agree:

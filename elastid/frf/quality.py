@@ -98,7 +98,7 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
 def coherences_of_powers(
     cross: FloatArray, explained: FloatArray, yy: FloatArray, uu: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    r"""The same from |S_yu|^2 (F, n_y, n_u), S_yu S_uu^-1 S_uy (F, n_y), and powers yy (F, n_y), uu (F, n_u).
+    r"""Coherences of |S_yu|^2 (F, n_y, n_u), S_yu S_uu^-1 S_uy (F, n_y), powers yy (F, n_y), uu (F, n_u).
 
     .. math:: \gamma_{ij}^2 = \frac{|S_{y_i u_j}|^2}{S_{y_i y_i} S_{u_j u_j}}, \quad
               \gamma_i^2 = \frac{S_{y_i u} S_{uu}^{-1} S_{u y_i}}{S_{y_i y_i}}

@@ -98,7 +98,7 @@ class RecordSpectra:
         return self._of_periods(role, 0, self.record.n_repeats)
 
     def dft_groups(self, role: Role) -> Iterator[ComplexArray]:
-        """The same, some periods (p, N // 2 + 1, c) at a time."""
+        """DFT of some periods (p, N // 2 + 1, c) at a time."""
         L, P = self.record.repeat_samples, self.record.n_repeats
         at_once = max(1, PIECE_VALUES // (L * max(len(self.record.inputs), len(self.record.outputs))))
         for first in range(0, P, at_once):
@@ -191,12 +191,12 @@ class PeriodSpectra:
         return self.z[:, :, n_y:] * self.scale[:, n_y:]
 
     def on(self, lines: BoolArray | slice) -> PeriodSpectra:
-        """The same on some of its lines (F,)."""
+        """Spectra on some of the lines (F,)."""
         index = lines if isinstance(lines, slice) else _wanted(np.flatnonzero(lines))
         return replace(self, z=self.z[:, index], scale=self.scale[index])
 
     def only(self, keep: IntArray) -> PeriodSpectra:
-        """The same of some of its periods."""
+        """Spectra of some of the periods."""
         if len(keep) == len(self.periods):
             return self
         return replace(self, periods=self.periods[keep], z=self.z[keep])
@@ -221,7 +221,7 @@ def period_spectra(
 def period_groups(
     spectra: RecordSpectra, lines: IntArray, quantity: Motion, scale: ComplexArray | None = None
 ) -> Iterator[PeriodSpectra]:
-    """The same, all periods at once; some of them at a time of a large record, whose spectra memory need not hold."""
+    """Spectra of all periods at once; of a large record some at a time, which memory need not hold."""
     record = spectra.record
     scale = amplitude_scale(record, lines, quantity) if scale is None else scale
     drifts = np.array([logged != "acceleration" for logged in record.quantities])

@@ -91,7 +91,7 @@ class CrossSpectra:
         return self.S[:, self.n_y :, self.n_y :]
 
     def on(self, lines: BoolArray) -> CrossSpectra:
-        """The same on some of its lines (F,)."""
+        """Spectra on some of the lines (F,)."""
         return self if lines.all() else replace(self, freq_hz=self.freq_hz[lines], S=self.S[lines])
 
 

@@ -80,7 +80,7 @@ class Stop:
         return ca.fmax(-bound, ca.fmin(bound, z + v * step))
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """Its spring."""
+        """Stiffness and damping of the bristle's spring at rest."""
         return self.sigma_0, 0.0
 
 

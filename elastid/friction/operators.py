@@ -38,7 +38,7 @@ class Path:
         return cls(np.diff(q[turning]), last, np.asarray(q - q[turning[last]]))
 
     def without(self, n: int) -> Path:
-        """The same without the points of its first n q, whose steps it still has."""
+        """Path without the points of its first n q, whose steps it still has."""
         return Path(self.steps, self.last[n:], self.moved[n:])
 
 
@@ -65,7 +65,7 @@ def bristle(path: Path, D: float) -> FloatArray:
 
 
 def _in_c(path: Path, D: float, is_bristle: bool) -> FloatArray:
-    """The same by `base/kernels/operators.c`."""
+    """State by `base/kernels/operators.c`."""
     s, states = np.empty(len(path.moved)), np.empty(len(path.steps) + 1)
     numbers = len(path.steps), len(s), int(is_bristle), np.array([D], np.float64)
     call("element", *numbers, path.steps, path.last, path.moved, states, s)

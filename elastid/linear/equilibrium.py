@@ -112,7 +112,7 @@ class _Balance:
 
 
 def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArray) -> _Balance:
-    """At q (n_q,), with the multipliers of the least torque on the free coordinates; of many, the smallest."""
+    """Balance at q (n_q,), with the multipliers of least torque on the free coordinates; of many, the smallest."""
     gravity = model.potential_gradient(q, theta).full()[:, 0]
     if not model.n_c:
         none = np.zeros(0)

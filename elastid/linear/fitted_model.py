@@ -167,7 +167,7 @@ class FittedModel:
         return state_space(self.linear, self.theta)
 
     def to_control(self, pade: int | None = None) -> Any:
-        """The same as `control.StateSpace`; as `StateSpace.to_control`."""
+        """The model as `control.StateSpace`, as by `StateSpace.to_control`."""
         return self.state_space().to_control(pade)
 
 

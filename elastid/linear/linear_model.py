@@ -100,14 +100,14 @@ def elements(chain: Chain) -> tuple[Element, ...]:
 
 
 def torque_elements(chain: Chain) -> tuple[LagElement, ...]:
-    """Between command and torque: they are inside a control loop."""
+    """Elements between command and torque: they are inside a control loop."""
     if chain.torque_lag is None:
         return ()
     return (LagElement(TORQUE_LAG, (1.0,) if chain.torque_order == 1 else (2 * chain.torque_damping, 1.0)),)
 
 
 def sensor_elements(chain: Chain) -> tuple[Element, ...]:
-    """Between motion and log."""
+    """Elements between motion and log."""
     lag = () if chain.sensor_lag is None else (LagElement("sensor_lag", BUTTERWORTH[chain.sensor_order]),)
     return lag if chain.differentiator is None else (*lag, DifferenceElement("differentiator"))
 
@@ -236,7 +236,7 @@ class LinearModel:
         return self.B + sum(change, np.zeros_like(self.B)) if change else self.B
 
     def with_outputs(self, rows: Sequence[int]) -> LinearModel:
-        """The same with some of its outputs, by their places."""
+        """Model with some of its outputs, by their places."""
         rows = list(rows)
 
         def part(matrix: FloatArray | None) -> FloatArray | None:
@@ -353,7 +353,7 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
 def _behind_a_lag(
     A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray, coefficients: tuple[float, ...], T: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The same system with each input behind 1 / P(s T), P = 1 + p_1 x + p_2 x^2 ...; w = [u_1; T u_1'; ...]."""
+    """System with each input behind 1 / P(s T), P = 1 + p_1 x + p_2 x^2 ...; w = [u_1; T u_1'; ...]."""
     n, order, n_u = len(A), len(coefficients), B.shape[1]
     shift = np.eye(order, k=1)
     shift[-1] = -np.array([1.0, *coefficients[:-1]]) / coefficients[-1]

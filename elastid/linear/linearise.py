@@ -207,7 +207,7 @@ class Linearisation:
 
     @cached_property
     def without_slopes(self) -> Linearisation:
-        """The same without derivatives, in a fraction of the time."""
+        """Linearisation without derivatives, in a fraction of the time."""
         q, lambda_, theta = self.matrices.sx_in()
         triangles, slopes = self.matrices(q, lambda_, theta)
         return Linearisation(

@@ -91,7 +91,7 @@ class LoadedRobot:
     def of(
         cls, model: ElasticModel, loads: Sequence[Load], theta: Sequence[FloatArray], moved: Sequence[str]
     ) -> LoadedRobot:
-        """Of loads, each with theta (n_theta,) of its posture to begin with; StudyError where there is no rest."""
+        """Robot under loads, each with theta (n_theta,) of its posture to begin with; StudyError without a rest."""
         known = [frame.name for frame in model.robot.frames]
         frames = tuple(dict.fromkeys(name for load in loads for name in (load.frame, load.read_at)))
         for name in frames:
@@ -218,7 +218,7 @@ def with_held_motors(B: FloatArray) -> FloatArray:
 
 
 def acted_on(model: LinearModel, inputs: tuple[str, ...], motors: Motors, loop: JointLoop | None) -> LinearModel:
-    """The same by forces and torques at frames, whose motions are among its outputs; no chain of drives is in it."""
+    """Model under forces at frames, whose motions are among its outputs; no chain of drives is in it."""
     K, D = model.K, model.D
     if motors == "controlled" and loop is not None:
         K, D = (A + (model.B * gain) @ model.B.T for A, gain in ((K, loop.kp), (D, loop.kd)))

@@ -80,7 +80,7 @@ def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
 
 
 def _normalised(shapes: ComplexArray) -> ComplexArray:
-    """Each column with its largest entry 1."""
+    """Columns whose largest entry is 1."""
     if not shapes.size:
         return shapes
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
@@ -112,7 +112,7 @@ class StrainEnergy:
 
 
 def strain_energy(model: ElasticModel, theta: FloatArray, point: OperatingPoint, shapes: ComplexArray) -> StrainEnergy:
-    """Of mode shapes (n_q, n_m) in all coordinates about an operating point; theta (n_theta,): model.parameters, SI.
+    """Energy of mode shapes (n_q, n_m) about an operating point; theta (n_theta,): model.parameters, SI.
 
     Neither the length nor the phase of a shape matters. NaN for a motion without potential energy, as that of a rigid
     body is.

@@ -242,7 +242,7 @@ class _Moved:
         return parts.reshape(4, -1)
 
     def _inverse(self, omega: FloatArray, rows: IntArray) -> ComplexArray:
-        """From torques on some of the unknowns to e_2 (2 K, n, n_r)."""
+        """Inverse from torques on some of the unknowns to e_2 (2 K, n, n_r)."""
         e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
         if self.feedback is None:
             return e.held(omega)[:, :, rows]
@@ -374,7 +374,7 @@ def is_point(place: str) -> bool:
 
 
 def _acceleration(model: ElasticModel, place: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
-    """Of a point along its turning axis, v' + omega x v in the axes of the frame; of an accelerometer less gravity."""
+    """Acceleration of a point along its turning axis, v' + omega x v in the axes of the frame; less gravity."""
     kind, _, rest = place.partition(" ")
     name, _, axis = rest.rpartition(" ")
     f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)

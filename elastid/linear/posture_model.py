@@ -73,7 +73,7 @@ class Estimated:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Of x (n_x + n_d, n_x + n_d)."""
+        """Covariance of x (n_x + n_d, n_x + n_d)."""
         n, whole = len(self.fit_x), np.eye(len(self.x))
         whole[:n, :n] = self.fit_covariance
         return whole
@@ -108,7 +108,7 @@ class Estimated:
 
 @dataclass(frozen=True, eq=False)
 class Ports:
-    """Where forces act and motions are read, as sums of the places of a linear model.
+    """Ports at which forces act and motions are read, as sums of the places of a linear model.
 
     inputs, outputs: their names.  act (n_u, n_p), by_motor (n_u, n_m): forces at its outputs, torques at its inputs.
     read (n_y, n_p).  at_frame (6, n_p): the frame of stiffness and compliance.  frame: its name.  axes: of all frames.
@@ -307,7 +307,7 @@ class PostureModel:
         return self._state_space
 
     def to_control(self) -> Any:
-        """The same as `control.StateSpace`: its response is that of `response` to rounding."""
+        """The model as `control.StateSpace`: its response is that of `response` to rounding."""
         return self.state_space().to_control()
 
 

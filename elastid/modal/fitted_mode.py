@@ -206,7 +206,7 @@ CORRELATION_LAGS = 2.0
 
 @dataclass(frozen=True)
 class Influences:
-    """Of a fit: what an error of each line does to its numbers."""
+    """Influence of an error of each line on the numbers of a fit."""
 
     fit: ModalFit
     correlated_lines: float
@@ -280,7 +280,7 @@ class Influences:
 
     @cached_property
     def _phase(self) -> ComplexArray:
-        """Of the model (F, C): noise of an input turns with it from line to line, in all outputs alike."""
+        """Phase of the model (F, C): noise of an input turns with it from line to line, in all outputs alike."""
         model = self.fit.synthesis()
         return np.asarray(model / np.maximum(np.abs(model), np.finfo(float).tiny))
 

@@ -151,7 +151,7 @@ class ModalData:
 
     @property
     def weights(self) -> FloatArray:
-        """Of the stacked rows (2 F,)."""
+        """Weights of the stacked rows (2 F,)."""
         return np.concatenate([self.weight, self.weight])
 
     def columns(self, poles: ComplexArray, derivative: bool = False) -> FloatArray:
@@ -244,7 +244,7 @@ class ModalFit:
         return ModalFit(self.data, poles)
 
     def refined(self, steps: int = 20, tolerance: float = 1e-3) -> ModalFit:
-        """At the poles with the least squares, by Levenberg's damped Gauss-Newton; tolerance in standard deviations."""
+        """Fit at the poles with the least squares, by damped Gauss-Newton steps; tolerance in standard deviations."""
         fit, damping = self, 1e-6
         if not len(fit.poles):
             return fit

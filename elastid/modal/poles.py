@@ -49,7 +49,7 @@ class StabilisationDiagram:
 
 @dataclass(frozen=True)
 class PoleLimits:
-    """Of poles that are compared from order to order."""
+    """Limits of poles that are compared from order to order."""
 
     frequency: float = 0.01  # relative change of a stable one
     damping: float = 0.05

@@ -125,7 +125,7 @@ def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
 
 
 def _moved(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
-    """From one posture q (1, n_l) to the driven joints' angles (Q, n_u)."""
+    """Postures at the driven joints' angles (Q, n_u), from one posture q (1, n_l)."""
     steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / LIMITS.step)))
     q = np.repeat(q, len(angles), axis=0)
     way = (angles - q[:, parts.driven]) / steps

@@ -46,7 +46,7 @@ class BodyFrame:
     zero: Any = 0.0
 
     def angle(self, q: Any) -> Any:
-        """Of the turn at the position q of the joint; q itself, to the last bit, where the zero is right."""
+        """Angle of the turn at the position q of the joint; q itself, to the last bit, where the zero is right."""
         return q if isinstance(self.zero, float) and self.zero == 0 else q + self.zero
 
 

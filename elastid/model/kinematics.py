@@ -39,7 +39,7 @@ class Knot:
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name in words."""
         if self.kind == "base":
             return "base"
         if self.kind == "point":

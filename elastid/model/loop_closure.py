@@ -142,7 +142,7 @@ def _with_mass(equations: Equations, mass: ca.SX, point: ca.SX) -> Equations:
 
 
 def elastic(loops: Sequence[Closure]) -> list[Closure]:
-    """Those with an elastic rod."""
+    """Closures with an elastic rod."""
     return [closure for closure in loops if closure.loop.rod is not None and closure.loop.rod.is_elastic]
 
 

@@ -104,7 +104,7 @@ def by_name(equations: Equations) -> dict[str, ca.SX]:
 
 
 def with_coordinates(equations: Equations, names: Sequence[str]) -> Equations:
-    """The same with further coordinates at the end, which nothing moves or holds yet."""
+    """Equations with further coordinates at the end, which nothing moves or holds yet."""
     more = len(names)
     if not more:
         return equations
@@ -122,13 +122,13 @@ def with_coordinates(equations: Equations, names: Sequence[str]) -> Equations:
 
 
 def with_strains(equations: Equations, *strains: Strain) -> Equations:
-    """The same with the strains of further springs, which replace those of the same springs."""
+    """Equations with the strains of further springs, which replace those of the same springs."""
     by_spring = {strain.spring: strain for strain in (*equations.strains, *strains)}
     return replace(equations, strains=tuple(by_spring.values()))
 
 
 def with_energies(equations: Equations, V: ca.SX, D: ca.SX) -> Equations:
-    """The same with a further potential V(q) and dissipation v^T D(q) v / 2."""
+    """Equations with a further potential V(q) and dissipation v^T D(q) v / 2."""
     return replace(
         equations, V=equations.V + V, D=equations.D + D, f=equations.f + ca.gradient(V, equations.q) + D @ equations.v
     )

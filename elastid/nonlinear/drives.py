@@ -84,7 +84,7 @@ class DriveLines:
         return np.asarray(self.places[place][joint])
 
     def moved(self, place: Place, joint: int, U: ComplexArray) -> ComplexArray:
-        """Its motion (F, M) by torques (F, n_u, M) that were logged, in the linear model."""
+        """Motion (F, M) of a place by torques (F, n_u, M) that were logged, in the linear model."""
         q = self.H @ (self.B @ (self.command[:, :, None] * U))
         return np.asarray(np.tensordot(self.directions(place, joint), q, axes=(0, 1)))
 
@@ -217,7 +217,7 @@ class _RigidArm:
 
     @classmethod
     def of(cls, robot: Robot, at: Configuration, joints: Sequence[Joint]) -> _RigidArm:
-        """At rest in a configuration."""
+        """Arm at rest in a configuration."""
         model = formulate(robot)
         moved = np.zeros((model.n_q, len(joints)))
         for column, joint in zip(moved.T, joints, strict=True):

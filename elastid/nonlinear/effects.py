@@ -52,7 +52,7 @@ def _from_means(n: int) -> ComplexArray:
 
 
 def following(x: Signal) -> Signal:
-    """Of each point (n,) of a period the value at the next."""
+    """Value at the next point, of each point (n,) of a period."""
     return np.concatenate([x[1:], x[:1]])
 
 
@@ -93,17 +93,17 @@ class GearEffect:
 
     @property
     def edge(self) -> GearEffect | None:
-        """Its change with its scale, of level f ds if the scale is wrong by ds; None where none is to be found."""
+        """Change of the effect with its scale, of level f ds if that is wrong by ds; None where none is to be found."""
         return replace(self, is_edge=True) if self.scale and self.kind.split()[0] not in ("error", "ripple") else None
 
     @property
     def unit(self) -> str:
-        """Of its level, link side."""
+        """Unit of the level, link side."""
         return _UNITS.get(self.kind, "N*m")
 
     @property
     def family(self) -> tuple[str, str, float]:
-        """Of a sine and its cosine the same."""
+        """Key that a sine shares with its cosine."""
         return self.kind.split()[0], self.joint, self.scale
 
     @property
@@ -113,7 +113,7 @@ class GearEffect:
 
     @property
     def place(self) -> Place:
-        """Where an implicit effect acts, and the motion of which it is a function of: of a gear its deflection."""
+        """Place of an implicit effect and of the motion that it is a function of: of a gear its deflection."""
         return "motor" if self.kind in ("friction", "load") else "link" if self.kind == "behind" else "gear"
 
 

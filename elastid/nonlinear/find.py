@@ -149,7 +149,7 @@ class _Found:
         return self.sums[0]
 
     def with_ladder(self, ladder: Choice, data: Sequence[ConfigurationSpectra]) -> _Found:
-        """With those shapes of a refined choice, found in `data`, that are next to what it shows."""
+        """Search with those shapes of a refined choice, found in `data`, that are next to what it shows."""
         levels, _ = find_levels(data, ladder.motor_of)
         noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in data], axis=0))
         choice, kept = narrowed(ladder, levels, noise)
@@ -157,7 +157,7 @@ class _Found:
 
     @cached_property
     def result(self) -> FrictionTakenOut:
-        """With a note on each motor."""
+        """Friction taken out, with a note on each motor."""
         (levels, equations), first, choice = self.sums, self.first, self.choice
         left = shares(equations, len(first.inputs), choice.motor_of)
         result = FrictionTakenOut(
@@ -187,7 +187,7 @@ class _Found:
         return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
 
     def with_dependence(self) -> FrictionTakenOut:
-        """With levels that are uncertain by their scatter over configurations, where it is more than chance's.
+        """Friction with the scatter of its levels over configurations, where it is more than chance's.
 
         Factors a_c from the levels to those of a configuration alone, by least squares of e = a X f, have variances
         s_c^2 by noise. Their scatter tau counts whole, since a level of another posture is one more draw of it:

@@ -138,7 +138,7 @@ def choose_effects(
 
 
 def _settled(data: GearData, found: Levels) -> Levels:
-    """The same to the end, without what is then within some standard deviations of 0."""
+    """Levels to the end, without what is then within some standard deviations of 0."""
     found = find_levels(data, found, found.effects)
     pruned = _pruned(data, found)
     return found if pruned is found else _settled(data, pruned)
@@ -149,7 +149,7 @@ def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
 
 
 def _best_shape(data: GearData, found: Levels, joint: str, family: tuple[Kind, ...]) -> Levels:
-    """With another spring or loop of a gear, if it explains more, or as much by fewer numbers; along its own motion."""
+    """Levels with another spring or loop of a gear, if it explains more, or as much by fewer numbers."""
 
     def springs_of(levels: Levels) -> list[GearEffect]:
         return [effect for effect in levels.effects if effect.joint == joint and effect.kind in family]
@@ -221,7 +221,7 @@ def _stands(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = F
 
 
 def _pruned(data: GearData, found: Levels) -> Levels:
-    """Without what is within some standard deviations of 0, brakes backwards, or is a trifle of another of its joint.
+    """Levels without those that are near 0, brake backwards, or are a trifle of another of their joint.
 
     Sine and cosine go together.
     """

@@ -197,7 +197,7 @@ def scale_priors(
 
 
 def _rescaled(effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], parts: FloatArray) -> list[GearEffect]:
-    """With scales that grew by parts (n_s,) of themselves, _STEP at most, from that of the first which has them on."""
+    """Effects whose scales grew by parts (n_s,) of themselves, _STEP at most, from that of the first of each."""
     grown = list(effects)
     for own, part in zip(scales, np.clip(parts, -_STEP, _STEP).tolist(), strict=True):
         for i in own:

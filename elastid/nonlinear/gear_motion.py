@@ -51,13 +51,13 @@ class Estimate:
 
     @classmethod
     def start(cls, lines: PeriodLines, drive: DriveLines, n_f: int) -> Estimate:
-        """Without any motion yet."""
+        """Estimate without any motion yet."""
         (F, n_u, M), n = lines.U.shape, drive.model.n
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
         return cls(Phi, folded, (np.zeros((0, 0)),) * M, np.zeros((M, len(drive.k), lines.points)))
 
     def of(self, own: Sequence[int]) -> Estimate:
-        """The same of effects by their places, without forces of those at -1."""
+        """Estimate of effects by their places, without forces of those at -1."""
         Phi, folded = (
             np.concatenate([X, np.zeros((*X.shape[:3], 1))], axis=3)[..., list(own)] for X in (self.Phi, self.folded)
         )
@@ -95,7 +95,7 @@ def _sizes(lines: PeriodLines) -> FloatArray:
 
 
 def _gain(lines: PeriodLines, drive: DriveLines, S: ComplexArray) -> ComplexArray:
-    """Of the estimate to residuals of the angles (F, n, n_u)."""
+    """Gain of the motion estimate (F, n, n_u) by residuals of the angles."""
     CH = drive.C @ drive.H
     size = _sizes(lines)
     P = np.concatenate([drive.B.T, drive.places["link"]]).T
@@ -187,7 +187,7 @@ class _Problem:
 
     @cached_property
     def _powers(self) -> ComplexArray:
-        """Of s on all lines, by which the unknowns (F, n_x) are derivatives of deflections."""
+        """Powers of s on all lines, by which the unknowns (F, n_x) are derivatives of deflections."""
         return self.lines.s[:, None] ** np.where([place == "gear" for place, _ in self.signals], 0, 1)
 
     @cached_property

@@ -140,7 +140,7 @@ class GearResult:
 
     @property
     def numbers(self) -> tuple[GearNumber, ...]:
-        """Of all gears."""
+        """Numbers of all gears."""
         return tuple(number for sheet in self.sheets for number in sheet.numbers)
 
 

@@ -230,7 +230,7 @@ class JointLevels:
 
     @property
     def effects(self) -> list[tuple[int, GearEffect, float]]:
-        """Its own, with place and level."""
+        """Effects at the joint, with place and level."""
         pairs = enumerate(zip(self.found.effects, self.found.levels.tolist(), strict=True))
         return [(i, effect, f) for i, (effect, f) in pairs if effect.joint == self.joint]
 
@@ -249,7 +249,7 @@ class JointLevels:
         return row
 
     def std(self, row: FloatArray) -> float:
-        """Of a value."""
+        """Standard deviation of a value by its row."""
         return math.sqrt(max(float(row @ self.found.covariance @ row), 0.0))
 
     def torque(self, delta: FloatArray, hysteresis: bool) -> tuple[FloatArray, FloatArray]:

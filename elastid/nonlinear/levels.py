@@ -201,7 +201,7 @@ def _rivals(shapes: Sequence[Shape]) -> IntArray:
 
 
 def telling_shapes(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
-    """Of each motor the shapes whose level distortion shows; others are a spring or a damper of the response.
+    """Shapes of each motor whose level distortion shows; others are a spring or a damper of the response.
 
     The first of a motor is Coulomb friction.
     """
@@ -222,7 +222,7 @@ _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 
 
 def candidate_shapes(records: Sequence[Record], signs_alone: bool) -> tuple[Shape, ...]:
-    """For every motor a sign, at once or gradual, a Stribeck curve and bristles."""
+    """Candidates of every motor: a sign, at once or gradual, a Stribeck curve and bristles."""
     shapes: list[Shape] = []
     for place in records[0].inputs:
         motions = [motion_of(record, place) for record in records]
@@ -295,7 +295,7 @@ def _larger(chosen: list[int], candidates: list[int], rivals: list[int]) -> list
 def _without_needless(
     equations: NormalEquations, motor: int, chosen: IntArray, rivals: IntArray, left: float
 ) -> IntArray:
-    """Without those that others have made needless."""
+    """Shapes without those that others have made needless."""
     for i in chosen.tolist():
         rest = chosen[chosen != i]
         if _is_friction(rest, rivals) and kept_power(equations, motor, rest) <= (1 + LIMITS.shape_gain / 2) * left:

@@ -83,7 +83,7 @@ def motion_of(record: Record, place: str, by_torque: ComplexArray | None = None)
 
 
 def signal_share(record: Record, Y: ComplexArray, order: int) -> tuple[FloatArray, float]:
-    """Of the DFT Y (n // 2 + 1,) of a motion the share that is not noise, and the std of the velocity by the rest.
+    """Share of the DFT Y (n // 2 + 1,) of a motion that is not noise, and the std of the velocity by the rest.
 
     Lines that do not repeat with the period hold noise, or a transient that is stronger: Wiener's filter keeps of each
     line the share of its power that is not noise.  order: of the derivative of the angle that Y is.

@@ -61,7 +61,7 @@ class ConfigurationSpectra:
         return True
 
     def with_shapes(self, chosen: IntArray) -> ConfigurationSpectra:
-        """The same with some of its shapes (n,)."""
+        """Spectra with some of the shapes (n,)."""
         return replace(self, Phi=self.Phi[:, chosen])
 
     def nonlinear_share(self) -> FloatArray:
@@ -178,7 +178,7 @@ class PeriodLines:
 
     @property
     def points(self) -> int:
-        """Of the fine grid, on half of which a gap that is crossed between two samples seems up to 8 % too soft."""
+        """Points of the fine grid, on half of which a gap that is crossed between two samples seems 8 % too soft."""
         return self.samples * 2 * CELLS
 
     @cached_property
@@ -262,7 +262,7 @@ def unsuited(first: Record) -> str:
 
 
 def _smallest_step(y: FloatArray) -> float:
-    """Between the values of y (n,), a count of an encoder; next to nothing where noise or arithmetic is added to it."""
+    """Smallest step of y (n,), a count of an encoder; next to nothing where noise or arithmetic is added to it."""
     steps = np.diff(np.unique(y))
     steps = steps[steps > 1e-12 * np.abs(y).max()]
     return float(steps.min()) if steps.size else 0.0
@@ -285,7 +285,7 @@ def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -
 
 
 def some(lines: IntArray, most: int) -> IntArray:
-    """At most so many of the lines, which show a level as well as all, evenly taken, with the first and the last."""
+    """Lines, so many at most, evenly taken with the first and the last: they show a level as well as all."""
     return lines[np.linspace(0, len(lines) - 1, min(len(lines), most)).round().astype(np.int64)]
 
 

@@ -95,7 +95,7 @@ def _words(bend: Bend) -> str:
 
 
 def find_bends(lines: PeriodLines, inputs: Sequence[str], robot: Robot) -> Iterator[Bend]:
-    """Of the records of one configuration, each gear with a spring that is not straight; inputs: motors of `lines`."""
+    """Gears with springs that are not straight in the records of a configuration; inputs: motors of `lines`."""
     if set(inputs) != set(robot.motor_locations):
         return
     drives = _Drives.of(robot, inputs)
@@ -126,7 +126,7 @@ class _Drives:
 
     @classmethod
     def of(cls, robot: Robot, inputs: Sequence[str]) -> _Drives:
-        """Of the motors in the order of the inputs."""
+        """Drives of the motors in the order of the inputs."""
         order = [robot.motor_locations.index(place) for place in inputs]
         driven, B = robot.driven, input_matrix(robot)
         springs = spring_deflections(robot)
@@ -194,7 +194,7 @@ class _Problem:
         return cls(lines, used, tau[used], Q[used], X, *known)
 
     def on_arm(self, robot: Robot, at: Configuration) -> _Problem:
-        """With the arm's torques."""
+        """Problem with the arm's torques."""
         torques = geometric_torques(robot, at, self.motion, self.lines.s[: len(self.motion)])
         return replace(self, arm=torques[1 + self.used])
 
@@ -233,7 +233,7 @@ class _Problem:
 
     @cached_property
     def _basis(self) -> ComplexArray:
-        """Of the torques' span over the experiments (K_on, M, n), at excited lines."""
+        """Basis of the torques' span over the experiments (K_on, M, n), at excited lines."""
         torques = self.tau[self.lines.excited[self.used]]
         return np.asarray(np.linalg.svd(torques.swapaxes(1, 2), full_matrices=False)[0])
 
@@ -244,7 +244,7 @@ class _Problem:
         basis, adjoint = self._basis, self._basis.conj().swapaxes(1, 2)
 
         def left(x: ComplexArray) -> ComplexArray:
-            """Of x (K, M, m), on excited lines, by no torque."""
+            """Part of x (K, M, m), on excited lines, that no torque explains."""
             x = x.copy()
             x[on] -= basis @ (adjoint @ x[on])
             return x

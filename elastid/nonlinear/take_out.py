@@ -194,7 +194,7 @@ def net_records(
 
 
 def net_record(record: Record, friction: FrictionTakenOut) -> Record:
-    """The same record over its whole periods with the net torque as u; itself where nothing was taken out."""
+    """Record over its whole periods with the net torque as u; itself where nothing was taken out."""
     if not friction.shapes:
         return record
     n = whole_samples(record)

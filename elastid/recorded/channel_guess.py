@@ -175,7 +175,7 @@ def _by_name(
 
 
 def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
-    """Of signals whose names differ by a number alone: one in another unit than all, and two that are exchanged."""
+    """Doubts on signals whose names differ by a number: one in another unit than all, two that are exchanged."""
     units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
     sizes = [TABLE.get(unit, ("", 1.0)) for unit in units]
     for place, i in enumerate(members):
@@ -245,7 +245,7 @@ def is_clock(x: FloatArray) -> bool:
 
 
 def signals_of(log: Log, most: int) -> list[tuple[ChannelGuess, FloatArray]]:
-    """Each signal (n,) of the usual length that changes, matrices by their columns, with the guess by its name."""
+    """Signals (n,) of the usual length that change, matrices by their columns, with the guesses by their names."""
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
     usual = Counter(max(shape) for shape in shapes.values() if max(shape) > _MIN_SAMPLES).most_common(1)
     stated = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}

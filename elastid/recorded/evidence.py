@@ -83,7 +83,7 @@ def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> Iterator[M
 
 
 def velocities(signals: Sequence[FloatArray]) -> dict[int, tuple[int, float]]:
-    """Of each of the signals (n,) that has its derivative among them: the place of that, and the rate in Hz by it."""
+    """Place of the derivative of each signal (n,) that has it among them, and the rate in Hz by it."""
     if not signals or len(signals[0]) < 40 * WIDTHS[1]:
         return {}
     speed, smooth = (np.stack([derivative(x, k, 1.0, WIDTHS[1]) for x in signals]) for k in (1, 0))
@@ -146,7 +146,7 @@ def _integral(y: FloatArray, rate_hz: float) -> FloatArray:
 
 
 def correlation(x: FloatArray, y: FloatArray) -> float:
-    """That of two signals (n,); 0 where one is still."""
+    """Correlation of two signals (n,); 0 where one is still."""
     x, y = x - x.mean(), y - y.mean()
     size = float(np.linalg.norm(x) * np.linalg.norm(y))
     return float(x @ y) / size if size > 0 else 0.0

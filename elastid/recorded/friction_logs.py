@@ -312,7 +312,7 @@ def _joint_of(channel: ChannelSpec) -> str:
 
 
 def _link_position(signals: Signals, joint: str) -> FloatArray | None:
-    """Of a joint that has an encoder in addition to that of its motor."""
+    """Position of the link of a joint that has an encoder in addition to that of its motor."""
     has_motor = ("y", f"motor {joint}", "position") in signals
     return signals.get(("y", f"joint {joint}", "position")) if has_motor else None
 

@@ -204,7 +204,7 @@ def disturbances(channels: Sequence[ChannelSpec], signals: FloatArray, motors: S
 
 
 def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:
-    """Of each u among the channels, in their order: samples at rate_hz for which it is held, 0 where band-limited.
+    """Samples at rate_hz for which each u among the channels is held, in their order; 0 where band-limited.
 
     A channel with a higher rate of its own, brought to rate_hz, is held for a sample of its own rate.
     """

@@ -86,7 +86,7 @@ class RecordedRig:
         return len(files) == 1 and bool(self._pieces(files[0]))
 
     def _files(self, experiment: Experiment) -> list[FileSpec]:
-        """Those of its periods, mostly one."""
+        """Files of the periods of an experiment, mostly one."""
         run = (experiment.configuration.name, experiment.realisation, experiment.experiment)
         return [file for file in self._recorded.files if file.run == run]
 

@@ -26,5 +26,5 @@ class Answer:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Of all questions."""
+        """Sentences of all questions."""
         return tuple(sentence for _, sentences in self.questions for sentence in sentences)

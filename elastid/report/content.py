@@ -82,7 +82,7 @@ class ReportContent:
 
     @property
     def missing_modes(self) -> tuple[Note, ...]:
-        """On modes that the model lacks; none where one cause explains the residuals, which moves modes, too."""
+        """Notes on modes that the model lacks; none where one cause explains the residuals, which moves modes, too."""
         return () if self.result.has_lone_cause else tuple(note for own in self.measured_modes for note in own.notes)
 
 
@@ -157,7 +157,7 @@ def model_lines(
 
 
 def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]:
-    """Of each measured configuration the model on `model_lines` and its standard deviation (L, n_y, n_u)."""
+    """Model of each measured configuration on `model_lines`, and its standard deviation (L, n_y, n_u)."""
     result, models = fitted.result, []
     modes = fitted.uncertain_modes
     most = MAX_VALUES // max(sum(G.G[0].size for G in fitted.measured), 1)

@@ -33,7 +33,7 @@ class Outcome:
 
     @property
     def words(self) -> str:
-        """As messages name it."""
+        """Name as messages have it."""
         return f"{self.robot} on {self.date}"
 
 

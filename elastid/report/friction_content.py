@@ -64,7 +64,7 @@ class FrictionContent:
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
-        """Of the study and of every joint; the same from many places once, with a count."""
+        """Notes of the study and of every joint; the same from many places once, with a count."""
         of_joints = (note for joint in self.result.joints for note in joint.notes)
         of_filters = (note for followed in self.filters for note in followed.notes)
         return grouped((*self.result.notes, *of_joints, *of_filters))
@@ -80,13 +80,13 @@ class FrictionContent:
 
     @property
     def short_questions(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """The same without the numbers of each joint, which a table has, and with the first advice alone."""
+        """Questions without the numbers of each joint, which a table has, and with the first advice alone."""
         good, fails, following = self.questions
         return (good[0], (self._good, *self._truths)), fails, (following[0], following[1][:1])
 
     @property
     def _good(self) -> str:
-        """By the status, and by the least known of the numbers that a joint's sentence has."""
+        """Answer by the status, and by the least known of the numbers that a joint's sentence has."""
         if self.result.status in ("identified", "partly") and self._off:
             return f"Yes, though {self._off}."
         answered = [each for each in self.result.numbers if each.symbol in ANSWERED and each.value]

@@ -140,7 +140,7 @@ class ModeRow:
 
     @property
     def modes(self) -> list[tuple[float, float, float, float, str, str]]:
-        """By mode frequency, std, damping ratio, std (NaN: unknown), energy by spring, coordinates that move most."""
+        """Rows by mode: frequency, std, damping ratio, std (NaN: unknown), energy by spring, what moves most."""
         unknown = [np.nan] * len(self.frequency_hz)
         columns = (self.frequency_hz, self.frequency_std, self.damping_ratio, self.damping_std)
         numbers = [list(column) if len(column) else unknown for column in columns]

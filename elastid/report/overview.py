@@ -140,7 +140,7 @@ def needs_floor(agreements: Sequence[Agreement]) -> bool:
 
 
 def residual_sentence(result: Result, agreements: Sequence[Agreement]) -> str:
-    """Where the residuals are beyond what the fit allows them, and the number that would explain it."""
+    """Sentence on residuals beyond what the fit allows them, and the number that would explain it."""
     if not result.noise_is_known:
         return "The noise is unknown: the residuals cannot be judged."
     if result.exceeds_noise:
@@ -185,7 +185,7 @@ def _of_truth(rows: Sequence[ParameterRow]) -> str:
 
 
 def elements_of(agreement: Agreement) -> list[str]:
-    """In the order of its arrays, row by row."""
+    """Elements in the order of an agreement's arrays, row by row."""
     return [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
 
 

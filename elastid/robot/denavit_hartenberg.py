@@ -106,7 +106,7 @@ class DenavitHartenberg:
         self.robot()
 
     def robot(self) -> Robot:
-        """The same robot as bodies and joints."""
+        """Robot as bodies and joints."""
         bodies, parent, last = [], BASE, self.base
         for link in self.links:
             bodies.append(self._body(link, parent, last))

@@ -32,7 +32,7 @@ class FrictionTerm:
     turns: bool = False
 
     def name(self, joint: str) -> str:
-        """Of the number at the motor of a joint.
+        """Name of the number at the motor of a joint.
 
         >>> TERMS["coulomb"].name("1")
         'Fc_m1'
@@ -40,7 +40,7 @@ class FrictionTerm:
         return f"{self.prefix}_m{joint}"
 
     def unit_at(self, slides: bool) -> str:
-        """Its unit on the link side."""
+        """Unit of the number on the link side."""
         return of_translation(self.unit) if slides and self.unit else self.unit
 
 

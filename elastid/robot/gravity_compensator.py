@@ -106,7 +106,7 @@ class Compensator:
 
     @property
     def numbers(self) -> Numbers:
-        """Those of its spring."""
+        """Numbers of the compensator's spring."""
         if self.coil is not None:
             return below("coil", self.coil.numbers(self.name))
         return below("gas", self.gas.numbers(self.name)) if self.gas is not None else {}

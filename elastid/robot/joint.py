@@ -125,7 +125,7 @@ class Spring:
 
     @property
     def _units(self) -> tuple[str, str]:
-        """Of stiffness and deflection: N/m and m where any number was written so; a spring does not know its joint."""
+        """Units of stiffness and deflection: N/m and m where any number has them; a spring does not know its joint."""
         numbers = (getattr(self, row[0]) for row in (("stiffness",), *_FURTHER))
         slides = any("rad" not in getattr(number, "dimension", "rad") for number in numbers)
         return ("N/m", "m") if slides else ("N*m/rad", "rad")
@@ -370,7 +370,7 @@ class Joint:
 
     @property
     def numbers(self) -> Numbers:
-        """Of the spring, of friction across the joint (f_), of the motor."""
+        """Numbers of the spring, of friction across the joint (f_), of the motor."""
         spring = below("spring", self.spring.numbers(self.name)) if self.spring is not None else {}
         motor = below("motor", self.motor.numbers(self.name)) if self.motor is not None else {}
         across: Numbers = spring | {f"f_{self.name}": ("N*m*s/rad", ("viscous",))}
@@ -388,7 +388,7 @@ class Joint:
 
     @property
     def unit(self) -> str:
-        """Of its position: rad or m."""
+        """Unit of the position: rad or m."""
         return "m" if self.slides else "rad"
 
     def refusal_of(self, number: float) -> str:

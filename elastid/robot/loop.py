@@ -96,7 +96,7 @@ class Loop:
 
     @property
     def numbers(self) -> Numbers:
-        """Those of the rod; a point and a pin have none."""
+        """Numbers of the rod; a point and a pin have none."""
         return below("rod", self.rod.numbers(self.name)) if self.rod is not None else {}
 
     @property

@@ -88,7 +88,7 @@ class Chain:
         return next((channel.gain for channel in self.gains if (channel.role, channel.at) == (role, place)), 1.0)
 
     def gains_at(self, motors: Iterable[str], places: Iterable[str]) -> dict[str, ChannelGain]:
-        """By name those of torques at motors and of motions at places, 1 where none is listed."""
+        """Gains of torques at motors and of motions at places by name, 1 where none is listed."""
         channels = [ChannelGain("u", place, self.gain("u", place)) for place in motors]
         channels += [ChannelGain("y", place, self.gain("y", place)) for place in places]
         return {gain_name(channel.role, channel.at): channel for channel in channels}

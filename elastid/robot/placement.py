@@ -113,7 +113,7 @@ def number_at(description: Any, path: Path) -> float:
 
 
 def replaced(description: Any, values: Mapping[Path, float]) -> Any:
-    """The same description with other numbers at these paths, each dataclass checked again once all are in it."""
+    """Description with other numbers at these paths, each dataclass checked again once all are in it."""
     if () in values:
         return values[()]
     inner: dict[str | int, dict[Path, float]] = {}

@@ -290,7 +290,7 @@ class Robot:
 
     @cached_property
     def branches(self) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
-        """Per loop: indices of the joints from each end up to the last that carries both, nearest to the end first."""
+        """Branches of each loop: joints from each end up to the last that carries both, nearest to the end first."""
         paths: dict[str, tuple[int, ...]] = {BASE: ()}
         count = 0
         for body in self.bodies:
@@ -354,7 +354,7 @@ class Robot:
         return table | ({name: (g.gain, "1") for name, g in self.gains.items() if name in geometry} if geometry else {})
 
     def with_parameters(self, values: Mapping[str, float]) -> Robot:
-        """The same robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
+        """Robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
         known = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
         if further := [self.gains[name] for name in values if name in self.gains and name not in known]:
             chain = replace(self.chain, gains=(*self.chain.gains, *further))

@@ -41,7 +41,7 @@ class UrdfElement:
     children: list[UrdfElement] = field(default_factory=list)
 
     def all(self, tag: str) -> Iterator[UrdfElement]:
-        """Those of a tag right below."""
+        """Elements of a tag right below."""
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> UrdfElement | None:

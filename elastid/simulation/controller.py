@@ -56,11 +56,11 @@ class Controller(Protocol):
 
     @property
     def bandwidth_hz(self) -> float:
-        """Of the position loop."""
+        """Bandwidth of the position loop."""
 
     @property
     def damping_ratio(self) -> float:
-        """Of the position loop."""
+        """Damping ratio of the position loop."""
 
     @property
     def velocity_integral_time(self) -> float | None:
@@ -72,11 +72,11 @@ class Controller(Protocol):
 
     @property
     def delay_samples(self) -> int:
-        """Between reading and torque."""
+        """Samples between reading and torque."""
 
 
 def gains_of(model: ElasticModel, q: FloatArray, controller: Controller) -> Gains:
-    """Its own gains, or those of its bandwidth in q (n_q,)."""
+    """Gains of a controller, or those of its bandwidth in q (n_q,)."""
     given = controller.gains
     if given is None:
         return tune(
@@ -88,7 +88,7 @@ def gains_of(model: ElasticModel, q: FloatArray, controller: Controller) -> Gain
 
 
 def filters_of(joints: Sequence[str], controller: Controller, rate_hz: float) -> Filters | None:
-    """Behind the feedback of the driven joints; None without any."""
+    """Filters behind the feedback of the driven joints; None without any."""
     given = controller.gains
     sections: dict[str, list[FloatArray]] = {joint: [] for joint in joints}
     if given is not None:

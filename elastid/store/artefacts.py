@@ -50,7 +50,7 @@ class Stamp:
 
     @property
     def shown(self) -> dict[str, str]:
-        """Its entries on a page, by their headings."""
+        """Entries of the stamp on a page, by their headings."""
         hashes = {"hash of the inputs": self.inputs, "hash of the code": self.code}
         return {"made by": self.software or f"elastid {self.version}", "seed": str(self.seed), **hashes}
 
@@ -211,11 +211,11 @@ class DiskFile(io.RawIOBase):
             return 0
 
     def seek(self, offset: int, whence: int = 0) -> int:
-        """As that of a file."""
+        """Position moved as in a file."""
         return self._file.seek(offset, whence)
 
     def tell(self) -> int:
-        """As that of a file."""
+        """Position as of a file."""
         return self._file.tell()
 
     def close(self) -> None:

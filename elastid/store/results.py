@@ -49,7 +49,7 @@ class Numbers:
 
     @classmethod
     def of(cls, result: Result) -> Numbers:
-        """Of the numbers that were asked for."""
+        """Numbers that were asked for."""
         asked = result.parameters.asked
         noise, file = (result.std_by_noise, result.std_by_file) if result.has_tolerances else ({}, {})
         rows = [

@@ -34,12 +34,12 @@ class Member:
 
     @property
     def name(self) -> str:
-        """Of its run folder."""
+        """Name of the run folder."""
         return f"{self.robot}_{self.date}"
 
     @property
     def words(self) -> str:
-        """As messages name it."""
+        """Name as messages have it."""
         return f"{self.robot} on {self.date}"
 
 

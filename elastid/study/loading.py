@@ -200,7 +200,7 @@ def study_data(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any
 
 
 def load_with_logs(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
-    """The same with its logs opened; StudyError also where they contradict the study, see `study.checks.logs`."""
+    """Study with its logs opened; StudyError also where they contradict the study, see `study.checks.logs`."""
     loaded, source = _load(Path(path), tuple(overrides))
     if problems := list(check_logs(loaded.study, loaded.base)):
         raise make_error(source, problems)

@@ -99,7 +99,7 @@ class Study:
 
     @property
     def display(self) -> Display:
-        """Each section that is given, in words."""
+        """Sections that are given, in words."""
         configurations = ", ".join(self.experiment.configurations)
         rows = [("robot", self.robot.name)] if self.robot is not None else []
         rows += [("configurations", configurations)] if configurations else []

@@ -48,12 +48,12 @@ class YamlSource:
 
     @property
     def origin(self) -> tuple[str, ...]:
-        """Of the comment before the first key the lines from `# The record:` on, which say where its logs are had."""
+        """Lines from `# The record:` on of the comment before the first key, which say where its logs are had."""
         comment = takewhile(lambda line: line.startswith("#"), self.text.splitlines())
         return tuple(dropwhile(lambda line: not line.startswith("# The record:"), comment))
 
     def place(self, path: KeyPath, of_value: bool = False) -> Place:
-        """Where a key path is written, or else the nearest key above it."""
+        """Place where a key path is written, or else the nearest key above it."""
         for length in range(len(path), -1, -1):
             if path[:length] in self.places:
                 key, value = self.places[path[:length]]

@@ -254,7 +254,7 @@ class RodPose:
 
 
 def rod_poses(robot: Robot, q: FloatArray) -> dict[str, RodPose]:
-    """By loop, with the joints at q (n_l,)."""
+    """Poses of rods by loop, with the joints at q (n_l,)."""
     return {loop.name: _rod_pose(robot, loop, loop.rod, q) for loop in robot.loops if loop.rod is not None}
 
 
@@ -345,7 +345,7 @@ def _point_mass(body: ET.Element, mass: float, x: float) -> None:
 
 
 def _closed_points(loop: Loop) -> list[tuple[FloatArray, FloatArray]]:
-    """Of both ends, the shifts of the points that a loop without a rod joins: one, or two along the axis of a pin."""
+    """Shifts at both ends of the points that a loop without a rod joins: one, or two along the axis of a pin."""
     points = [(np.zeros(3), np.zeros(3))]
     if loop.pin is not None and not loop.pin.planar:
         axes = loop.pin.axis, loop.pin.axis if loop.pin.other_axis is None else loop.pin.other_axis

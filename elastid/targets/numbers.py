@@ -43,7 +43,7 @@ class KnownNumber:
 
 
 def known_numbers(model: FittedRobot) -> tuple[KnownNumber, ...]:
-    """Of every parameter of a fitted model, in the order of the fit."""
+    """Numbers of every parameter of a fitted model, in the order of the fit."""
     return tuple(_known(model.result, parameter) for parameter in model.parameters)
 
 

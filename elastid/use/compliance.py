@@ -73,7 +73,7 @@ QUANTITIES: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Of P postures: values and std (P,) by quantity, softest direction (P, 3), its springs' shares (P, n_s).
+    """Answers of P postures: values and std (P,) by quantity, softest direction (P, 3), springs' shares (P, n_s).
 
     axes (P, 3, 3): directions of the principal compliances as columns, the softest first.
     chatter_hz (P,): line of the most negative real part.
@@ -164,7 +164,7 @@ class _Dynamic:
 
     @classmethod
     def of(cls, robots: Linearised) -> _Dynamic:
-        """By the eigenvectors of the state matrix; G = C V (s - Lambda)^-1 V^-1 B."""
+        """Dynamics by the eigenvectors of the state matrix; G = C V (s - Lambda)^-1 V^-1 B."""
         P, n = robots.M.shape[:2]
         J = robots.J[:, :3]
         inverse = np.linalg.inv(robots.M)

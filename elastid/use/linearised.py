@@ -61,7 +61,7 @@ class ManyPostures:
     family: Family
 
     def at(self, angles: FloatArray) -> Iterator[Linearised]:
-        """Of angles (P, n_u), in pieces of at most CHUNK postures."""
+        """Linearisations of angles (P, n_u), in pieces of at most CHUNK postures."""
         for first in range(0, len(angles), CHUNK):
             piece = angles[first : first + CHUNK]
             yield self._serial(piece) if self.is_serial else self._each(piece)
@@ -206,7 +206,7 @@ class _Poses:
 
 
 def _mapped(function: ca.Function, q: FloatArray) -> list[FloatArray]:
-    """Each output (P, size) of q (P, n)."""
+    """Outputs (P, size) of q (P, n)."""
     outputs = function.map(len(q))(q.T)
     return [each.full().T for each in (outputs if isinstance(outputs, tuple) else (outputs,))]
 

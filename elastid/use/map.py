@@ -126,7 +126,7 @@ def family_of_map(result: Result, frame: str | None = None) -> Family:
 def map_family(
     family: Family, angles: FloatArray, cut: Cut, lines_hz: FloatArray | None, name: str, is_path: bool = False
 ) -> WorkspaceMap:
-    """The same of a family."""
+    """Map of a family."""
     many = ManyPostures(family)
     lines = default_lines(many, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)

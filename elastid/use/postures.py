@@ -115,7 +115,7 @@ def inverse_kinematics(
 def follow_path(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, seed: int = 0
 ) -> tuple[FloatArray, BoolArray]:
-    """The same along a path: each pose is reached from the one before it where it can be."""
+    """Postures along a path: each pose is reached from the one before it where it can be."""
     angles, reached = inverse_kinematics(robot, frame, position, rotation, seed)
     low, high = limits_of(robot).T
     for i in range(1, len(position)):

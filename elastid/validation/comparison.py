@@ -47,7 +47,7 @@ class Refit:
     left_out: dict[str, Fold]
 
     def fold(self, configuration: str) -> Fold:
-        """Of a configuration left out."""
+        """Fold of a configuration left out."""
         unknown = Fold(configuration, math.nan, math.nan, math.nan, self.message)
         return self.left_out.get(configuration, unknown)
 
@@ -71,7 +71,7 @@ class ComparedModel:
 
     @property
     def mean_misfit(self) -> float:
-        """Over the configurations; infinite where one of them is not known."""
+        """Mean misfit over the configurations; infinite where one of them is not known."""
         return float(self.misfit.mean()) if self.misfit.size and np.isfinite(self.misfit).all() else math.inf
 
     def behind(self, best: ComparedModel) -> tuple[float, float]:

@@ -87,7 +87,7 @@ def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -
 def elastic_balances(
     record: Record, net: Record, parts: ModelParts, freq_hz: FloatArray, spec: EstimatorSpec
 ) -> tuple[TorqueBalance, ...]:
-    """Of each motor at freq_hz (F,), none of fewer than two settled periods; net: the record less its dry friction."""
+    """Balances of each motor at freq_hz (F,), none of fewer than two settled periods; net: without dry friction."""
     if settled_periods(record, spec) < 2:
         return ()
     (motors, _), N = parts[0], record.period_samples

@@ -161,17 +161,17 @@ class _Parameter:
         return _letters(self.name)
 
     def between_robots(self) -> _Excess:
-        """Of the means over dates."""
+        """Excess of the means over dates."""
         n = len(self.means)
         return _Excess(float((n - 1) * (np.var(self.means, ddof=1) - self.variances.mean())), n - 1.0)
 
     def between_dates(self, without: _Series | None = None) -> _Excess:
-        """Of the lines over dates; of two dates alone the changes of all robots but one."""
+        """Excess of the lines over dates; of two dates alone the changes of all robots but one."""
         lines = sum((s.about_line for s in self.series), _Excess())
         return sum((s.of_two for s in self.series if s is not without), lines)
 
     def without(self, r: int) -> _Parameter:
-        """Of all robots but one."""
+        """Parameter of all robots but one."""
         others = [i for i in range(len(self.series)) if i != r]
         series = tuple(self.series[i] for i in others)
         return _Parameter(self.name, self.is_relative, series, self.means[others], self.variances[others])
@@ -271,7 +271,7 @@ def _same_kind(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[
 
 
 def _letters(name: str) -> str:
-    """Without the joint, and the order of errors and ripples."""
+    """Letters of a name without the joint, and the order of errors and ripples."""
     letters = name.partition("_")[0]
     return letters[0] if letters[0] in "er" and letters[1:].replace(".", "").isdigit() else letters
 

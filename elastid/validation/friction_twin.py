@@ -72,7 +72,7 @@ HELD_HZ = 0.5
 
 
 def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords) -> tuple[TorqueBalance, ...]:
-    """Of every joint with a regression of its motions, over its first log, in the passband of the regression."""
+    """Balances of joints with a regression of their motions, over the first log, in the regression's passband."""
     return tuple(
         _balance(joint.motion, _record_of(joint.motion, measured.of(joint.joint, "motion")))
         for joint in joints
@@ -119,7 +119,7 @@ class _Log:
 
     @property
     def rate_hz(self) -> float:
-        """Of the samples."""
+        """Rate of the samples."""
         return self.records[0].rate_hz
 
 
@@ -176,7 +176,7 @@ def _log(robot: Robot, members: Sequence[tuple[JointFriction, FrictionRecord]]) 
 
 
 def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
-    """Along a log, driven by its torque, or by its reference through a controller."""
+    """Run along a log, driven by its torque, or by its reference through a controller."""
     log, controller = driven
     drive: Drive = "torque" if controller is None else "reference"
     held_hz = HELD_HZ if controller is None else 0.0
@@ -282,7 +282,7 @@ def predict_logs(
 def _along_logs(
     robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecords
 ) -> Iterator[JointFriction | tuple[str, str]]:
-    """Each joint along each log in which it moves, or its name and the reason why it cannot be predicted there."""
+    """Joints along each log in which they move, or name and reason of one that cannot be predicted there."""
     known = {joint.joint: joint for joint in joints}
     for log in motion_logs(measured):
         motions = robot_log(robot, log)

@@ -44,7 +44,7 @@ LIMITS = Limits()
 
 @frozen_value
 class MeasuredModes:
-    """Of one configuration: frequencies (n,) and dampings (n,) with standard deviations, measured.
+    """Modes of one configuration: frequencies (n,) and dampings (n,) with standard deviations, measured.
 
     model_hz, model_zeta, mac (n,): of the model's mode that each belongs to; NaN for none.  is_missing (n,): the model
     lacks it.  seen (n,): the outputs that move most.  frequency_unit: Hz, or of a sampling rate that is not known.

@@ -162,7 +162,7 @@ class Agreement:
 
 
 def _known_mean(values: FloatArray) -> float:
-    """Of the values that are not NaN; NaN without any."""
+    """Mean of the values that are not NaN; NaN without any."""
     known = np.isfinite(values)
     return float(values[known].mean()) if known.any() else math.nan
 

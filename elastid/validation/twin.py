@@ -307,22 +307,22 @@ class TwinPlant:
 
     @classmethod
     def of(cls, robot: Robot, rate_hz: float, start: Configuration, spec: ModelSpec = EXACT) -> TwinPlant:
-        """With as many steps a sample as its fastest pole takes; StudyError where it finds no rest."""
+        """Plant with as many steps a sample as its fastest pole takes; StudyError where it finds no rest."""
         plant, point = exact_plant(robot, spec, rate_hz, start)
         free = np.tile([-np.inf, np.inf], (plant.model.n_u, 1))
         return cls(Plant(plant.model, replace(plant.loop, limits=free)), point)
 
     def holding_gains(self, bandwidth_hz: float) -> Gains:
-        """Of a loop about the logged motion, damped critically, so that it adds no resonance."""
+        """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
         return tune(self.plant.model, self.point.q, bandwidth_hz, 1.0)
 
     def gains(self, moving: BoolArray, held: Gains) -> Gains:
-        """Those of `held` for motors that move (n_u,), of a loop of 5 Hz for the others."""
+        """Gains of `held` for motors that move (n_u,), of a loop of 5 Hz for the others."""
         resting = self.holding_gains(5.0)
         return Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
 
     def moved(self, gains: Gains, commands: Commands, velocity: FloatArray, q: FloatArray | None = None) -> Trajectory:
-        """From q (n_q,), or the rest of the springs, motors at this velocity (n_u,); DataError where one is lost."""
+        """Trajectory from q (n_q,), or the rest, motors at this velocity (n_u,); DataError where one is lost."""
         q = self.point.q if q is None else q
         return simulate(self.plant.loop, gains, commands, q, v0=rigid_motion(self.plant.model, q) @ velocity)
 
@@ -341,7 +341,7 @@ class Prediction:
     missing: Mapping[str, str] = field(default_factory=dict)
 
     def own_of(self, balance: TorqueBalance) -> TorqueBalance | None:
-        """The same joint in the same log by the regression of these logs."""
+        """Balance of the same joint in the same log by the regression of these logs."""
         return next((own for own in self.own if (own.place, own.log) == (balance.place, balance.log)), None)
 
     @property

@@ -105,7 +105,7 @@ def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
 def tests_of(
     loads: LoadsSpec | None, robot: Robot, experiment: ExperimentSpec, responses: Sequence[Response], seed: int
 ) -> tuple[PlacedTest, ...]:
-    """Of a study, in the configurations of its responses or of its experiment; none without the section.
+    """Load tests of a study in the configurations of its responses or experiment; none without the section.
 
     On a simulated rig a test without a deflection is measured, with the error that it states; the same seed gives the
     same readings.

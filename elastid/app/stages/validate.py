@@ -187,7 +187,7 @@ _InTime: TypeAlias = tuple[Replay, tuple[TorqueBalance, ...]]
 def _records_in_time(
     own: Validated, paths: tuple[Path, Path | None], console: Console, execution: Execution
 ) -> list[_InTime]:
-    """Of every configuration of records.h5; each process has a few records in memory at a time.
+    """Replay of every configuration of records.h5; each process has a few records in memory at a time.
 
     The torque is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
     """

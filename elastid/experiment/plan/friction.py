@@ -51,7 +51,7 @@ class PassLimits:
 
     @property
     def unit(self) -> str:
-        """Of its position: rad or m."""
+        """Unit of a position: rad or m."""
         return "m" if self.slides else "rad"
 
     @property

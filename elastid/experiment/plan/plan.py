@@ -30,7 +30,7 @@ _NEARBY = np.linspace(0.9, 1.1, 9)
 
 @frozen_value
 class ClosedLoopResponse:
-    """From injected torques (F, n_u, n_u): the motors' torque, and their position, velocity and acceleration."""
+    """Responses (F, n_u, n_u) to injected torques: torque, position, velocity and acceleration of the motors."""
 
     torque: ComplexArray
     position: ComplexArray

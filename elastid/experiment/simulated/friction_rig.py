@@ -107,7 +107,7 @@ def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, posit
 
 @frozen_value
 class JointHeat:
-    """Of one joint: temperature (n + 1,) in degC at time_s (n + 1,), power (n,) in W in between."""
+    """Heat of a joint: temperature (n + 1,) in degC at time_s (n + 1,), power (n,) in W in between."""
 
     time_s: FloatArray
     temperature: FloatArray

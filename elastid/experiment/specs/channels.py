@@ -127,7 +127,7 @@ class ChannelSpec:
         return ""
 
     def unit_factor(self, slides: bool) -> float:
-        """From the channel's unit to SI; slides: its place translates (m, N). ValueError for a wrong unit."""
+        """SI units of the channel's unit; slides: its place translates (m, N). ValueError for a wrong unit."""
         if self.quantity == "temperature":
             return self._temperature[0]
         unit = QUANTITY_UNIT[self.quantity]
@@ -170,7 +170,7 @@ class Structure:
 
     @property
     def driven(self) -> tuple[Joint, ...]:
-        """It has no joints."""
+        """No joints."""
         return ()
 
     @property
@@ -179,7 +179,7 @@ class Structure:
         return np.eye(len(self.motor_locations))
 
     def ratio(self, joint: str) -> float:
-        """It has no gears; KeyError."""
+        """KeyError: it has no gears."""
         raise KeyError(f"a structure has no joint {joint}")
 
     def count_refusal(self, count: int) -> str:

@@ -110,7 +110,7 @@ class ExperimentSpec:
         return self.recorded
 
     def with_truth(self, truth: dict[str, Quantity]) -> ExperimentSpec:
-        """The same with another truth of the simulated robot; an empty one is the nominal robot."""
+        """Experiment with another truth of the simulated robot; an empty one is the nominal robot."""
         return replace(self, simulated=replace(self.as_simulated(), truth=truth))
 
 

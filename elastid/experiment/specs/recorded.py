@@ -76,7 +76,7 @@ class TextFormatSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """At least one row a sample."""
+        """ValueError for less than a row a sample."""
         if self.interleaved < 1:
             raise ValueError(f"interleaved is {self.interleaved}; a sample has one row at least")
 

@@ -243,7 +243,7 @@ class HeatSpec:
 
     @property
     def start_degc(self) -> float:
-        """Of every joint at the start."""
+        """Temperature of every joint at the start."""
         return self.ambient if self.start is None else self.start
 
 

@@ -168,7 +168,7 @@ class LadderFit:
     terms: WindowTerms
 
     def richer(self) -> list[tuple[LocalFit, BoolArray]]:
-        """Each further model with the lines (F,) that take a simpler one."""
+        """Further models, each with the lines (F,) that take a simpler one."""
         return [(model, self.taken < i) for i, model in enumerate(self.models) if i]
 
 
@@ -208,7 +208,7 @@ def _power(fit: LocalFit) -> FloatArray:
 
 
 def _grown(fit: LocalFit, poles: int, dof: float) -> LocalFit:
-    """The same fit with room for more poles, and a residual as if it had fewer degrees of freedom."""
+    """Fit with room for more poles, and a residual as if it had fewer degrees of freedom."""
     more = poles - fit.M.shape[1]
     return replace(
         fit,

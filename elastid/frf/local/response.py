@@ -224,7 +224,7 @@ def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: 
 def _signals(
     spectra: Sequence[SettledSpectra], closed: bool, lines: IntArray, step: int, most_lines: int | None
 ) -> _Signals:
-    """Each record times sqrt(P): then noise is that of one period in all of them."""
+    """Records times sqrt(P) each: then noise is that of one period in all of them."""
     root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
     Z = root_P * np.stack([np.concatenate([each.Y, each.U], axis=1) if closed else each.Y for each in spectra])
     R = root_P * np.stack([driver_of(spectrum, closed) for spectrum in spectra])
@@ -234,7 +234,7 @@ def _signals(
 
 
 def _experiments(spectra: Sequence[SettledSpectra], closed: bool, every: slice) -> Experiments:
-    """With the noise of all records in one period, each by its degrees of freedom."""
+    """Experiments with the noise of all records in one period, each by its degrees of freedom."""
     dof, C_Z = sum(spectrum.dof for spectrum in spectra), None
     if all(spectrum.settled for spectrum in spectra):
         C_Z = np.sum([each.noise[every] * (each.dof * each.n_periods / dof) for each in spectra], axis=0)

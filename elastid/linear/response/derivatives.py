@@ -298,7 +298,7 @@ class Images:
 
     @classmethod
     def of(cls, held: HoldImages, above: Kernel, theta: FloatArray) -> Images:
-        """At theta (n_theta,) of the model."""
+        """Images at theta (n_theta,) of the model."""
         own = held.undelayed(theta)
         return cls(held, above, own, held.folding(theta), tuple(above.products(own, above.term_directions)))
 
@@ -309,7 +309,7 @@ class Images:
 
     @property
     def of_factors(self) -> Iterator[tuple[str, ComplexArray]]:
-        """Its derivatives to the parameters that multiply it, by name."""
+        """Derivatives to the parameters that multiply the images, by name."""
         for place, slope in self.above.factor_slopes(self.theta, (2j * np.pi * self.above.freq_hz).astype(complex)):
             yield self.above.wanted[place], slope * self.G
 

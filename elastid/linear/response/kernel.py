@@ -247,7 +247,7 @@ class Kernel:
 
     @cached_property
     def output_columns(self) -> IntArray:
-        """For each output the right side in `Products.YX` that belongs to its direction, tilt included."""
+        """Right side in `Products.YX` of each output, which belongs to its direction, tilt included."""
         sides = self._sides
         places = sides.columns.copy()
         places[sides.tilted] = sides.tilts + len(sides.tilts)
@@ -311,7 +311,7 @@ class Kernel:
 
     @cached_property
     def _elimination(self) -> Elimination:
-        """Of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
+        """Elimination of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
         n = self.model.n
         moved = np.zeros(3 * n * n, dtype=np.bool_)
         moved[self._slopes[1]] = True

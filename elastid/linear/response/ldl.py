@@ -32,7 +32,7 @@ class Elimination:
 
     @classmethod
     def of(cls, coupled: BoolArray) -> Elimination:
-        """Of a pattern (n, n): which coordinates act on each other; next is always the one that acts on the fewest."""
+        """Elimination of a pattern (n, n) of coupled coordinates; next is the one that acts on the fewest."""
         acts = (coupled | coupled.T) & ~np.eye(len(coupled), dtype=bool)
         filled, left, order = np.zeros_like(acts), np.ones(len(acts), dtype=bool), []
         while left.any():
@@ -75,7 +75,7 @@ class Elimination:
 def solved_products(
     M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
 ) -> ComplexArray:
-    """The same by LAPACK."""
+    """Products by LAPACK."""
     of_lines = omega[:, None, None]
     X = np.linalg.solve(K + 1j * of_lines * D - of_lines**2 * M, B.astype(complex)).transpose(1, 2, 0)
     # One product of real matrices, since Y is real and may have thousands of columns.

@@ -93,7 +93,7 @@ class HoldImages:
 
     @cached_property
     def sensors(self) -> LinearModel:
-        """The same with the chain behind the sampled motion alone."""
+        """Model with the chain behind the sampled motion alone."""
         lags = tuple(element for element in self.model.chain if element.name != TORQUE_LAG)
         return replace(self.model, chain=lags)
 
@@ -128,7 +128,7 @@ class HoldImages:
 
 
 def hold_images(model: LinearModel, freq_hz: FloatArray) -> tuple[HoldImages, ...]:
-    """Those of a model on lines freq_hz (F,), for each rate at which torques are held."""
+    """Images of a model on lines freq_hz (F,), for each rate at which torques are held."""
     if model.hold is None or not any(model.hold.sampled):
         return ()
     rates = np.array(model.hold.rates_hz)

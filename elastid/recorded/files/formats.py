@@ -58,7 +58,7 @@ def is_log(path: Path) -> bool:
 
 
 def all_formats() -> tuple[Format, ...]:
-    """Those of other packages, which know their files better, first; StudyError for one that cannot be loaded."""
+    """Formats, those of other packages, which know their files better, first; StudyError for one not loaded."""
     return (*(_registered(point) for point in _points()), *FORMATS)
 
 

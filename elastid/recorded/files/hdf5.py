@@ -17,7 +17,7 @@ from elastid.recorded.files.log import ArrayLog, StoredArray
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """By its signature, at the start or behind a user block, the size of which is a power of two."""
+    """True by the signature, at the start or behind a user block, the size of which is a power of two."""
     return any(head.startswith(b"\x89HDF\r\n\x1a\n", offset) for offset in (0, 512, 1024, 2048, 4096))
 
 

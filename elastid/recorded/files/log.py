@@ -84,7 +84,7 @@ class ArrayLog:
     arrays: Mapping[str, StoredArray]
 
     def guarded(self, guard: Callable[[], AbstractContextManager[None]]) -> ArrayLog:
-        """The same with every read inside a guard."""
+        """Log with every read inside a guard."""
 
         def inside(read: Callable[..., NDArray[Any]], *part: slice) -> NDArray[Any]:
             with guard():
@@ -113,7 +113,7 @@ class ArrayLog:
         return np.stack(self.columns(channels, part), axis=1)
 
     def columns(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> list[FloatArray]:
-        """The same, one (n_samples,) for each channel; an array that holds several is read once."""
+        """Signals (n_samples,), one for each channel; an array that holds several is read once."""
         stored: dict[str, FloatArray] = {}
         signals = [self._signal(channel, part, stored) for channel in channels]
         lengths = [len(signal) for signal in signals]

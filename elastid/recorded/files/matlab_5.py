@@ -15,7 +15,7 @@ from elastid.recorded.files.log import ArrayLog, StoredArray
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """By the header; files of version 4 have none, and are known by their suffix."""
+    """True by the header; files of version 4 have none, and are known by their suffix."""
     # Version and byte order stand behind the free text of a header, little or big endian.
     signatures = (b"\x00\x01IM", b"\x01\x00MI")
     return head.startswith(b"MATLAB") or head[124:128] in signatures or path.suffix.lower() == ".mat"

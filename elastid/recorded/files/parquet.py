@@ -16,7 +16,7 @@ from elastid.recorded.files.log import ArrayLog, StoredArray, imported, seconds
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """By the mark at its start."""
+    """True by the mark at the start."""
     return head.startswith(b"PAR1")
 
 

@@ -125,7 +125,7 @@ def _end(reader: subprocess.Popen[bytes]) -> int:
 
 
 def serve() -> None:
-    """In the process that reads: answer requests until the program ends."""
+    """The process that reads answers requests until the program ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the program's, which ends this process
     limit = limit_memory()
     warnings.simplefilter("ignore")

@@ -16,7 +16,7 @@ from elastid.recorded.files.log import ArrayLog, StoredArray, imported, seconds
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """By the mark of its first segment."""
+    """True by the mark of the first segment."""
     return head.startswith(b"TDSm")
 
 

@@ -55,7 +55,7 @@ class TextLog:
         return dict(self.named_columns())
 
     def named_columns(self) -> list[tuple[str, tuple[int, ...]]]:
-        """The same, where headings may occur twice."""
+        """Columns by heading, which may occur twice."""
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
         return [(name, ((len(self.number_lines) - self.first) // self.format.interleaved,)) for name in names]
 

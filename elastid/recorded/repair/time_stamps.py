@@ -255,7 +255,7 @@ class TimeSteps:
 
     @classmethod
     def of(cls, time_s: FloatArray) -> TimeSteps:
-        """Those of stamps (n,) that rise."""
+        """Steps of stamps (n,) that rise."""
         steps = np.diff(time_s)
         mean_hz = len(steps) / float(time_s[-1] - time_s[0])
         return cls(float(steps.min()), float(np.median(steps)), float(steps.max()), mean_hz)

@@ -35,7 +35,7 @@ _UNITS = {
 
 
 def is_universal_file(path: Path) -> bool:
-    """By its first lines, or by its suffix."""
+    """True by the first lines, or by the suffix."""
     if path.suffix.lower() in (".uff", ".unv"):
         return True
     with path.open("rb") as file:
@@ -81,7 +81,7 @@ def uff_places(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
 
 
 def geometry_of_files(spec: ResponsesSpec | None, folder: Path) -> GeometrySpec | None:
-    """That of the first universal file with nodes of the places of a study; None where no file has any."""
+    """Geometry of the first universal file with nodes of the places of a study; None where no file has any."""
     paths = () if spec is None else (folder / file.path for file in spec.files)
     found = (uff_geometry(path, spec.channels) for path in paths if spec is not None and is_universal_file(path))
     return next((geometry for geometry in found if geometry is not None), None)

@@ -72,7 +72,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
 
 
 def friction_drawings(taken_out: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
-    """Of friction that was searched for in records, with that of the robot's file; none where it could not be."""
+    """Drawings of friction that was searched for in records, with that of the robot's file; none without a search."""
     if taken_out is not None and taken_out.configurations:
         caption = (
             "Friction over the distance from a reversal out of steady sliding, or over velocity where it depends on "

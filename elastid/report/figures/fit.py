@@ -168,7 +168,7 @@ def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
 
 
 def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:
-    """To and fro, each half with its own band."""
+    """Curves to and fro, each half with its own band."""
     y, half = factor * (sheet.torsion - less), len(sheet.torque) // 2
     curves = []
     for part in (slice(None, half), slice(half, None)):

@@ -38,7 +38,7 @@ DIRECTIONS = {
 
 @dataclass(frozen=True)
 class Condition:
-    """Where a curve is drawn: load in Nm (N), temperature in degC or NaN; over one of them its values (n,)."""
+    """Conditions of a curve: load in Nm (N), temperature in degC or NaN; over one of them its values (n,)."""
 
     load: float | FloatArray
     temperature: float | FloatArray
@@ -66,7 +66,7 @@ class Condition:
         return own
 
     def text(self, law: StaticLaw) -> str:
-        """In words, of the conditions that the law depends on."""
+        """Words on the conditions that the law depends on."""
         load, heat = f"a load of {self.load:.3g} {units(law.levels.slides)[1]}", f"{self.temperature:.3g} °C"
         words = [text for kind, text in (("load", load), ("temperature", heat)) if depends_on(law, kind)]
         return f"at {' and '.join(words)}" if words else ""
@@ -102,12 +102,12 @@ def friction_curve(law: StaticLaw) -> Figure:
 
 
 def quantity(slides: bool) -> str:
-    """As axes name it."""
+    """Quantity as axes name it."""
     return "force" if slides else "torque"
 
 
 def units(slides: bool) -> tuple[str, str]:
-    """Of speed and torque, as people write them."""
+    """Units of speed and torque, as people write them."""
     return ("m/s", "N") if slides else ("rad/s", "N·m")
 
 
@@ -159,7 +159,7 @@ def _law(law: StaticLaw, condition: Condition, direction: float) -> Iterator[Cur
 
 
 def friction_taken_out(friction: FrictionTakenOut, robot: Robot | None = None) -> Figure:
-    """For each motor the torque after a reversal, or over velocity, with its 95 % interval; torque not explained.
+    """Torque of each motor after a reversal, or over velocity, with its 95 % interval; torque not explained.
 
     The latter as its amplitude by configuration, with friction and without. A motor that no friction was taken out of
     has no curve.  robot: whose file may have a static law of the motor, from passes; its F_c is drawn too.

@@ -56,7 +56,7 @@ class ShownFigure(Figure):
 
     @own_style()
     def savefig(self, fname: Any, *, transparent: bool | None = None, **options: Any) -> None:
-        """As that of matplotlib, in the style of all figures."""
+        """Figure saved as matplotlib does, in the style of all figures."""
         super().savefig(fname, transparent=transparent, **options)
 
     def _repr_png_(self) -> bytes:
@@ -138,7 +138,7 @@ class Cells:
     colors: str = "Blues"
 
     def draw(self, axes: Axes) -> None:
-        """From light to dark, grey where NaN, each with its number where they are few."""
+        """Cells from light to dark, grey where NaN, each with its number where they are few."""
         axes.set_facecolor(SHADE)
         low, high = self.ends
         axes.imshow(self.values, cmap=self.colors, vmin=low, vmax=high, interpolation="nearest", aspect="auto")

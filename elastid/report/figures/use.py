@@ -81,5 +81,5 @@ def move_figure(tuned: TunedMove) -> Figure:
 
 
 def _in_mm(error: FloatArray) -> FloatArray:
-    """Not below a tenth of a micrometre: there a figure shows rounding."""
+    """Error in mm, not below a tenth of a micrometre: there a figure shows rounding."""
     return np.maximum(1e3 * error, 1e-4)

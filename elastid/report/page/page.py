@@ -136,7 +136,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
 
 
 def correlated(result: Result) -> dict[str, tuple[str, float]]:
-    """Of each free parameter the one whose estimate is most correlated with its own, and how; "" below 0.5."""
+    """Parameter whose estimate is most correlated with that of each free one, and how; "" below 0.5."""
     names, partners = result.parameters.free_names, {}
     correlation = np.nan_to_num(result.correlation, nan=0.0) - np.eye(len(names))
     for i, name in enumerate(names):

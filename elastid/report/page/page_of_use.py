@@ -64,7 +64,7 @@ class MapContent:
 
     @property
     def springs(self) -> list[dict[str, str]]:
-        """Each spring: where it limits, its mean part, and the gain of one twice as stiff in the softest tenth."""
+        """Springs: where each limits, its mean part, and the gain of one twice as stiff in the softest tenth."""
         m = self.workspace
         first = m.softest[: max(1, len(m) // 10)]
         limiting = np.array(m.limiting_springs)

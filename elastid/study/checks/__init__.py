@@ -91,7 +91,7 @@ UNUSED: tuple[tuple[tuple[Kind, ...], tuple[str, ...]], ...] = (
 
 
 def check_unused(study: Study) -> Iterator[Problem]:
-    """Of a simulated study without its robot none: its kind is not known."""
+    """Problems of sections that nothing reads; none of a simulated study without its robot: its kind is unknown."""
     if study.robot is None and study.experiment.simulated is not None:
         return
     for key in (key for kinds, keys in UNUSED if study.kind in kinds for key in keys):

@@ -24,7 +24,7 @@ _SIMULATED: KeyPath = ("experiment", "simulated")
 
 
 def check_count(study: Study) -> Iterator[Problem]:
-    """As many experiments in a realisation as motors at most, and enough for the estimator."""
+    """Problems unless a realisation has at most as many experiments as motors, and enough for the estimator."""
     experiment, excitation, estimator = study.experiment, study.excitation, study.estimator
     given, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
     if given is None or experiment.simulated is None:

@@ -80,7 +80,7 @@ def _check_wanted(study: Study, parameters: Parameters) -> Iterator[Problem]:
 
 
 def check_loads(study: Study) -> Iterator[Problem]:
-    """Each test is in a posture of the robot, at frames that it has, and was measured unless the rig is simulated."""
+    """Problems of tests: posture of the robot, frames that it has, and a reading unless the rig is simulated."""
     if study.loads is None:
         return
     if not study.loads.tests:

@@ -18,7 +18,7 @@ def unknown(path: KeyPath, noun: str, name: str, known: Iterable[str]) -> Proble
 
 
 def check_names(path: KeyPath, noun: str, names: Sequence[str], known: Sequence[str]) -> Iterator[Problem]:
-    """Each entry of a list of names is known."""
+    """Problems of entries in a list of names that are not known."""
     for i, name in enumerate(names):
         if name not in known:
             yield unknown((*path, i), noun, name, known)

@@ -148,7 +148,7 @@ class _Problem:
         self._build()
 
     def _force(self, q: FloatArray) -> FloatArray:
-        """At rest; loops carry part of it, which no motor does: least squares by the motors' columns."""
+        """Force at rest; loops carry part of it, which no motor does: least squares by the motors' columns."""
         still = np.zeros(self.n_q)
         force = self.commanded.balance(q, still, still, np.zeros(self.n_c))[0].full()[:, 0]
         if self.n_c:
@@ -230,7 +230,7 @@ class _Problem:
         return ca.vertcat(*rows)
 
     def _hessian(self, lam_f: ca.MX, J: ca.MX, lift: ca.DM) -> ca.MX:
-        """Of the Lagrangian, by Gauss and Newton."""
+        """Hessian of the Lagrangian, by Gauss and Newton."""
         n, s = self.n, self.settings
         D = ca.kron(ca.sparsify(ca.DM(np.eye(n + 1, n) - np.eye(n + 1, n, -1))), ca.DM.eye(self.n_u))
         D *= s.rate_s / np.sqrt(self.mesh.step)

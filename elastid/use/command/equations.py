@@ -56,7 +56,7 @@ class CommandedRobot:
 
     @classmethod
     def of(cls, robot: Robot, frame: str, posture: FloatArray, spec: ModelSpec = EXACT) -> CommandedRobot:
-        """In the formulation of `spec`, of loops of elastic rods alone in the minimal one; posture (n_u,): amid all."""
+        """Robot in the formulation of `spec`, of loops of elastic rods in the minimal one; posture (n_u,): amid all."""
         model = formulate(robot, spec)
         if model.n_c:
             minimal = formulate(robot, ModelSpec("minimal"))

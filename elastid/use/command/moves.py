@@ -35,7 +35,7 @@ class MotionLimits:
 
     @classmethod
     def of(cls, robot: Robot) -> MotionLimits:
-        """Those of the driven joints."""
+        """Limits of the driven joints."""
         limits = [joint.limits for joint in robot.driven]
         angle = np.array([each.angle for each in limits], float)
         return cls(angle, *(np.array([getattr(each, kind) for each in limits], float) for kind in KINDS))
@@ -48,7 +48,7 @@ class MotionLimits:
         return (low + high) / 2, np.where(finite, (high - low) / 2, np.inf)
 
     def narrowed(self, parts: dict[str, FloatArray]) -> MotionLimits:
-        """With a part (n_u,) of each kind that is named."""
+        """Limits with a part (n_u,) of each kind that is named."""
         return replace(self, **{kind: getattr(self, kind) * part for kind, part in parts.items()})
 
 
@@ -107,7 +107,7 @@ class Move:
         return np.asarray(self.spline(np.array([0.0, 1.0])))
 
     def in_time(self, duration: float) -> Move:
-        """The same way in another time."""
+        """Move along the way in another time."""
         return replace(self, duration=duration)
 
 

@@ -64,7 +64,7 @@ class TwinLoop:
         cls, robot: Robot, model: ElasticModel, frame: str, gains: Gains, rate_hz: float, samples: int = 0,
         *, clips: bool = False,
     ) -> TwinLoop:  # fmt: skip
-        """Of a robot with `model`; samples: about how many will be simulated; clips: torques at their limits.
+        """Loop of a robot with `model`; samples: about how many will be simulated; clips: torques at their limits.
 
         StudyError for poles that are too fast.
 
@@ -130,6 +130,6 @@ class TwinLoop:
 
 
 def with_band(outcome: Outcome, errors: FloatArray) -> Outcome:
-    """The same with 95 % of errors (D, N) of draws."""
+    """Outcome with 95 % of errors (D, N) of draws."""
     low, high = np.quantile(errors, [0.025, 0.975], axis=0)
     return replace(outcome, low=low, high=high)

@@ -67,7 +67,7 @@ class TunedMove:
 
     @property
     def references(self) -> References:
-        """As the drives take them."""
+        """References as the drives take them."""
         return References(self.time_s, self.position, self.velocity, self.acceleration, self.jerk, self.torque)
 
     def __getitem__(self, name: str) -> Outcome:

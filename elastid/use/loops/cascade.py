@@ -50,12 +50,12 @@ class Cascade:
         return [*list(range(len(self.velocity_gain))) * 3, *np.repeat(self.axes, 3).tolist()]
 
     def at(self, x: FloatArray) -> Cascade:
-        """The same with other numbers."""
+        """Cascade with other numbers."""
         p, v, corner, rest = np.split(np.exp(x), np.cumsum([len(self.velocity_gain)] * 3))
         return replace(self, position_gain=p, velocity_gain=v, low_pass_hz=corner, notches=rest.reshape(-1, 3))
 
     def bounds(self, reach: float, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-        """Of x, within `reach` of its own and with filters that can be."""
+        """Bounds of x, within `reach` of its own and with filters that can be."""
         x, n = self.vector, len(self.velocity_gain)
         low, high = x - reach, x + reach
         high[2 * n : 3 * n] = np.minimum(high[2 * n : 3 * n], np.log(CORNER * rate_hz))
@@ -65,14 +65,14 @@ class Cascade:
         return np.minimum(low, x), np.maximum(high, x)
 
     def slower(self, position: float, velocity: float) -> Cascade:
-        """With the position gains and the velocity gains of all axes times factors; filters stay."""
+        """Cascade with position and velocity gains of all axes times factors; filters stay."""
         return replace(
             self, position_gain=position * self.position_gain, velocity_gain=velocity * self.velocity_gain
         )  # fmt: skip
 
     @property
     def gains(self) -> Gains:
-        """As a simulation takes them."""
+        """Gains as a simulation takes them."""
         return Gains(self.position_gain * self.velocity_gain, self.velocity_gain, self.position_gain)
 
     def filters(self, rate_hz: float) -> Filters:
@@ -100,7 +100,7 @@ class Cascade:
         return of_F, np.concatenate([of_r * one, one, *filters], axis=-1)
 
     def to_spec(self, joints: Sequence[str]) -> ControllerSpec:
-        """As a study has it, to six digits."""
+        """Controller as a study has it, to six digits."""
 
         def rounded(values: FloatArray) -> tuple[float, ...]:
             return tuple(float(f"{value:.6g}") for value in values)

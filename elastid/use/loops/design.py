@@ -53,7 +53,7 @@ class Scene:
 
     @classmethod
     def of(cls, plants: Plants, **lines: int) -> Scene:
-        """On a grid with so many lines."""
+        """Scene on a grid with so many lines."""
         freq_hz = grid(plants, **lines)
         return cls(plants, freq_hz, plants.response(freq_hz))
 
@@ -132,7 +132,7 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
 
 
 def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
-    """With a shallow notch for each axis that may have one more, below and above the peak that it has most part in."""
+    """Cascades with a shallow notch more for one axis, below and above the peak that it has most part in."""
     left, size, right = np.linalg.svd(scaled(scene.sensitivity(best)[0], scene.plants.inertia))
     parts = np.abs(left[..., 0] * right[..., 0, :]) * size[..., :1]
     for axis in range(len(best.velocity_gain)):
@@ -190,7 +190,7 @@ class _Problem:
         return self._at(x)[2]
 
     def room_slopes(self, x: FloatArray) -> FloatArray:
-        """Of `room`."""
+        """Slopes of `room`."""
         return self._at(x)[3]
 
     def _at(self, x: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:

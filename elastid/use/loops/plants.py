@@ -54,7 +54,7 @@ class Plants:
 
     @classmethod
     def stacked(cls, plants: Sequence[Plants]) -> Plants:
-        """Those of several values one after the other."""
+        """Plants of several values one after the other."""
         parts = (np.concatenate([getattr(own, name) for own in plants]) for name in ("A", "B", "C", "inertia"))
         return cls(plants[0].rate_hz, *parts)
 
@@ -99,7 +99,7 @@ class PostureFamily:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the postures."""
+        """Names of the postures."""
         return tuple(own.configuration.name for own in self.linear)
 
     def estimate(self) -> Plants:
@@ -126,7 +126,7 @@ class PostureFamily:
         return Plants.stacked(pieces)
 
     def modes(self, posture: int) -> tuple[PlantMode, ...]:
-        """Of the fitted robot in a posture, by rising frequency."""
+        """Modes of the fitted robot in a posture, by rising frequency."""
         own = self.linear[posture]
         known = modes(own, self._theta(own))
         point = equilibrium(self.family.model, self.family.theta, own.configuration)

@@ -75,7 +75,7 @@ class Sampled:
 
     @property
     def margins(self) -> Margins:
-        """Of every loop while all others are closed."""
+        """Margins of every loop while all others are closed."""
         return margins(self.loops, self.freq_hz[:, None])
 
     @property

@@ -155,7 +155,7 @@ def closed_loop_poles(plants: Plants, gains: Gains, filters: Filters | None) -> 
 
 @frozen_value
 class Margins:
-    """Of loops (Q, n_u): factor by which a gain may rise, phase in rad, delay in s.
+    """Margins of loops (Q, n_u): factor by which a gain may rise, phase in rad, delay in s.
 
     Infinite where no line has the crossing.
     """
@@ -166,7 +166,7 @@ class Margins:
 
 
 def margins(L: ComplexArray, freq_hz: FloatArray) -> Margins:
-    """Of L (..., F) at freq_hz (..., F)."""
+    """Margins of L (..., F) at freq_hz (..., F)."""
     ln, omega = np.log(np.abs(L)), 2 * np.pi * np.broadcast_to(freq_hz, L.shape)
     turn = np.angle(-L)
     step = np.diff(turn)
@@ -213,7 +213,7 @@ class MeasuredLoops:
 
 
 def measured_loops(records: Sequence[Record], estimator: EstimatorSpec, inertia: FloatArray) -> MeasuredLoops:
-    """Of the records of a configuration; inertia (n_u,) as in M_S.  ValueError where they lack r."""
+    """Loops in the records of a configuration; inertia (n_u,) as in M_S.  ValueError where they lack r."""
     if refused := refusal(records):
         raise ValueError(refused)
     first = records[0]
