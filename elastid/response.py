@@ -79,7 +79,7 @@ class Quality:
             return np.asarray(np.divide(largest, smallest, out=np.full(len(largest), np.inf), where=smallest > 0))
 
     def lines(self, keep: BoolArray) -> Quality:
-        """The same on some of the response's lines; keep (F,) is True where a line stays."""
+        """Quality on some of the response's lines; keep (F,) is True where a line stays."""
         cut = {name: getattr(self, name)[keep] for name in LINE_ARRAYS}
         excited = Levels(*(getattr(self.excited, field.name)[keep] for field in fields(Levels)))
         stochastic = None if self.stochastic is None else self.stochastic[keep]
@@ -244,7 +244,7 @@ class Response:
         return self.total if self.total is not None else self.noise
 
     def lines(self, keep: BoolArray) -> Response:
-        """The same response on some of its lines; keep (F,) is True where a line stays, ValueError for another size."""
+        """Response on some of its lines; keep (F,) is True where a line stays, ValueError for another size."""
         if np.shape(keep) != (self.n_lines,):
             raise ValueError(f"keep has shape {np.shape(keep)}; the response has {self.n_lines} lines")
 

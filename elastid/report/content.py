@@ -76,7 +76,7 @@ class ReportContent:
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
-        """Those of the fit, its missing modes, then of the measured responses; the same from many places once."""
+        """Notes of the fit, its missing modes, then of the measured responses; the same from many places once."""
         notes = (note for measured, _ in self.frf for note in measured.notes)
         return grouped((*self.result.notes, *self.missing_modes, *notes))
 
@@ -100,7 +100,7 @@ class ResponsesContent:
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
-        """Those of the modes and responses; the same from many places once, with a count."""
+        """Notes of the modes and responses; the same from many places once, with a count."""
         own = [note for modes in self.modes for note in modes.notes]
         return grouped((*own, *(note for response in self.responses for note in response.notes)))
 

@@ -23,7 +23,7 @@ _TAG = "tag:yaml.org,2002:"
 
 @dataclass(frozen=True, order=True)
 class Place:
-    """Where something was written: a file with line and column (from 1), or an option of the command line (line 0).
+    """Place of something written: a file with line and column (from 1), or an option of the command line (line 0).
 
     rank orders the sources; hidden: how many leading keys of a path the source does not show (a robot in its own file).
     """

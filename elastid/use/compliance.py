@@ -144,7 +144,7 @@ class _Static:
         self.C = (C + C.transpose(0, 2, 1)) / 2
 
     def std(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """Of a^T C b (P,), a and b (P, 3)."""
+        """Std of a^T C b (P,), a and b (P, 3)."""
         robots = self.robots
         u, v = ((self.flexibility @ each[:, :, None])[:, :, 0] for each in (a, b))
         slope = -_form(robots.dK, u, v)
@@ -251,7 +251,7 @@ class _Dynamic:
         return np.asarray(X), np.asarray(J @ X)
 
     def std(self, freq_hz: FloatArray, a: ComplexArray, b: ComplexArray) -> FloatArray:
-        """Of Re a^T G b (P,) at one line (P,), a and b (P, 3)."""
+        """Std of Re a^T G b (P,) at one line (P,), a and b (P, 3)."""
         robots, s = self.robots, np.asarray(2j * np.pi * freq_hz)
         X = self._solved(s)[0]
         u, v = ((X @ each[:, :, None])[:, :, 0] for each in (a, b))
