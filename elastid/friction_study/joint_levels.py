@@ -42,10 +42,11 @@ from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import solve
 from elastid.friction_study.levels import MAX_RELATIVE_STD, Levels, PassLevels, levels_of_records, refuse_unknown
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
-from elastid.friction_study.motion_terms import Motion, MotionSignals, MotionTerms, equations_of
+from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals
+from elastid.friction_study.motion_terms import MotionTerms, equations_of
 from elastid.friction_study.passes import PASSES, PassRegression, about_mean, check_reversal, detect_passes
 from elastid.friction_study.result import JointLevels
-from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
+from elastid.friction_study.robot_motion import ROBOT_PASSBAND_HZ, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
@@ -115,9 +116,9 @@ def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord])
             first.place,
         )
     for record in records:
-        log = robot_log(robot, {joint.name: record})
-        rigid = torques_in_file(with_point_mass(robot, record.payload), log, PASSBAND_HZ)[joint.name]
-        rows += _rows(record, MotionSignals.of(log.motions[joint.name], PASSBAND_HZ), rigid)
+        log = motion_log(robot, {joint.name: record}, PASSBAND_HZ)
+        rigid = torques_in_file(with_point_mass(robot, record.payload), log)[joint.name]
+        rows += _rows(record, log.first, rigid)
     if not rows:
         raise DataError(
             "friction/levels",
@@ -231,9 +232,9 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
 
 def _payload_torque(robot: Robot, record: FrictionRecord, mass: float) -> FloatArray:
     """The torque (n,) that a mass at the last frame adds to that of the joint of a record, by the robot's geometry."""
-    log = robot_log(robot, {record.joint: record})
+    log = motion_log(robot, {record.joint: record}, PASSBAND_HZ)
     robots = with_point_mass(robot, mass), robot
-    loaded, empty = (torques_in_file(each, log, PASSBAND_HZ)[record.joint] for each in robots)
+    loaded, empty = (torques_in_file(each, log)[record.joint] for each in robots)
     return loaded - empty
 
 
@@ -243,7 +244,7 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
         groups.setdefault(tuple(log), []).append(log)
     evaluated: dict[str, JointMotion] = {}
     for joints, members in groups.items():
-        robot_logs = [robot_log(robot, log) for log in members]
+        robot_logs = [motion_log(robot, log, ROBOT_PASSBAND_HZ) for log in members]
         for log, motions in zip(members, robot_logs, strict=True):
             measured = {joint: record.torque for joint, record in log.items()}
             check_torques(robot, measured, torques_in_file(robot, motions), next(iter(log.values())).place)
@@ -267,13 +268,13 @@ def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()
 
 
-def robot_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> RobotLog:
-    """The motions of a log, and the angles of the joints that rest in it."""
+def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: float) -> MotionLog:
+    """The signals of a log, and the angles of the joints that rest in it."""
     first = next(iter(log.values()))
     angles = np.zeros(len(robot.driven)) if first.configuration is None else first.configuration.angles
     every = zip(robot.driven, angles, strict=True)
     resting = {joint.name: float(angle) for joint, angle in every if joint.name not in log}
-    return RobotLog({joint: _motion(record, False) for joint, record in log.items()}, resting)
+    return MotionLog.of({joint: _motion(record, False) for joint, record in log.items()}, resting, passband_hz)
 
 
 def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) -> Motion:

@@ -410,7 +410,7 @@ def joint_law(
 
 
 def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
-    fit, terms = motion.chosen, motion.terms.at(motion.chosen)
+    fit, terms = motion.chosen, motion.terms
     speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
     measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
     held = {"exponent": terms.exponent, "temperature.decay": terms.decay}
