@@ -7,7 +7,8 @@ r"""Inertia and friction of one axis from any motion of it: torque regressed on 
 
 with s = sgn q', Legendre polynomials P_k of the angle, the load l of a log, its temperature theta about the mean,
 ripple of the motor's turns (N a turn of the joint) and a delay T of the torque. All but J, f, F_c, gravity and o are
-parts where the data show them beyond chance.
+parts where the data show them beyond chance. The torque of a payload that some logs have, times the drive's gain g, is
+one more: u is logged with an unknown torque constant behind it.
 
 Both sides of the equation pass the same low-pass filter of finite length and are thinned to twice its band, so that
 filtering is no error of the equation and neither ripple nor the noise of derivatives counts (Gautier, Proc. IEEE ICRA
@@ -308,7 +309,7 @@ def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict
     for name in (name for name in columns if name in numbers.names):
         kind = name.partition(".")[0]
         is_viscous = kind == "quadratic" or name.endswith("viscous")
-        is_rigid = kind in ("gravity", "offset") or (kind in ("ripple", "delay") and "offset" in columns)
+        is_rigid = kind in ("gravity", "gain", "offset") or (kind in ("ripple", "delay") and "offset" in columns)
         part = kind if kind == "inertia" else "viscous" if is_viscous else "gravity" if is_rigid else "coulomb"
         parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
     return parts

@@ -309,6 +309,8 @@ def full_rate_columns(
         columns |= {"coulomb": s * (1 - fall), "stiction": s * fall}
         if about is not None:
             columns["stribeck_velocity"] = (about["stiction"] - about["coulomb"]) * s * fall * terms.exponent * x / nu
+    if motion.payload_torque is not None:
+        columns["gain"] = motion.payload_torque
     if terms.load:
         columns["load.coulomb"] = motion.load * s
     if terms.spring:

@@ -59,17 +59,13 @@ class FrictionNumber:
 
 @dataclass(frozen=True)
 class JointLevels:
-    """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both.
-
-    gain: of the drive, torque logged over torque, and its std.
-    """
+    """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both."""
 
     joint: str
     slides: bool
     levels: PassLevels | None = None
     motion: MotionFriction | None = None
     notes: tuple[Note, ...] = ()
-    gain: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -169,6 +165,7 @@ Truth = Mapping[str, float]
 RIGID_TERMS = {
     "inertia": FrictionTerm("inertia", "J", "J", "inertia", "kg*m^2", 2),
     "offset": FrictionTerm("offset", "o", "o", "offset of the torque", "N*m", 1),
+    "gain": FrictionTerm("gain", "gain", "g", "gain of the drive: torque logged over torque", "", 0),
     "delay": FrictionTerm("delay", "T", "T", "delay of the torque", "s", 0),
     "gravity.cos": FrictionTerm("gravity.cos", "G", "G", "gravity, cos q", "N*m", 1),
     "gravity.sin": FrictionTerm("gravity.sin", "H", "H", "gravity, sin q", "N*m", 1),
@@ -188,12 +185,6 @@ def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Itera
         learnt = f"{learnt}, at {motion.terms.reference:.3g} degC"
     known = dict.fromkeys(motion.known, learnt)
     yield from _table(joint, motion.motion.slides, known, fit.names, fit.values, fit.covariance, truth)
-
-
-def number_of_gain(joint: str, gain: float, std: float) -> FrictionNumber:
-    """The gain of a drive: torque logged over torque."""
-    learnt, ends = "motions with and without payload", _ends(gain, std)
-    return FrictionNumber(gain_name("u", f"motor {joint}"), "g", "gain of the drive", "1", gain, std, *ends, learnt)
 
 
 def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
@@ -248,7 +239,8 @@ def _table(
     for term, mark, word, places in rows:
         a = np.array([1.0, -1.0 if mark == "-" else 1.0])[: len(places)]
         value, std = float(a @ values[places]), float(np.sqrt(a @ covariance[np.ix_(places, places)] @ a))
-        unit, name = "kg" if slides and term.path == "inertia" else term.unit_at(slides), f"{term.name(joint)}{mark}"
+        unit = "kg" if slides and term.path == "inertia" else term.unit_at(slides)
+        name = gain_name("u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
             name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, *_ends(value, std, reach),
             learnt[term.path], truth.get(name),
@@ -362,10 +354,8 @@ def _numbers(
         yield from numbers_of_law(levels.joint, static, truth)
     if levels.motion is not None:
         for number in numbers_of_motion(levels.joint, levels.motion, truth):
-            if static is None or number.symbol in ("J", "o", "G", "H"):
+            if static is None or number.symbol in ("J", "o", "g", "G", "H"):
                 yield number
-    if levels.gain is not None:
-        yield number_of_gain(levels.joint, *levels.gain)
     if before.at_rest is not None:
         yield from numbers_at_rest(levels.joint, before.at_rest, levels.slides, truth)
 
