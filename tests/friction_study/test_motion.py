@@ -15,7 +15,7 @@ from elastid.base.errors import DataError
 from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.passes import distinct_speeds
-from elastid.friction_study.result import BeforeSliding, joint_law
+from elastid.friction_study.result import joint_law
 from elastid.friction_study.spec import LawSpec
 
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
@@ -246,7 +246,7 @@ def test_friction_that_changes_with_temperature_has_numbers_for_it() -> None:
     for name, value in truth.items():
         assert abs(fit.chosen[name] - value) < 3 * fit.chosen.std(name), name
     assert not held(fit, "temperature")
-    law = joint_law(None, fit, BeforeSliding(), LawSpec())
+    law = joint_law(None, fit, None, None, LawSpec())
     assert law is not None
     assert law[0].temperature is not None
     assert law[0].temperature.coulomb == fit.chosen["temperature.coulomb"]
