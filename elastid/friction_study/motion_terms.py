@@ -17,6 +17,8 @@ from numpy.polynomial.legendre import legval, legvander
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import f_test
+from elastid.friction.static import Conditions, slopes
+from elastid.friction.static import columns as table
 from elastid.friction_study.laws import DECAY_RANGE_K, EXPONENTS, MAX_COST, START_DECAY_K, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
 from elastid.friction_study.motion_signals import MotionLog, MotionSignals
@@ -35,9 +37,8 @@ class MotionTerms:
     """Parts of a regression besides rigid body, Coulomb and viscous friction: those that data show.
 
     stribeck_velocity: 0 without a Stribeck effect, of an exponent.  waves: of `turn_waves`.  heat: of HEAT,
-    about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  power: of the
-    speed in quadratic friction, 2 but for a test.  angles: ends of those over which dry friction changes, empty where
-    it does not.  spring: between motor and link.
+    about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  angles: ends of
+    those over which dry friction changes, empty where it does not.  spring: between motor and link.
     """
 
     apart: bool = True
@@ -52,20 +53,25 @@ class MotionTerms:
     is_decay_free: bool = False
     exponent: float = EXPONENTS[-1]
     quadratic: bool = False
-    power: float = 2.0
     angles: tuple[float, ...] = ()
     spring: bool = False
 
-    def at(self, numbers: Regression) -> MotionTerms:
-        """Those of a regression with these parts, which has found its own nonlinear numbers."""
-        ends = {name: numbers[name] for name in self.searched if name in numbers.names}
-        return replace(self.moved(ends), apart="directions.viscous" in numbers.names)
+    @property
+    def law(self) -> tuple[str, ...]:
+        """Linear numbers of friction, as `static.columns` has them."""
+        shows = {"excess": self.stribeck_velocity > 0, "load.coulomb": self.load, "quadratic": self.quadratic}
+        shown = [name for name, is_shown in shows.items() if is_shown]
+        return ("coulomb", "viscous", *shown, *self.heat, *(("directions.viscous",) if self.apart else ()))
 
     @property
     def searched(self) -> dict[str, float]:
         """Nonlinear numbers by name, which are searched for."""
         stribeck = {"stribeck_velocity": self.stribeck_velocity} if self.stribeck_velocity else {}
         return stribeck | ({"temperature.decay": self.decay} if self.is_decay_free else {})
+
+    def at(self, numbers: Regression) -> MotionTerms:
+        """With the nonlinear numbers of a regression with these parts, which has searched for its own."""
+        return self.moved({name: numbers[name] for name in self.searched if name in numbers.names})
 
     def moved(self, ends: Mapping[str, float]) -> MotionTerms:
         """With other nonlinear numbers."""
@@ -123,12 +129,10 @@ def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
 def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> Regression:
     """With the change to other curves over speed in the covariance, of those that are not excluded.
 
-    They are of other exponents of a Stribeck effect, of a power of 1.5 instead of quadratic friction, and of a Stribeck
-    effect that shows, but not beyond chance.
+    They are of other exponents of a Stribeck effect, and of one that shows, but not beyond chance.
     """
     change, place, own_terms = np.zeros(len(fit.names)), fit.names.index("coulomb"), terms.at(fit)
     others = [replace(own_terms, exponent=exponent) for exponent in EXPONENTS if terms.stribeck_velocity]
-    others += [replace(own_terms, power=1.5)] if terms.quadratic else []
     if not terms.stribeck_velocity:
         fastest = max(float(np.abs(each.velocity).max()) for each in signals)
         velocity = _best_velocity(signals, own_terms, _VELOCITIES * fastest)
@@ -146,11 +150,8 @@ def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit:
 
 
 def change_of(fit: Regression, other: Regression) -> FloatArray:
-    """Of the numbers (n_x,) in the other regression; that of another power of the speed is another number."""
-    shared = [name in other.names and name != "quadratic" for name in fit.names]
-    return np.array([
-        other[name] - fit[name] if is_shared else 0.0 for name, is_shared in zip(fit.names, shared, strict=True)
-    ])  # fmt: skip
+    """Of the numbers (n_x,) in the other regression."""
+    return np.array([other[name] - fit[name] if name in other.names else 0.0 for name in fit.names])
 
 
 def _independent(signals: Sequence[MotionSignals], fit: Regression) -> float:
@@ -287,12 +288,10 @@ def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | N
         raw["directions.viscous"] = np.sign(signals.velocity) * velocity
     columns = {name: signals.filtered(column) for name, column in raw.items()}
     if terms.delay:
-        X, y = (
-            np.stack(list(columns.values()), axis=1)[signals.used],
-            signals.filtered(signals.motion.torque)[signals.used],
-        )
-        size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-        torque = np.stack(list(raw.values()), axis=1) @ (np.linalg.lstsq(X / size, y, rcond=None)[0] / size)
+        X, y = np.stack(list(columns.values()), axis=1), signals.filtered(signals.motion.torque)
+        size = np.maximum(np.linalg.norm(X[signals.used], axis=0), 1e-300)
+        numbers = np.linalg.lstsq(X[signals.used] / size, y[signals.used], rcond=None)[0] / size
+        torque = np.stack(list(raw.values()), axis=1) @ numbers
         columns["delay"] = signals.filtered(np.gradient(torque) * signals.motion.rate_hz)
     return columns
 
@@ -302,28 +301,16 @@ def full_rate_columns(
 ) -> dict[str, FloatArray]:
     """The columns (n,) by the names of their numbers; about: numbers where those of nonlinear ones are derivatives."""
     v, s, q, motion = signals.velocity, signals.direction, signals.position, signals.motion
-    columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s}
-    if nu := terms.stribeck_velocity:
-        x = np.abs(v / nu) ** terms.exponent
-        fall = np.exp(-x)
-        columns |= {"coulomb": s * (1 - fall), "stiction": s * fall}
-        if about is not None:
-            columns["stribeck_velocity"] = (about["stiction"] - about["coulomb"]) * s * fall * terms.exponent * x / nu
+    columns = {"inertia": signals.acceleration} | _columns_of_law(signals, terms, about)
     if motion.payload_torque is not None:
         columns["gain"] = motion.payload_torque
-    if terms.load:
-        columns["load.coulomb"] = motion.load * s
     if terms.spring:
-        columns["spring"] = -np.gradient(np.gradient(signals.derivatives[1])) * signals.motion.rate_hz**2
-    if terms.quadratic:
-        columns["quadratic"] = v * np.abs(v) ** (terms.power - 1)
+        columns["spring"] = -np.gradient(np.gradient(signals.derivatives[1])) * motion.rate_hz**2
     if terms.angles:
         low, high = terms.angles
         waves = legvander(np.clip(2 * (q - low) / (high - low) - 1, -1, 1), len(ANGLE))
         columns |= {name: s * waves[:, k] for k, name in enumerate(ANGLE, start=1)}
-    columns |= _columns_of_heat(signals, terms, about)
-    ones = np.ones_like(v)
-    columns |= {"directions.viscous": np.abs(v), "directions.coulomb": ones} if terms.apart else {"offset": ones}
+    columns["directions.coulomb" if terms.apart else "offset"] = np.ones_like(v)
     if motion.turns_against_gravity:
         columns |= {"gravity.cos": np.cos(q), "gravity.sin": np.sin(q)}
     for wave, column in zip(terms.waves, turn_waves(q, s, motion.turn, terms.waves).T, strict=True):
@@ -331,16 +318,19 @@ def full_rate_columns(
     return columns
 
 
-def _columns_of_heat(signals: MotionSignals, terms: MotionTerms, about: Regression | None) -> dict[str, FloatArray]:
-    """Of a log without temperature at T_0."""
-    v, T_V, columns = signals.velocity, terms.decay, dict[str, FloatArray]()
-    degc = signals.motion.temperature
-    theta = np.zeros_like(v) if degc is None else degc - terms.reference
-    if "temperature.coulomb" in terms.heat:
-        columns["temperature.coulomb"] = theta * signals.direction
-    if "temperature.viscous" in terms.heat:
-        columns["temperature.viscous"] = v * np.expm1(-theta / T_V)
-        if terms.is_decay_free and about is not None:
-            of_decay = v * np.exp(-theta / T_V) * theta / T_V**2
-            columns["temperature.decay"] = about["temperature.viscous"] * of_decay
+def _columns_of_law(signals: MotionSignals, terms: MotionTerms, about: Regression | None) -> dict[str, FloatArray]:
+    """Those of steady sliding, stiction instead of its excess; a log without temperature is at T_0."""
+    v, s, motion, T_0 = signals.velocity, signals.direction[:, None], signals.motion, terms.reference
+    degc = np.full_like(v, np.nan) if motion.temperature is None else motion.temperature
+    # A speed above 0 has a logarithm.
+    sliding = Conditions(np.maximum(np.abs(v), 1e-30), np.sign(v), np.full_like(v, motion.load), degc)
+    eta = {"exponent": terms.exponent, "temperature.decay": terms.decay} | terms.searched
+    columns = dict(zip(terms.law, (s * table(sliding, terms.law, eta, T_0)).T, strict=True))
+    if terms.stribeck_velocity:
+        columns["stiction"] = columns.pop("excess")
+        columns["coulomb"] = columns["coulomb"] - columns["stiction"]
+    if about is not None and (names := tuple(terms.searched)):
+        linear = {name: about[name] for name in about.names}
+        linear["excess"] = linear.get("stiction", 0.0) - linear["coulomb"]
+        columns |= dict(zip(names, (s * slopes(sliding, linear, names, eta, T_0)).T, strict=True))
     return columns
