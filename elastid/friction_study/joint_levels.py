@@ -33,7 +33,7 @@ from elastid.friction_study.levels import MAX_RELATIVE_STD, Levels, PassLevels, 
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, motion_parts, regress_motion
 from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals
 from elastid.friction_study.motion_terms import full_rate_columns
-from elastid.friction_study.passes import PASSES, PassRegression, about_mean, check_reversal, detect_passes
+from elastid.friction_study.passes import PASSES, PassRegression, about_mean, detect_passes
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import ROBOT_PASSBAND_HZ, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
@@ -57,9 +57,6 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     records, levels = [*planned, *motion.passes], None
     own = [record for record in measured.records if record.joint == joint.name]
     notes = [note for record in own for note in record.notes]
-    for record in own:
-        if record.purpose == "loops":
-            check_reversal(record)
     notes += motion.notes
     run_downs, warmed = measured.of(joint.name, "run_down"), [log.joint for log in measured.warm_ups]
     if records:

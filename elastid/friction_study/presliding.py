@@ -97,6 +97,9 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
             "finer encoder",
             f"loops of joint {loops.joint}",
         )
+    if np.count_nonzero(np.diff(np.sign(u - u.mean()))) == 1:
+        text = "their torque never reverses, which friction and a spring do alike; log loops, or take purpose: motion"
+        raise DataError("friction/presliding", text, f"loops of joint {loops.joint}")
     thresholds = np.geomspace(max(1e-3 * reach, resolution), 2 * reach, 40)
     used = np.arange(len(u)) >= settled
     candidates = ((q, _fit(q, u, thresholds, used)) for q in _smoothed(loops, frequency_hz))

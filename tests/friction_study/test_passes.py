@@ -119,12 +119,3 @@ def test_clean_passes_raise_no_alarm(seed: int, gravity: float, uneven: float) -
     """Whatever gravity, and friction that differs between the directions."""
     speeds = np.random.default_rng(seed).permutation(np.geomspace(0.05, 2.0, 8))
     assert codes(find_levels(arm_passes(speeds.tolist(), seed, gravity, uneven), True)) == []
-
-
-def test_a_clipped_pass_does_not_count() -> None:
-    clean = arm_passes([0.1, 0.5, 1.0])
-    limit = float(np.quantile(clean[4].torque, 0.8))
-    spoilt = [replace(each, torque=np.minimum(each.torque, limit)) for each in clean]
-    levels = find_levels(spoilt, True)
-    assert codes(levels) == ["friction/passes"]
-    assert levels.levels.speed == pytest.approx([0.1, 0.5])
