@@ -306,18 +306,12 @@ def _twin(twin: TwinFindings) -> dict[str, Any]:
 
 
 def _motion(motion: MotionFriction) -> dict[str, Any]:
-    """The regression of a motion with directions apart and equal: which of them counts, and the rest of each."""
-    equal = motion.alike
+    """The regression of a motion: if its directions differ, and what it leaves."""
     return {
         "misfit": motion.misfit,
         "seconds": json_value(motion.seconds),
         "directions_apart": motion.are_apart,
-        "relative_error": json_value(motion.apart.relative_error),
-        "relative_error_alike": json_value(equal.relative_error),
-        "alike": {
-            name: {"value": value, "std": json_value(equal.std(name)), "unit": motion.unit(name)}
-            for name, value in zip(equal.names, equal.values.tolist(), strict=True)
-        },
+        "relative_error": json_value(motion.chosen.relative_error),
     }
 
 

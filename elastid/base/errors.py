@@ -239,7 +239,6 @@ CODES: Final[Mapping[str, str]] = {
     "frf/window": "The window of a local method is too wide for a resonance, or too narrow for its unknowns.",
     "friction/at-rest": "Stiffness and damping of the bristles cannot be identified from records at rest.",
     "friction/by-angle": "Friction changes with the angle.",
-    "friction/drive-gain": "The torque of a drive is probably not as large as its channel says.",
     "friction/inertia": "The inertia of a joint was taken from the robot's file.",
     "friction/law": "The levels do not determine this law of friction: measure at further speeds.",
     "friction/levels": "Levels of friction are not known well enough, or are impossible.",

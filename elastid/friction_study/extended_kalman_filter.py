@@ -37,18 +37,15 @@ Before a band is believed the innovations are tested,
           n_\mathrm{eff} = n \frac{1 - \rho}{1 + \rho}
 
 (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) NIS does
-not see errors of the model that the followed numbers take up: a number moves, within a lag up to the filter's memory,
-by no more than noise and drift allow, where its band does not hold that,
-
-.. math:: \overline{\frac{(p_{t + L} - p_t)^2}{\sigma_t^2 + \sigma_{t + L}^2}}
+not see errors of the model that the followed numbers take up: within some seconds a number moves by no more than noise
+and drift allow, where its band does not hold that.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -249,17 +246,28 @@ PRIOR = {"Fc": 0.3, "f": 0.5, "f+": 0.5, "f-": 0.5, "offset": 0.5}
 
 @frozen_value
 class JointSamples:
-    """Torque and load (n,), each held until the sample's end, and the motor's angle (n,) there; one side, SI."""
+    """Torque and load (n,), each held until the sample's end, and the motor's angle (n,) there; one side, SI.
+
+    start_s: of the motion, after the first one.
+    """
 
     torque: FloatArray
     load: FloatArray
     angle: FloatArray
+    start_s: float = 0.0
 
     def __post_init__(self) -> None:
         if not all(np.all(np.isfinite(part)) for part in (self.torque, self.load, self.angle)):
             raise DataError(
                 "filter/record", "a filter's samples have NaN or infinite values; mend the gaps of the log first"
             )
+
+    def moves(self, count: float) -> BoolArray:
+        """True (n,) where the angle moves by MOVING counts a sample, so that rounding is noise."""
+        # Where it stands the likeliest filter is one that runs after the rounded angle, with tenfold torque noise.
+        reach = min(5, (len(self.angle) - 1) // 2)
+        span = np.abs(self.angle[2 * reach :] - self.angle[: len(self.angle) - 2 * reach])
+        return np.pad(span >= 2 * reach * MOVING * count, reach)
 
 
 @frozen_value
@@ -276,8 +284,8 @@ class Track:
 
     innovation, variance (n,): error of the predicted angle, and the variance that the filter expected. This and the
     covariance are without the errors of held numbers that have no share in the gain; std has all.
-    drift (p,): of the followed numbers, in a root second.  moves (n,): by MOVING of a count or more, so that rounding
-    is noise.  starts: first samples of the motions.
+    drift (p,): of the followed numbers, in a root second.  time_s (n,): from the first motion.  moves (n,): as of
+    `JointSamples`.
     """
 
     joint: FollowedJoint
@@ -289,8 +297,8 @@ class Track:
     variance: FloatArray
     last: Estimate
     drift: FloatArray
+    time_s: FloatArray
     moves: BoolArray
-    starts: tuple[int, ...] = (0,)
 
     @property
     def nis(self) -> FloatArray:
@@ -350,8 +358,11 @@ class KalmanFilter:
         covariance = P[:, followed, followed] - cross @ cross.transpose(0, 2, 1)
         std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
         drift = np.array([noise.drift.get(name, 0.0) for name in self.joint.followed])
-        moves = np.abs(x[:, self.joint.states.index("v_m")]) > MOVING * COUNT_OVER_STD * noise.angle * self.rate_hz
-        return Track(self.joint, self.rate_hz, x, std, covariance, e, S, estimate, drift, moves)
+        time_s, moves = (
+            samples.start_s + np.arange(1, n + 1) / self.rate_hz,
+            samples.moves(COUNT_OVER_STD * noise.angle),
+        )
+        return Track(self.joint, self.rate_hz, x, std, covariance, e, S, estimate, drift, time_s, moves)
 
     def _piece(
         self, samples: JointSamples, piece: slice, noise: FloatArray, start: Estimate
@@ -366,35 +377,16 @@ class KalmanFilter:
 
 @dataclass(frozen=True)
 class FilterThresholds:
-    """Thresholds of the judgement of a filter.
-    All three move at slow constant speeds, where noise of the angle is taken for viscous friction.  Of 100 clean logs
-    two have a note, and hold F_c for 47 and 79 % of the time (scripts/studies/results.csv).
-    """
+    """Thresholds of the judgement of a filter.  Of 100 clean logs two have a note (scripts/studies/results.csv)."""
 
     nis_band: tuple[float, float] = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift
     max_correlation: float = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
-    least_moving: float = 0.1  # of the samples: below, innovations at standstill count for correlation too
     max_std_ratio: float = 0.9  # of a number's std over that without the log: above, the log does not identify it
-    distinct_correlation: float = 0.9  # of two numbers: above, they cannot be distinguished
     lags_s: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which a followed number is compared with itself
-    max_movement: float = 0.2  # mean square, over the variances of both ends; 1 of errors that do not depend
-    max_excess: float = 2.0  # the same over what noise and drift allow
+    max_movement: tuple[float, float] = (0.2, 2.0)  # mean square over band, and over noise and drift: 1 of white errors
 
 
 FILTER = FilterThresholds()
-
-
-@dataclass(frozen=True)
-class Movement:
-    """A followed number that changes within lag_s by `change`, root mean square, so many times what its band holds.
-
-    times: over noise, without the errors of held numbers, and the drift of the lag.
-    """
-
-    name: str
-    lag_s: float
-    change: float
-    times: float
 
 
 @frozen_value
@@ -402,13 +394,13 @@ class Consistency:
     """Of the samples after a filter has settled at which the joint moves (Track.moves).
 
     nis: mean.  autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
-    restless: numbers that move by more than their bands hold, at the lag where they do so most.
+    restless: followed numbers that move by more than their bands hold.
     """
 
     nis: float
     autocorrelation: FloatArray
     n_eff: float
-    restless: tuple[Movement, ...] = ()
+    restless: tuple[str, ...] = ()
 
     @property
     def is_honest(self) -> bool:
@@ -424,34 +416,29 @@ def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
     """Of a track after settled_s."""
     first = round(settled_s * track.rate_hz)
     # At standstill the error of a rounded angle is constant, and no noise.
-    moves = track.moves[first:]
-    moves = moves if moves.mean() > FILTER.least_moving else np.ones_like(moves)
+    moves = most(track.moves[first:])
     nu = np.where(moves, track.innovation[first:] / np.sqrt(track.variance[first:]), 0.0)
     power = float(nu @ nu)
     rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
     n_eff = float(np.clip(moves.sum() * (1 - rho[1]) / (1 + rho[1]), 1.0, moves.sum()))
-    return Consistency(float(track.nis[first:][moves].mean()), rho, n_eff, tuple(_restless(track, first)))
+    return Consistency(float(track.nis[first:][moves].mean()), rho, n_eff, _restless(track, first))
 
 
-def _restless(track: Track, first: int) -> Iterator[Movement]:
-    """Followed numbers that move, within motions, by more than their bands hold."""
-    p = len(track.joint.followed)
-    x, variance = track.x[first:, -p:], track.std[first:, -p:] ** 2
-    bounds = [max(0, start - first) for start in track.starts] + [len(x)]
-    longest_s = max(b - a for a, b in pairwise(bounds)) / track.rate_hz
-    # A number is a mean over its memory: its variance over the rate of its drift.
+def most(moves: BoolArray) -> BoolArray:
+    """The samples (n,) that move; all, where hardly any does."""
+    return moves if moves.mean() > 0.1 else np.ones_like(moves)
+
+
+def _restless(track: Track, first: int) -> tuple[str, ...]:
+    """Followed numbers that move within some seconds by more than their bands, and noise and drift, allow."""
+    p, restless = len(track.joint.followed), np.zeros(len(track.joint.followed), bool)
+    x, variance, time_s = track.x[first:, -p:], track.std[first:, -p:] ** 2, track.time_s[first:, None]
     own = np.diagonal(track.followed_covariance[first:], axis1=1, axis2=2)
-    memories_s = (np.mean(own, axis=0) / np.maximum(track.drift, 1e-30) ** 2).tolist()
-    for i, name in enumerate(track.joint.followed):
-        found = []
-        for lag_s in (*FILTER.lags_s, max(memories_s[i], FILTER.lags_s[0])):
-            lag_s = min(lag_s, longest_s / 4)
-            lag = max(1, round(lag_s * track.rate_hz))
-            pairs = np.concatenate([np.arange(a, max(a, b - lag)) for a, b in pairwise(bounds)])
-            square = (x[pairs + lag, i] - x[pairs, i]) ** 2
-            ratio = np.mean(square / (variance[pairs, i] + variance[pairs + lag, i]))
-            excess = np.mean(square / (own[pairs, i] + own[pairs + lag, i] + track.drift[i] ** 2 * lag_s))
-            if ratio > FILTER.max_movement and excess > FILTER.max_excess:
-                found.append(Movement(name, float(lag_s), float(np.sqrt(square.mean())), float(np.sqrt(excess))))
-        if found:
-            yield max(found, key=lambda movement: movement.times)
+    for lag_s in FILTER.lags_s:
+        lag = max(1, min(round(lag_s * track.rate_hz), len(x) // 4))
+        square = (x[lag:] - x[:-lag]) ** 2
+        drifted = track.drift**2 * (time_s[lag:] - time_s[:-lag])
+        over_band = np.mean(square / (variance[lag:] + variance[:-lag]), axis=0)
+        over_noise = np.mean(square / (own[lag:] + own[:-lag] + drifted), axis=0)
+        restless |= (over_band > FILTER.max_movement[0]) & (over_noise > FILTER.max_movement[1])
+    return tuple(name for name, moves in zip(track.joint.followed, restless, strict=True) if moves)

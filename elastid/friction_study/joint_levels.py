@@ -3,11 +3,8 @@ r"""Records of a friction study -> levels of passes and regressions of motions, 
 A joint that moved alone is regressed with its inertia and gravity, joints that moved together jointly with the rigid
 body that they carry; the passes of the latter are free of it.
 
-Of a joint alone the robot's file has gravity and inertia, to which logs are compared:
-
-.. math:: J = J_m n^2 + M_{jj}(q)
-
-An angle or a torque of the motor taken for one of the joint makes the inertia wrong by the gear's ratio n, both by n^2.
+An angle or a torque of the motor taken for one of the joint makes rigid-body torques wrong by the gear's ratio or its
+square.
 
 Friction over speed follows from run-downs, too: a joint coasts one way until it stands, and its rigid body is known.
 
@@ -17,13 +14,6 @@ with tau_r the torque of rigid body, rotor and payload of the robot's file, and 
 motion one way an offset of the torque cannot be distinguished from Coulomb friction, nor an error of the inertia from a
 factor of all friction. A level is the mean over a range of speeds, both sides of the equation behind the filter of
 `motion`.
-
-The gain g of a drive follows from motions with a known payload once on and once off:
-
-.. math:: u = g\, [J \ddot q + f \dot q + F_c\, \mathrm{sgn}\, \dot q + G \cos q + H \sin q + o + \tau_p]
-
-u is logged, with an unknown torque constant behind it; tau_p(q, q', q'') is the torque of the payload by the robot's
-geometry. All else is the same in all logs and is taken out without having to be known.
 """
 
 from __future__ import annotations
@@ -37,15 +27,15 @@ from scipy.linalg import block_diag
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note
-from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
-from elastid.friction_study.least_squares import solve
+from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.levels import MAX_RELATIVE_STD, Levels, PassLevels, levels_of_records, refuse_unknown
-from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, regress_motion
-from elastid.friction_study.motion_terms import Motion, MotionSignals, MotionTerms, equations_of
-from elastid.friction_study.passes import PASSES, PassRegression, about_mean, check_reversal, detect_passes
+from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, motion_parts, regress_motion
+from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals
+from elastid.friction_study.motion_terms import full_rate_columns
+from elastid.friction_study.passes import PASSES, PassRegression, about_mean, detect_passes
 from elastid.friction_study.result import JointLevels
-from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, torques_in_file
+from elastid.friction_study.robot_motion import ROBOT_PASSBAND_HZ, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
@@ -67,9 +57,6 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     records, levels = [*planned, *motion.passes], None
     own = [record for record in measured.records if record.joint == joint.name]
     notes = [note for record in own for note in record.notes]
-    for record in own:
-        if record.purpose == "loops":
-            check_reversal(record)
     notes += motion.notes
     run_downs, warmed = measured.of(joint.name, "run_down"), [log.joint for log in measured.warm_ups]
     if records:
@@ -84,7 +71,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
             f"joint {joint.name}",
         )
     notes += () if levels is None else levels.notes
-    return JointLevels(joint.name, joint.slides, levels, motion.friction, tuple(notes), motion.gain)
+    return JointLevels(joint.name, joint.slides, levels, motion.friction, tuple(notes))
 
 
 def _turn(joint: Joint) -> float:
@@ -115,9 +102,9 @@ def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord])
             first.place,
         )
     for record in records:
-        log = robot_log(robot, {joint.name: record})
-        rigid = torques_in_file(with_point_mass(robot, record.payload), log, PASSBAND_HZ)[joint.name]
-        rows += _rows(record, MotionSignals.of(log.motions[joint.name], PASSBAND_HZ), rigid)
+        log = motion_log(robot, {joint.name: record}, PASSBAND_HZ)
+        rigid = torques_in_file(with_point_mass(robot, record.payload), log)[joint.name]
+        rows += _rows(record, log.first, rigid)
     if not rows:
         raise DataError(
             "friction/levels",
@@ -129,14 +116,13 @@ def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord])
     known = std < MAX_RELATIVE_STD * np.abs(torque)
     levels = Levels(f"joint {joint.name}", speed, direction, torque, std, load, temperature, joint.slides)
     refuse_unknown(known, torque, std, first.place)
-    inertia = joint_inertia(with_point_mass(robot, first.payload), joint, first.configuration)
     one_way = "" if len({*direction.tolist()}) > 1 else ", and an offset of the torque is part of Coulomb friction"
     text = (
-        f"its run-downs give friction relative to the inertia of the robot's file, {inertia:.4g} "
-        f"{'kg' if joint.slides else 'kg*m^2'}: 1 % of it is 1 % of every level, which no interval has in it{one_way}"
+        "its run-downs give friction relative to the inertia of the robot's file: 1 % of it is 1 % of every level, "
+        f"which no interval has in it{one_way}"
     )
     note = Note("friction/inertia", text, f"joint {joint.name}", severity="information")
-    return PassLevels(levels.select(known), {"inertia": (inertia, 0.0)}, (note,))
+    return PassLevels(levels.select(known), {}, (note,))
 
 
 def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> list[tuple[float, ...]]:
@@ -167,15 +153,13 @@ def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> 
 class JointMotion:
     """Of one joint: the regression (None where its logs cannot identify it), the passes in its logs, and notes.
 
-    has_gravity: True if gravity that changes with the angle is in the passes.  gain: of the drive and its std, where a
-    payload was once on and once off.
+    has_gravity: True if gravity that changes with the angle is in the passes.
     """
 
     friction: MotionFriction | None
     passes: tuple[FrictionRecord, ...]
     has_gravity: bool
     notes: tuple[Note, ...]
-    gain: tuple[float, float] | None = None
 
 
 def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
@@ -208,13 +192,11 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
             passes += detect_passes(record, against)
         except DataError as error:
             problems.append(str(error))
-    motions, gain = [_motion(record, against, _turn(joint)) for record in records], None
+    motions = [_motion(record, against, _turn(joint)) for record in records]
     try:
         if len({record.payload for record in records}) > 1:
-            carried = [_payload_torque(robot, record, record.payload - records[0].payload) for record in records]
-            gain = find_gain(motions, carried)
-            motions = [replace(m, torque=m.torque - gain[0] * own) for m, own in zip(motions, carried, strict=True)]
-            notes.append(gain_note(joint.name, *gain))
+            added = [_payload_torque(robot, record, record.payload - records[0].payload) for record in records]
+            motions = [replace(motion, payload_torque=own) for motion, own in zip(motions, added, strict=True)]
         friction = regress_motion(*motions)
         notes += friction.notes
     except DataError as error:
@@ -222,18 +204,22 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
     enough = _enough(passes)
     if friction is None and not enough:
         raise DataError("friction/no-record", problems[0])
-    if friction is not None:
-        inertia, std = friction.chosen["inertia"], friction.chosen.std("inertia")
-        check_sides(robot, joint, inertia, std, records[0].configuration, records[0].place)
+    if friction is not None and not robot.loops and friction.chosen.chance("inertia", 1) < FALSE_ALARM:
+        log = motion_log(robot, {joint.name: records[0]}, PASSBAND_HZ)
+        parts = motion_parts(
+            friction.chosen, full_rate_columns(MotionSignals.of(friction.motion, PASSBAND_HZ), friction.terms)
+        )
+        rigid = {joint.name: parts["inertia"] + parts.get("gravity", 0.0)}
+        check_torques(robot, rigid, torques_in_file(robot, log), records[0].place)
     notes += [Note("friction/no-record", problem) for problem in problems]
-    return JointMotion(friction, enough, against, tuple(notes), gain)
+    return JointMotion(friction, enough, against, tuple(notes))
 
 
 def _payload_torque(robot: Robot, record: FrictionRecord, mass: float) -> FloatArray:
     """The torque (n,) that a mass at the last frame adds to that of the joint of a record, by the robot's geometry."""
-    log = robot_log(robot, {record.joint: record})
+    log = motion_log(robot, {record.joint: record}, PASSBAND_HZ)
     robots = with_point_mass(robot, mass), robot
-    loaded, empty = (torques_in_file(each, log, PASSBAND_HZ)[record.joint] for each in robots)
+    loaded, empty = (torques_in_file(each, log)[record.joint] for each in robots)
     return loaded - empty
 
 
@@ -243,7 +229,7 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
         groups.setdefault(tuple(log), []).append(log)
     evaluated: dict[str, JointMotion] = {}
     for joints, members in groups.items():
-        robot_logs = [robot_log(robot, log) for log in members]
+        robot_logs = [motion_log(robot, log, ROBOT_PASSBAND_HZ) for log in members]
         for log, motions in zip(members, robot_logs, strict=True):
             measured = {joint: record.torque for joint, record in log.items()}
             check_torques(robot, measured, torques_in_file(robot, motions), next(iter(log.values())).place)
@@ -267,13 +253,13 @@ def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()
 
 
-def robot_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> RobotLog:
-    """The motions of a log, and the angles of the joints that rest in it."""
+def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: float) -> MotionLog:
+    """The signals of a log, and the angles of the joints that rest in it."""
     first = next(iter(log.values()))
     angles = np.zeros(len(robot.driven)) if first.configuration is None else first.configuration.angles
     every = zip(robot.driven, angles, strict=True)
     resting = {joint.name: float(angle) for joint, angle in every if joint.name not in log}
-    return RobotLog({joint: _motion(record, False) for joint, record in log.items()}, resting)
+    return MotionLog.of({joint: _motion(record, False) for joint, record in log.items()}, resting, passband_hz)
 
 
 def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) -> Motion:
@@ -292,103 +278,43 @@ class SideLimits:
     """Limits that show on which side of a gear a log is."""
 
     min_ratio: float = 10.0  # of the gear: below, masses may be wrong by as much as its sides differ
-    min_stds: float = 3.0  # by which an inertia differs from that of the robot's file
-    close_factor: float = 4.0  # between an inertia and a power of the ratio
+    close_factor: float = 4.0  # between a factor of torques and a power of the ratio
     min_correlation: float = 0.5  # with the torque of the robot's file: below, friction or errors dominate
 
 
 SIDES = SideLimits()
 
 
-def check_sides(
-    robot: Robot, joint: Joint, inertia: float, std: float, posture: Configuration | None, place: str
-) -> None:
-    """DataError for a known inertia (kg m^2, of a slide kg) close to that of the file times a power of the ratio."""
-    known, unit = joint_inertia(robot, joint, posture), "kg" if joint.slides else "kg*m^2"
-    if joint.motor is None or abs(inertia - known) < SIDES.min_stds * std or min(inertia, known) <= 0:
-        return
-    found = (
-        f"the motion gives joint {joint.name} an inertia of {inertia:.4g} {unit}, the robot's file {known:.4g}: "
-        f"{inertia / known:.3g} times as much"
-    )
-    _refuse_other_side(robot, {joint.name: inertia / known}, found, place)
-
-
 def check_torques(
     robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], place: str
 ) -> None:
     """DataError where torques (n,) by joint that follow the expected ones are, in the median, of the other side."""
-    factors = {}
+    powers, ratios = list[float](), list[float]()
     for joint, torque in measured.items():
         known, size = expected[joint], max(float(np.linalg.norm(expected[joint])), 1e-300)
-        if torque @ known > SIDES.min_correlation * size * np.linalg.norm(torque):
-            factors[joint] = float(torque @ known) / size**2
-    _refuse_other_side(robot, factors, "torques are of another size than those of the robot's file", place)
-
-
-def _refuse_other_side(robot: Robot, factors: Mapping[str, float], found: str, place: str) -> None:
-    """DataError for factors by joint that are in the median close to a power of the gear's ratio."""
-    ratios = {joint: abs(robot.ratio(joint)) for joint in factors if abs(robot.ratio(joint)) >= SIDES.min_ratio}
-    powers = [math.log(factors[joint]) / math.log(ratio) for joint, ratio in ratios.items()]
-    power, ratio = float(np.median(powers or [0.0])), float(np.median([*ratios.values()] or [1.0]))
+        ratio, along = abs(robot.ratio(joint)), float(torque @ known)
+        if along > SIDES.min_correlation * size * np.linalg.norm(torque) and ratio >= SIDES.min_ratio:
+            powers.append(math.log(along / size**2) / math.log(ratio))
+            ratios.append(ratio)
+    power, ratio = float(np.median(powers or [0.0])), float(np.median(ratios or [1.0]))
     if round(power) == 0 or abs(power - round(power)) * math.log(ratio) > math.log(SIDES.close_factor):
         return
     advice = "of the motors: give their channels side: motor" if power < 0 else "of the joints: leave side: motor out"
-    text = f"{found}, and the ratio of the gear is {ratio:.4g}: torques or angles are {advice}, or correct their unit"
+    text = (
+        f"torques are {ratio**power:.3g} times those of the robot's file, and the ratio of the gear is {ratio:.4g}: "
+        f"torques or angles are {advice}, or correct their unit"
+    )
     raise DataError("friction/rigid-body", text, place)
 
 
 def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:
     """True if the torque of gravity at a joint changes with its angle, the others held; true of a robot with loops."""
-    if joint.slides:
-        return False
-    if robot.loops:
-        return True
-    # Of these angles no two have the same gravity, whatever its phase.
-    torques = [_file_torque(robot, joint, posture, angle, 0.0) for angle in (0.0, 1.1, 2.3)]
-    return bool(np.ptp(torques) > 1e-9 * max(1.0, *map(abs, torques)))
-
-
-def _file_torque(
-    robot: Robot, joint: Joint, posture: Configuration | None, turned: float, acceleration: float
-) -> float:
-    """At a joint that is turned from a posture and accelerates, by the rigid body of the robot's file."""
-    place = [each.name for each in robot.joints].index(joint.name)
-    q, zero, a = np.zeros((3, len(robot.joints)))
+    if joint.slides or robot.loops:
+        return not joint.slides
+    place, q = [each.name for each in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))
     if posture is not None:
-        q[list(robot.driven_indices)] = posture.angles
-    q[place], a[place] = q[place] + turned, acceleration
-    theta = [value for value, _ in robot.parameters().values()]
-    return float(np.asarray(inverse_dynamics(robot)(q, zero, a, theta))[place, 0])
-
-
-def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> float:
-    """Inertia that a motor drives with the others held, link side; of a robot with loops that of the rotor alone."""
-    motor = joint.motor
-    rotor = motor.inertia * motor.ratio**2 if motor is not None else 0.0
-    if robot.loops:
-        return rotor
-    return rotor + _file_torque(robot, joint, posture, 0.0, 1.0) - _file_torque(robot, joint, posture, 0.0, 0.0)
-
-
-def find_gain(motions: Sequence[Motion], payloads: Sequence[FloatArray]) -> tuple[float, float]:
-    """g and its std from motions of one joint; payloads (n,): the torque of the payload in each, 0 without it."""
-    signals = [MotionSignals.of(motion, PASSBAND_HZ) for motion in motions]
-    _, logs = equations_of(signals, MotionTerms())
-    whole = []
-    for log, each, payload in zip(logs, signals, payloads, strict=True):
-        column = (each.filtered(payload) * each.used)[:, None, None]
-        whole.append(replace(log, X=np.concatenate([column, log.X], axis=2), states=log.states[:, :0]))
-    solution = solve(whole, signals[0].kept_hz)
-    return float(solution.beta[0]), float(np.sqrt(solution.covariance[0, 0]))
-
-
-def gain_note(joint: str, gain: float, std: float) -> Note:
-    """The gain and, where it is not 1, the scale that takes it out."""
-    reach = QUANTILE_95 * std
-    text = f"with and without payload its torque is logged {gain:.4g} [{gain - reach:.4g}, {gain + reach:.4g}] times"
-    if abs(gain - 1) <= reach:
-        text += " as large as it is: the torque constant is right"
-        return Note("friction/drive-gain", text, f"joint {joint}", severity="information")
-    advice = f"multiply scale of its channel of role u by {1 / gain:.5g}, and all torques here are Nm"
-    return Note("friction/drive-gain", f"{text} as large as it is: {advice}", f"joint {joint}", severity="warning")
+        q[list(robot.driven_indices)] = posture.angles[:, None]
+    q[place] += (0.0, 1.1, 2.3)  # of these angles no two have the same gravity, whatever its phase
+    theta = np.array([[value] * 3 for value, _ in robot.parameters().values()])
+    torques = np.asarray(inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full())[place]
+    return bool(np.ptp(torques) > 1e-9 * max(1.0, float(np.abs(torques).max())))

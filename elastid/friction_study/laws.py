@@ -9,12 +9,11 @@ The law through levels, by variable projection: its linear numbers are eliminate
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import ndtri, stdtrit
 
 from elastid.base.arrays import FloatArray
@@ -90,7 +89,8 @@ def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
             f"({', '.join((*terms.linear, *terms.searched))}); measure more speeds, or leave out parts of the law",
             f"friction of {levels.place}",
         )
-    T_0 = reference_temperature(levels)
+    known = levels.known_temperatures
+    T_0 = float(known.mean()) if len(known) else 0.0
     search = _Search(levels, terms, T_0)
     ends = search.ends()
     if not ends:
@@ -118,12 +118,6 @@ def derivative(conditions: Conditions, terms: Terms, values: Mapping[str, float]
     return np.hstack([columns(conditions, terms.linear, values, T_0), searched])
 
 
-def reference_temperature(levels: Levels) -> float:
-    """T_0: the mean of the temperatures, in degC; 0 where none is known."""
-    known = levels.known_temperatures
-    return float(known.mean()) if len(known) else 0.0
-
-
 @dataclass(frozen=True)
 class _Search:
     """The variables x: ln of each searched number; the Stribeck velocity over temperature by its ln at both ends."""
@@ -148,12 +142,7 @@ class _Search:
         Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
         y = W * self.levels.torque
         share = Q.T @ y
-        diagonal = np.abs(np.diag(R))
-        if diagonal.min() > 1e-12 * diagonal.max():
-            linear = np.asarray(solve_triangular(R, share))
-        else:
-            linear = np.asarray(np.linalg.lstsq(R, share, rcond=None)[0])
-        return linear, y - Q @ share
+        return np.linalg.lstsq(R, share, rcond=None)[0], y - Q @ share
 
     def ends(self) -> list[tuple[FloatArray, float]]:
         """The ends of the searches from all starts, with their costs."""
@@ -216,12 +205,13 @@ class StaticLaw:
     @classmethod
     def of(cls, levels: Levels, spec: LawSpec) -> StaticLaw:
         """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
-        fit = _first_curve(levels)
-        parts, held, extrapolated = _parts(levels), dict[str, str](), dict[str, str]()
-        waiting = list(parts)
+        # Of speeds that are nearly one Coulomb friction alone is the whole of their torque.
+        names = ("coulomb", "viscous") if np.ptp(levels.speed) > ONE_SPEED * levels.speed.max() else ("coulomb",)
+        fit, parts = fit_curve(levels, Terms(names, (), {})), _parts(levels)
+        held, extrapolated, waiting = dict[str, str](), dict[str, str](), list(parts)
         # A part may show only after a later one: what was refused by its numbers is tried once more.
         for _ in range(2):
-            held.clear()
+            held = dict(extrapolated)
             for part in tuple(waiting):
                 wider, reason = _tried(levels, fit, part, getattr(spec, part.name))
                 if wider is None:
@@ -231,8 +221,7 @@ class StaticLaw:
                 waiting.remove(part)
                 held.pop(part.name, None)
                 if reason:
-                    extrapolated[part.name] = reason
-        held |= extrapolated
+                    held[part.name] = extrapolated[part.name] = reason
         # Of a part that is there, a further number that does not show is no refusal.
         taken = {part.name for part in parts if part not in waiting}
         shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
@@ -241,7 +230,7 @@ class StaticLaw:
                 raise FitError(
                     "friction/law", f"law.{name} cannot be identified: {reason}", f"friction of {levels.place}"
                 )
-        fit = _with_other_curves(levels, fit, parts, spec)
+        fit = _with_other_curves(levels, fit, parts[0], spec)
         return cls(levels, fit, tuple(Held(name, reason) for name, reason in shown.items()))
 
     @property
@@ -298,14 +287,12 @@ class StaticLaw:
 
     def learnt_from(self, name: str) -> str:
         """The conditions that identify a number."""
-        levels, unit = self.levels, motion_unit("velocity", self.levels.slides)
-        speeds = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
-        if name.startswith("temperature"):
-            known = levels.known_temperatures
-            return f"{speeds}, {known.min():.3g} to {known.max():.3g} degC"
-        if name.startswith("load"):
-            return f"{speeds}, loads of {levels.load.min():.3g} to {levels.load.max():.3g} {drive_unit(levels.slides)}"
-        return f"{speeds}, both directions" if name.startswith("directions") else speeds
+        levels, part = self.levels, name.split(".")[0]
+        ranges = {"": (levels.speed, motion_unit("velocity", levels.slides))}
+        ranges |= {"load": (levels.load, drive_unit(levels.slides)), "temperature": (levels.known_temperatures, "degC")}
+        shown = [ranges[key] for key in ("", part) if key in ranges]
+        ends = ", ".join(f"{values.min():.3g} to {values.max():.3g} {unit}" for values, unit in shown)
+        return f"{levels.n_levels} levels, {ends}{', both directions' if part == 'directions' else ''}"
 
 
 def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> Friction:
@@ -325,12 +312,6 @@ def friction_of(value: Mapping[str, float], reference: float, measured: Measured
     )  # fmt: skip
 
 
-def _first_curve(levels: Levels) -> CurveFit:
-    """Coulomb and viscous friction; of speeds that are nearly one Coulomb friction alone, the whole of their torque."""
-    names = ("coulomb", "viscous") if np.ptp(levels.speed) > ONE_SPEED * levels.speed.max() else ("coulomb",)
-    return fit_curve(levels, Terms(names, (), {}))
-
-
 def _range(values: FloatArray) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
@@ -348,8 +329,6 @@ EXPONENTS: tuple[float, ...] = (1.0, 1.4, 2.0)
 MAX_COST = 4.0
 # Ends of the names of numbers that change friction below some speed alone.
 STRIBECK_NUMBERS = ("stiction", "stribeck_velocity", "exponent")
-# Speeds that show a difference between the directions that is no offset.
-MIN_UNEVEN_SPEEDS = 4
 
 
 @dataclass(frozen=True)
@@ -416,12 +395,11 @@ def _tried(levels: Levels, fit: CurveFit, part: _Part, key: Part) -> tuple[Curve
     return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
 
 
-def _with_other_curves(levels: Levels, fit: CurveFit, parts: Sequence[_Part], spec: LawSpec) -> CurveFit:
+def _with_other_curves(levels: Levels, fit: CurveFit, stribeck: _Part, spec: LawSpec) -> CurveFit:
     """With the difference to other Stribeck curves in the covariance, of those that the levels do not exclude.
 
     These are of another exponent where it is held, and, where there is none, below the lowest speed.
     """
-    stribeck = next(part for part in parts if part.name == "stribeck")
     has_curve, changes = "stribeck_velocity" in fit.names, [np.zeros(len(fit.names))]
     is_free = "exponent" in fit.names or (has_curve and spec.exponent == "no")
     if is_free or spec.stribeck == "no" or stribeck.refusal:
@@ -459,47 +437,36 @@ def _widest(fit: CurveFit, names: list[str]) -> str | None:
 
 
 def _parts(levels: Levels) -> tuple[_Part, ...]:
-    speeds = _distinct(np.log(levels.speed), 0.05)
-    temperatures = _distinct(levels.known_temperatures, TEMPERATURE_STEP_K)
-    loads = _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05)
-    few = (
-        f"{speeds} speeds; a Stribeck curve with viscous friction needs {MIN_SPEEDS}; "
-        f"{extrapolates(float(levels.speed.min()))}"
-        if speeds < MIN_SPEEDS
-        else ""
-    )
-    one_way = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else _directions_refusal(levels, speeds)
-    one_load = "" if loads > 1 else "one load; measure in another posture or with a payload"
-    two_loads = "" if loads > 2 else f"{loads} loads; a Stribeck velocity of the load's own needs three"
-    one_T = "" if temperatures > 1 else "one temperature; measure cold and warm, and log the temperature"
-    two_T = "" if temperatures > 2 else f"{temperatures} temperatures; an exponential decay needs three, far apart"
-    return (
-        _Part("stribeck", few, ("excess",), ("stribeck_velocity",), held={"exponent": EXPONENTS[-1]}),
-        _Part("directions", one_way, ("directions.coulomb", "directions.viscous")),
-        _Part("load", one_load, ("load.coulomb",)),
-        _Part("load", one_load, ("load.excess",), after="stribeck_velocity"),
-        _Part("load", one_load or two_loads, (), ("load.stribeck_velocity",), "load.excess"),
-        _Part("temperature", one_T, ("temperature.viscous",), held={"temperature.decay": START_DECAY_K}),
-        _Part("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
-        _Part("temperature", one_T or two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
-        _Part("exponent", few, (), ("exponent",), "stribeck_velocity", is_tested=False),
-        _Part("temperature", one_T, ("temperature.coulomb",)),
-        _Part("quadratic", few, ("quadratic",)),
+    speeds, temperatures, loads = (
+        _distinct(np.log(levels.speed), 0.05),
+        _distinct(levels.known_temperatures, TEMPERATURE_STEP_K),
+        _distinct(levels.load / max(float(levels.load.max()), 1e-300), 0.05),
     )
 
+    def few(count: int, needed: int, what: str, advice: str) -> str:
+        return "" if count >= needed else f"{needed} {what} are needed, and these levels have {count}; {advice}"
 
-def _directions_refusal(levels: Levels, speeds: int) -> str:
-    """The reason why levels that are not of both directions identify no difference of them."""
-    if levels.direction.any():
-        return "the levels are of one direction; record the way back too"
-    if speeds < MIN_UNEVEN_SPEEDS:
-        return (
-            f"{speeds} speeds; a difference between the directions is one of slopes over speed, which needs "
-            f"{MIN_UNEVEN_SPEEDS}, since a constant one cannot be distinguished from an offset of the torque"
-        )
-    return (
+    curve = few(speeds, MIN_SPEEDS, "speeds", extrapolates(float(levels.speed.min())))
+    uneven = (
         "the difference between the directions does not change with speed beyond chance, and a constant one cannot be "
         "distinguished from an offset of the torque"
+    )
+    uneven = few(speeds, 4, "speeds", "record them both ways") or uneven  # four show a difference of slopes
+    uneven = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else uneven
+    one_load, two_loads = (few(loads, n, "loads", "measure in more postures or with payloads") for n in (2, 3))
+    one_T, two_T = (few(temperatures, n, "temperatures", "measure cold and warm, with its log") for n in (2, 3))
+    return (
+        _Part("stribeck", curve, ("excess",), ("stribeck_velocity",), held={"exponent": EXPONENTS[-1]}),
+        _Part("directions", uneven, ("directions.coulomb", "directions.viscous")),
+        _Part("load", one_load, ("load.coulomb",)),
+        _Part("load", one_load, ("load.excess",), after="stribeck_velocity"),
+        _Part("load", two_loads, (), ("load.stribeck_velocity",), "load.excess"),
+        _Part("temperature", one_T, ("temperature.viscous",), held={"temperature.decay": START_DECAY_K}),
+        _Part("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
+        _Part("temperature", two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),
+        _Part("exponent", curve, (), ("exponent",), "stribeck_velocity", is_tested=False),
+        _Part("temperature", one_T, ("temperature.coulomb",)),
+        _Part("quadratic", curve, ("quadratic",)),
     )
 
 

@@ -7,7 +7,8 @@ r"""Inertia and friction of one axis from any motion of it: torque regressed on 
 
 with s = sgn q', Legendre polynomials P_k of the angle, the load l of a log, its temperature theta about the mean,
 ripple of the motor's turns (N a turn of the joint) and a delay T of the torque. All but J, f, F_c, gravity and o are
-parts where the data show them beyond chance.
+parts where the data show them beyond chance. The torque of a payload that some logs have, times the drive's gain g, is
+one more: u is logged with an unknown torque constant behind it.
 
 Both sides of the equation pass the same low-pass filter of finite length and are thinned to twice its band, so that
 filtering is no error of the equation and neither ripple nor the noise of derivatives counts (Gautier, Proc. IEEE ICRA
@@ -18,7 +19,7 @@ residuals of a real axis are not white; the covariance of `least_squares.solve` 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial.legendre import legval
@@ -35,28 +36,23 @@ from elastid.friction_study.laws import (
     extrapolates,
 )
 from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
+from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, both_bands
 from elastid.friction_study.motion_terms import (
     ANGLE,
-    Motion,
-    MotionSignals,
     MotionTerms,
     change_of,
     columns_of,
     equations_of,
-    full_rate_columns,
     regressed,
     shown_terms,
     with_other_curves,
 )
 from elastid.friction_study.passes import PASSES, Plateau, distinct_speeds
-from elastid.robot.friction_numbers import TERMS
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
 # Share of the time of sliding at lower speeds, which is short.
 _SLOWEST_SHARE = 0.02
-# Numbers of what is no friction.
-RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset", "delay")
 # Numbers that are compared between both bands.
 JUDGED = ("inertia", "viscous", "coulomb")
 
@@ -103,58 +99,44 @@ class RigidBody:
 
 @dataclass(frozen=True)
 class MotionFriction:
-    """The friction of an axis from a motion: with the same numbers in both directions, and with different ones.
+    """The friction of an axis from a motion, `chosen` with the same numbers in both directions or with different ones.
 
-    motion: its first log; of joints that move together, without the torque of the rigid body.  plateaus: where it
-    slides steadily.  held: parts that the motion cannot identify.  passband_hz: of the regression.  notes: on its data.
-    seconds: of all logs, in the regression and not, by reason.  misfit: errors of the model that the intervals do not
-    hold, empty without.  terms: parts of the regressions.  rigid_body: of joints that moved together, which they share.
+    motion: its first log; of joints that move together, without the torque of the rigid body.  terms: parts of the
+    regression.  plateaus: where it slides steadily.  passband_hz: of the regression.  seconds: of all logs, in the
+    regression and not, by reason.  held: parts that the motion cannot identify.  notes: on its data.  misfit: errors of
+    the model that the intervals do not hold, empty without.  rigid_body: of joints that moved together, which share it.
     """
 
     motion: Motion
-    alike: Regression
-    apart: Regression
-    chance: float
+    chosen: Regression
+    terms: MotionTerms
     plateaus: tuple[Plateau, ...]
+    passband_hz: float
+    seconds: Mapping[str, float]
     held: tuple[Held, ...] = ()
-    passband_hz: float = PASSBAND_HZ
     notes: tuple[Note, ...] = ()
-    seconds: Mapping[str, float] = field(default_factory=dict)
     misfit: str = ""
-    terms: MotionTerms = field(default_factory=MotionTerms)
     rigid_body: RigidBody | None = None
 
     @classmethod
-    def of(cls, signals: Sequence[MotionSignals], alike: Regression, apart: Regression) -> MotionFriction:
+    def of(cls, signals: Sequence[MotionSignals], chosen: Regression, terms: MotionTerms) -> MotionFriction:
         """Without its judgement; DataError where friction supplies power at every speed."""
-        if alike["coulomb"] < 0 and alike["viscous"] <= 0:
+        first = signals[0]
+        if chosen["coulomb"] < 0 and chosen["viscous"] <= 0:
             raise DataError(
                 "friction/motion",
-                f"friction drives (Coulomb {alike['coulomb']:.4g}): torque and velocity have "
+                f"friction drives (Coulomb {chosen['coulomb']:.4g}): torque and velocity have "
                 "opposite signs; turn one channel (sign: -1)",
-                f"motion of {signals[0].motion.place}",
+                f"motion of {first.motion.place}",
             )
         plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
-        seconds = {name: sum(each.seconds[name] for each in signals) for name in signals[0].seconds}
-        chance = apart.chance("directions.viscous", 0)
-        first = signals[0]
-        return cls(first.motion, alike, apart, chance, plateaus, passband_hz=first.passband_hz, seconds=seconds)
+        seconds = {name: sum(each.seconds[name] for each in signals) for name in first.seconds}
+        return cls(first.motion, chosen, terms, plateaus, first.passband_hz, seconds)
 
     @property
     def are_apart(self) -> bool:
         """True if the directions differ beyond chance."""
-        return self.chance < FALSE_ALARM
-
-    @property
-    def chosen(self) -> Regression:
-        """The regression that the test of the directions selects."""
-        return self.apart if self.are_apart else self.alike
-
-    def with_chosen(self, numbers: Regression, misfit: str) -> MotionFriction:
-        """With other numbers in the regression that is selected, and the reason of a misfit."""
-        if self.are_apart:
-            return replace(self, apart=numbers, misfit=misfit)
-        return replace(self, alike=numbers, misfit=misfit)
+        return "directions.viscous" in self.chosen.names
 
     @property
     def seconds_words(self) -> str:
@@ -168,12 +150,6 @@ class MotionFriction:
         """The numbers that are no extrapolations."""
         unseen = STRIBECK_NUMBERS if any(held.part == "stribeck" for held in self.held) else ()
         return tuple(name for name in self.chosen.names if not name.endswith(unseen))
-
-    def unit(self, name: str) -> str:
-        """Of a number."""
-        if name in ("inertia", "delay"):
-            return "s" if name == "delay" else "kg" if self.motion.slides else "kg*m^2"
-        return TERMS[name if name in TERMS else "coulomb"].unit_at(self.motion.slides)
 
 
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
@@ -190,9 +166,11 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
                     f"motion of {each.motion.place}",
                 )
     terms = shown_terms(signals)
-    alike, apart = (regressed(signals, replace(terms, apart=apart)) for apart in (False, True))
-    alike, apart = (with_other_curves(signals, terms, each) for each in (alike, apart))
-    fit = replace(MotionFriction.of(signals, alike, apart), terms=terms)
+    chosen = with_other_curves(signals, terms, regressed(signals, terms))
+    if chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
+        terms = replace(terms, apart=False)
+        chosen = with_other_curves(signals, terms, regressed(signals, terms))
+    fit = MotionFriction.of(signals, chosen, terms.at(chosen))
     fit = replace(fit, held=tuple(_held(fit, signals)), notes=_angle_notes(fit))
     return _judged(fit, signals)
 
@@ -215,7 +193,7 @@ def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
 
 def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Held]:
     """Parts of the law without numbers, and a Stribeck effect that only speeds well above its velocity show."""
-    terms, slides = fit.terms.at(fit.chosen), fit.motion.slides
+    terms, slides = fit.terms, fit.motion.slides
     speed = np.concatenate([np.abs(each.filtered(each.velocity))[each.used] for each in signals])
     lowest = float(np.quantile(speed, _SLOWEST_SHARE))
     if not terms.stribeck_velocity and (reason := too_few_speeds(fit.plateaus, slides)):
@@ -244,18 +222,20 @@ def _no_heat(terms: MotionTerms) -> str:
 
 def _judged(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFriction:
     """With the reason of a misfit, and the errors of the model that show between bands in the intervals."""
-    bands, terms = both_bands(signals), fit.terms.at(fit.chosen)
-    names = [name for name in fit.chosen.names if name not in terms.searched]  # held in both
+    bands, terms = both_bands([MotionLog({"": each}) for each in signals], LIMITS.narrow), fit.terms
+    wide, slow = ([log.first for log in band] for band in bands or ([], []))
     moved: dict[str, tuple[float, float]] = {}
     if bands:
-        wide, slow = (solve(equations_of(each, terms)[1], signals[0].kept_hz) for each in bands)
-        moved = moved_numbers(names, *shift_between(wide, slow, signals[0].kept_hz))
+        names = [name for name in fit.chosen.names if name not in terms.searched]  # held in both
+        whole, part = (solve(equations_of(each, terms)[1], signals[0].kept_hz) for each in (wide, slow))
+        shift = shift_between(whole, part, signals[0].kept_hz)
+        moved = {name: own for (_, name), own in moved_numbers([("", name) for name in names], *shift).items()}
     chosen, misfit = judged(fit.chosen, moved, fit.passband_hz, "the law lacks a part; measure passes, which show it")
     if bands:
-        change, spring = _by_spring(fit.chosen, bands[1], terms)
+        change, spring = _by_spring(fit.chosen, slow, terms)
         chosen = replace(chosen, covariance=chosen.covariance + np.outer(change, change))
         misfit = "; ".join(filter(None, (spring, misfit)))
-    return fit.with_chosen(chosen, misfit)
+    return replace(fit, chosen=chosen, misfit=misfit)
 
 
 def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: MotionTerms) -> tuple[FloatArray, str]:
@@ -274,24 +254,12 @@ def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: Motion
     return change, text if stds > LIMITS.spring_shift else ""
 
 
-def both_bands(signals: Sequence[MotionSignals]) -> tuple[list[MotionSignals], ...]:
-    """All of the band and its narrow part at the same samples; none where logs are too short or reverse too often."""
-    try:
-        narrow = [MotionSignals.of(each.motion, LIMITS.narrow * each.passband_hz) for each in signals]
-    except DataError:
-        return ()
-    if any(each.used.all() for each in narrow):
-        return ()
-    inner = [slice(slow.kept.start, slow.kept.stop, each.kept.step) for slow, each in zip(narrow, signals, strict=True)]
-    return tuple(
-        [replace(each, kept=kept) for each, kept in zip(band, inner, strict=True)] for band in (signals, narrow)
-    )
-
-
-def moved_numbers(names: Sequence[str], shift: FloatArray, std: FloatArray) -> dict[str, tuple[float, float]]:
-    """Of those that are compared between both bands by name: the shift (n,) and its std (n,)."""
+def moved_numbers(
+    names: Sequence[tuple[str, str]], shift: FloatArray, std: FloatArray
+) -> dict[tuple[str, str], tuple[float, float]]:
+    """Of those that are compared between both bands by joint and name: the shift (n,) and its std (n,)."""
     pairs = zip(shift.tolist(), np.maximum(std, 1e-300).tolist(), strict=True)
-    return {name: pair for name, pair in zip(names, pairs, strict=True) if name in JUDGED}
+    return {name: pair for name, pair in zip(names, pairs, strict=True) if name[1] in JUDGED}
 
 
 def judged(
@@ -315,18 +283,6 @@ def judged(
     return numbers, f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: {advice}"
 
 
-def rigid_torque(friction: MotionFriction, signals: MotionSignals, torque: FloatArray) -> FloatArray:
-    """The torque (n,) at full rate of all that is no friction in the first log: rigid body, gravity and offset.
-
-    torque (n,): of the log, with the rigid body, of which a joint that moved with others has no numbers of its own.
-    """
-    if "inertia" not in friction.chosen.names:
-        return np.asarray(torque - friction.motion.torque)
-    columns = full_rate_columns(signals, friction.terms.at(friction.chosen))
-    rigid = [name for name in columns if (name in RIGID or name.startswith("ripple")) and name != "delay"]
-    return np.asarray(sum(friction.chosen[name] * columns[name] for name in rigid))
-
-
 @frozen_value
 class MotionSamples:
     """A motion and its regression, behind the filter of both sides, thinned and without the ends, (n,) each.
@@ -341,19 +297,20 @@ class MotionSamples:
     friction: FloatArray
 
 
-def motion_parts(friction: MotionFriction, signals: MotionSignals) -> dict[str, FloatArray]:
-    """The torque (n,) that each number of a regression takes, at the samples of its first log that signals keep.
+PARTS = ("inertia", "gravity", "viscous", "coulomb")
 
-    Stiction and load are in that of Coulomb friction, heat in that of the friction that it changes, ripple and delay in
-    that of the offset or, without, of gravity.
+
+def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """The torque (n,) of PARTS by the columns of a regression; of joints that moved together that of friction alone.
+
+    Offset, ripple and delay are in that of gravity, without an offset in that of Coulomb friction.
     """
-    numbers, parts = friction.chosen, dict[str, FloatArray]()
-    columns = columns_of(signals, friction.terms.at(numbers))
-    for name in (name for name in columns if name in numbers.names):  # of joints that moved together friction alone
-        dry = name in ("stiction", "load.coulomb", "temperature.coulomb") or name.startswith("angle")
-        rest = "offset" if "offset" in numbers.names else "directions.coulomb"
-        part = "coulomb" if dry else rest if name == "delay" or name.startswith("ripple") else name
-        part = "viscous" if name in ("temperature.viscous", "quadratic") else part
+    parts = dict[str, FloatArray]()
+    for name in (name for name in columns if name in numbers.names):
+        kind = name.partition(".")[0]
+        is_viscous = kind == "quadratic" or name.endswith("viscous")
+        is_rigid = kind in ("gravity", "gain", "offset") or (kind in ("ripple", "delay") and "offset" in columns)
+        part = kind if kind == "inertia" else "viscous" if is_viscous else "gravity" if is_rigid else "coulomb"
         parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
     return parts
 
@@ -361,13 +318,11 @@ def motion_parts(friction: MotionFriction, signals: MotionSignals) -> dict[str, 
 def motion_samples(fit: MotionFriction) -> MotionSamples:
     """The samples behind a regression, of its first log."""
     signals = MotionSignals.of(fit.motion, fit.passband_hz)
-    parts = motion_parts(fit, signals)
-    regressed = np.sum(list(parts.values()), axis=0)
-    rubbing = [name for name in parts if name.startswith(("coulomb", "viscous", "directions"))]
-    torque = signals.filtered(fit.motion.torque)
-    friction = torque - regressed + np.sum([parts[name] for name in rubbing], axis=0)
+    parts = motion_parts(fit.chosen, columns_of(signals, fit.terms))
+    rigid = sum(parts.get(name, 0.0) for name in PARTS[:2])
+    torque, regressed = signals.filtered(fit.motion.torque), np.sum(list(parts.values()), axis=0)
     time_s = np.arange(len(fit.motion.position))[signals.kept] / fit.motion.rate_hz
-    return MotionSamples(time_s, signals.filtered(signals.velocity), torque, regressed, friction)
+    return MotionSamples(time_s, signals.filtered(signals.velocity), torque, regressed, torque - rigid)
 
 
 ONE_LOAD = Held("load", "a regression of one load has none; record motions with other payloads, or in other postures")

@@ -1,8 +1,4 @@
-r"""A log of one axis: its signals behind the filter of a regression, and the columns of the parts that its data show.
-
-The filter has a finite length: a sample that a wrong model spoils, as while a joint sticks, spoils only its neighbours,
-and the equations of all others hold exactly (modulating functions: Shinbrot, Trans. ASME 79, 1957). Of a sample that is
-not used stands the reason.
+r"""The columns of a regression of motions: one table for the axis that moves alone and those that move together.
 
 Parts are Stribeck effect, ripple, load, heat, delay. A spring between motor and link, behind which J_l of the inertia
 moves, has a column far below its frequency omega:
@@ -15,201 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.polynomial.legendre import legval, legvander
-from scipy.interpolate import BSpline, make_interp_spline
-from scipy.ndimage import maximum_filter1d
-from scipy.signal import butter, resample_poly, sosfiltfilt, upfirdn
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
-from elastid.base.errors import DataError
+from elastid.base.arrays import FloatArray
 from elastid.base.statistics import f_test
+from elastid.friction.static import Conditions, slopes
+from elastid.friction.static import columns as table
 from elastid.friction_study.laws import DECAY_RANGE_K, EXPONENTS, MAX_COST, START_DECAY_K, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
-from elastid.friction_study.passes import (
-    N_WAVES,
-    PASSES,
-    Plateau,
-    find_plateaus,
-    harmonic_peaks,
-    turn_waves,
-    wave_names,
-)
-
-
-@frozen_value
-class Motion:
-    """A log of one axis on one side: position (n,) in rad or m, torque (n,) in Nm or N, at rate_hz.
-
-    turns_against_gravity: True if the torque of gravity changes with the angle.  turn: of the joint for one of its
-    motor, 0 for none.  load: |torque| that the joint carries.  temperature (n,): degC, None where none was logged.
-    torque_delay_s: by which the torque acts later than its position was read.
-    """
-
-    place: str
-    rate_hz: float
-    position: FloatArray
-    torque: FloatArray
-    slides: bool = False
-    turns_against_gravity: bool = False
-    turn: float = 0.0
-    load: float = 0.0
-    temperature: FloatArray | None = None
-    torque_delay_s: float = 0.0
-
-    @property
-    def acting_position(self) -> FloatArray:
-        """The position (n,) where the torque acts: a command that is held acts half a sample later."""
-        if self.torque_delay_s == 0:
-            return self.position
-        samples = np.arange(len(self.position))
-        lag = self.torque_delay_s * self.rate_hz
-        return np.asarray(make_interp_spline(samples, self.position, k=5)(samples + lag))
-
-    def __post_init__(self) -> None:
-        if self.position.shape != self.torque.shape or self.position.ndim != 1:
-            raise ValueError(f"motion of {self.place}: position {self.position.shape}, torque {self.torque.shape}")
-
-
-@dataclass(frozen=True)
-class MotionSignals:
-    """A motion at full rate (n,) behind the filter of derivatives; direction: sgn of the velocity.
-
-    derivatives (2, n): of the position as logged, which the filter of both sides smooths.
-    taps: the filter of both sides.  kept: the samples of the filtered equation, thinned, without the ends.
-    """
-
-    motion: Motion
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    derivatives: FloatArray
-    direction: FloatArray
-    taps: FloatArray
-    kept: slice
-    passband_hz: float
-
-    @classmethod
-    def of(cls, motion: Motion, passband_hz: float) -> MotionSignals:
-        """Those of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
-        rate = motion.rate_hz
-        if not passband_hz < rate / 4:
-            raise DataError(
-                "friction/motion",
-                f"a passband of {passband_hz:g} Hz needs a rate above {4 * passband_hz:g} "
-                f"Hz, and it has {rate:g} Hz; lower the passband",
-                f"motion of {motion.place}",
-            )
-        spoilt = round(6.0 / passband_hz * rate)  # samples at either end, six periods of the passband
-        if len(motion.position) < 4 * spoilt:
-            raise DataError(
-                "friction/motion",
-                f"{len(motion.position) / rate:.3g} s are too short for a passband of "
-                f"{passband_hz:g} Hz, which spoils {spoilt / rate:.3g} s at either end; record longer, or raise it",
-                f"motion of {motion.place}",
-            )
-        smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
-        acting = motion.acting_position
-        position = np.asarray(sosfiltfilt(smooth, acting))
-        # Central differences would take 43 % of an acceleration at a fifth of the rate.
-        samples = np.arange(len(position))
-        spline = make_interp_spline(samples / rate, position, k=5)
-        logged = make_interp_spline(samples / rate, acting, k=5)
-        derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])
-        # A jump between two samples is sampled as its part within the band is.
-        # Samples of jumps in a period of the passband.
-        finer = max(1, int(np.ceil(100.0 * passband_hz / rate)))
-        instants = np.arange(finer * len(position)) / (finer * rate)
-        velocity = np.asarray(spline(instants, nu=1))
-        direction = resample_poly(np.sign(velocity), 1, finer, padtype="line")
-        taps = b_spline_taps(rate, passband_hz)
-        kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
-        acceleration = np.asarray(spline(samples / rate, nu=2))
-        return cls(motion, position, velocity[::finer], acceleration, derivatives, direction, taps, kept, passband_hz)
-
-    def filtered(self, column: FloatArray) -> FloatArray:
-        """A side of the equation (n, ...) behind the filter, at the samples that are kept."""
-        return filtered(column, self.taps, self.kept)
-
-    @property
-    def kept_hz(self) -> float:
-        """The rate of the samples that are kept."""
-        return self.motion.rate_hz / int(self.kept.step)
-
-    @property
-    def rests(self) -> BoolArray:
-        """At full rate (n,), true at rest."""
-        speed = np.abs(self.velocity)
-        return np.asarray(speed < PASSES.rest_share * speed.max())
-
-    @cached_property
-    def slides(self) -> BoolArray:
-        """At full rate (n,), true where neither rest nor a reversal is within the filter."""
-        sign = np.sign(self.velocity)
-        turns = np.append(False, sign[1:] != sign[:-1])
-        # The derivatives of a spline reach 4 samples.
-        return ~within(self.rests | turns, len(self.taps) // 2 + 4)
-
-    @cached_property
-    def used(self) -> BoolArray:
-        """Of the samples that are kept (k,), those that slide; all, where hardly any does."""
-        slides = self.slides[self.kept]
-        # All are used where fewer than a fifth slide clear of reversals.
-        return slides if slides.mean() > 0.2 else np.ones_like(slides)
-
-    @property
-    def seconds(self) -> dict[str, float]:
-        """Durations that add up to that of the log: in the regression, and why the others are not."""
-        inside = np.zeros(len(self.position), bool)
-        inside[self.kept.start : self.kept.stop] = True
-        slides = self.slides if not self.used.all() else inside
-        parts = {
-            "used": inside & slides,
-            "at rest": inside & ~slides & self.rests,
-            "near a reversal or rest": inside & ~slides & ~self.rests,
-            "ends of the log": ~inside,
-        }
-        return {name: float(part.sum()) / self.motion.rate_hz for name, part in parts.items()}
-
-    @property
-    def plateaus(self) -> tuple[Plateau, ...]:
-        """Where it slides steadily."""
-        return find_plateaus(self.velocity, self.acceleration, self.motion.rate_hz)
-
-    def moves(self, direction: int) -> bool:
-        """True if it moves that way (1, -1) faster than 2 % of its highest speed for 2 % of the time."""
-        inside = self.velocity[self.kept.start : self.kept.stop]
-        return bool(np.mean(direction * inside > 0.02 * np.abs(inside).max()) > 0.02)
-
-
-# Boxes whose convolution the taps are, and their width over a period of the passband for -3 dB at its end.
-_BOXES, _WIDTH = 6, 0.1863
-
-
-def b_spline_taps(rate_hz: float, passband_hz: float) -> FloatArray:
-    r"""Taps (2 h + 1,) of unit sum: |H(f)| = |sinc(w f)|^6 with w = 0.1863 / passband."""
-    half = _BOXES / 2 * _WIDTH * rate_hz / passband_hz  # samples
-    h = max(1, int(half))
-    spline = BSpline.basis_element(np.linspace(-half, half, _BOXES + 1), extrapolate=False)
-    taps = np.nan_to_num(spline(np.arange(-h, h + 1)))
-    return np.asarray(taps / taps.sum())
-
-
-def filtered(column: FloatArray, taps: FloatArray, kept: slice) -> FloatArray:
-    """The samples of a slice, further than half the filter from the ends, of a column (n, ...) along its first axis."""
-    h = len(taps) // 2
-    before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
-    sums = upfirdn(taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
-    first = (before + h) // kept.step
-    return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
-
-
-def within(samples: BoolArray, reach: int) -> BoolArray:
-    """True for each sample (n,) with one of the given ones at most `reach` samples away."""
-    return np.asarray(maximum_filter1d(samples.astype(np.uint8), 2 * reach + 1, mode="constant") > 0)
-
+from elastid.friction_study.motion_signals import MotionLog, MotionSignals
+from elastid.friction_study.passes import N_WAVES, PASSES, harmonic_peaks, turn_waves, wave_names
 
 # Numbers by which friction changes with temperature.
 HEAT = ("temperature.coulomb", "temperature.viscous")
@@ -224,9 +37,8 @@ class MotionTerms:
     """Parts of a regression besides rigid body, Coulomb and viscous friction: those that data show.
 
     stribeck_velocity: 0 without a Stribeck effect, of an exponent.  waves: of `turn_waves`.  heat: of HEAT,
-    about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  power: of the
-    speed in quadratic friction, 2 but for a test.  angles: ends of those over which dry friction changes, empty where
-    it does not.  spring: between motor and link.
+    about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  angles: ends of
+    those over which dry friction changes, empty where it does not.  spring: between motor and link.
     """
 
     apart: bool = True
@@ -241,20 +53,25 @@ class MotionTerms:
     is_decay_free: bool = False
     exponent: float = EXPONENTS[-1]
     quadratic: bool = False
-    power: float = 2.0
     angles: tuple[float, ...] = ()
     spring: bool = False
 
-    def at(self, numbers: Regression) -> MotionTerms:
-        """Those of a regression with these parts, which has found its own nonlinear numbers."""
-        ends = {name: numbers[name] for name in self.searched if name in numbers.names}
-        return replace(self.moved(ends), apart="directions.viscous" in numbers.names)
+    @property
+    def law(self) -> tuple[str, ...]:
+        """Linear numbers of friction, as `static.columns` has them."""
+        shows = {"excess": self.stribeck_velocity > 0, "load.coulomb": self.load, "quadratic": self.quadratic}
+        shown = [name for name, is_shown in shows.items() if is_shown]
+        return ("coulomb", "viscous", *shown, *self.heat, *(("directions.viscous",) if self.apart else ()))
 
     @property
     def searched(self) -> dict[str, float]:
         """Nonlinear numbers by name, which are searched for."""
         stribeck = {"stribeck_velocity": self.stribeck_velocity} if self.stribeck_velocity else {}
         return stribeck | ({"temperature.decay": self.decay} if self.is_decay_free else {})
+
+    def at(self, numbers: Regression) -> MotionTerms:
+        """With the nonlinear numbers of a regression with these parts, which has searched for its own."""
+        return self.moved({name: numbers[name] for name in self.searched if name in numbers.names})
 
     def moved(self, ends: Mapping[str, float]) -> MotionTerms:
         """With other nonlinear numbers."""
@@ -312,12 +129,10 @@ def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
 def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> Regression:
     """With the change to other curves over speed in the covariance, of those that are not excluded.
 
-    They are of other exponents of a Stribeck effect, of a power of 1.5 instead of quadratic friction, and of a Stribeck
-    effect that shows, but not beyond chance.
+    They are of other exponents of a Stribeck effect, and of one that shows, but not beyond chance.
     """
     change, place, own_terms = np.zeros(len(fit.names)), fit.names.index("coulomb"), terms.at(fit)
     others = [replace(own_terms, exponent=exponent) for exponent in EXPONENTS if terms.stribeck_velocity]
-    others += [replace(own_terms, power=1.5)] if terms.quadratic else []
     if not terms.stribeck_velocity:
         fastest = max(float(np.abs(each.velocity).max()) for each in signals)
         velocity = _best_velocity(signals, own_terms, _VELOCITIES * fastest)
@@ -335,11 +150,8 @@ def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit:
 
 
 def change_of(fit: Regression, other: Regression) -> FloatArray:
-    """Of the numbers (n_x,) in the other regression; that of another power of the speed is another number."""
-    shared = [name in other.names and name != "quadratic" for name in fit.names]
-    return np.array([
-        other[name] - fit[name] if is_shared else 0.0 for name, is_shared in zip(fit.names, shared, strict=True)
-    ])  # fmt: skip
+    """Of the numbers (n_x,) in the other regression."""
+    return np.array([other[name] - fit[name] if name in other.names else 0.0 for name in fit.names])
 
 
 def _independent(signals: Sequence[MotionSignals], fit: Regression) -> float:
@@ -437,14 +249,31 @@ def _solved(signals: Sequence[MotionSignals], terms: MotionTerms, about: Regress
 def equations_of(
     signals: Sequence[MotionSignals], terms: MotionTerms, about: Regression | None = None
 ) -> tuple[tuple[str, ...], list[Equations]]:
-    """The names of the numbers, and the equations of each log."""
-    columns, logs = [columns_of(each, terms, about) for each in signals], []
-    for own, each in zip(columns, signals, strict=True):
-        used = each.used[:, None]
-        X = (np.stack(list(own.values()), axis=1) * used)[:, None, :]
-        states = each.filtered(np.stack([each.position, each.velocity], axis=1))
-        logs.append(Equations(X, np.zeros((len(X), 1, 0)), each.filtered(each.motion.torque)[:, None] * used, states))
-    return tuple(columns[0]), logs
+    """The names of the numbers of one axis, and the equations of each log."""
+    columns = [columns_of(each, terms, about) for each in signals]
+    pairs = zip(signals, columns, strict=True)
+    return tuple(columns[0]), [joint_equations(MotionLog({"": each}), {"": own}) for each, own in pairs]
+
+
+def joint_equations(
+    log: MotionLog,
+    columns: Mapping[str, Mapping[str, FloatArray]],
+    rigid: FloatArray | None = None,
+    sliding: bool = True,
+) -> Equations:
+    """Each joint has columns (k,) of its own by name; rigid: those (n, m, n_r) of all joints at full rate.
+
+    sliding: of samples that are clear of reversals alone.
+    """
+    used = np.stack([each.used | (not sliding) for each in log.of_joints.values()], axis=1)
+    (n, m), widths = used.shape, [len(own) for own in columns.values()]
+    X = np.zeros((n, m, sum(widths)))
+    for i, own in enumerate(columns.values()):
+        X[:, i, sum(widths[:i]) : sum(widths[: i + 1])] = np.stack(list(own.values()), axis=1)
+    R = np.zeros((n, m, 0)) if rigid is None else log.first.filtered(rigid)
+    y = np.stack([each.filtered(each.motion.torque) for each in log.of_joints.values()], axis=1)
+    states = [each.filtered(state) for each in log.of_joints.values() for state in (each.position, each.velocity)]
+    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1))
 
 
 def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> dict[str, FloatArray]:
@@ -459,12 +288,10 @@ def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | N
         raw["directions.viscous"] = np.sign(signals.velocity) * velocity
     columns = {name: signals.filtered(column) for name, column in raw.items()}
     if terms.delay:
-        X, y = (
-            np.stack(list(columns.values()), axis=1)[signals.used],
-            signals.filtered(signals.motion.torque)[signals.used],
-        )
-        size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-        torque = np.stack(list(raw.values()), axis=1) @ (np.linalg.lstsq(X / size, y, rcond=None)[0] / size)
+        X, y = np.stack(list(columns.values()), axis=1), signals.filtered(signals.motion.torque)
+        size = np.maximum(np.linalg.norm(X[signals.used], axis=0), 1e-300)
+        numbers = np.linalg.lstsq(X[signals.used] / size, y[signals.used], rcond=None)[0] / size
+        torque = np.stack(list(raw.values()), axis=1) @ numbers
         columns["delay"] = signals.filtered(np.gradient(torque) * signals.motion.rate_hz)
     return columns
 
@@ -474,26 +301,16 @@ def full_rate_columns(
 ) -> dict[str, FloatArray]:
     """The columns (n,) by the names of their numbers; about: numbers where those of nonlinear ones are derivatives."""
     v, s, q, motion = signals.velocity, signals.direction, signals.position, signals.motion
-    columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s}
-    if nu := terms.stribeck_velocity:
-        x = np.abs(v / nu) ** terms.exponent
-        fall = np.exp(-x)
-        columns |= {"coulomb": s * (1 - fall), "stiction": s * fall}
-        if about is not None:
-            columns["stribeck_velocity"] = (about["stiction"] - about["coulomb"]) * s * fall * terms.exponent * x / nu
-    if terms.load:
-        columns["load.coulomb"] = motion.load * s
+    columns = {"inertia": signals.acceleration} | _columns_of_law(signals, terms, about)
+    if motion.payload_torque is not None:
+        columns["gain"] = motion.payload_torque
     if terms.spring:
-        columns["spring"] = -np.gradient(np.gradient(signals.derivatives[1])) * signals.motion.rate_hz**2
-    if terms.quadratic:
-        columns["quadratic"] = v * np.abs(v) ** (terms.power - 1)
+        columns["spring"] = -np.gradient(np.gradient(signals.derivatives[1])) * motion.rate_hz**2
     if terms.angles:
         low, high = terms.angles
         waves = legvander(np.clip(2 * (q - low) / (high - low) - 1, -1, 1), len(ANGLE))
         columns |= {name: s * waves[:, k] for k, name in enumerate(ANGLE, start=1)}
-    columns |= _columns_of_heat(signals, terms, about)
-    ones = np.ones_like(v)
-    columns |= {"directions.viscous": np.abs(v), "directions.coulomb": ones} if terms.apart else {"offset": ones}
+    columns["directions.coulomb" if terms.apart else "offset"] = np.ones_like(v)
     if motion.turns_against_gravity:
         columns |= {"gravity.cos": np.cos(q), "gravity.sin": np.sin(q)}
     for wave, column in zip(terms.waves, turn_waves(q, s, motion.turn, terms.waves).T, strict=True):
@@ -501,16 +318,19 @@ def full_rate_columns(
     return columns
 
 
-def _columns_of_heat(signals: MotionSignals, terms: MotionTerms, about: Regression | None) -> dict[str, FloatArray]:
-    """Of a log without temperature at T_0."""
-    v, T_V, columns = signals.velocity, terms.decay, dict[str, FloatArray]()
-    degc = signals.motion.temperature
-    theta = np.zeros_like(v) if degc is None else degc - terms.reference
-    if "temperature.coulomb" in terms.heat:
-        columns["temperature.coulomb"] = theta * signals.direction
-    if "temperature.viscous" in terms.heat:
-        columns["temperature.viscous"] = v * np.expm1(-theta / T_V)
-        if terms.is_decay_free and about is not None:
-            of_decay = v * np.exp(-theta / T_V) * theta / T_V**2
-            columns["temperature.decay"] = about["temperature.viscous"] * of_decay
+def _columns_of_law(signals: MotionSignals, terms: MotionTerms, about: Regression | None) -> dict[str, FloatArray]:
+    """Those of steady sliding, stiction instead of its excess; a log without temperature is at T_0."""
+    v, s, motion, T_0 = signals.velocity, signals.direction[:, None], signals.motion, terms.reference
+    degc = np.full_like(v, np.nan) if motion.temperature is None else motion.temperature
+    # A speed above 0 has a logarithm.
+    sliding = Conditions(np.maximum(np.abs(v), 1e-30), np.sign(v), np.full_like(v, motion.load), degc)
+    eta = {"exponent": terms.exponent, "temperature.decay": terms.decay} | terms.searched
+    columns = dict(zip(terms.law, (s * table(sliding, terms.law, eta, T_0)).T, strict=True))
+    if terms.stribeck_velocity:
+        columns["stiction"] = columns.pop("excess")
+        columns["coulomb"] = columns["coulomb"] - columns["stiction"]
+    if about is not None and (names := tuple(terms.searched)):
+        linear = {name: about[name] for name in about.names}
+        linear["excess"] = linear.get("stiction", 0.0) - linear["coulomb"]
+        columns |= dict(zip(names, (s * slopes(sliding, linear, names, eta, T_0)).T, strict=True))
     return columns

@@ -17,7 +17,7 @@ Of the log of any motion, passes are ways at one speed on the whole, and steady 
 the log between two turning points. Cogging makes the speed of a slow pass wander about its mean by a fifth and more, so
 that its acceleration is nowhere small; its position stays close to a straight line all the same. Such a way is one
 plateau, whose ends are where the line is left. Elsewhere, as in ways with several speeds, a plateau is where the
-velocity is steady. Clipped torques and sticking would be taken for friction: such passes do not count.
+velocity is steady. Sticking would be taken for friction: such passes do not count.
 """
 
 from __future__ import annotations
@@ -84,27 +84,26 @@ class PassRegression:
         lengths = [len(each.position) for each in passes]
         step = max(1, min(sum(lengths) // 15_000, min(lengths) // 40))  # rows of all passes, and of the shortest
         has_ripple = turn > 0 and any(np.ptp(each.position) > turn for each in passes)
-        order = list(dict.fromkeys(each.pair for each in passes))
+        pairs = list(dict.fromkeys(each.pair for each in passes))
         loads = list(dict.fromkeys(each.load_name for each in passes)) if has_gravity else []
         searched = range(N_WAVES if has_ripple else 0)
-        rows, torques, waves, numbers = [], [], [], []
-        for number, each in enumerate(passes):
-            own = np.zeros((len(each.position), 2 * len(order)))
-            own[:, order.index(each.pair)] = each.direction
-            own[:, len(order) + order.index(each.pair)] = 1.0
-            speed = np.abs(each.velocity)
-            columns = [each.acceleration, each.direction * about_mean(speed)]
-            for load in loads:
-                carried = float(load == each.load_name)
-                columns += [carried * np.cos(each.position), carried * np.sin(each.position)]
-            rows.append(_means(np.hstack([own, np.stack(columns, axis=1)]), step))
+        rows, torques, waves = [], [], []
+        for each in passes:
+            q, s, one = each.position, each.direction, np.ones(len(each.position))
+            own = [float(pair == each.pair) * one for pair in pairs]
+            carried = [float(load == each.load_name) * wave for load in loads for wave in (np.cos(q), np.sin(q))]
+            shared = [each.acceleration, s * about_mean(np.abs(each.velocity)), *carried]
+            rows.append(_means(np.stack([*(s * column for column in own), *own, *shared], axis=1), step))
             torques.append(_means(each.torque, step))
-            waves.append(_means(turn_waves(each.position, each.direction, turn, searched), step))
-            numbers.append(np.full(len(torques[-1]), number))
+            waves.append(_means(turn_waves(q, s, turn, searched), step))
         names = ["inertia", "slope", *(name for load in loads for name in gravity_names(load))]
-        y, of_pass = np.concatenate(torques), np.concatenate(numbers)
+        y, of_pass = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(each) for each in torques])
         regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), tuple(names))
-        return regression._with_ripple() if has_ripple else regression
+        if not has_ripple:
+            return regression
+        first, others = regression._with_waves(np.arange(2)), np.arange(2, N_WAVES)
+        left = first.y - first.A @ first.solve()[0]
+        return first._with_waves(others[harmonic_peaks(left, first.waves[:, others])])
 
     def solve(self) -> tuple[FloatArray, FloatArray]:
         """Numbers (n_x,) and covariance (n_x, n_x)."""
@@ -119,28 +118,17 @@ class PassRegression:
         spare = 1 + (2 * len(autocovariance) - 1) * len(values) / len(self.y)
         return values, spare * long_run * inverse @ inverse.T
 
-    def _with_ripple(self) -> PassRegression:
-        first, others = self._with_waves(np.arange(2)), np.arange(2, N_WAVES)
-        left = first.y - first.A @ first.solve()[0]
-        return first._with_waves(others[harmonic_peaks(left, self.waves[:, others])])
-
     def _with_waves(self, waves: IntArray) -> PassRegression:
         columns = [column for i in waves for column in (self.waves[:, i].real, self.waves[:, i].imag)]
         names = [name for i in waves.tolist() for name in wave_names(i)]
         return replace(self, A=np.column_stack([self.A, *columns]), shared=(*self.shared, *names))
 
-    @property
-    def _passes(self) -> list[slice]:
-        ends = (np.flatnonzero(np.diff(self.of_pass)) + 1).tolist()
-        return [slice(a, b) for a, b in zip([0, *ends], [*ends, len(self.of_pass)], strict=True)]
-
     def _autocovariance(self, left: FloatArray) -> FloatArray:
         """Of the residuals of all passes, by lag in rows, up to the first that is not above chance."""
         values = [float(left @ left / len(left))]
-        for lag in range(1, 201):
-            long = [own for own in self._passes if own.stop - own.start > lag]
-            count = sum(own.stop - own.start - lag for own in long)
-            total = sum(float(left[own][lag:] @ left[own][:-lag]) for own in long)
+        for lag in range(1, min(201, len(left))):
+            together = self.of_pass[lag:] == self.of_pass[:-lag]
+            count, total = int(together.sum()), float(left[lag:] @ (left[:-lag] * together))
             if not count or total / count < 2 * values[0] / np.sqrt(count):
                 break
             values.append(total / count)
@@ -244,8 +232,6 @@ class PassThresholds:
     windows: int = 6  # of a way at one speed, between whose means its speed changes by less than steady_share
     line_share: float = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
     margin_s: float = 0.3  # around a pair, for the derivatives at its ends
-    clipped_share: float = 0.02  # of a pass, at the largest torque of all passes, from which on it is clipped
-    min_values: int = 50  # different torques of a pass in a log of fine steps
     min_change: float = 0.03  # of friction with the angle, relative, that is worth a note
     min_counts: float = 3.0  # amplitude of a loop or a response at rest in counts of the encoder: below, it is steps
 
@@ -430,58 +416,22 @@ def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
     ways = {float(np.sign(plateau.velocity)) for plateau in plateaus}
     if len(ways) == 1:
         return f"{where}: they have {one_way(ways)}"
-    speeds = ", ".join(f"{each.velocity:.4g}" for each in plateaus) or "none"
     return (
-        f"{where}: of its plateaus (at {speeds} {record.unit}/s) none is there and back at one speed, within "
-        f"{PASSES.same_speed:.0%}, through common positions; record both directions through the same window, longer "
-        "than ramps and settling, or correct speed"
+        f"{where}: of {len(plateaus)} plateaus none is there and back at one speed, within {PASSES.same_speed:.0%}, "
+        "through common positions; record both directions through the same window, longer than ramps and settling, or "
+        "correct speed"
     )
 
 
 def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
-    """The passes that slide below the drive's limit, and notes on the others, whole pairs; DataError where none is."""
-    faults = {
-        each.pair: f"the joint stands or turns back within the pass (velocity {each.velocity.min():.3g} to "
-        f"{each.velocity.max():.3g}): it sticks and slips at this speed, and its level does not count; raise the "
-        "bandwidth of the controller, or measure faster"
-        for each in passes
-        if np.any(each.velocity * each.direction <= 0)
-    }
-    faults |= _clipped(passes)
-    notes = [Note("friction/passes", text, f"pass {name}") for name, text in faults.items()]
-    used = [each for each in passes if each.pair not in faults]
+    """The passes that slide all the time, and notes on the others, whole pairs; DataError where none is."""
+    sticks = dict.fromkeys(each.pair for each in passes if np.any(each.velocity * each.direction <= 0))
+    text = (
+        "the joint stands or turns back within the pass: it sticks and slips at this speed, and its level does not "
+        "count; raise the bandwidth of the controller, or measure faster"
+    )
+    used = [each for each in passes if each.pair not in sticks]
     if not used:
         place = passes[0].place if passes else "the joint"
-        reason = f"; {notes[0]}" if notes else ""
-        raise DataError(
-            "friction/passes",
-            f"none slides all the time; measure faster, or raise the bandwidth of the controller{reason}",
-            f"passes of {place}",
-        )
-    return used, notes
-
-
-def _clipped(passes: Sequence[Pass]) -> dict[str, str]:
-    """Pairs in which a torque stands at the largest of all passes."""
-    limit = max((float(np.abs(each.torque).max()) for each in passes), default=0.0)
-    pairs: dict[str, str] = {}
-    for each in passes:
-        share = float(np.mean(np.abs(each.torque) == limit))
-        # The steps of a coarse converter, or a torque without noise, are no limit.
-        if share >= PASSES.clipped_share and len(np.unique(each.torque)) > PASSES.min_values:
-            pairs[each.pair] = (
-                f"{share:.0%} of its torques stand at the limit of {limit:.4g}: clipped there, so that its level is "
-                "too low and does not count; measure slower, or raise the limit of the drive"
-            )
-    return pairs
-
-
-def check_reversal(record: FrictionRecord) -> None:
-    """DataError for loops without a way back."""
-    if np.count_nonzero(np.diff(np.sign(record.torque - record.torque.mean()))) == 1:
-        raise DataError(
-            "friction/presliding",
-            f"loops of joint {record.joint}: its torque never reverses, so that friction cannot be "
-            "distinguished from a spring; log loops to and fro, or take purpose: motion",
-            record.place,
-        )
+        raise DataError("friction/passes", f"in none it slides all the time: {text}", f"passes of {place}")
+    return used, [Note("friction/passes", text, f"pass {name}") for name in sticks]

@@ -28,9 +28,6 @@ for all amplitudes and so extrapolates to none:
 .. math:: \frac{1}{G} = (\sigma_0 + j \omega \sigma_1) \frac{z}{q} + j \omega \alpha_2 + Z(\omega), \quad
           Z = -\omega^2 J \text{ or }
               -\omega^2 J_m + \frac{(k + j \omega d)(-\omega^2 J_l)}{k + j \omega d - \omega^2 J_l}
-
-Maxwell slip has no amplitude below which it is linear: its stiffness falls with the logarithm of the amplitude, faster
-than a single bristle explains, which a fit with a stiffness of each amplitude's own shows.
 """
 
 from __future__ import annotations
@@ -48,7 +45,7 @@ from elastid.fit.problem.smoothed_noise import smooth_variance
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction.operators import Path, stop
-from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
+from elastid.friction_study.least_squares import Optimum, minimise
 from elastid.friction_study.passes import PASSES
 from elastid.record import Configuration, FrictionRecord, Record
 from elastid.robot.friction import MaxwellSlip
@@ -100,6 +97,9 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
             "finer encoder",
             f"loops of joint {loops.joint}",
         )
+    if np.count_nonzero(np.diff(np.sign(u - u.mean()))) == 1:
+        text = "their torque never reverses, which friction and a spring do alike; log loops, or take purpose: motion"
+        raise DataError("friction/presliding", text, f"loops of joint {loops.joint}")
     thresholds = np.geomspace(max(1e-3 * reach, resolution), 2 * reach, 40)
     used = np.arange(len(u)) >= settled
     candidates = ((q, _fit(q, u, thresholds, used)) for q in _smoothed(loops, frequency_hz))
@@ -183,22 +183,16 @@ REST = RestLimits()
 
 # Std of the logarithms of the inertias of motor and link in a robot's file, and of stiffness and damping of its spring.
 OF_FILE = np.array([0.05, 0.1, 1.0, 1.0])
-# Relative, of the inertia, by slip in the response of a spring and a damper: 0.2 to 1.4 % were seen in four joints.
-INERTIA_ERROR = 1e-2
 
 
 @frozen_value
 class AtRest:
-    """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2).
-
-    amplitudes: number of them.  inertia: of a rigid joint, and its std.
-    """
+    """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude, of `amplitudes`; covariance (2, 2)."""
 
     sigma_0: float
     sigma_1: float
     covariance: FloatArray
     amplitudes: int
-    inertia: tuple[float, float] | None = None
     notes: tuple[Note, ...] = ()
 
 
@@ -211,30 +205,35 @@ def fit_at_rest(
     """Bristles from responses of one amplitude or more; joint: None for a rigid one, whose inertia is found.
 
     viscous: alpha_2 of sliding with its std, Nms/rad.  An elastic joint is near that of the robot's file, `OF_FILE`.
-    A single amplitude does not show Maxwell slip.
     Raises FitError where the responses do not identify all unknowns.
     """
     model = _Model(tuple(responses), joint, viscous[0])
-    shared = model.fit(model.start(), place)
-    n = model.n_common
-    own = model.fit(np.concatenate([shared.x[:n], np.tile(shared.x[n:], len(responses))]), place)
-    ((sigma_0, _, sigma_1),) = model.bristles(shared.x).tolist()
-    scattered = model.covariance(shared)
-    std, scale = np.sqrt(np.diag(scattered)), np.array([sigma_0, model.damping_unit])
-    covariance = scattered[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
-    covariance = covariance + np.diag([0.0, viscous[1] ** 2])
-    slip = float(shared.x[n + 1])
-    inertia = float(np.exp(shared.x[0])) if joint is None else None
-    of_inertia = None if inertia is None else (inertia, inertia * float(np.hypot(std[0], INERTIA_ERROR)))
-    notes = _notes(place, model, own, _falls(model, shared, own), slip)
-    return AtRest(sigma_0, sigma_1, covariance, len(responses), of_inertia, notes)
+    (fit,) = minimise(model.residual, [model.start()], x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
+    if not np.all(np.isfinite(fit.covariance)):
+        raise FitError(
+            "friction/at-rest",
+            "stiffness, damping and slip of bristles cannot be distinguished; excite lines "
+            "below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away",
+            f"{place} at rest",
+        )
+    n, scale = model.n_common, np.array([np.exp(fit.x[-3]), model.damping_unit])
+    # As the residuals scatter: variances from a few periods make good weights, and poor intervals.
+    covariance = model.covariance(fit)[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
+    covariance += np.diag([0.0, viscous[1] ** 2])
+    slip = float(fit.x[-2])
+    text = (
+        f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {REST.max_slip:g} the expansion "
+        "over amplitude does not hold: lower the torque at rest"
+    )
+    notes = (Note("friction/at-rest", text, f"{place} at rest"),) if slip > REST.max_slip else ()
+    return AtRest(float(scale[0]), float(fit.x[-1] * scale[1]), covariance, len(responses), notes)
 
 
 @dataclass(frozen=True)
 class _Model:
     """Unknowns x: ln J of a rigid joint, or ln of inertias, stiffness, damping of an elastic one over those of a file.
 
-    Then (ln sigma_0, s_q / z_s, sigma_1 / unit), once or at each amplitude.
+    Then ln sigma_0, s_q / z_s of the largest motion, sigma_1 / unit.
     """
 
     responses: tuple[RestResponse, ...]
@@ -243,14 +242,16 @@ class _Model:
 
     @property
     def n_common(self) -> int:
-        """Unknowns that amplitudes share in any case."""
+        """Unknowns of the joint."""
         return 1 if self.joint is None else len(OF_FILE)
 
     def reaction(self, x: FloatArray, omega: FloatArray) -> ComplexArray:
-        """Torque per angle (F,) of the inertias."""
+        """Torque per angle (F,) of the inertias: of a motor with a link on a spring, or of a rigid joint."""
         if self.joint is None:
             return np.asarray(-(omega**2) * np.exp(x[0]) + 0j)
-        return reaction(omega, ElasticJoint(*(np.exp(x[: self.n_common]) * astuple(self.joint)).tolist()))
+        joint = ElasticJoint(*(np.exp(x[: self.n_common]) * astuple(self.joint)).tolist())
+        spring, link = joint.stiffness + 1j * omega * joint.damping, -(omega**2) * joint.link_inertia
+        return np.asarray(-(omega**2) * joint.motor_inertia + spring * link / (spring + link))
 
     @property
     def damping_unit(self) -> float:
@@ -259,19 +260,12 @@ class _Model:
         middle = len(first.freq_hz) // 2
         return float(1 / np.abs(first.G[middle]) / (2 * np.pi * first.freq_hz[middle]))
 
-    def bristles(self, x: FloatArray) -> FloatArray:
-        """(sigma_0, 1 / z_s, sigma_1) once or of each amplitude, (1 or n, 3)."""
-        values = x[self.n_common :].reshape(-1, 3)
-        slip_unit = 1 / max(response.rms_position for response in self.responses)  # of 1 / z_s in x
-        return np.asarray(np.column_stack([np.exp(values[:, 0]), values[:, 1:] * [slip_unit, self.damping_unit]]))
-
-    def receptance(self, x: FloatArray, index: int) -> ComplexArray:
+    def receptance(self, x: FloatArray, response: RestResponse) -> ComplexArray:
         """G (F,) at one amplitude."""
-        response, values = self.responses[index], self.bristles(x)
-        sigma_0, per_bend, sigma_1 = values[min(index, len(values) - 1)]
         omega = 2 * np.pi * response.freq_hz
-        impedance = (sigma_0 + 1j * omega * sigma_1) * slipped(omega, response, per_bend) + 1j * omega * self.viscous
-        return np.asarray(1 / (impedance + self.reaction(x, omega)))
+        per_bend = x[-2] / max(each.rms_position for each in self.responses)  # 1 / z_s
+        bristles = (np.exp(x[-3]) + 1j * omega * x[-1] * self.damping_unit) * slipped(omega, response, per_bend)
+        return np.asarray(1 / (bristles + 1j * omega * self.viscous + self.reaction(x, omega)))
 
     def start(self) -> FloatArray:
         """From the smallest amplitude by linear regression of 1 / G."""
@@ -279,7 +273,7 @@ class _Model:
         omega = 2 * np.pi * first.freq_hz
         is_rigid, of_file = self.joint is None, np.zeros(self.n_common)
         Z = 1 / first.G - (0 if is_rigid else self.reaction(of_file, omega))
-        weight = np.abs(first.G) ** 2 / np.sqrt(total_variance(first))
+        weight = np.abs(first.G) ** 2 / np.sqrt(first.total_variance)
         A = np.stack([np.ones_like(omega), -(omega**2)], axis=1)[:, : 1 + is_rigid]
         (sigma_0, *inertia), *_ = np.linalg.lstsq(weight[:, None] * A, weight * Z.real, rcond=None)
         sigma_1 = float((weight * omega) @ (weight * Z.imag) / np.sum((weight * omega) ** 2))
@@ -288,90 +282,28 @@ class _Model:
         common = [np.log(max(float(J), smallest)) for J in inertia] if is_rigid else of_file
         return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
 
-    def fit(self, start: FloatArray, place: str) -> Optimum:
-        """The optimum from a start."""
-        (end,) = minimise(self._residual, [start], x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
-        if not np.all(np.isfinite(end.covariance)):
-            raise FitError(
-                "friction/at-rest",
-                "stiffness, damping and slip of bristles cannot be distinguished; excite lines "
-                "below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away",
-                f"{place} at rest",
-            )
-        return end
-
     def covariance(self, fit: Optimum) -> FloatArray:
-        """Of x, as the residuals scatter: variances from a few periods make good weights, and poor intervals."""
-        expansion = [np.tile(expansion_variance(response) / total_variance(response), 2) for response in self.responses]
-        correlated = [np.full(2 * len(response.G), response.correlated_lines) for response in self.responses]
-        n_file = len(self._of_file(fit.x))
+        """Of x, whatever the variances of the residuals; those of the file's numbers are as stated."""
+        n_file = len(fit.r) - sum(2 * len(each.G) for each in self.responses)
+        expansion = [np.tile(each.expansion_variance / each.total_variance, 2) for each in self.responses]
+        correlated = [np.full(2 * len(each.G), each.correlated_lines) for each in self.responses]
         least = np.concatenate([*expansion, np.ones(n_file)])
         return fit.scattered_covariance(np.concatenate([*correlated, np.zeros(n_file)]), least)
 
-    def _residual(self, x: FloatArray) -> FloatArray:
-        left = []
-        for i, response in enumerate(self.responses):
-            std = np.sqrt(total_variance(response) / 2)
-            error = (response.G - self.receptance(x, i)) / std
+    def residual(self, x: FloatArray) -> FloatArray:
+        """Of the responses and of the file's numbers of an elastic joint, of variance 1."""
+        of_file, left = x[:0] if self.joint is None else x[: self.n_common] / OF_FILE, list[FloatArray]()
+        for response in self.responses:
+            error = (response.G - self.receptance(x, response)) / np.sqrt(response.total_variance / 2)
             left += [error.real, error.imag]
-        return np.concatenate([*left, self._of_file(x)])
-
-    def _of_file(self, x: FloatArray) -> FloatArray:
-        """Prior of the joint's numbers (n_common,), over its std; empty of a rigid one."""
-        return x[:0] if self.joint is None else x[: self.n_common] / OF_FILE
-
-
-def expansion_variance(response: RestResponse) -> FloatArray:
-    """Of G (F,) by the expansion over amplitude."""
-    return (REST.expansion_error * np.abs(response.G)) ** 2
-
-
-def total_variance(response: RestResponse) -> FloatArray:
-    """Of G (F,) by noise and expansion."""
-    return response.variance + expansion_variance(response)
+        return np.concatenate([*left, of_file])
 
 
 def slipped(omega: FloatArray, response: RestResponse, per_bend: float) -> ComplexArray:
-    """z / q (F,) of bristles with 1 / z_s = per_bend, under the motion of a response."""
+    """z / q (F,) of bristles with 1 / z_s = per_bend, under the motion of a response; at most half of it slips."""
     rate = np.sqrt(2 / np.pi) * response.rms_velocity * per_bend
-    return np.asarray((1 - second_order(response, per_bend)) * 1j * omega / (1j * omega + rate))
-
-
-def second_order(response: RestResponse, per_bend: float) -> float:
-    """epsilon = (2 / pi) s_q^2 / z_s^2: the share of stiffness that slip takes away; at most half of it."""
-    return float(min(2 / np.pi * (response.rms_position * per_bend) ** 2, 0.5))
-
-
-def reaction(omega: FloatArray, joint: ElasticJoint) -> ComplexArray:
-    """Torque per angle (F,) of a motor's inertia with a link on a spring."""
-    spring = joint.stiffness + 1j * omega * joint.damping
-    link = -(omega**2) * joint.link_inertia
-    return np.asarray(-(omega**2) * joint.motor_inertia + spring * link / (spring + link))
-
-
-def _falls(model: _Model, shared: Optimum, own: Optimum) -> bool:
-    """True if amplitudes have bristles of their own (F test), and their stiffness falls with the amplitude."""
-    extra = shared.dof - own.dof
-    if extra == 0:
-        return False
-    stiffness = model.bristles(own.x)[:, 0]
-    return bool(chance_of_terms(shared.cost, own.cost, extra, own.dof) < FALSE_ALARM and np.all(np.diff(stiffness) < 0))
-
-
-def _notes(place: str, model: _Model, own: Optimum, falls: bool, slip: float) -> tuple[Note, ...]:
-    texts, stiffness = [], model.bristles(own.x)[:, 0]
-    if falls:
-        texts.append(
-            f"stiffness falls from {stiffness[0]:.4g} to {stiffness[-1]:.4g} with the amplitude, more than one bristle "
-            "explains: friction is Maxwell slip, which has no amplitude below which it is linear; sigma_0 holds for "
-            "the smallest torque only: measure loops (presliding)"
-        )
-    if slip > REST.max_slip:
-        texts.append(
-            f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {REST.max_slip:g} the expansion "
-            "over amplitude does not hold: lower the torque at rest"
-        )
-    return tuple(Note("friction/at-rest", text, f"{place} at rest") for text in texts)
+    epsilon = min(2 / np.pi * (response.rms_position * per_bend) ** 2, 0.5)
+    return np.asarray((1 - epsilon) * 1j * omega / (1j * omega + rate))
 
 
 @frozen_value
@@ -388,6 +320,16 @@ class RestResponse:
     rms_position: float
     rms_velocity: float
     correlated_lines: float = 1.0
+
+    @property
+    def expansion_variance(self) -> FloatArray:
+        """Of G (F,) by the expansion over amplitude."""
+        return (REST.expansion_error * np.abs(self.G)) ** 2
+
+    @property
+    def total_variance(self) -> FloatArray:
+        """Of G (F,) by noise and expansion."""
+        return self.variance + self.expansion_variance
 
     @classmethod
     def of(cls, records: Sequence[FrictionRecord]) -> RestResponse:

@@ -20,6 +20,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, number
 from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
+from elastid.friction.robot_friction import frictions
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw, friction_of
 from elastid.friction_study.levels import PassLevels
 from elastid.friction_study.motion import MotionFriction, RigidBody
@@ -59,17 +60,13 @@ class FrictionNumber:
 
 @dataclass(frozen=True)
 class JointLevels:
-    """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both.
-
-    gain: of the drive, torque logged over torque, and its std.
-    """
+    """Result of stage `levels` for one joint: levels of its passes, the regression of its motion, or both."""
 
     joint: str
     slides: bool
     levels: PassLevels | None = None
     motion: MotionFriction | None = None
     notes: tuple[Note, ...] = ()
-    gain: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -96,19 +93,11 @@ class JointFriction:
 
     @property
     def shared(self) -> Mapping[str, tuple[float, float]]:
-        """Value and std of what is no friction, as identified: inertia, parts of gravity.
-
-        A motion that sticks at its reversals shows an inertia that is too low; that at rest counts where its std is
-        smaller.
-        """
+        """Value and std of what is no friction, as identified: inertia, parts of gravity."""
         if self.motion is None:
             return {} if self.levels is None else self.levels.shared
         chosen = self.motion.chosen
-        known = {name: (chosen[name], chosen.std(name)) for name in chosen.names}
-        at_rest = None if self.at_rest is None else self.at_rest.inertia
-        if at_rest is not None and "inertia" in known and at_rest[1] < known["inertia"][1]:
-            known["inertia"] = at_rest
-        return known
+        return {name: (chosen[name], chosen.std(name)) for name in chosen.names}
 
     @property
     def misfit(self) -> str:
@@ -169,6 +158,7 @@ Truth = Mapping[str, float]
 RIGID_TERMS = {
     "inertia": FrictionTerm("inertia", "J", "J", "inertia", "kg*m^2", 2),
     "offset": FrictionTerm("offset", "o", "o", "offset of the torque", "N*m", 1),
+    "gain": FrictionTerm("gain", "gain", "g", "gain of the drive: torque logged over torque", "", 0),
     "delay": FrictionTerm("delay", "T", "T", "delay of the torque", "s", 0),
     "gravity.cos": FrictionTerm("gravity.cos", "G", "G", "gravity, cos q", "N*m", 1),
     "gravity.sin": FrictionTerm("gravity.sin", "H", "H", "gravity, sin q", "N*m", 1),
@@ -188,12 +178,6 @@ def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Itera
         learnt = f"{learnt}, at {motion.terms.reference:.3g} degC"
     known = dict.fromkeys(motion.known, learnt)
     yield from _table(joint, motion.motion.slides, known, fit.names, fit.values, fit.covariance, truth)
-
-
-def number_of_gain(joint: str, gain: float, std: float) -> FrictionNumber:
-    """The gain of a drive: torque logged over torque."""
-    learnt, ends = "motions with and without payload", _ends(gain, std)
-    return FrictionNumber(gain_name("u", f"motor {joint}"), "g", "gain of the drive", "1", gain, std, *ends, learnt)
 
 
 def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
@@ -248,7 +232,8 @@ def _table(
     for term, mark, word, places in rows:
         a = np.array([1.0, -1.0 if mark == "-" else 1.0])[: len(places)]
         value, std = float(a @ values[places]), float(np.sqrt(a @ covariance[np.ix_(places, places)] @ a))
-        unit, name = "kg" if slides and term.path == "inertia" else term.unit_at(slides), f"{term.name(joint)}{mark}"
+        unit = "kg" if slides and term.path == "inertia" else term.unit_at(slides)
+        name = gain_name("u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
             name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, *_ends(value, std, reach),
             learnt[term.path], truth.get(name),
@@ -266,33 +251,15 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
         return {}
     paths = {path: known[term.name(joint)][0] for path, term in TERMS.items() if term.name(joint) in known}
     if static is not None:
-        paths |= _at_temperature(law, paths, static)
-        paths |= _under_load(law, paths, static)
+        degc, by_load = static.levels.known_temperatures, law.load is not None and "load.coulomb" not in static.names
+        placed = next(each for each in frictions(robot) if each.place == f"motor {joint}")
+        load = float(np.mean(static.levels.load)) if by_load else 0.0
+        curve = placed.curve(load, float(np.mean(degc)) if len(degc) else None)
+        F_c, F_s, inverse_nu_s, _, alpha_T, F_l = curve[:6].tolist()
+        own = {"coulomb": F_c, "stiction": F_s + F_l, "stribeck_velocity": 1 / inverse_nu_s if inverse_nu_s else None}
+        own |= {name: paths[name] + alpha_T for name in ("viscous", "temperature.viscous") if name in paths}
+        paths |= {name: value for name, value in own.items() if name in paths and value is not None}
     return {TERMS[path].name(joint): value for path, value in paths.items()}
-
-
-def _at_temperature(law: Friction, paths: dict[str, float], static: StaticLaw) -> dict[str, float]:
-    """Numbers that change with temperature, at that of the levels: F_c, F_s, nu_s, f and what of it vanishes."""
-    warm, known = law.temperature, static.levels.known_temperatures
-    if warm is None or not len(known):
-        return {}
-    rise = float(np.mean(known)) - warm.reference
-    fading = math.exp(-rise / warm.decay)
-    at_mean = {"viscous": paths["viscous"] + warm.viscous * (fading - 1), "temperature.viscous": warm.viscous * fading}
-    slopes = {"coulomb": warm.coulomb, "stiction": warm.stiction + warm.coulomb}
-    for name, slope in (slopes | {"stribeck_velocity": warm.stribeck_velocity}).items():
-        if name in paths:
-            at_mean[name] = paths[name] + slope * rise
-    return at_mean
-
-
-def _under_load(law: Friction, paths: dict[str, float], static: StaticLaw) -> dict[str, float]:
-    """Coulomb friction and stiction with what the mean load adds, where the law has no part for the load."""
-    if law.load is None or "load.coulomb" in static.names:
-        return {}
-    load = float(np.mean(static.levels.load))
-    by_load = {"coulomb": law.load.coulomb, "stiction": law.load.of_stiction}
-    return {name: paths[name] + slope * load for name, slope in by_load.items() if name in paths}
 
 
 def identify_friction(
@@ -325,27 +292,27 @@ def _joint(
             curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
         static = StaticLaw.of(curve, spec.law)
     loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
-    before = find_before_sliding(robot, loops, rest, static, spec)
-    warm_up, thermal, notes = _heat(name, measured)
-    friction, viscous, refused = _law(levels, static, before, spec)
+    at_rest, notes = _at_rest(robot, rest, static)
+    presliding, of_loops = _presliding(loops, at_rest, spec)
+    warm_up, thermal, of_heat = _heat(name, measured)
+    friction, viscous, refused = _law(levels, static, presliding, at_rest, spec.law)
     true = {} if truth is None else true_numbers(truth, name, static)
-    numbers = {each.name: each for each in _numbers(levels, None if refused else static, before, true)}
+    numbers = {each.name: each for each in _numbers(levels, None if refused else static, at_rest, true)}
     if warm_up is not None and thermal is not None:
         numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     return JointFriction(
-        name, levels.slides, passes, levels.motion, static, before.presliding, before.at_rest,
-        thermal, friction, viscous, tuple(numbers.values()), held,
-        (*levels.notes, *before.notes, *notes, *refused),
+        name, levels.slides, passes, levels.motion, static, presliding, at_rest, thermal, friction, viscous,
+        tuple(numbers.values()), held, (*levels.notes, *notes, *of_loops, *of_heat, *refused),
     )  # fmt: skip
 
 
 def _law(
-    levels: JointLevels, static: StaticLaw | None, before: BeforeSliding, spec: FrictionSpec
+    levels: JointLevels, static: StaticLaw | None, presliding: Elements | None, at_rest: AtRest | None, spec: LawSpec
 ) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
     """The law and its viscous friction; a note where the numbers are physically impossible."""
     try:
-        law = joint_law(static, levels.motion, before, spec.law)
+        law = joint_law(static, levels.motion, presliding, at_rest, spec)
         if law is not None:
             law[0].check_passive(law[1], levels.slides)
     except ValueError as error:
@@ -355,19 +322,17 @@ def _law(
 
 
 def _numbers(
-    levels: JointLevels, static: StaticLaw | None, before: BeforeSliding, truth: Truth
+    levels: JointLevels, static: StaticLaw | None, at_rest: AtRest | None, truth: Truth
 ) -> Iterator[FrictionNumber]:
     """The table; of a number that two experiments identify the later one counts, passes more than a motion."""
     if static is not None:
         yield from numbers_of_law(levels.joint, static, truth)
     if levels.motion is not None:
         for number in numbers_of_motion(levels.joint, levels.motion, truth):
-            if static is None or number.symbol in ("J", "o", "G", "H"):
+            if static is None or number.symbol in ("J", "o", "g", "G", "H"):
                 yield number
-    if levels.gain is not None:
-        yield number_of_gain(levels.joint, *levels.gain)
-    if before.at_rest is not None:
-        yield from numbers_at_rest(levels.joint, before.at_rest, levels.slides, truth)
+    if at_rest is not None:
+        yield from numbers_at_rest(levels.joint, at_rest, levels.slides, truth)
 
 
 def _heat(joint: str, measured: FrictionRecords) -> tuple[WarmUp | None, ThermalModel | None, tuple[Note, ...]]:
@@ -393,7 +358,11 @@ def _first_numbers(joint: JointFriction) -> str:
 
 
 def joint_law(
-    static: StaticLaw | None, motion: MotionFriction | None, before: BeforeSliding, spec: LawSpec
+    static: StaticLaw | None,
+    motion: MotionFriction | None,
+    presliding: Elements | None,
+    at_rest: AtRest | None,
+    spec: LawSpec,
 ) -> tuple[Friction, float] | None:
     """Friction and its viscous friction, link side; None where neither passes nor a motion identify it."""
     if static is not None:
@@ -402,15 +371,15 @@ def joint_law(
         friction, viscous = _of_motion(motion)
     else:
         return None
-    if before.presliding is not None:
-        return replace(friction, maxwell_slip=before.presliding.to_maxwell_slip()), viscous
-    if spec.presliding in ("auto", "lugre"):
-        return replace(friction, lugre=_lugre(before.at_rest, friction.coulomb)), viscous
+    if presliding is not None:
+        friction = replace(friction, maxwell_slip=presliding.to_maxwell_slip())
+    elif spec.presliding in ("auto", "lugre"):
+        friction = replace(friction, lugre=_lugre(at_rest, friction.coulomb))
     return friction, viscous
 
 
 def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
-    fit, terms = motion.chosen, motion.terms.at(motion.chosen)
+    fit, terms = motion.chosen, motion.terms
     speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
     measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
     held = {"exponent": terms.exponent, "temperature.decay": terms.decay}
@@ -428,52 +397,40 @@ def _lugre(rest: AtRest | None, coulomb: float) -> LuGre | None:
     return LuGre(stiffness, damping, falling)
 
 
-@dataclass(frozen=True)
-class BeforeSliding:
-    """notes: on what failed."""
-
-    presliding: Elements | None = None
-    at_rest: AtRest | None = None
-    notes: tuple[Note, ...] = ()
-
-
-def find_before_sliding(
-    robot: Robot,
-    loops: Sequence[FrictionRecord],
-    rest: Sequence[FrictionRecord],
-    static: StaticLaw | None,
-    spec: FrictionSpec,
-) -> BeforeSliding:
-    """Bristles and elements from the records of one joint; static: the law of its passes."""
-    notes, law = list[Note](), spec.law
-    at_rest = _at_rest(robot, rest, static, notes) if rest else None
-    presliding, place = None, f"record {loops[0].name}" if loops else ""
-    if loops and law.presliding == "lugre" and at_rest is None:
-        text = "loops do not show the damping of bristles; give responses at rest, or law.presliding: maxwell_slip"
-        notes.append(Note("friction/presliding", text, place))
-    if loops and law.presliding not in ("no", "lugre"):
-        try:
-            hz = None if spec.presliding is None else spec.presliding.frequency_hz
-            presliding = fit_presliding(loops[0], hz, law.elements)
-        except DataError as error:
-            notes.append(Note("friction/presliding", str(error), place))
-    return BeforeSliding(presliding, at_rest, tuple(notes))
+def _presliding(
+    loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: FrictionSpec
+) -> tuple[Elements | None, tuple[Note, ...]]:
+    """Elements from the loops of one joint, or the note on why there are none."""
+    if not loops or spec.law.presliding == "no" or (spec.law.presliding == "lugre" and at_rest is not None):
+        return None, ()
+    try:
+        if spec.law.presliding == "lugre":
+            raise DataError(
+                "friction/presliding",
+                "loops do not show the damping of bristles; give responses at rest, or law.presliding: maxwell_slip",
+            )
+        hz = None if spec.presliding is None else spec.presliding.frequency_hz
+        return fit_presliding(loops[0], hz, spec.law.elements), ()
+    except DataError as error:
+        return None, (Note("friction/presliding", str(error), f"record {loops[0].name}"),)
 
 
 def _at_rest(
-    robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None, notes: list[Note]
-) -> AtRest | None:
-    joint = records[0].joint
+    robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None
+) -> tuple[AtRest | None, tuple[Note, ...]]:
+    """Bristles from responses of one joint at rest, or the note on why there are none; static: of its passes."""
+    if not records:
+        return None, ()
     viscous = (0.0, 0.0)
     if static is not None and "viscous" in static.names:
         i = static.names.index("viscous")
         viscous = static.viscous, float(np.sqrt(static.covariance[i, i]))
     try:
         spring = held_spring(robot, records[0])
-        return fit_at_rest(f"joint {joint}", rest_responses(records), spring, viscous)
+        found = fit_at_rest(f"joint {records[0].joint}", rest_responses(records), spring, viscous)
     except (DataError, FitError) as error:
-        notes.append(Note("friction/at-rest", str(error), f"record {records[0].name}"))
-        return None
+        return None, (Note("friction/at-rest", str(error), f"record {records[0].name}"),)
+    return found, found.notes
 
 
 def held_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:

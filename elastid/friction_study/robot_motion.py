@@ -21,6 +21,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note
 from elastid.friction_study.laws import Held
 from elastid.friction_study.least_squares import (
+    FALSE_ALARM,
     RANK_TOLERANCE,
     Equations,
     Regression,
@@ -29,15 +30,16 @@ from elastid.friction_study.least_squares import (
     solve,
 )
 from elastid.friction_study.motion import (
+    LIMITS,
     ONE_LOAD,
     MotionFriction,
     RigidBody,
-    both_bands,
     judged,
     moved_numbers,
     too_few_speeds,
 )
-from elastid.friction_study.motion_terms import Motion, MotionSignals
+from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, both_bands
+from elastid.friction_study.motion_terms import MotionTerms, columns_of, joint_equations
 from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
 
@@ -55,12 +57,8 @@ ALONE = "joints that move together are regressed without; record this joint alon
 GRAVITY_HIDES = "Coulomb friction that differs between the directions cannot be distinguished from offset and gravity"
 
 
-@dataclass(frozen=True)
-class RobotLog:
-    """A log of joints that move together: motions by joint, and the angles of the joints that rest."""
-
-    motions: Mapping[str, Motion]
-    resting: Mapping[str, float]
+# Numbers of the friction of a joint that moves with others.
+_OF_JOINT = ("viscous", "coulomb", "directions.viscous")
 
 
 @dataclass(frozen=True)
@@ -71,86 +69,106 @@ class RobotMotion:
     alone: tuple[Mapping[str, Motion], ...]
 
 
-def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: float = ROBOT_PASSBAND_HZ) -> RobotMotion:
-    """Friction of the joints that all logs move; DataError for short logs, robots with loops, friction that drives."""
+def regress_robot_motion(robot: Robot, logs: Sequence[MotionLog]) -> RobotMotion:
+    """Friction of the joints that all logs move; DataError for robots with loops, friction that drives."""
     if robot.loops:
         raise DataError(
             "friction/rigid-body",
             f"robot {robot.name} has loops, and the rigid body of joints that move together is known of open chains "
             "only; record a motion of one joint at a time",
         )
-    joints, every = tuple(logs[0].motions), [_Signals.of(log, passband_hz) for log in logs]
-    chosen, regrouped = _base_columns(robot, joints, every)
-    rigid = [_columns(robot, joints, joints, chosen, each) for each in every]
-    solutions = _solutions(every, rigid)
-    shifts = _shifts_between_bands(robot, every, chosen)
+    joints = tuple(logs[0].of_joints)
+    chosen, regrouped = _base_columns(robot, joints, logs)
+    rigid = [_columns(robot, joints, joints, chosen, each) for each in logs]
+    apart = tuple(
+        joint for joint, fit in _by_joint(_solved(logs, rigid, joints), joints, joints).items()
+        if fit.chance("directions.viscous", 0) < FALSE_ALARM
+    )  # fmt: skip
+    least, rate_hz = _solved(logs, rigid, apart), logs[0].first.kept_hz
+    moved = dict[tuple[str, str], tuple[float, float]]()
+    if bands := both_bands(logs, LIMITS.narrow):
+        of_bands = [[_columns(robot, joints, joints, chosen, each) for each in band] for band in bands]
+        wide, slow = (_solved(band, columns, apart) for band, columns in zip(bands, of_bands, strict=True))
+        moved = moved_numbers(_names(joints, apart), *shift_between(wide, slow, rate_hz))
     names, units = zip(*_numbers(robot, joints), strict=True)
-    least = solutions[0]
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
-    equations = [_equations(each.of_joints, columns, False, False) for each, columns in zip(every, rigid, strict=True)]
+    equations = [_equations(each, columns, apart, False) for each, columns in zip(logs, rigid, strict=True)]
     shrunk, own = (_rigid_numbers(equations, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
     of_base = tuple(units[i] for i in chosen)
     body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
-    alone = [each.without(columns @ own) for each, columns in zip(every, rigid, strict=True)]
+    alone = [_without(each, columns @ own) for each, columns in zip(logs, rigid, strict=True)]
     friction = {
-        joint: replace(_of_joint([each[joint] for each in alone], i, solutions, shifts), rigid_body=body)
-        for i, joint in enumerate(joints)
+        joint: replace(_of_joint([each[joint] for each in alone], fit, moved, joint), rigid_body=body)
+        for joint, fit in _by_joint(least, joints, apart).items()
     }
     return RobotMotion(friction, tuple({joint: each.motion for joint, each in log.items()} for log in alone))
 
 
-@dataclass(frozen=True)
-class _Signals:
-    """Signals of a log by joint, and the angles of the joints that rest."""
-
-    of_joints: Mapping[str, MotionSignals]
-    resting: Mapping[str, float]
-
-    @classmethod
-    def of(cls, log: RobotLog, passband_hz: float) -> _Signals:
-        return cls({joint: MotionSignals.of(each, passband_hz) for joint, each in log.motions.items()}, log.resting)
-
-    def states(self, robot: Robot) -> FloatArray:
-        """q, v, a (3, n_l, n) of all joints of the robot."""
-        names = [joint.name for joint in robot.joints]
-        state = np.zeros((3, len(names), len(next(iter(self.of_joints.values())).position)))
-        for joint, angle in self.resting.items():
-            state[0, names.index(joint)] = angle
-        for joint, each in self.of_joints.items():
-            state[:, names.index(joint)] = each.position, each.velocity, each.acceleration
-        return state
-
-    def without(self, torque: FloatArray) -> dict[str, MotionSignals]:
-        """By joint, less a torque (n, m)."""
-        pairs = zip(self.of_joints.items(), torque.T, strict=True)
-        return {
-            joint: replace(each, motion=replace(each.motion, torque=each.motion.torque - own))
-            for (joint, each), own in pairs
-        }
+def _names(joints: Sequence[str], apart: Sequence[str]) -> list[tuple[str, str]]:
+    """Joint and name of each number of friction; apart: joints whose directions differ."""
+    return [(joint, name) for joint in joints for name in (_OF_JOINT if joint in apart else _OF_JOINT[:2])]
 
 
-def torques_in_file(robot: Robot, log: RobotLog, passband_hz: float = ROBOT_PASSBAND_HZ) -> dict[str, FloatArray]:
-    """The torque (n,) of rigid body and rotor by joint, with the masses of the robot's file."""
-    names, signals = [joint.name for joint in robot.joints], _Signals.of(log, passband_hz)
-    state = signals.states(robot)
-    theta = np.array([[value] for value, _ in robot.parameters().values()])
-    tau = np.asarray(inverse_dynamics(robot)(*state, np.tile(theta, state.shape[2])).full())
-    rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
+def _by_joint(solution: Solution, joints: Sequence[str], apart: Sequence[str]) -> dict[str, Regression]:
+    """The numbers of each joint."""
+    names = _names(joints, apart)
+    places = {joint: [k for k, (own, _) in enumerate(names) if own == joint] for joint in joints}
     return {
-        joint: tau[names.index(joint)] + rotors[joint] * each.acceleration for joint, each in signals.of_joints.items()
+        joint: solution.of_joint(i, places[joint], [names[k][1] for k in places[joint]])
+        for i, joint in enumerate(joints)
     }
 
 
-def rigid_body_torques(robot: Robot, body: RigidBody, log: RobotLog, passband_hz: float) -> dict[str, FloatArray]:
+def _solved(logs: Sequence[MotionLog], rigid: Sequence[FloatArray], apart: Sequence[str]) -> Solution:
+    pairs = zip(logs, rigid, strict=True)
+    return solve([_equations(log, columns, apart) for log, columns in pairs], logs[0].first.kept_hz)
+
+
+def _equations(log: MotionLog, rigid: FloatArray, apart: Sequence[str], sliding: bool = True) -> Equations:
+    """Each joint has viscous and Coulomb friction, and what is viscous in one direction more."""
+    columns = {joint: columns_of(each, MotionTerms(joint in apart)) for joint, each in log.of_joints.items()}
+    own = {joint: {name: each[name] for name in _OF_JOINT if name in each} for joint, each in columns.items()}
+    return joint_equations(log, own, rigid, sliding)
+
+
+def _states(robot: Robot, log: MotionLog) -> FloatArray:
+    """q, v, a (3, n_l, n) of all joints of the robot."""
+    names = [joint.name for joint in robot.joints]
+    state = np.zeros((3, len(names), len(log.first.position)))
+    for joint, angle in log.resting.items():
+        state[0, names.index(joint)] = angle
+    for joint, each in log.of_joints.items():
+        state[:, names.index(joint)] = each.position, each.velocity, each.acceleration
+    return state
+
+
+def _without(log: MotionLog, torque: FloatArray) -> dict[str, MotionSignals]:
+    """By joint, less a torque (n, m)."""
+    pairs = zip(log.of_joints.items(), torque.T, strict=True)
+    return {
+        joint: replace(each, motion=replace(each.motion, torque=each.motion.torque - own))
+        for (joint, each), own in pairs
+    }
+
+
+def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
+    """The torque (n,) of rigid body and rotor by joint, with the masses of the robot's file."""
+    names, state = [joint.name for joint in robot.joints], _states(robot, log)
+    theta = np.array([[value] for value, _ in robot.parameters().values()])
+    tau = np.asarray(inverse_dynamics(robot)(*state, np.tile(theta, state.shape[2])).full())
+    rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
+    return {joint: tau[names.index(joint)] + rotors[joint] * each.acceleration for joint, each in log.of_joints.items()}
+
+
+def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[str, FloatArray]:
     """The torque (n,) of the identified rigid body along a log, of each joint of both; empty where there is none.
 
     DataError where its motion takes numbers that the motions behind `body` have not identified.
     """
-    rows = tuple(joint for joint in log.motions if joint in body.joints)
+    rows = tuple(joint for joint in log.of_joints if joint in body.joints)
     if not rows:
         return {}
-    signals = _Signals.of(log, passband_hz)
-    sample = _sampled(robot, body.joints, rows, signals)
+    sample = _sampled(robot, body.joints, rows, log)
     size = np.linalg.norm(sample, axis=0)
     lacking = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0) > MAX_UNIDENTIFIED * size
     lacking &= size > 1e-9 * size.max()  # below, a column is zero but for rounding
@@ -161,7 +179,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: RobotLog, passband_hz
             f"its motion takes numbers of the rigid body that those behind the result have not identified ({first}"
             f"{', ...' if lacking.sum() > 3 else ''}); identify from a log in which the same joints move",
         )
-    torques = _columns(robot, body.joints, rows, body.chosen, signals) @ body.predicting
+    torques = _columns(robot, body.joints, rows, body.chosen, log) @ body.predicting
     return {joint: torques[:, i] for i, joint in enumerate(rows)}
 
 
@@ -175,7 +193,7 @@ def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
     return [*of_frames, *rotors, *((f"o_{joint}", "N" if slides[joint] else "N*m") for joint in joints)]
 
 
-def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[_Signals]) -> tuple[IntArray, FloatArray]:
+def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLog]) -> tuple[IntArray, FloatArray]:
     """Places (n_b,) of columns that span all of those of friction's rest, and these as combinations of them (n_b, n_c).
 
     All columns: rigid body (10 n_l), rotors (m) and offsets (m).
@@ -188,17 +206,17 @@ def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[_Signals
     return chosen, np.asarray(regrouped)
 
 
-def _sampled(robot: Robot, joints: Sequence[str], rows: Sequence[str], signals: _Signals) -> FloatArray:
+def _sampled(robot: Robot, joints: Sequence[str], rows: Sequence[str], log: MotionLog) -> FloatArray:
     """All columns at some 500 instants, (instants * rows, n_c)."""
     every = np.arange(10 * len(robot.joints) + 2 * len(joints))
-    return _columns(robot, joints, rows, every, signals, few=True).reshape(-1, len(every))
+    return _columns(robot, joints, rows, every, log, few=True).reshape(-1, len(every))
 
 
 def _columns(
-    robot: Robot, joints: Sequence[str], rows: Sequence[str], chosen: IntArray, signals: _Signals, few: bool = False
+    robot: Robot, joints: Sequence[str], rows: Sequence[str], chosen: IntArray, log: MotionLog, few: bool = False
 ) -> FloatArray:
     """Chosen columns of all but friction (n, m, n_b), m the joints of `rows`; few: at some 500 instants."""
-    names, state = [joint.name for joint in robot.joints], signals.states(robot)
+    names, state = [joint.name for joint in robot.joints], _states(robot, log)
     state = state[:, :, :: max(1, state.shape[2] // 500) if few else 1]
     n_l, places, m = len(names), [names.index(joint) for joint in rows], len(joints)
     q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
@@ -228,27 +246,6 @@ def _independent(columns: FloatArray) -> list[int]:
     return sorted(moving[order[: int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0]))]].tolist())
 
 
-def _equations(signals: Mapping[str, MotionSignals], rigid: FloatArray, apart: bool, sliding: bool = True) -> Equations:
-    """Each joint has columns of its own: viscous and Coulomb friction, and what is viscous in one direction more.
-
-    sliding: of samples that are clear of reversals alone.
-    """
-    first = next(iter(signals.values()))
-    parts = [
-        np.stack([each.velocity, each.direction, *([np.abs(each.velocity)] if apart else [])], axis=1)
-        for each in signals.values()
-    ]
-    n, width = parts[0].shape
-    X = np.zeros((n, len(parts), width * len(parts)))
-    for i, own in enumerate(parts):
-        X[:, i, i * width : (i + 1) * width] = own
-    torque = np.stack([each.motion.torque for each in signals.values()], axis=1)
-    used = np.stack([each.used | (not sliding) for each in signals.values()], axis=1)
-    X, R, y = first.filtered(X), first.filtered(rigid), first.filtered(torque)
-    states = [each.filtered(state) for each in signals.values() for state in (each.position, each.velocity)]
-    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1))
-
-
 def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequence[float]) -> FloatArray:
     """The numbers (n_b,) of the rigid body by ridge regression on the torque of these logs without friction.
 
@@ -276,57 +273,28 @@ def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequen
     return np.asarray(numbers(fifths, best) / size)
 
 
-def _solutions(logs: Sequence[_Signals], rigid: Sequence[FloatArray]) -> list[Solution]:
-    """Of all logs, with the same numbers in both directions and with different ones."""
-    rate_hz, pairs = next(iter(logs[0].of_joints.values())).kept_hz, list(zip(logs, rigid, strict=True))
-    return [
-        solve([_equations(log.of_joints, columns, apart) for log, columns in pairs], rate_hz) for apart in (False, True)
-    ]
-
-
-def _shifts_between_bands(
-    robot: Robot, logs: Sequence[_Signals], chosen: IntArray
-) -> list[tuple[FloatArray, FloatArray]]:
-    """Of the numbers of both regressions, from all of the band to its narrow part, and their std; empty without it."""
-    joints = tuple(logs[0].of_joints)
-    bands = {joint: both_bands([each.of_joints[joint] for each in logs]) for joint in joints}
-    if not all(bands.values()):
-        return []
-    solutions = []
-    for side in (0, 1):
-        own = [
-            _Signals({joint: band[side][k] for joint, band in bands.items()}, log.resting) for k, log in enumerate(logs)
-        ]
-        solutions.append(_solutions(own, [_columns(robot, joints, joints, chosen, each) for each in own]))
-    rate_hz = logs[0].of_joints[joints[0]].kept_hz
-    return [shift_between(wide, slow, rate_hz) for wide, slow in zip(*solutions, strict=True)]
-
-
 def _of_joint(
     signals: Sequence[MotionSignals],
-    i: int,
-    solutions: Sequence[Solution],
-    shifts: Sequence[tuple[FloatArray, FloatArray]],
+    regression: Regression,
+    moved: Mapping[tuple[str, str], tuple[float, float]],
+    joint: str,
 ) -> MotionFriction:
-    """The i-th joint's numbers; signals: of its motions without the rigid body."""
-    names = ("viscous", "coulomb", "directions.viscous")
+    """A joint's numbers, judged; signals: of its motions without the rigid body."""
     advice = (
         "the rigid body and its friction do not explain the torque; measure passes of this joint alone, which do not "
         "depend on the rigid body"
     )
-    alike, apart = (
-        solution.of_joint(i, range(width * i, width * (i + 1)), names[:width])
-        for solution, width in zip(solutions, (2, 3), strict=True)
+    fit, motion = (
+        MotionFriction.of(signals, regression, MotionTerms(_OF_JOINT[2] in regression.names)),
+        signals[0].motion,
     )
-    fit, motion = MotionFriction.of(signals, alike, apart), signals[0].motion
-    width = len(fit.chosen.names)
-    own = slice(width * i, width * (i + 1))
-    moved = moved_numbers(fit.chosen.names, *(each[own] for each in shifts[fit.are_apart])) if shifts else {}
     reasons = {"stribeck": too_few_speeds(fit.plateaus, motion.slides), "temperature": ALONE}
     held = [Held(part, reason) for part, reason in reasons.items() if reason]
     held += [ONE_LOAD, Held("directions.coulomb", GRAVITY_HIDES)]
-    fit = replace(fit, held=tuple(held), notes=(_rigid_body_note(motion.place, signals, alike),))
-    return fit.with_chosen(*judged(fit.chosen, moved, fit.passband_hz, advice))
+    own = {name: change for (owner, name), change in moved.items() if owner == joint}
+    chosen, misfit = judged(regression, own, fit.passband_hz, advice)
+    notes = (_rigid_body_note(motion.place, signals, regression),)
+    return replace(fit, chosen=chosen, misfit=misfit, held=tuple(held), notes=notes)
 
 
 def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regression) -> Note:

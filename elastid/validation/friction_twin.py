@@ -14,7 +14,7 @@ Logs are judged by the numbers of others, too (`predict_logs`), compared with a 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -24,11 +24,12 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.recorded import CascadeSpec
-from elastid.friction_study.joint_levels import find_joint_levels, motion_logs, robot_log
-from elastid.friction_study.motion import MotionFriction, motion_parts, rigid_torque
-from elastid.friction_study.motion_terms import MotionSignals
+from elastid.friction_study.joint_levels import find_joint_levels, motion_log, motion_logs
+from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts
+from elastid.friction_study.motion_signals import MotionSignals
+from elastid.friction_study.motion_terms import columns_of, full_rate_columns
 from elastid.friction_study.result import JointFriction
-from elastid.friction_study.robot_motion import RobotLog, rigid_body_torques
+from elastid.friction_study.robot_motion import rigid_body_torques
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
 from elastid.robot import Robot
 from elastid.robot.simplified import without_friction
@@ -56,17 +57,8 @@ from elastid.validation.twin import (
     twin_signal,
 )
 
-# Number of a regression: the part that it belongs to.
-PART_OF = {
-    "inertia": INERTIA,
-    "gravity.cos": GRAVITY,
-    "gravity.sin": GRAVITY,
-    "offset": GRAVITY,
-    "viscous": VISCOUS,
-    "directions.viscous": VISCOUS,
-    "coulomb": DRY,
-    "directions.coulomb": DRY,
-}
+# Parts of a regression as the twin names them.
+PART_OF = dict(zip(PARTS, (INERTIA, GRAVITY, VISCOUS, DRY), strict=True))
 # Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
 HELD_HZ = 0.5
 
@@ -91,9 +83,8 @@ def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
     parts: dict[str, FloatArray] = {}
     if "inertia" not in fit.chosen.names:
         parts[RIGID_BODY] = signals.filtered(record.torque - fit.motion.torque)
-    numbers = motion_parts(fit, signals)
-    for name in sorted(numbers, key=list(PART_OF).index):
-        parts[PART_OF[name]] = parts.get(PART_OF[name], 0.0) + numbers[name]
+    numbers = motion_parts(fit.chosen, columns_of(signals, fit.terms))
+    parts |= {PART_OF[name]: numbers[name] for name in PARTS if name in numbers}
     rate_hz = record.rate_hz / int(signals.kept.step)
     torque, band_hz = signals.filtered(record.torque), (0.0, fit.passband_hz)
     return torque_balance(
@@ -167,12 +158,23 @@ def _log(robot: Robot, members: Sequence[tuple[JointFriction, FrictionRecord]]) 
         i, each = names.index(joint.joint), MotionSignals.of(joint.motion.motion, joint.motion.passband_hz)
         position[:, i], velocity[:, i] = each.position[:n], each.velocity[:n]
         acceleration[:, i], torque[:, i] = each.acceleration[:n], record.torque[:n]
-        rigid[:, i] = rigid_torque(joint.motion, each, record.torque)[:n]
+        rigid[:, i] = _rigid_torque(joint.motion, each, record.torque)[:n]
         signals.append(each)
     moving = tuple(name in [joint.joint for joint, _ in members] for name in names)
     return _Log(
         tuple(record for _, record in members), tuple(signals), moving, position, velocity, acceleration, torque, rigid
     )
+
+
+def _rigid_torque(fit: MotionFriction, signals: MotionSignals, torque: FloatArray) -> FloatArray:
+    """The torque (n,) at full rate of all that is no friction in its log: rigid body, gravity and offset.
+
+    torque (n,): with the rigid body, of which a joint that moved with others has no numbers of its own.
+    """
+    if fit.rigid_body is not None:
+        return torque - fit.motion.torque
+    parts = motion_parts(fit.chosen, full_rate_columns(signals, fit.terms))
+    return np.asarray(parts["inertia"] + parts.get("gravity", 0.0))
 
 
 def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
@@ -285,30 +287,32 @@ def _along_logs(
     """Joints along each log in which they move, or name and reason of one that cannot be predicted there."""
     known = {joint.joint: joint for joint in joints}
     for log in motion_logs(measured):
-        motions = robot_log(robot, log)
         for name, record in log.items():
             try:
-                yield _along(robot, known.get(name), record, motions)
+                yield _along(robot, known.get(name), record, log)
             except DataError as error:
                 yield name, f"{record.name}: {error}"
 
 
-def _along(robot: Robot, source: JointFriction | None, record: FrictionRecord, log: RobotLog) -> JointFriction:
+def _along(
+    robot: Robot, source: JointFriction | None, record: FrictionRecord, log: Mapping[str, FrictionRecord]
+) -> JointFriction:
     """The joint with its motion of a log, less the torque of a rigid body where it shares one; else DataError."""
     if source is None or source.motion is None:
         raise DataError("predict/mismatch", "the result has no regression of a motion of it")
     if source.slides != record.slides:
         raise DataError("predict/mismatch", "it slides in one of the two robots and turns in the other")
-    fit, motion = source.motion, log.motions[record.joint]
+    fit = source.motion
+    signals = motion_log(robot, log, fit.passband_hz)
+    motion = signals.of_joints[record.joint].motion
     if fit.rigid_body is not None:
-        rigid = rigid_body_torques(robot, fit.rigid_body, log, fit.passband_hz)
+        rigid = rigid_body_torques(robot, fit.rigid_body, signals)
         motion = replace(motion, torque=motion.torque - rigid[record.joint])
-    elif len(log.motions) > 1:
+    elif len(log) > 1:
         raise DataError(
             "predict/mismatch",
             "it moves with others, and alone in the logs of the result, which know no rigid body of all",
         )
     else:
         motion = replace(motion, turns_against_gravity="gravity.cos" in fit.chosen.names)
-    MotionSignals.of(motion, fit.passband_hz)  # DataError where the log is too short for it
     return replace(source, motion=replace(fit, motion=motion))

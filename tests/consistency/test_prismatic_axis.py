@@ -7,7 +7,7 @@ from plants.measured import EMPS, EMPS_PULSES, measured
 from scipy.io import loadmat
 
 from elastid.friction_study.motion import regress_motion
-from elastid.friction_study.motion_terms import Motion
+from elastid.friction_study.motion_signals import Motion
 
 
 def test_two_records_of_the_axis_agree_within_their_intervals() -> None:

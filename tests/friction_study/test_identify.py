@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.friction_records import records, simulated, template
-from plants.friction_study import at_rest, motion
 
 from elastid.app.identified_robot import robot_of_friction
 from elastid.friction_study.joint_levels import find_joint_levels
@@ -17,7 +15,6 @@ from elastid.friction_study.laws import StaticLaw
 from elastid.friction_study.levels import Levels, PassLevels
 from elastid.friction_study.result import (
     FrictionResult,
-    JointFriction,
     JointLevels,
     identify_friction,
     numbers_of_law,
@@ -111,15 +108,6 @@ def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> 
     assert (forwards.value, backwards.value) == (pytest.approx(24.0, abs=0.1), pytest.approx(20.0, abs=0.1))
     for row in (forwards, backwards):
         assert (row.high - row.value) / row.std == pytest.approx((mean.high - mean.value) / mean.std)
-
-
-def test_the_inertia_at_rest_counts_where_it_is_known_better_than_that_of_a_motion() -> None:
-    """One and a tenth, and ten times the std of the motion's."""
-    alone = JointFriction("1", False, motion=motion())
-    value, std = alone.shared["inertia"]
-    better, worse = ((1.05 * value, factor * std) for factor in (0.1, 10.0))
-    assert replace(alone, at_rest=replace(at_rest(), inertia=better)).shared["inertia"] == better
-    assert replace(alone, at_rest=replace(at_rest(), inertia=worse)).shared == alone.shared
 
 
 def test_a_filter_of_both_directions_has_no_state_of_either() -> None:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.friction_logs import COULOMB, INERTIA, RATE, ROBOT, logs, sliding_torque, trapezoids, write_log
+from plants.friction_logs import COULOMB, INERTIA, RATE, RATIO, ROBOT, logs, sliding_torque, trapezoids, write_log
+from plants.refusals import refused
 
 from elastid.experiment.specs.recorded import FileSpec
 from elastid.friction_study.joint_levels import find_joint_levels
@@ -52,3 +53,9 @@ def test_a_payload_on_and_off_gives_the_gain_with_its_interval(gain: float, tmp_
 @pytest.mark.parametrize("loads", [("empty", "empty"), ("full", "full")])
 def test_without_a_difference_no_gain_is_known(loads: tuple[str, ...], tmp_path: Path) -> None:
     assert not any(number.name.startswith("gain") for number in identified(tmp_path, 1.1, loads).numbers)
+
+
+@pytest.mark.parametrize("factor", [1 / RATIO, 1 / RATIO**2, RATIO])
+def test_mixed_sides_of_a_gear_are_refused(factor: float, tmp_path: Path) -> None:
+    with refused("friction/rigid-body", place="0.csv"):
+        identified(tmp_path, factor, ("empty",))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from plants.cogged_joint import CoggedJoint, logged, reference, simulated
 from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, trapezoids
+from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
 from elastid.friction_study.levels import find_levels, levels_of_records
 from elastid.friction_study.passes import detect_passes, passes_of
 from elastid.record import FrictionRecord
@@ -45,15 +45,10 @@ def test_a_motion_without_plateaus_has_no_passes() -> None:
     assert detect_passes(record(0.5 * np.sin(2 * np.pi * 0.4 * t)), True) == ()
 
 
-@pytest.mark.parametrize(
-    ("position", "word"),
-    [
-        (trapezoids((0.5,), travel=0.05), r"of its plateaus .* none is there and back"),
-        (trapezoids((0.5,))[: round(2.1 * RATE)], "positive velocity only; .* record both directions"),
-    ],
-)
-def test_a_log_without_its_pass_is_refused(position: FloatArray, word: str) -> None:
-    with pytest.raises(DataError, match=word):
+@pytest.mark.parametrize("position", [trapezoids((0.5,), travel=0.05), trapezoids((0.5,))[: round(2.1 * RATE)]])
+def test_a_log_without_its_pass_is_refused(position: FloatArray) -> None:
+    """Too short a way, and no way back."""
+    with refused("friction/passes", holds="0.5 rad/s"):
         detect_passes(record(position, speed=0.5), True)
 
 

@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants.friction_logs import INERTIA, RATIO, ROBOT
-from plants.refusals import refused
 
-from elastid.friction_study.joint_levels import check_sides, joint_inertia
 from elastid.friction_study.levels import PassLevels, find_levels
 from elastid.friction_study.passes import Pass, PassRegression, passes_of
 from elastid.record import FrictionRecord
@@ -122,26 +119,3 @@ def test_clean_passes_raise_no_alarm(seed: int, gravity: float, uneven: float) -
     """Whatever gravity, and friction that differs between the directions."""
     speeds = np.random.default_rng(seed).permutation(np.geomspace(0.05, 2.0, 8))
     assert codes(find_levels(arm_passes(speeds.tolist(), seed, gravity, uneven), True)) == []
-
-
-def test_a_clipped_pass_does_not_count() -> None:
-    clean = arm_passes([0.1, 0.5, 1.0])
-    limit = float(np.quantile(clean[4].torque, 0.8))
-    spoilt = [replace(each, torque=np.minimum(each.torque, limit)) for each in clean]
-    levels = find_levels(spoilt, True)
-    assert codes(levels) == ["friction/passes"]
-    assert levels.levels.speed == pytest.approx([0.1, 0.5])
-
-
-@pytest.mark.parametrize("factor", [1 / RATIO, 1 / RATIO**2, RATIO])
-def test_mixed_sides_of_a_gear_are_refused(factor: float) -> None:
-    (joint,) = ROBOT.joints
-    with refused("friction/rigid-body"):
-        check_sides(ROBOT, joint, INERTIA * factor, 1e-3 * INERTIA * factor, None, "log.csv")
-
-
-def test_inertias_that_are_roughly_right_or_not_known_are_not_refused() -> None:
-    (joint,) = ROBOT.joints
-    assert joint_inertia(ROBOT, joint, None) == pytest.approx(INERTIA)
-    for inertia, std in ((0.5 * INERTIA, 0.1), (3 * INERTIA, 0.1), (INERTIA / RATIO, INERTIA), (-1.0, 0.1)):
-        check_sides(ROBOT, joint, inertia, std, None, "log.csv")

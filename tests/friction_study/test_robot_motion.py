@@ -7,19 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.moving_arm import COULOMB, RATE, VISCOUS, motion, two_axes
+from plants.refusals import refused
 
-from elastid.base.errors import DataError
 from elastid.friction_study.joint_levels import check_torques
-from elastid.friction_study.robot_motion import RobotLog, regress_robot_motion, rigid_body_torques, torques_in_file
+from elastid.friction_study.motion_signals import MotionLog
+from elastid.friction_study.robot_motion import regress_robot_motion, rigid_body_torques, torques_in_file
 
 
 def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
     """Ten logs: unbiased, and most of the 95 % intervals hold the truth."""
     robot, errors, held = two_axes(), [], []
     for seed in range(10):
-        found = regress_robot_motion(robot, [RobotLog(motion(seed), {})]).friction
+        found = regress_robot_motion(robot, [MotionLog.of(motion(seed), {}, 10.0)]).friction
         for i, joint in enumerate(("1", "2")):
-            fit = found[joint].alike
+            fit = found[joint].chosen
             for name, truth in (("coulomb", COULOMB[i]), ("viscous", VISCOUS[i])):
                 errors.append((fit[name] - truth) / fit.std(name))
                 held.append(abs(errors[-1]) < 1.96)
@@ -29,13 +30,13 @@ def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
 
 
 def test_two_logs_know_more_than_one_and_the_rest_is_free_of_the_rigid_body() -> None:
-    robot, logs = two_axes(), [RobotLog(motion(seed), {}) for seed in (1, 2)]
+    robot, logs = two_axes(), [MotionLog.of(motion(seed), {}, 10.0) for seed in (1, 2)]
     one, both = regress_robot_motion(robot, logs[:1]), regress_robot_motion(robot, logs)
-    assert both.friction["1"].alike.std("viscous") < one.friction["1"].alike.std("viscous")
+    assert both.friction["1"].chosen.std("viscous") < one.friction["1"].chosen.std("viscous")
     alone = both.alone[1]["2"]
     v = np.gradient(alone.position, 1 / RATE)
     left = alone.torque - COULOMB[1] * np.sign(v) - VISCOUS[1] * v
-    assert np.std(left[200:-200]) < 0.1 * np.std(logs[1].motions["2"].torque)
+    assert np.std(left[200:-200]) < 0.1 * np.std(logs[1].of_joints["2"].motion.torque)
 
 
 def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> None:
@@ -45,25 +46,25 @@ def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> 
     v = np.gradient(second.position) * RATE
     sticking = replace(second, torque=second.torque + 30.0 * (np.abs(v) < 1e-3 * np.abs(v).max()))
     fits = [
-        regress_robot_motion(two_axes(), [RobotLog(motions, {})]).friction
+        regress_robot_motion(two_axes(), [MotionLog.of(motions, {}, 10.0)]).friction
         for motions in (log, {"1": log["1"], "2": sticking})
     ]
     assert not fits[0]["1"].misfit
     assert sum(fits[0]["2"].seconds.values()) == pytest.approx(20.0)
     assert fits[0]["2"].seconds["near a reversal or rest"] > 1.0
     for name in ("coulomb", "viscous"):
-        assert fits[1]["2"].alike[name] == pytest.approx(fits[0]["2"].alike[name], rel=1e-6)
+        assert fits[1]["2"].chosen[name] == pytest.approx(fits[0]["2"].chosen[name], rel=1e-6)
 
 
 def test_torques_of_the_motors_are_not_taken_for_those_of_the_joints() -> None:
     """Whatever friction takes beside the rigid body, right torques are not refused."""
     robot, log = two_axes(), motion(5)
-    expected = torques_in_file(robot, RobotLog(log, {}))
+    expected = torques_in_file(robot, MotionLog.of(log, {}, 10.0))
     torques = {name: each.torque for name, each in log.items()}
     check_torques(robot, torques, expected, "log.csv")
     check_torques(robot, {name: 0.3 * torque for name, torque in torques.items()}, expected, "log.csv")
-    for factor, word in ((1 / 100, "of the motors: give their channels side: motor"), (100.0, "leave side: motor out")):
-        with pytest.raises(DataError, match=word):
+    for factor, word in ((1 / 100, "of the motors"), (100.0, "of the joints")):
+        with refused("friction/rigid-body", place="log.csv", holds=word):
             check_torques(robot, {name: factor * torque for name, torque in torques.items()}, expected, "log.csv")
 
 
@@ -76,7 +77,7 @@ def test_base_parameters_of_a_known_robot_lie_within_their_stds() -> None:
     truth = np.array([*frame, *frame, 0.0, 0.0, 0.0, 0.0])  # the logs have neither rotors nor offsets
     scores = []
     for seed in range(6):
-        body = regress_robot_motion(two_axes(), [RobotLog(motion(seed), {})]).friction["1"].rigid_body
+        body = regress_robot_motion(two_axes(), [MotionLog.of(motion(seed), {}, 10.0)]).friction["1"].rigid_body
         assert body is not None
         scores.append((body.values - body.regrouped @ truth) / body.std)
     assert np.mean(np.abs(scores) < 1.96) >= 0.9
@@ -85,11 +86,11 @@ def test_base_parameters_of_a_known_robot_lie_within_their_stds() -> None:
 
 def test_a_rigid_body_is_not_stretched_beyond_the_motions_that_identified_it() -> None:
     """Of both axes it holds for the first alone; of the first alone not for both."""
-    robot, both = two_axes(), RobotLog(motion(1), {})
-    first = RobotLog({"1": both.motions["1"]}, {"2": 0.4})
+    robot, both = two_axes(), MotionLog.of(motion(1), {}, 10.0)
+    first = MotionLog.of({"1": both.of_joints["1"].motion}, {"2": 0.4}, 10.0)
     of_both, of_first = (regress_robot_motion(robot, [log]).friction["1"].rigid_body for log in (both, first))
     assert of_both is not None
     assert of_first is not None
-    assert set(rigid_body_torques(robot, of_both, first, 10.0)) == {"1"}
-    with pytest.raises(DataError, match="numbers of the rigid body that those behind the result have not identified"):
-        rigid_body_torques(robot, of_first, both, 10.0)
+    assert set(rigid_body_torques(robot, of_both, first)) == {"1"}
+    with refused("friction/rigid-body"):
+        rigid_body_torques(robot, of_first, both)

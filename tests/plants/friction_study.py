@@ -11,7 +11,7 @@ from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, Pass
 from elastid.friction_study.laws import Held, StaticLaw
 from elastid.friction_study.levels import Levels, PassLevels
 from elastid.friction_study.motion import MotionFriction, regress_motion
-from elastid.friction_study.motion_terms import Motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.presliding import AtRest, Elements
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.friction_study.spec import LawSpec

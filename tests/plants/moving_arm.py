@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.motion_terms import Motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Body, Joint, Motor, Placement, Robot
 

@@ -10,7 +10,7 @@ import pytest
 from elastid.experiment.simulated.plant import exact_plant
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.friction_study.motion import MotionFriction, regress_motion
-from elastid.friction_study.motion_terms import Motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.model.formulation import EXACT
 from elastid.record import Configuration, FrictionRecord, FrictionRecords

@@ -6,7 +6,7 @@ from plants.measured import EMPS, measured
 from scipy.io import loadmat
 
 from elastid.friction_study.motion import regress_motion
-from elastid.friction_study.motion_terms import Motion
+from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.result import JointFriction
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.validation.friction_twin import friction_balances

@@ -27,7 +27,7 @@ from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
-from elastid.friction_study.follow import FollowedFriction, Motion, follow, with_tolerances
+from elastid.friction_study.follow import FollowedFriction, follow, with_tolerances
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointFriction, JointLevels, held_spring, identify_friction
@@ -364,8 +364,8 @@ def _gravity(identified: JointFriction) -> Mapping[str, float]:
     return {part: identified.shared.get(name, (0.0, 0.0))[0] for part, name in _PARTS.items()}
 
 
-def _motion(record: FrictionRecord, gravity: Mapping[str, float], first_s: float) -> Motion:
+def _motion(record: FrictionRecord, gravity: Mapping[str, float], first_s: float) -> JointSamples:
     """A record as a filter reads it: torque held from one sample to the next, at whose end the angle is."""
     q: FloatArray = record.position
     load = gravity["cos"] * np.cos(q) + gravity["sin"] * np.sin(q) + gravity["constant"]
-    return Motion(JointSamples(record.torque[:-1], load[:-1], q[1:]), record.start_s - first_s)
+    return JointSamples(record.torque[:-1], load[:-1], q[1:], record.start_s - first_s)

@@ -33,8 +33,7 @@ NAMES = {
 def friction_motion(friction: MotionFriction) -> Figure:
     """Torque less inertia and gravity over velocity, and the regression with its 95 % band; torque over time.
 
-    Dotted lines: speeds that the motion dwells at.  Dashed: with the same numbers in both directions and an offset,
-    where the chosen regression has numbers of each.
+    Dotted lines: speeds that the motion dwells at.
     """
     samples, slides = motion_samples(friction), friction.motion.slides
     speed, torque = units(slides)
@@ -79,10 +78,6 @@ def _over_velocity(motion: MotionFriction, samples: MotionSamples) -> Iterator[C
             yield Curve([sign * speed] * 2, ends, "speeds dwelt at", style.NOISE, looks={"lw": 0.8, "ls": ":"})
     for low, high in ((float(samples.velocity.min()), 0.0), (0.0, float(samples.velocity.max()))):
         v = np.linspace(low, high, POINTS)[1 if low == 0 else 0 : -1 if high == 0 else None]
-        if motion.are_apart:
-            offset = motion.alike["offset"] if "offset" in motion.alike.names else 0.0
-            alike = sliding(motion.alike, v)[0] + offset
-            yield Curve(v, alike, "the same in both directions", style.TRUTH, looks={"lw": 0.9, "ls": "--"})
         friction, std = sliding(motion.chosen, v)
         yield Curve(v, friction, "regression", style.FITTED, band=style.about(friction, std), looks={"lw": 1.4})
 
