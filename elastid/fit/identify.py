@@ -87,7 +87,7 @@ def identify(
             assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
             evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
         if not (result.has_tolerances and evidence.result.status == "model_error"):
-            result = diagnose(evidence, _notes(assembly, optimum))
+            result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
             result = add_intervals(result, optimum, spec, execution)
             return replace(result, notes=(*result.notes, *_contradicted_priors(result)))
     except FitError as error:
@@ -301,13 +301,6 @@ def _estimate(
         floor=max(weights.floor for weights in assembly.weights),
     )
     return optimum, uncertainty, result
-
-
-def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
-    """Known before the result is diagnosed: data that contradict each other or are left out, an optimum that moves."""
-    responses = assembly.responses
-    unlike = checks.find_contradictions(responses, assembly.spec.robots)
-    return (*unlike, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))
 
 
 # Of data and prior, in standard deviations of their difference; by chance one prior in two thousand.
