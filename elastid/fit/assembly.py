@@ -31,7 +31,6 @@ from elastid.fit.problem.least_squares import (
     distance,
     is_far_from_noise,
 )
-from elastid.fit.problem.part import Part
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.weights import USUAL_FLOOR, Weights, weigh, with_floor
@@ -255,7 +254,8 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
     def exceeds(floor: float) -> bool:
         parts = unbiased.with_floor(floor).of_models(models, criterion).parts
         try:
-            return besides + sum(map(Part.cost, parts, at_x)) > dof
+            residuals = (part.residual(G, part.mixing) for part, G in zip(parts, at_x, strict=True))
+            return besides + sum(float(np.sum(np.abs(r) ** 2)) for r in residuals) > dof
         except np.linalg.LinAlgError:  # a covariance that is singular with so small a floor
             return True
 

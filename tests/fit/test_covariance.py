@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
+from plants.three_mass import FREQ, NO_FLOOR, estimate, fit_of, measured, noise_of, parameters, plant
 
 from elastid.base.errors import Note
 from elastid.covariance import Covariance

@@ -25,8 +25,8 @@ from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
 from elastid.fit.load_tests import LoadReading, StaticAgreement, ToolAgreement, ToolComparison
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.least_squares import RESIDUALS, as_real
-from elastid.fit.problem.part import Part, mixed
+from elastid.fit.problem.least_squares import as_real
+from elastid.fit.problem.part import Part
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.result import Result, largest_by_chance
 from elastid.parameters import Parameters
@@ -190,12 +190,9 @@ def _tool_residuals(
         slopes = np.tensordot((chain @ root).T, dG, axes=1)
         if factor is not None:
             G, slopes = (1 + factor) * G, np.concatenate([(1 + factor) * slopes, G[None]])
-        e, slope = RESIDUALS[part.criterion](part.measured, G)
-        used, mixing = part.gain > 0, part.mixing
-        r, J = np.where(used, part.gain * e, 0.0), np.where(used, -part.gain * slope, 0.0) * slopes
-        if mixing is not None:
-            r, J = mixed(mixing, r), mixed(mixing, J)
-        yield as_real(r).ravel(), as_real(J).reshape(len(J), -1).T
+        mixing = part.mixing
+        J = as_real(part.slopes(G, slopes, mixing).reshape(len(slopes), -1))
+        yield as_real(part.residual(G, mixing)).ravel(), J.T
 
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:

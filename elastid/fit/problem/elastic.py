@@ -58,7 +58,7 @@ class ElasticFit:
     def problem(self) -> LeastSquares:
         """The problem of a solver."""
         border = partial(border_metric, self.inertias, self.parameters) if self.inertias else None
-        return LeastSquares(self.parameters, self.n_residuals, _Rough(self), border)
+        return LeastSquares(self.parameters, self.n_residuals, self.rough, border)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
@@ -118,8 +118,9 @@ class ElasticFit:
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
         """The same of one part; mixing: `Part.mixing`, for whoever needs it again."""
-        r, dr = part.whitened(self.theta(part, x), mixing)
-        return r, np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
+        G, dG = part.kernel.evaluate(self.theta(part, x))
+        dr = part.slopes(G, dG, mixing)
+        return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
 
     def theta(self, part: Part, x: FloatArray) -> FloatArray:
         """theta (n_theta,) in the configuration of a part."""
@@ -135,19 +136,6 @@ class ElasticFit:
         mean = [0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.parameters.free]
         slope = self.prior_slopes
         return (x - np.array(mean)) * slope, slope
-
-
-@dataclass(frozen=True, eq=False)
-class _Rough:
-    """`ElasticFit.rough`, which goes to other processes with no more than it needs."""
-
-    fit: ElasticFit
-
-    def __call__(self, x: FloatArray) -> Evaluation:
-        return self.fit.rough(x)
-
-    def __reduce__(self) -> tuple[type[_Rough], tuple[ElasticFit]]:
-        return _Rough, (replace(self.fit, parts=tuple(part.for_sums for part in self.fit.parts)),)
 
 
 def elastic_fit(

@@ -37,10 +37,6 @@ class Whitening:
         """L^-1 diag(sigma phase) (F, n_y n_u, n_y n_u), elements in the order of G; computed at every call."""
         return np.asarray(np.linalg.inv(self._lower) * self._turns[:, None])
 
-    def whitened(self, r: ComplexArray) -> ComplexArray:
-        """`matrix` times r (F, n_y n_u)."""
-        return np.asarray(np.linalg.solve(self._lower, (r * self._turns)[:, :, None])[:, :, 0])
-
     @property
     def _turns(self) -> ComplexArray | FloatArray:
         return self.phase.reshape(len(self.phase), -1)
