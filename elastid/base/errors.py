@@ -206,7 +206,6 @@ CODES: Final[Mapping[str, str]] = {
     "fit/likely-cause": "The residuals exceed the noise, and this is the likeliest cause, or none explains them.",
     "fit/loads": "Load tests and responses contradict one another, or a load test cannot be used.",
     "fit/misfit": "The model does not describe the data: the numbers are not to be believed as they stand.",
-    "fit/model-error": "The residuals are larger than the noise explains, and the intervals are widened by it.",
     "fit/no-robot": "A result holds no robot: fit again with this version.",
     "fit/no-start": "No start leads to an optimum: move the start.",
     "fit/not-trusted": "The fit ended without an optimum that can be trusted.",

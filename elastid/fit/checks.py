@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, FitError, Note, StudyError, check_kind
+from elastid.base.errors import DataError, FitError, StudyError, check_kind
 from elastid.base.names import posture_of
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.linear.linear_model import is_load
@@ -43,7 +43,7 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
     for response in responses:
         _check_robot(response, robot)
     measured = [response for response in responses if response.uncertainty is not None]
-    for first, second in (*combinations(measured, 2), *_of_one_posture(responses)):
+    for first, second in combinations(measured, 2):
         if first.inputs == second.inputs and first.outputs == second.outputs and np.array_equal(first.G, second.G):
             raise DataError(
                 "fit/responses",
@@ -55,63 +55,6 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
         raise DataError(
             "fit/responses", f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz"
         )
-
-
-def find_contradictions(responses: Sequence[Response], robots: Mapping[str, Sequence[str]]) -> tuple[Note, ...]:
-    """A warning where responses of one robot at the same declared angles differ far beyond their noise.
-
-    No parameters explain both; those that are found are of neither.  Responses are not of one posture where the median
-    over lines of |G1 - G2| / |G| exceeds 0.3, by less than which friction changes from one measurement to the next, and
-    that over its standard deviation 5.
-    """
-    unlike = [
-        (f"{first.configuration.name} and {second.configuration.name}", *difference)
-        for first, second in _of_one_posture(responses)
-        if all((first.configuration.name in own) == (second.configuration.name in own) for own in robots.values())
-        and (difference := _difference(first, second))[0] > 0.3
-        and difference[1] > 5.0
-    ]
-    if not unlike:
-        return ()
-    _, share, over_std = max(unlike, key=lambda pair: pair[1])
-    text = (
-        f"declared at the same angles, and their responses differ: {', '.join(pair[0] for pair in unlike)}, by up to "
-        f"{100 * share:.0f} % (median of the lines), {over_std:.0f} times their noise; no parameters explain both, and "
-        "those that are found may be off by many times their std: correct the angles under experiment.configurations, "
-        "or name the robots in fit.robots where they are of two"
-    )
-    return (Note("fit/unlike-responses", text),)
-
-
-def _difference(first: Response, second: Response) -> tuple[float, float]:
-    """Medians over common lines of the elements' difference: relative to the larger one, and over its std.
-
-    Without common lines both are 0; where the noise is not known, it is taken for none.
-    """
-    _, lines, other_lines = np.intersect1d(first.freq_hz, second.freq_hz, assume_unique=True, return_indices=True)
-    if not lines.size:
-        return 0.0, 0.0
-    G, H = first.G[lines], second.G[other_lines]
-    difference = np.abs(G - H)
-    variance = sum(
-        0.0 if covariance is None else covariance.variance[rows]
-        for covariance, rows in ((first.noise, lines), (second.noise, other_lines))
-    )
-    relative = difference / np.maximum(np.maximum(np.abs(G), np.abs(H)), 1e-300)
-    return float(np.median(relative)), float(np.median(difference / np.sqrt(np.maximum(variance, 1e-300))))
-
-
-def _of_one_posture(responses: Sequence[Response]) -> Iterator[tuple[Response, Response]]:
-    """Pairs at the same angles, with the same payload and through the same channels, by other names."""
-    angles = np.array([response.configuration.angles for response in responses])
-    same = np.all(np.abs(angles[:, None] - angles) < 2e-5, axis=2)  # rad or m
-    for i, j in np.argwhere(np.triu(same, 1)):
-        first, second = responses[i], responses[j]
-        has_one_load = first.configuration.carries == second.configuration.carries
-        has_one_name = posture_of(first.configuration.name) == posture_of(second.configuration.name)
-        channels = {(each.inputs, each.outputs, each.motors) for each in (first, second)}
-        if has_one_load and len(channels) == 1 and not has_one_name:
-            yield first, second
 
 
 def _check_robot(response: Response, robot: Robot) -> None:

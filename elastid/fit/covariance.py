@@ -280,15 +280,14 @@ def _noise(
     measured the residuals are taken for it.
     """
     meat, power = own_J.T @ own_J, float(np.count_nonzero(prior) + len(own_J) - len(prior))
-    known = any(part.blocks.noise is not None for part in parts)
+    known = any(part.noise is not None for part in parts)
     level, spread = sum(part.cost for part in parts) / max(dof, 1), 2 * power
     for part in parts:
-        noise = part.blocks.total_noise
-        if noise is None:
+        if part.noise is None:
             meat, power = meat + level * part.rows.T @ part.rows, power + level * part.n_residuals
             spread += 2 * level**2 * part.n_residuals
         else:
-            meat, power = meat + noise, power + part.noise_power
+            meat, power = meat + part.noise, power + part.noise_power
             spread += part.noise_spread
     return meat, power - float(np.trace(meat)), 2 * power**2 / max(spread, 1e-300) if known else math.nan
 

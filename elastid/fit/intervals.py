@@ -9,9 +9,8 @@ An interval of 95 % that need not be symmetric in x, and is one-sided where the 
 to the stated variance, which holds correlated elements, model error and the floor as well as the curvature of V.
 (Raue et al., Bioinformatics 25, 2009, 1923.)
 
-sqrt(V_p - V) is nearly linear in x_i, and its slope is known: dV_p / dx_i = g^T t with the tangent t of the path along
-which the others follow, t_i = 1. Newton's method on it takes a few points to each end, and each point, begun on the
-tangent of the one before, a few evaluations.
+sqrt(V_p - V) is nearly linear in x_i: Brent's method takes a few points to each end, and each point, begun from the one
+before along the direction in which the others follow at the optimum, a few evaluations.
 
 The bootstrap repeats the fit on data that are drawn again about its optimum:
 
@@ -37,7 +36,7 @@ from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.assembly import RelinearisedOptimum
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares, LocalOptimum, held_by_bounds
+from elastid.fit.problem.least_squares import LeastSquares, LocalOptimum
 from elastid.fit.problem.part import Part
 from elastid.fit.problem.weights import Weights, vec
 from elastid.fit.result import Result
@@ -138,104 +137,64 @@ class Profile:
     interval: tuple[float, float]
 
 
-def profiles(
+def profile_ends(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
-) -> tuple[Profile, ...]:
-    """The profiles of the named free parameters about the optimum x (n_x,); variance (n_x,) as the fit states it."""
-    best = problem.evaluate(x)
-    curvature = np.diag(np.linalg.pinv(best.hessian / 2, hermitian=True))
-    free = problem.parameters.free_names
-    stated = np.where(np.isfinite(variance), variance, curvature)
-    work = _Work(problem, x, best, stated, QUANTILE_95**2 * stated / np.maximum(curvature, 1e-300))
-    places, labels = [free.index(name) for name in names], [f"profile-{name}" for name in names]
-    return tuple(in_order((execution or Execution()).resumed(work, places, labels)))
+) -> FloatArray:
+    """Ends (n_x, 2) in x of the intervals of some free parameters about the optimum x (n_x,), NaN of the others.
 
-
-@dataclass(frozen=True)
-class _Point:
-    """x (n_x,) of a point of the path, V there, its slope along the path, and the tangent (n_x,)."""
-
-    x: FloatArray
-    cost: float
-    slope: float
-    tangent: FloatArray
-
-
-@dataclass(frozen=True)
-class _Work:
-    """allowed (n_x,): by how much V_p rises to the ends of the interval."""
-
-    problem: LeastSquares
-    x: FloatArray
-    best: Evaluation
-    variance: FloatArray
-    allowed: FloatArray
-
-    def __call__(self, place: int) -> Profile:
-        """Both ends of the interval of one parameter."""
-        begin = self._point(place, Ending(self.x, self.best, "", 0))
-        ends = self._end(place, -1, begin), self._end(place, 1, begin)
-        return Profile(self.problem.parameters.free_names[place], ends)
-
-    def _end(self, place: int, side: int, begin: _Point) -> float:
-        """Where V_p crosses the level on one side, infinite where it does not before the bound."""
-        optimum, bound = float(self.x[place]), float(self.problem.parameters.x_bounds[(side + 1) // 2][place])
-        level, inside, outside, last = math.sqrt(self.allowed[place]), 0.0, math.inf, begin
-        at = optimum + side * QUANTILE_95 * math.sqrt(float(self.variance[place]))
-        for _ in range(15):
-            at = min(at, bound) if side > 0 else max(at, bound)
-            point = self._moved(place, last, at)
-            rise = math.sqrt(max(0.0, point.cost - self.best.cost))
-            if rise > level:
-                outside = abs(at - optimum)
-            elif at == bound:
-                return side * math.inf
-            else:
-                inside = abs(at - optimum)
-            slope = side * point.slope / (2 * rise) if 0 < rise < math.inf else 0.0
-            reach = _next_reach(abs(at - optimum), (inside, outside), level - rise, slope)
-            at = optimum + side * reach
-            # The last step needs no evaluation where sqrt(V_p - V) is near its level, nor does an end that is known.
-            is_near = slope > 0 and abs(level - rise) < 0.05 * level
-            if is_near or outside - inside < 0.005 * outside:
-                return at
-            last = point if math.isfinite(rise) else last
-        return optimum + side * outside
-
-    def _moved(self, place: int, last: _Point, value: float) -> _Point:
-        """The point of the path with a value, begun on the tangent of another one."""
-        x = np.clip(last.x + (value - last.x[place]) * last.tangent, *self.problem.parameters.x_bounds)
-        x[place] = value
-        beginning = self.problem.evaluate(x)
-        if not math.isfinite(beginning.cost):
-            x = np.where(self._is(place), value, last.x)
-            beginning = self.problem.evaluate(x)
-        if not math.isfinite(beginning.cost):  # no model there
-            return _Point(x, math.inf, math.inf, last.tangent)
-        return self._point(place, trust_region(self.problem, x, beginning, ROUGH, 60, self._is(place)))
-
-    def _point(self, place: int, end: Ending) -> _Point:
-        """With the tangent: the Gauss-Newton step of the others that no bound holds, for a unit step of this one."""
-        H, tangent = end.evaluation.hessian, np.zeros(len(end.x))
-        free = ~(self._is(place) | held_by_bounds(self.problem, end.x, end.evaluation))
-        tangent[place] = 1.0
-        tangent[free] = -np.linalg.lstsq(H[np.ix_(free, free)], H[free, place], rcond=1e-12)[0]
-        return _Point(end.x, end.evaluation.cost, float(end.evaluation.gradient @ tangent), tangent)
-
-    def _is(self, place: int) -> BoolArray:
-        return np.asarray(np.arange(len(self.x)) == place)
-
-
-def _next_reach(reach: float, ends: tuple[float, float], missing: float, slope: float) -> float:
-    """The distance from the optimum at which sqrt(V_p - V) has its level: by its slope, or between the ends.
-
-    reach: a distance where it misses so much.  ends: distances inside and outside of the interval.
+    variance (n_x,): as the fit states it.
     """
-    inside, outside = ends
-    step = reach + missing / slope if slope > 0 else math.inf
-    if inside < step < min(outside, MAX_GROWTH * reach):
-        return step
-    return MAX_GROWTH * inside if math.isinf(outside) else 0.5 * (inside + outside)
+    best = problem.evaluate(x)
+    A_inverse = np.asarray(np.linalg.pinv(best.hessian / 2, hermitian=True))
+    free, labels = problem.parameters.free_names, [f"profile-{name}" for name in names]
+    work = partial(_profile, problem, x, best.cost, A_inverse, variance)
+    found = in_order((execution or Execution()).resumed(work, [free.index(name) for name in names], labels))
+    rows = {profile.name: profile.interval for profile in found}
+    return np.array([rows.get(name, (np.nan, np.nan)) for name in free])
+
+
+def _profile(
+    problem: LeastSquares, x: FloatArray, least: float, A_inverse: FloatArray, variance: FloatArray, place: int
+) -> Profile:
+    """Both ends of the interval of one parameter; least: V at x."""
+    curvature = max(float(A_inverse[place, place]), 1e-300)
+    stated = float(variance[place]) if 0 < variance[place] < math.inf else curvature
+    tangent, level = A_inverse[:, place] / curvature, QUANTILE_95 * math.sqrt(stated / curvature)
+    reach, end = QUANTILE_95 * math.sqrt(stated), partial(_end, problem, x, least, tangent, level, place)
+    return Profile(problem.parameters.free_names[place], (end(-reach), end(reach)))
+
+
+def _end(
+    problem: LeastSquares, x: FloatArray, least: float, tangent: FloatArray, level: float, place: int, reach: float
+) -> float:
+    """Where sqrt(V_p - V) crosses its level, sought from x + reach on; infinite where it does not before a bound."""
+    from scipy.optimize import brentq  # slow to load, and seldom needed
+
+    bounds, last = problem.parameters.x_bounds, x
+    side, limit = math.copysign(1.0, reach), float(bounds[int(reach > 0)][place] - x[place])
+
+    known = {0.0: -level}
+
+    def excess(distance: float) -> float:
+        nonlocal last
+        if distance in known:
+            return known[distance]
+        begin = np.clip(last + (x[place] + distance - last[place]) * tangent, *bounds)
+        begin[place] = x[place] + distance
+        beginning = problem.evaluate(begin)
+        if not math.isfinite(beginning.cost):  # no model there
+            return level
+        end = trust_region(problem, begin, beginning, ROUGH, 60, np.arange(len(x)) == place)
+        last = end.x
+        known[distance] = math.sqrt(max(0.0, end.evaluation.cost - least)) - level
+        return known[distance]
+
+    far = min(reach, limit, key=abs)
+    while excess(far) < 0:
+        if far == limit:
+            return side * math.inf
+        far = min(MAX_GROWTH * far, limit, key=abs)
+    return float(x[place]) + float(brentq(excess, 0.0, far, xtol=1e-3 * abs(far)))
 
 
 MAX_PROFILES = 6  # each costs some ten to twenty evaluations
@@ -264,11 +223,11 @@ def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: Floa
     worst = 0.0
     for step in (-half, half):
         end = np.clip(x + step, *problem.parameters.x_bounds)
-        ending, gradient = problem.slope(end)
-        rise = ending - cost
+        ending = problem.evaluate(end)
+        rise = ending.cost - cost
         if not (rise > 0 and np.isfinite(rise)):
             return np.inf
-        worst = max(worst, abs(1 - 0.5 * float(gradient @ (end - x)) / rise))
+        worst = max(worst, abs(1 - 0.5 * float(ending.gradient @ (end - x)) / rise))
     return worst
 
 
@@ -277,8 +236,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
-        with optimum.fit.evaluated_by(execution.quiet) as alone:
-            names, left = choose_profiles(problem, x, variance, alone)
+        names, left = choose_profiles(problem, x, variance, execution.quiet)
         text = (
             f"{', '.join(names)}: the cost is not quadratic over the symmetric interval (in the logarithm, of a "
             "positive parameter); the interval is by profile likelihood"
@@ -290,8 +248,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     else:
         names = match_names(spec.profile, result.parameters)
     if names:
-        with optimum.fit.evaluated_by(execution) as alone:
-            ends = profile_ends(problem, x, variance, names, alone)
+        ends = profile_ends(problem, x, variance, names, execution)
         result = replace(result, profile95=_natural(result.parameters, ends))
     if spec.bootstrap:
         draws = bootstrap(optimum.fit, optimum.weights, x, spec.bootstrap, spec.seed or 0, execution)
@@ -302,14 +259,6 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
         ends = np.quantile(draws[good], [0.025, 0.975], axis=0).T if good.any() else np.full((len(x), 2), np.nan)
         result = replace(result, bootstrap95=_natural(result.parameters, ends))
     return replace(result, notes=tuple(notes))
-
-
-def profile_ends(
-    problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
-) -> FloatArray:
-    """Ends (n_x, 2) in x of the intervals of some parameters, NaN of the others; arguments as `profiles`."""
-    rows = {profile.name: profile.interval for profile in profiles(problem, x, variance, names, execution)}
-    return np.array([rows.get(name, (np.nan, np.nan)) for name in problem.parameters.free_names])
 
 
 def choose_profiles(

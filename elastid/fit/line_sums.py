@@ -29,7 +29,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.statistics import small_sample_factor
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
@@ -47,8 +47,8 @@ class LineSums:
     rows (n_x, n_x): a triangle with the J^T J of its part.  power (F, n_p): of each line, what it contributes to the
     variances of the n_p parameters: [A^-1 A_k A^-1]_ii, A_k = J_k^T J_k.  autocovariance (F,): Re sum r_k^* r_{k+l} of
     its whitened residuals, by lag.  n_residuals: real ones that are not zero.  pull (n_x, F): J_k^T r_k of each line.
-    blocks: the pulls summed over bands, with their covariance under the measured noise.  disagreement: theirs
-    (`block_disagreement`).  noise_power: E|r|^2 under it,
+    blocks (B, n_x): the pulls summed over bands.  noise (n_x, n_x): the covariance of their sum under the measured
+    noise, None where none was.  disagreement: of the bands, and its rank (`sum_blocks`).  noise_power: E|r|^2 under it,
     noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both NaN where
     no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
     exactly or not at all.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
@@ -62,7 +62,8 @@ class LineSums:
     autocovariance: FloatArray
     n_residuals: int
     pull: FloatArray
-    blocks: Blocks
+    blocks: FloatArray
+    noise: FloatArray | None
     disagreement: tuple[float, int]
     noise_power: float
     noise_spread: float
@@ -130,7 +131,7 @@ def sum_lines(
     ratio_pull = {name: np.einsum("pfab,fab->p", J.conj(), error).real for name, error in ratios.items()}
     noise_sums, error_sums = (power, spread, dof), (floor_power, floor_pull, ratio_pull)
     own = response.freq_hz, _triangle(rows), power_of_lines
-    return LineSums(*own, lags, n_residuals, pull, blocks, block_disagreement(blocks), *noise_sums, *error_sums)
+    return LineSums(*own, lags, n_residuals, pull, *blocks, *noise_sums, *error_sums)
 
 
 def _block(
@@ -207,29 +208,6 @@ def _coherent(response: Response, pulls: ComplexArray) -> dict[tuple[str, str, i
 MIN_BANDS, MAX_BANDS = 4, 24
 
 
-@frozen_value
-class Blocks:
-    """Of one configuration, B bands: pull (B, n_x), and its covariance on and above the diagonal, None where unknown.
-
-    noise (B, n_x (n_x + 1) / 2): row by row.
-    """
-
-    pull: FloatArray
-    noise: FloatArray | None
-
-    @property
-    def total_noise(self) -> FloatArray | None:
-        """The covariance (n_x, n_x) of the sum of all pulls."""
-        return None if self.noise is None else symmetric(self.noise.sum(axis=0), self.pull.shape[1])
-
-
-def symmetric(triangle: FloatArray, n: int) -> FloatArray:
-    """The symmetric matrix (n, n) of what is on and above its diagonal, row by row."""
-    matrix = np.empty((n, n))
-    matrix[np.triu_indices(n)] = triangle
-    return np.asarray(np.triu(matrix) + np.triu(matrix, 1).T)
-
-
 def bands(n_lines: int, length: float) -> tuple[slice, ...]:
     """Bands of equal numbers of lines by the correlation length of the residuals, in lines.
 
@@ -241,18 +219,25 @@ def bands(n_lines: int, length: float) -> tuple[slice, ...]:
     return tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
 
 
-def sum_blocks(pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length: float) -> Blocks:
-    """The blocks of one configuration.
+def sum_blocks(
+    pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length: float
+) -> tuple[FloatArray, FloatArray | None, tuple[float, int]]:
+    """Of one configuration: pulls g_b (B, n_x), the sum of their S_b, and sum g_b^T S_b^+ g_b with the ranks of S_b.
 
     pull (n_x, F): J_k^T r_k of each line.  J (F, m, n_x), S (F, m, m): derivatives and covariance of its whitened
     residuals.  length: their correlation length, in lines.
     """
     slices = bands(len(J), length)
-    pulls = np.array([pull[:, band].sum(axis=1) for band in slices])
+    pulls, every, total, rank = np.array([pull[:, band].sum(axis=1) for band in slices]), np.zeros(()), 0.0, 0
     if S is None:
-        return Blocks(pulls, None)
-    noise = [0.5 * np.sum(J[band].conj().transpose(0, 2, 1) @ S[band] @ J[band], axis=0).real for band in slices]
-    return Blocks(pulls, np.array(noise)[:, *np.triu_indices(len(pull))])
+        return pulls, None, (total, rank)
+    for band, g in zip(slices, pulls, strict=True):
+        noise = 0.5 * np.sum(J[band].conj().transpose(0, 2, 1) @ S[band] @ J[band], axis=0).real
+        values, vectors = np.linalg.eigh(noise)
+        known = values > 1e-9 * max(float(values[-1]), 1e-300)
+        total += float(np.sum((vectors[:, known].T @ g) ** 2 / values[known]))
+        every, rank = every + noise, rank + int(np.count_nonzero(known))
+    return pulls, every, (total, rank)
 
 
 def jackknife_variance(parts: Sequence[LineSums], A: FloatArray, half: FloatArray) -> FloatArray:
@@ -279,9 +264,9 @@ def _moved_without(part: LineSums, A: FloatArray, length: FloatArray) -> FloatAr
     return np.asarray(step / length)
 
 
-def block_variance(blocks: Sequence[Blocks], half: FloatArray) -> FloatArray:
+def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray:
     """Variances (n_p,) of x = H^T z by the scatter of the pulls of all blocks; zero for fewer than two."""
-    moved = np.concatenate([block.pull for block in blocks]) @ half
+    moved = np.concatenate(blocks) @ half
     n = int(np.count_nonzero(np.any(moved != 0, axis=1)))
     if n < 2:
         return np.zeros(half.shape[1])
@@ -290,18 +275,7 @@ def block_variance(blocks: Sequence[Blocks], half: FloatArray) -> FloatArray:
 
 
 def disagreement(of_each: Iterable[tuple[float, int]], n_x: int) -> float:
-    """T from the `block_disagreement` of each configuration; NaN without more of them than n_x unknowns."""
+    """T from the disagreement of each configuration (`sum_blocks`); NaN without more of them than n_x unknowns."""
     totals, ranks = zip(*of_each, strict=True)
     rank = sum(ranks) - n_x
     return sum(totals) / rank if rank > 0 else math.nan
-
-
-def block_disagreement(blocks: Blocks) -> tuple[float, int]:
-    """sum g_b^T S_b^+ g_b of the blocks of one configuration, and the ranks of S_b; 0 of both without noise."""
-    total, rank = 0.0, 0
-    for pull, noise in zip(blocks.pull, () if blocks.noise is None else blocks.noise, strict=blocks.noise is not None):
-        values, vectors = np.linalg.eigh(symmetric(noise, len(pull)))
-        known = values > 1e-9 * max(float(values[-1]), 1e-300)
-        total += float(np.sum((vectors[:, known].T @ pull) ** 2 / values[known]))
-        rank += int(np.count_nonzero(known))
-    return total, rank

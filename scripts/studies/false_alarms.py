@@ -109,7 +109,7 @@ def true_of(kind: Kind) -> dict[str, str]:
     if kind.source == "simulated" and kind.axes > 1:
         true["fit/weights"] = "axes at right angles barely move each other"
         if kind.realisations == 1 and kind.carrier:
-            distorted = ("fit/likely-cause", "fit/model-error", "status-misfit", "excess-of-cost")
+            distorted = ("fit/likely-cause", "status-misfit", "excess-of-cost")
             true |= dict.fromkeys(distorted, "one realisation does not show how a carrier through postures distorts")
     return true
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
+from plants.three_mass import FREQ, NO_FLOOR, estimate, fit_of, measured, noise_of, parameters, plant
 
 from elastid.base.errors import Note
 from elastid.covariance import Covariance
 from elastid.fit.covariance import noise_dof, unexplained_error
-from elastid.fit.intervals import bootstrap, interval_errors, profiles
+from elastid.fit.intervals import bootstrap, interval_errors, profile_ends
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import weigh
 from elastid.linear.fitted_model import response_deviation, uncertain_modes
@@ -64,11 +64,11 @@ def test_profiles_of_a_nearly_linear_problem_are_the_intervals():
     """Under little noise V_p is a parabola: the interval of 95 % is 1.96 standard deviations to each side."""
     response = measured(plant(), NOISE / 100, np.random.default_rng(0))
     end, sure = estimate(response, plant())
-    found = profiles(fit_of(response, plant()).problem, end.x, np.diag(sure.covariance), ["k_g", "d_a"])
-    for profile, place in zip(found, (0, 3), strict=True):
+    ends = profile_ends(fit_of(response, plant()).problem, end.x, np.diag(sure.covariance), ["k_g", "d_a"])
+    assert np.isnan(ends[1:3]).all()
+    for place in (0, 3):
         reach = 1.96 * np.sqrt(sure.covariance[place, place])
-        assert profile.name == tuple(TRUTH)[place]
-        np.testing.assert_allclose(profile.interval, end.x[place] + np.array([-reach, reach]), atol=0.05 * reach)
+        np.testing.assert_allclose(ends[place], end.x[place] + np.array([-reach, reach]), atol=0.05 * reach)
 
 
 def test_a_profile_knows_that_data_only_bound_a_parameter():
@@ -85,9 +85,9 @@ def test_a_profile_knows_that_data_only_bound_a_parameter():
     problem = LeastSquares(free, 3, evaluate)
     x = np.array([3.0, 0.1])
     variance = np.diag(np.linalg.inv(evaluate(x).hessian / 2))
-    (profile,) = profiles(problem, x, variance, ["x"])
-    assert profile.interval[1] == np.inf
-    assert profile.interval[0] == pytest.approx(-np.log(np.sqrt(1.96**2 + 16 * np.exp(-6)) / 4), abs=0.1)
+    interval, _ = profile_ends(problem, x, variance, ["x"])
+    assert interval[1] == np.inf
+    assert interval[0] == pytest.approx(-np.log(np.sqrt(1.96**2 + 16 * np.exp(-6)) / 4), abs=0.1)
 
 
 def linear_in_damping(relative: float, seen: float = 0.0) -> LeastSquares:
@@ -129,9 +129,9 @@ def test_the_interval_of_a_roughly_known_damping_is_that_of_the_damping_itself()
         calls.append(x)
         return problem.evaluate(x)
 
-    (profile,) = profiles(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.09, 5e-5]), ["d"])
-    np.testing.assert_allclose(np.exp(profile.interval), [1 - 1.96 * 0.3, 1 + 1.96 * 0.3], atol=2e-3)
-    assert len(calls) < 15
+    interval, _ = profile_ends(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.09, 5e-5]), ["d"])
+    np.testing.assert_allclose(np.exp(interval), [1 - 1.96 * 0.3, 1 + 1.96 * 0.3], atol=2e-3)
+    assert len(calls) < 25
 
 
 def test_an_end_is_found_beyond_a_place_without_a_model():
@@ -142,9 +142,9 @@ def test_an_end_is_found_beyond_a_place_without_a_model():
         here = problem.evaluate(x)
         return here if x[0] < 1 else replace(here, cost=np.inf)
 
-    (profile,) = profiles(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.6, 5e-5]), ["d"])
-    assert np.exp(profile.interval[0]) < 0.2
-    assert profile.interval[1] == pytest.approx(np.log(1 + 1.96 * np.sqrt(0.6)), abs=0.01)
+    interval, _ = profile_ends(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.6, 5e-5]), ["d"])
+    assert np.exp(interval[0]) < 0.2
+    assert interval[1] == pytest.approx(np.log(1 + 1.96 * np.sqrt(0.6)), abs=0.01)
 
 
 @pytest.mark.parametrize("criterion", ["complex", "log"])

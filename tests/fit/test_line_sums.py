@@ -5,13 +5,12 @@ import pytest
 from scipy.stats import t as student
 
 from elastid.fit.line_sums import (
-    Blocks,
     LineSums,
     autocovariance,
-    block_disagreement,
     block_variance,
     disagreement,
     jackknife_variance,
+    sum_blocks,
 )
 from elastid.fit.result import is_in_error, largest_by_chance
 
@@ -27,12 +26,11 @@ def drawn(rng: np.random.Generator, length: int, band: int) -> tuple[np.ndarray,
         white = rng.standard_normal(F + length - 1)
         r = np.convolve(white, np.ones(length) / np.sqrt(length), "valid")
         x = A_inverse @ J.T @ r
-        pull = (J * (r - J @ x)[:, None]).reshape(-1, band, N_X).sum(axis=1)
-        known = np.einsum("kfi,kfj->kij", *2 * [J.reshape(-1, band, N_X)])
-        blocks = [Blocks(pull, known[:, *np.triu_indices(N_X)])]
+        pull = (J * (r - J @ x)[:, None]).T
+        blocks, _, parts = sum_blocks(pull, J[:, None] + 0j, 2 * np.ones((F, 1, 1), complex), band / 2)
         found.append(x)
-        stated.append(block_variance(blocks, A_inverse))
-        parted.append(disagreement([block_disagreement(each) for each in blocks], N_X))
+        stated.append(block_variance([pull.T if band == 1 else blocks], A_inverse))
+        parted.append(disagreement([parts], N_X))
     return np.array(found), np.array(stated), parted
 
 
@@ -58,15 +56,15 @@ def test_of_correlated_residuals_long_blocks_state_the_scatter_and_single_lines_
 
 def test_few_blocks_and_unknown_noise_say_nothing() -> None:
     """One block has no scatter; pulls without a covariance do not disagree."""
-    assert not block_variance([Blocks(np.ones((1, 2)), None)], np.eye(2)).any()
-    assert np.isnan(disagreement([block_disagreement(Blocks(np.ones((5, 2)), None))], 2))
+    assert not block_variance([np.ones((1, 2))], np.eye(2)).any()
+    assert np.isnan(disagreement([sum_blocks(np.ones((2, 20)), np.ones((20, 1, 2)) + 0j, None, 2.0)[2]], 2))
 
 
 def evidence_of(J, r) -> LineSums:
     """A configuration of real residuals r (N,) with slopes J (N, n_x)."""
     pull = (J * r[:, None]).T
     lags, unknown = autocovariance(r[:, None] + 0j), (np.nan, np.nan, np.inf, 0.0, {}, {})
-    return LineSums(np.ones(len(r)), J, J**2, lags, len(r), pull, Blocks(pull.T, None), (0.0, 0), *unknown)
+    return LineSums(np.ones(len(r)), J, J**2, lags, len(r), pull, pull.T, None, (0.0, 0), *unknown)
 
 
 def left_out(blocks, y):

@@ -20,7 +20,7 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
-from elastid.fit.diagnosis.hypothesis import POSTURES, SCALE, Hypothesis, Size, axis, posture, relative
+from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Hypothesis, Size, axis, posture, relative
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.readings import READINGS, find_lateness, find_misreading
 from elastid.fit.diagnosis.sensitivities import (
@@ -62,9 +62,10 @@ def angles(index: ModificationIndex) -> str:
     """Offsets of an axis that differ between configurations, the largest first."""
     by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda each: -abs(each[0]))
     slides = index.units[0] == "m"
-    sizes = [f"{1e3 * step:+.2g} mm" if slides else f"{math.degrees(step):+.2g} deg" for step, _ in by_size[:POSTURES]]
-    named = (member.partition("@")[2] for _, member in by_size)
-    where = ", ".join(f"{size} in {name}" for size, name in zip(sizes, named, strict=False))
+    where = ", ".join(
+        f"{f'{1e3 * step:+.2g} mm' if slides else f'{math.degrees(step):+.2g} deg'} in {member.partition('@')[2]}"
+        for step, member in by_size[: LIMITS.named]
+    )
     return f"{'positions' if slides else 'angles'} of axis {axis(index)} that are off by {where}"
 
 

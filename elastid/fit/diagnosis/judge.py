@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
@@ -37,6 +37,7 @@ from elastid.fit.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import (
+    LIMITS,
     Columns,
     Evidence,
     Hypothesis,
@@ -218,28 +219,9 @@ def _of_one_cause(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, st
         yield f"angles_{joint.name}", "angles by posture", [f"angle_{joint.name}@{posture}" for posture in postures]
 
 
-@dataclass(frozen=True)
-class RankingLimits:
-    """Thresholds of the ranking of causes."""
-
-    linear_error: float = 0.002  # of the excess that one step leaves of what the true cause explains
-    # Squared, and the ratio of the drops, from which two candidates cannot be distinguished.
-    equal_correlation: float = 0.95
-    equal_drop: float = 0.9
-    equal_odds: float = 6.0  # 2 ln of the odds (20 to 1) below which two causes cannot be told apart
-    further_share: float = 0.05  # of the excess, that each in a sequence explains
-    sequence: int = 3  # candidates in a sequence
-    alone: int = 15  # in the table
-    load_share: float = 0.3  # of the excess, that the numbers of a body must explain for a load of it to be sought
-    ranked: int = 25  # judged by their forms
-
-
-RANKING = RankingLimits()
-
-
 def temper(scores: Scores) -> float:
     """tau^2 of all causes."""
-    return max(scores.level, 1e-300) + RANKING.linear_error * max(scores.excess, 0.0)
+    return max(scores.level, 1e-300) + LIMITS.linear_error * max(scores.excess, 0.0)
 
 
 def log_odds(index: ModificationIndex, count: int, evidence: Evidence, scores: Scores) -> float:
@@ -272,33 +254,33 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
     alone = sorted(indices, key=lambda index: odds[index.name], reverse=True)
     best = odds[alone[0].name]
     alone = [replace(index, odds=odds[index.name] - best) for index in alone]
-    equal = [index.name for index in alone[1:] if index.odds > -RANKING.equal_odds]
+    equal = [index.name for index in alone[1:] if index.odds > -LIMITS.equal_odds]
     names = dict.fromkeys(
-        [*equal, *(name for name in alone[0].alike if odds.get(name, best) > best - 4 * RANKING.equal_odds)]
+        [*equal, *(name for name in alone[0].alike if odds.get(name, best) > best - 4 * LIMITS.equal_odds)]
     )
     first = replace(alone[0], alike=tuple(name for name in names if name != alone[0].name))
-    return (replace(first, place=1), *_further(first, scores), first, *alone[1 : RANKING.alone])
+    return (replace(first, place=1), *_further(first, scores), first, *alone[1 : LIMITS.alone])
 
 
 def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
     """The best number with the first freed, the best with both freed."""
     by_name = {candidate.name: candidate for candidate in scores.candidates}
     before, further, test = first, list[ModificationIndex](), scores.test
-    for place in range(2, RANKING.sequence + 1):
+    for place in range(2, LIMITS.sequence + 1):
         linear = as_delay(before.name)
         # Further resonances, and what a fit of its own has found, are no linear changes.
         if linear not in by_name or before.group == "compliance" or math.isnan(before.std):
             break
         test = test.freed(by_name[linear])
         best = ranked(test, scores, place, 1)[:1]
-        if not best or best[0].share < RANKING.further_share:
+        if not best or best[0].share < LIMITS.further_share:
             break
         before = best[0]
         further.append(before)
     return further
 
 
-def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = RANKING.ranked) -> list[ModificationIndex]:
+def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.ranked) -> list[ModificationIndex]:
     """Candidates with a significant drop, best first: so many, and every delay, which has several forms."""
     every, significant, tau2 = scores.candidates, scores.significant, temper(scores)
     steps = [_step(test, candidate, scores) for candidate in every]
@@ -311,7 +293,7 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = RANKING.
         """The modification index of candidate i, with the candidates that it cannot be distinguished from."""
         candidate, (own, drop, occam) = every[i], steps[i]
         members = [test.numbers[k] for k in candidate.places]
-        is_equal = (drops > RANKING.equal_drop * drops[i]) & (correlations[i] > RANKING.equal_correlation)
+        is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
         return ModificationIndex(
             name=candidate.name,
@@ -337,10 +319,10 @@ def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatA
     """Steps (n_m,) of a candidate, the drop of V, and what Occam's factor and the prior of its size take of 2 ln O."""
     tau2 = temper(scores)
     # Less than that is neither significant nor like what is.
-    if test.most(candidate) < RANKING.equal_drop * min(scores.significant.values()):
+    if test.most(candidate) < LIMITS.equal_drop * min(scores.significant.values()):
         return np.zeros(len(candidate.places)), 0.0, 0.0
     if candidate.name.startswith("payload_"):
-        load = find_load(test, candidate, scores.level, max(scores.significant[4], RANKING.load_share * scores.excess))
+        load = find_load(test, candidate, scores.level, max(scores.significant[4], LIMITS.reason_share * scores.excess))
         if load is None:
             return np.zeros(len(candidate.places)), 0.0, 0.0
         W = np.array([MASS_KG, *3 * [DISTANCE_M]])

@@ -30,7 +30,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.hypothesis import Evidence, Scores
+from elastid.fit.diagnosis.hypothesis import LIMITS, Evidence, Scores
 from elastid.fit.diagnosis.prediction import AS_READ, evaluate, predict, spread_out, squares, thinned
 from elastid.fit.diagnosis.sensitivities import Evaluated, HeldModel
 from elastid.fit.problem.elastic import ElasticFit, kernel_of, linear_model
@@ -43,30 +43,12 @@ from elastid.parameters import Parameter, Parameters, Tie
 from elastid.response import Response
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of the search for springs."""
-
-    explained_share: float = 0.9  # of the excess; where something else explains more, no spring is sought
-    frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances
-    stiffnesses: int = 14  # of each spring
-    dip: float = 10.0  # depth of a minimum of V, in variances of the noise
-    # V there to that of the fit, with the derivatives of the fit and with those at the spring.
-    screened_ratio: float = 4.0
-    predicted_ratio: float = 1.2
-    followed: int = 2  # springs that the solver follows
-    iterations: int = 12  # for each
-
-
-LIMITS = Limits()
-
-
 def find_missing_springs(
     indices: list[ModificationIndex], evidence: Evidence, scores: Scores
 ) -> list[ModificationIndex]:
     """The indices with springs that the robot lacks, each replacing its linear step, where nothing explains V."""
     explained = max((index.share for index in indices), default=0.0)
-    if evidence.result.exceeds_noise and explained > LIMITS.explained_share:
+    if evidence.result.exceeds_noise and explained > LIMITS.certain_share:
         return indices
     candidates = sorted(_promising(evidence, scores), key=lambda spring: -spring.predicted)
     best = {spring.name: spring for spring in candidates}
@@ -101,7 +83,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     for name in held.rigid:
         stiffnesses = _stiffnesses(name, used, fit)
         costs = released_costs(evaluated, used, name, stiffnesses, ratio, fit.prior_slopes)
-        for k in stiffnesses[_minima(costs, LIMITS.dip * scores.level) & (costs < LIMITS.screened_ratio * V)]:
+        for k in stiffnesses[_minima(costs, LIMITS.variances * scores.level) & (costs < LIMITS.screened_ratio * V)]:
             sprung = _with_spring(some, name, float(k), ratio, models, assembly)
             known = dict(zip(assembly.parameters.free_names, x.tolist(), strict=True))
             start = np.array([known.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])

@@ -31,7 +31,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores
+from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Changes, Evidence, Hypothesis, Scores
 from elastid.fit.diagnosis.prediction import (
     AS_READ,
     Prediction,
@@ -47,30 +47,6 @@ from elastid.fit.diagnosis.sensitivities import Evaluated
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.result import ModificationIndex
 from elastid.robot import gain_name
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of the judgement of readings."""
-
-    exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
-    followed: int = 3  # readings
-    predicted_ratio: float = 1.5  # V over that of the fit up to which readings are followed
-    share: float = 0.8  # of the excess that a reading explains
-    whole: float = 0.99  # of it, below which scales are tried, too
-    cost_ratio: float = 1.1  # of V, below which readings cannot be distinguished
-    scale: float = 1.7  # a factor nearer to one may be an inertia that is not quite known
-    scale_rounds: int = 2  # in which scales and parameters are found in turn
-    edge_phase: float = 0.8  # f T at the upper edge of the longest lateness that is sought
-    evaluations: int = 14  # of the search in one dimension
-    late_share: float = 0.1  # of the excess, from which a delay is followed by its forms
-    delays: int = 2  # that are
-    # Differences of V, in variances of the noise and of what remains, below which forms cannot be distinguished.
-    form_drop: float = 10.0
-    form_share: float = 0.01
-
-
-LIMITS = Limits()
 
 
 def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
@@ -107,11 +83,12 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     if as_read - least <= LIMITS.whole * excess:
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
             followed[name] = (cost, x_end, Reading(name, SCALE, lambda _, values: values))
-    good = sorted((each for each in followed.values() if as_read - each[0] > LIMITS.share * excess), key=lambda t: t[0])
+    least = as_read - LIMITS.explained_share * excess
+    good = sorted((each for each in followed.values() if each[0] < least), key=lambda each: each[0])
     if not good:
         return indices
     cost, x_end, best = good[0]
-    equal = tuple(reading.name for V, _, reading in good[1:] if LIMITS.cost_ratio * cost > V)
+    equal = tuple(reading.name for V, _, reading in good[1:] if LIMITS.equal_cost * cost > V)
     share, none = (as_read - cost) / excess, np.zeros(0)
     drop = share * max(scores.cost - scores.noise, 0.0)
     index = ModificationIndex(best.name, best.family, (), none, (), (), none, math.nan, drop, share, x_end - x, equal)
@@ -397,7 +374,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     def equally_good(forms: Iterable[Late]) -> list[Late]:
         """The best form and those that cannot be distinguished from it."""
         best = sorted(forms, key=lambda late: late.cost)
-        tolerance = LIMITS.form_drop * scores.level + LIMITS.form_share * max(best[0].cost - noise, 0.0)
+        tolerance = LIMITS.variances * scores.level + LIMITS.form_share * max(best[0].cost - noise, 0.0)
         return [late for late in best if late.cost < best[0].cost + tolerance]
 
     channels = {"delay": ("", "")} | {
@@ -405,7 +382,7 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
         for role, places in zip("yu", _channels(search.evaluated), strict=True)
         for place in places
     }
-    delays = [each for each in indices if each.name in channels and each.share > LIMITS.late_share][: LIMITS.delays]
+    delays = [each for each in indices if each.name in channels and each.share > LIMITS.stated_share][: LIMITS.delays]
     extended = [each for each in indices if each not in delays]
     for linear in delays:
         equal = equally_good(search.best_forms(*channels[linear.name], float(linear.steps[0])))
@@ -413,6 +390,6 @@ def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: 
     if not any(linear.name == "delay" for linear in delays):
         equal = equally_good(search.best_filters())
         explained = max((linear.drop * lines for linear in delays), default=0.0)
-        if cost - equal[0].cost > max(scores.significant[1], LIMITS.late_share * (cost - noise), explained):
+        if cost - equal[0].cost > max(scores.significant[1], LIMITS.stated_share * (cost - noise), explained):
             extended += [index(late, None, equal) for late in equal]
     return extended

@@ -23,30 +23,17 @@ from elastid.base.errors import Note
 from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
+from elastid.fit.diagnosis.hypothesis import LIMITS
 from elastid.fit.load_tests import LoadReading, StaticAgreement, ToolAgreement, ToolComparison
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.least_squares import RESIDUALS, as_real
-from elastid.fit.problem.part import Part, mixed
+from elastid.fit.problem.least_squares import as_real
+from elastid.fit.problem.part import Part
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.result import Result, largest_by_chance
 from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of a disagreement: each test errs once in 700 fits (scripts/studies/results.csv)."""
-
-    tail: float = 1 / 700  # probability of T, and of the factor, by chance
-    unreached: float = 30.0  # std of x in a direction that the motors' responses do not reach
-    steps: int = 12
-    progress: float = 0.1  # of T, below which a step is the last
-    share: float = 0.5  # of T beyond its degrees of freedom, that a cause must explain
-    largest: float = 0.9  # factor less 1, beyond which another reading explains what it imitates
-
-
-LIMITS = Limits()
 _UNKNOWN = "no single cause explains it: check load, direction and std of the readings that are farthest off"
 _KEPT = "the numbers are those of the motors' responses alone"
 _BOTH = ", and their intervals contain those of both together"
@@ -136,7 +123,7 @@ def agreement(now: SecondSource, alone: Result) -> Agreement:
 
 def explains(now: SecondSource, T: float, least: float) -> bool:
     """True if T falls with a cause, to `least`, by more than half of what is beyond its degrees of freedom."""
-    return T - least > LIMITS.share * (T - now.n_residuals)
+    return T - least > LIMITS.half * (T - now.n_residuals)
 
 
 def _residuals(
@@ -190,12 +177,9 @@ def _tool_residuals(
         slopes = np.tensordot((chain @ root).T, dG, axes=1)
         if factor is not None:
             G, slopes = (1 + factor) * G, np.concatenate([(1 + factor) * slopes, G[None]])
-        e, slope = RESIDUALS[part.criterion](part.measured, G)
-        used, mixing = part.gain > 0, part.mixing
-        r, J = np.where(used, part.gain * e, 0.0), np.where(used, -part.gain * slope, 0.0) * slopes
-        if mixing is not None:
-            r, J = mixed(mixing, r), mixed(mixing, J)
-        yield as_real(r).ravel(), as_real(J).reshape(len(J), -1).T
+        mixing = part.mixing
+        J = as_real(part.slopes(G, slopes, mixing).reshape(len(slopes), -1))
+        yield as_real(part.residual(G, mixing)).ravel(), J.T
 
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:

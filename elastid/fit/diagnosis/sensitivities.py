@@ -33,8 +33,8 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
 from elastid.fit.problem.elastic import at_measured_places, places_of
-from elastid.fit.problem.least_squares import RESIDUALS, as_real
-from elastid.fit.problem.part import Part, mixed
+from elastid.fit.problem.least_squares import as_real
+from elastid.fit.problem.part import Part
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
@@ -203,18 +203,12 @@ class Evaluated:
 
     def whitened(self, slopes: ComplexArray) -> FloatArray:
         """-dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
-        part = self.part
-        # A logarithm of an element that is left out because it is zero has no slope.
-        slope = np.where(part.gain > 0, RESIDUALS[part.criterion](part.measured, self.G)[1], 0.0)
-        return _flat(self.mixing, part.gain * slope * slopes)
+        return as_real(-self.part.slopes(self.G, slopes, self.mixing).reshape(len(slopes), -1))
 
     @property
     def residual(self) -> FloatArray:
         """r (N,)."""
-        part = self.part
-        e = RESIDUALS[part.criterion](part.measured, self.G)[0]
-        r = np.where(part.gain > 0, part.gain * np.where(part.gain > 0, e, 0.0), 0.0)
-        return np.asarray(_flat(self.mixing, r[None])[0])
+        return as_real(self.part.residual(self.G, self.mixing).ravel())
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,11 +261,6 @@ def evaluate_held(
     for further in columns:
         numbers |= further(response)
     return Evaluated(part, part.mixing, G, free, numbers)
-
-
-def _flat(mixing: ComplexArray | None, values: ComplexArray) -> FloatArray:
-    """Elements (n, F, n_y, n_u), mixed line by line, as real rows (n, N)."""
-    return as_real((values if mixing is None else mixed(mixing, values)).reshape(len(values), -1))
 
 
 # Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,8 +31,7 @@ from elastid.base.errors import Note
 from elastid.base.names import matching, posture_of
 from elastid.base.statistics import correlation_of
 from elastid.fit.covariance import Uncertainty
-from elastid.fit.diagnosis.hypothesis import LIMITS as CAUSES
-from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, phrase
+from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, phrase
 from elastid.fit.diagnosis.second_source import contradictions
 from elastid.fit.result import DISTORTED, DOUBTED, ModificationIndex, Result, Status, largest_by_chance
 from elastid.fit.solve.solvers import DAMPING_UNITS
@@ -65,28 +64,6 @@ def bound_notes(result: Result) -> Iterator[Note]:
         yield Note("fit/at-bound", text)
 
 
-@dataclass(frozen=True)
-class MisfitLimits:
-    """Thresholds of a misfit, far beyond what fits of true models reach (scripts/studies/results.csv).
-
-    Measured there: V 1.13 of its expectation, and the disagreement of blocks, whose noise is less well known than that
-    of all lines together, 1.4; of 330 true models, some with a variance of two degrees of freedom, no number reached a
-    drop of 20; friction in a simulated arm of three axes reached 61, with an effect of 2.1 deviations.  A missing
-    spring lowers V by 44 to 87 where V shows nothing (5 % of noise).
-    """
-
-    excess: float = 1.2
-    disagreement: float = 1.5
-    structure: float = 1.3
-    shift: float = 2.0
-    drop: float = 30.0
-    effect: float = 2.0
-    size: float = 0.005  # of a parameter, below which a change is a note and no misfit
-    size_of_damping: float = 0.05  # likewise of a damping or a friction
-    explained_ratio: float = 0.9  # of the drop of a number, that a likelier cause reaches for the number to say nothing
-
-
-MISFIT = MisfitLimits()
 GOOD, BY_FILE = "good", "depends on the file"  # verdicts on a parameter
 
 
@@ -109,7 +86,7 @@ def with_status(evidence: Evidence) -> Result:
             "reading of them far more (see the first warning)",
         )
     too_large = result.model_error > LIMITS.model_error or not evidence.noise_is_measured
-    if evidence.explained < LIMITS.explained_share and too_large:
+    if evidence.explained < LIMITS.half and too_large:
         far = "" if end.converged else f" (and the fit did not converge: {end.message})"
         return ended(
             "model_error",
@@ -126,7 +103,7 @@ def with_status(evidence: Evidence) -> Result:
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{bent[0].text.partition('; ')[0]}; {alone}")
     if misfit := _by_blocks(evidence):
         cause = evidence.cause
-        is_said = cause is not None and cause.share >= CAUSES.reason_share
+        is_said = cause is not None and cause.share >= LIMITS.reason_share
         likeliest = f"; the likeliest cause is {phrase(cause, evidence)}" if cause is not None and is_said else ""
         return ended("misfit", f"{held[1:]}{' ' if held else ''}{misfit}{likeliest}")
     if misfit := _by_held_number(evidence):
@@ -159,11 +136,11 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
             verdicts.append("at its bound")
         elif parameter.name in {f"{letter}_{joint}" for letter in "kd" for joint in bent}:
             verdicts.append(f"{DOUBTED}: it is that of one amplitude, since the gear is not a straight spring")
-        elif index is not None and by_index[i] > MISFIT.effect:
+        elif index is not None and by_index[i] > LIMITS.shift:
             verdicts.append(f"{DOUBTED}: {phrase(index, evidence)} would move it by {by_index[i]:.1f} std")
         elif is_distorted and parameter.name.startswith("d_"):
             verdicts.append(DISTORTED)
-        elif by_blocks[i] > MISFIT.shift:
+        elif by_blocks[i] > LIMITS.shift:
             verdicts.append(f"{DOUBTED}: configurations and bands disagree about it by {by_blocks[i]:.1f} std")
         else:
             verdicts.append(BY_FILE if 2 * file[parameter.name] ** 2 > std[parameter.name] ** 2 else GOOD)
@@ -181,7 +158,7 @@ def _in_deviations(effects: FloatArray, result: Result) -> FloatArray:
 def _matters(change: FloatArray, result: Result) -> BoolArray:
     """True for each parameter asked for (n,) that a change of x by so much moves by what a user asks for."""
     asked = result.parameters.asked
-    size = [MISFIT.size_of_damping if p.unit in DAMPING_UNITS else MISFIT.size for p in asked]
+    size = [LIMITS.effect_on_damping if p.unit in DAMPING_UNITS else LIMITS.effect for p in asked]
     return np.asarray(change > size * np.where([p.log for p in asked], 1.0, np.abs(result.x[: len(asked)])))
 
 
@@ -220,11 +197,11 @@ def decisive_index(
         return None
 
     def moves(index: ModificationIndex) -> bool:
-        return bool(np.any(_in_deviations(index.effects, result) > MISFIT.effect))
+        return bool(np.any(_in_deviations(index.effects, result) > LIMITS.shift))
 
     # Of one direction: where several numbers are free at once, noise alone moves parameters far.
     alone = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
-    decisive = [i for i in alone if i.drop > MISFIT.drop and moves(i)]
+    decisive = [i for i in alone if i.drop > LIMITS.drop and moves(i)]
     largest = max(decisive, key=lambda index: index.drop, default=None)
     likeliest = next((index for index in indices if index.place == 1), largest)
     if largest is None or likeliest is None or largest.name == likeliest.name:
@@ -232,28 +209,28 @@ def decisive_index(
     if moves(likeliest):
         return likeliest
     equal = [index for index in decisive if index.name in likeliest.alike]
-    explains_all = likeliest.drop > MISFIT.explained_ratio * largest.drop
+    explains_all = likeliest.drop > LIMITS.equal_drop * largest.drop
     return max(equal, key=lambda index: index.drop, default=None if explains_all else largest)
 
 
 def is_beyond_tolerance(result: Result, indices: Sequence[ModificationIndex]) -> bool:
     """True if the likeliest cause are numbers of the file that the fit has moved beyond their tolerances."""
     moved = {p.name for p in result.parameters.free if p.tolerated}
-    return any(i.place == 1 and i.drop > MISFIT.drop and bool(moved & set(i.members)) for i in indices)
+    return any(i.place == 1 and i.drop > LIMITS.drop and bool(moved & set(i.members)) for i in indices)
 
 
 def _blocks_disagree(evidence: Evidence) -> bool:
     """True if configurations and bands disagree about the parameters by more than noise and model error together."""
     result = evidence.result
     excess = result.cost / result.cost_expected
-    is_structured = evidence.uncertainty.disagreement > max(MISFIT.disagreement, MISFIT.structure * excess)
-    return result.exceeds_noise and excess > MISFIT.excess and is_structured
+    is_structured = evidence.uncertainty.disagreement > max(LIMITS.disagreement, LIMITS.structure * excess)
+    return result.exceeds_noise and excess > LIMITS.excess and is_structured
 
 
 def _by_blocks(evidence: Evidence) -> str:
     result, uncertainty = evidence.result, evidence.uncertainty
     shift = _shifts(evidence)
-    moved = np.flatnonzero((shift > MISFIT.shift) & _decides(evidence))
+    moved = np.flatnonzero((shift > LIMITS.shift) & _decides(evidence))
     if not (_blocks_disagree(evidence) and moved.size):
         return ""
     worst = moved[np.argsort(-uncertainty.shift[moved])]
@@ -274,7 +251,7 @@ def _by_held_number(evidence: Evidence) -> str:
         return ""
     moved = np.where(_decides(evidence), _in_deviations(index.effects, result), 0.0)
     worst = int(np.argmax(moved))
-    if moved[worst] <= MISFIT.effect:
+    if moved[worst] <= LIMITS.shift:
         return ""
     same = f", or {' or '.join(index.alike)}, which the data cannot distinguish from it," if index.alike else ""
     left = max(result.cost - index.drop, 0.0) / max(result.cost_expected, 1e-300)
@@ -285,31 +262,10 @@ def _by_held_number(evidence: Evidence) -> str:
     )
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of status and notes of an estimate."""
-
-    interval_factor: float = 10.0  # of the ends of an interval, beyond which a parameter is weakly determined
-    correlation: float = 0.99  # beyond which two parameters cannot be distinguished
-    model_error: float = 1.5  # residuals over the noise, also without the line that is furthest off
-    # Of the responses, below which a model does not describe the robot, unless small residuals alone are far beyond a
-    # still smaller noise.
-    explained_share: float = 0.5
-    named: int = 3  # parameters in a message, those that are moved most
-    explained: float = 0.8  # of the excess by a cause, from which on none is sought that V does not rank
-    residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
-    factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
-    stiffness_std: float = 0.5  # the largest, of ln k, of a stiffness that counts there
-
-
-LIMITS = Limits()
-
-
 def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
-    """Warnings about bounds, undetermined and weakly determined parameters, correlations, hit rate, model error."""
+    """Warnings about bounds, undetermined and weakly determined parameters, correlations, and the hit rate."""
     result = evidence.result
-    of_error = _model_error(evidence)
-    return (*bound_notes(result), *_determination(result, evidence.uncertainty.unreached), *_search(result), *of_error)
+    return (*bound_notes(result), *_determination(result, evidence.uncertainty.unreached), *_search(result))
 
 
 def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
@@ -320,7 +276,8 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     result, x = evidence.result, evidence.optimum.end.x
     # What a cause leaves may be chance where V is little above the noise.
     left, by_chance = result.cost - evidence.best_drop, largest_by_chance(result.cost_dof) * result.cost_expected
-    if evidence.best_share >= LIMITS.explained or (evidence.best_drop and left < by_chance) or result.model_error <= 1:
+    is_explained = evidence.best_share >= LIMITS.explained_share or (evidence.best_drop and left < by_chance)
+    if is_explained or result.model_error <= 1:
         return ()
     sums: dict[str, tuple[float, int]] = {}
     for part in (part for part in evidence.optimum.fit.parts if part.n_residuals):
@@ -344,7 +301,7 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     result = evidence.result
     # Viscous friction that the file holds is off by the same reading, and no other cause of it.
     is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
-    if evidence.best_share > LIMITS.explained and not is_friction:
+    if evidence.best_share > LIMITS.explained_share and not is_friction:
         return ()
     known = np.sqrt(np.diag(result.covariance)) < LIMITS.stiffness_std
     stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
@@ -410,21 +367,6 @@ def _search(result: Result) -> Iterator[Note]:
             f"only 1 of {len(starts)} starts reached the best optimum, and the next has residuals "
             f"{math.sqrt(starts[1].cost / max(starts[0].cost, 1e-300)):.4g} times as large: there may be a better "
             "optimum; raise fit.starts or lower fit.start_factor",
-        )
-
-
-def _model_error(evidence: Evidence) -> Iterator[Note]:
-    """On residuals beyond the noise at more than one line, whose own noise may be estimated far too low."""
-    result = evidence.result
-    if not (result.exceeds_noise and LIMITS.model_error < result.model_error < math.inf):
-        return
-    fit, x = evidence.optimum.fit, evidence.optimum.end.x
-    worst_line = max(float(np.sum(np.abs(r) ** 2, axis=(1, 2)).max(initial=0.0)) for r, _ in fit.blocks(x))
-    if result.cost - worst_line > LIMITS.model_error**2 * result.cost_expected:
-        yield Note(
-            "fit/model-error",
-            f"the residuals are {result.model_error:.2f} times what the noise explains: the model lacks something; "
-            "the intervals are widened, but not for errors that are alike at all lines",
         )
 
 

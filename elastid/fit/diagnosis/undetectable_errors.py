@@ -21,8 +21,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import percent
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
-from elastid.fit.diagnosis.hypothesis import Scores
-from elastid.fit.diagnosis.status import MISFIT
+from elastid.fit.diagnosis.hypothesis import LIMITS, Scores
 from elastid.fit.result import HELD_AS_EXACT, Result, RigidPart
 from elastid.robot import Robot
 
@@ -64,7 +63,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
     .. math:: e_1 = \min_i \frac{\sigma_i}{|\partial x_i / \partial h|}, \qquad e_\text{undetectable} = \sqrt{D / S}
 
     are the error that moves a parameter by its standard deviation, and the largest one whose freeing would lower V by
-    no more than what shows a model to be wrong (D, `status.MISFIT.drop`).
+    no more than what shows a model to be wrong (D, `status.LIMITS.drop`).
     """
     n = len(result.parameters.asked)
     test, std = scores.test, np.sqrt(np.diag(result.covariance)[:n])
@@ -82,7 +81,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
             continue
         information = float(direction @ test.S[np.ix_(places, places)] @ direction) / scores.lines
         is_detectable = test.known[places].any() and information > 0
-        error = min(first.usual, math.sqrt(MISFIT.drop / information)) if is_detectable else first.usual
+        error = min(first.usual, math.sqrt(LIMITS.drop / information)) if is_detectable else first.usual
         of_number = candidate.name, candidate.family, first.unit, first.log
         yield UndetectableError(*of_number, worst, 1 / float(moved[worst]), error)
 
@@ -145,7 +144,7 @@ def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
         if number.name.startswith("base_"):
             information = float(test.S[place, place]) / scores.lines
             is_visible = bool(test.known[place]) and information > 0
-            visible = math.sqrt(MISFIT.drop / information) if is_visible else math.inf
+            visible = math.sqrt(LIMITS.drop / information) if is_visible else math.inf
             found[f"base about {number.name[-1]}"] = test.response[:n, place], visible
     return found
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -20,9 +20,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
 from elastid.fit.assembly import Assembly
-from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores
+from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Scores
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
-from elastid.fit.diagnosis.score_test import Load, find_load, steps_of
+from elastid.fit.diagnosis.score_test import LEAST, Load, find_load, steps_of
 from elastid.fit.result import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters, Prior
@@ -31,29 +31,13 @@ from elastid.robot import Payload, Robot
 Variant: TypeAlias = tuple[ModificationIndex, Assembly]
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of the search among variants."""
-
-    explained_share: float = 0.99  # of the excess; where something else explains more, no variant is tried
-    share: float = 0.5  # of the excess that a variant explains
-    cost_ratio: float = 1.1  # of V, below which variants cannot be distinguished
-    residuals: int = 2_000  # of the fit of a variant
-    left: float = 1e-3  # of a payload that is not carried
-    iterations: int = 30  # of a fit with a load
-    rounds: int = 4  # of linearisations, in which a load is found
-    load_radius: float = 0.1  # of gyration of a load at the start, m
-    load_std: float = 1.0  # of the logarithms of its mass and inertia about the start, and of its place in m
-
-
-LIMITS = Limits()
 EARTH = 9.81  # m/s^2
 
 
 def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """The indices with the best variant, and with a load that was fitted, where nothing explains all."""
     explained = max((index.share for index in indices), default=0.0)
-    is_explained = explained > LIMITS.explained_share and not any(i.group == SCALE for i in indices)
+    is_explained = explained > LIMITS.whole and not any(i.group == SCALE for i in indices)
     if not evidence.is_unexplained or is_explained:
         return indices
     judged = sorted((_judged(each, evidence, scores) for each in _variants(evidence)), key=lambda trial: trial[1])
@@ -61,11 +45,11 @@ def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: 
     as_stated = min(_judged((_named("", ""), evidence.assembly), evidence, scores)[1], scores.cost)
     first, least = judged[0]
     found = []
-    if as_stated - least > LIMITS.share * (as_stated - scores.noise):
-        equal = tuple(index.name for index, V in judged[1:] if LIMITS.cost_ratio * least > V)
+    if as_stated - least > LIMITS.half * (as_stated - scores.noise):
+        equal = tuple(index.name for index, V in judged[1:] if LIMITS.equal_cost * least > V)
         found.append(replace(first, alike=equal))
-    if max(explained, *(index.share for index in found), 0.0) <= LIMITS.explained_share:
-        found += [index for index in _with_load(evidence, scores) if index.share > LIMITS.share]
+    if max(explained, *(index.share for index in found), 0.0) <= LIMITS.whole:
+        found += [index for index in _with_load(evidence, scores) if index.share > LIMITS.half]
     shares = {index.name: index.share for index in indices}
     better = {i.name: i for i in found if i.share > shares.get(i.name, 0.0)}
     return [*(index for index in indices if index.name not in better), *better.values()]
@@ -176,7 +160,7 @@ def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
             yield name, "gravity", replace(robot, gravity=tuple(gravity.tolist())), {}
     if robot.payload is not None and robot.payload.mass > 0:
         numbers = {n: v for n, (v, _) in robot.parameters().items() if n == "m_payload" or n.startswith("I_payload")}
-        left = {name: LIMITS.left * value for name, value in numbers.items()}
+        left = {name: LEAST * value for name, value in numbers.items()}
         yield "the payload of the file not carried", "payload of the file", robot.with_parameters(left), left
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,18 +22,22 @@ from elastid.parameters import Parameters
 from elastid.robot import Robot
 
 BARRIER_WEIGHT = 1e-2
-MIN_ROUNDNESS = 1e-4  # smallest second moment over their sum, below which a start is moved off the border
+BORDER = 1e-5  # of the second moments, by which the border is farther for a body that starts as a plate or a rod
 _TENSOR = {"_xx": (0, 0), "_yy": (1, 1), "_zz": (2, 2), "_xy": (0, 1), "_xz": (0, 2), "_yz": (1, 2)}
 
 
 @dataclass(frozen=True)
 class BodyInertia:
-    """The inertia of one body in a configuration: the places in theta of its entries, and theirs in the tensor."""
+    """The inertia of one body in a configuration: the places in theta of its entries, and theirs in the tensor.
+
+    beyond: how far the border lies beyond that of possible inertias, relative to the second moments.
+    """
 
     name: str
     places: tuple[int, ...]
     entries: tuple[tuple[int, int], ...]
     configuration: str = ""
+    beyond: float = 0.0
 
     @property
     def refusal(self) -> str:
@@ -79,7 +83,9 @@ def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, .
         for where in dict.fromkeys(["", *(group[0] for group in groups)]):
             if names.keys() & set(parameters.moved(where)):
                 places = tuple(parameters.index(name) for name in names)
-                inertias.append(BodyInertia(body.name, places, tuple(names.values()), where))
+                inertia = BodyInertia(body.name, places, tuple(names.values()), where)
+                is_flat = abs(inertia.roundness(inertia.theta(parameters, parameters.x))) < BORDER
+                inertias.append(replace(inertia, beyond=BORDER * is_flat))
     return tuple(inertias)
 
 
@@ -94,18 +100,18 @@ def barrier(
     """b, its gradient (n_x,) and its Gauss-Newton Hessian (n_x, n_x); b is infinite outside."""
     b, g, H = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
     for body in inertias:
-        sigma = body.second_moment(body.theta(parameters, x))
-        scale = max(float(np.trace(sigma)), 1e-300)
+        sigma, directions = body.second_moment(body.theta(parameters, x)), body.directions
+        scale, traces = max(float(np.trace(sigma)), 1e-300), np.trace(directions, axis1=1, axis2=2)
+        sigma = sigma + body.beyond * scale * np.eye(3)
         values = np.linalg.eigvalsh(sigma) / scale
         if values[0] <= 0 or not np.all(np.isfinite(sigma)):
             return math.inf, g, np.eye(len(x))
         inverse = np.linalg.inv(sigma)
-        relative = inverse @ body.directions  # Sigma^-1 dSigma
+        relative = inverse @ (directions + body.beyond * traces[:, None, None] * np.eye(3))  # Sigma^-1 dSigma
         local = body.slopes(parameters, x)
-        trace = np.trace(body.directions, axis1=1, axis2=2) / scale
         # ln det(Sigma / tr Sigma): a large body is no more likely than a small one.
         b -= 2 * BARRIER_WEIGHT * float(np.sum(np.log(values)))
-        g -= 2 * BARRIER_WEIGHT * local.T @ (np.trace(relative, axis1=1, axis2=2) - 3 * trace)
+        g -= 2 * BARRIER_WEIGHT * local.T @ (np.trace(relative, axis1=1, axis2=2) - 3 * traces / scale)
         H += 2 * BARRIER_WEIGHT * local.T @ np.einsum("pij,qji->pq", relative, relative) @ local
     return b, g, H
 
@@ -118,49 +124,19 @@ def border_metric(inertias: Sequence[BodyInertia], parameters: Parameters, x: Fl
 def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], parameters: Parameters) -> FloatArray:
     """The starts (n, n_x), each drawn towards the given one until its inertias are possible.
 
-    Where the given one is at the border itself, as that of a plate or a rod, it first moves off it.
     Raises StudyError for a start that is physically impossible.
     """
     if not inertias:
         return starts
-    begin = _moved_off(parameters.x, inertias, parameters)
-    needed = min(0.5 * _roundness(begin, inertias, parameters), MIN_ROUNDNESS)
+    begin = parameters.x
+    for body in impossible_inertias(inertias, parameters, begin):
+        raise StudyError("fit/parameters", body.refusal, "fit.parameters")
 
     def drawn_in(start: FloatArray) -> FloatArray:
         nearer = (begin + (start - begin) / 2**step for step in range(20))
-        return next((x for x in nearer if _roundness(x, inertias, parameters) >= needed), begin)
+        return next((x for x in nearer if not impossible_inertias(inertias, parameters, x)), begin)
 
     return np.array([drawn_in(start) for start in starts])
-
-
-def _moved_off(x: FloatArray, inertias: Sequence[BodyInertia], parameters: Parameters) -> FloatArray:
-    """x (n_x,) with its free inertias a little rounder where a body is at the border."""
-    for body in impossible_inertias(inertias, parameters, x):
-        raise StudyError("fit/parameters", body.refusal, "fit.parameters")
-    flat = [body for body in inertias if body.roundness(body.theta(parameters, x)) < MIN_ROUNDNESS]
-    if not flat:
-        return x
-    from scipy.optimize import minimize  # seldom needed, and slow to load
-
-    lower, upper = parameters.x_bounds
-    touched = np.flatnonzero(np.any([np.any(s.slopes(parameters, x) != 0, axis=0) for s in flat], axis=0))
-
-    def moved(z: FloatArray) -> FloatArray:
-        beside = x.copy()
-        beside[touched] = np.clip(z, lower[touched], upper[touched])
-        return beside
-
-    def off(z: FloatArray) -> float:
-        far = float(np.sum(((moved(z) - x) / np.maximum(1.0, np.abs(x)))[touched] ** 2))
-        return max(0.0, 2 * MIN_ROUNDNESS - _roundness(moved(z), flat, parameters)) + MIN_ROUNDNESS * far
-
-    options = {"maxiter": 2000, "xatol": 1e-6, "fatol": 1e-9}
-    return moved(minimize(off, x[touched], method="Nelder-Mead", options=options).x)
-
-
-def _roundness(x: FloatArray, inertias: Sequence[BodyInertia], parameters: Parameters) -> float:
-    """The smallest of all bodies at x (n_x,)."""
-    return min(body.roundness(body.theta(parameters, x)) for body in inertias)
 
 
 def find_border_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> tuple[Note, ...]:

@@ -70,38 +70,29 @@ class Part:
         """Real residuals, two an element."""
         return 2 * int(np.count_nonzero(self.gain))
 
-    @property
-    def for_sums(self) -> Part:
-        """The same for `normal` alone, without the covariances of its lines, most of its numbers."""
-        residuals = self.normal.residuals.worked_out
-        return replace(self, whitening=residuals.whitening, compressed=residuals)
-
     def with_residuals_of(self, other: Part) -> Part:
         """The same with data and weights of another part, and what has been worked out of them."""
         known = other.normal.residuals
         return replace(self, measured=other.measured, gain=other.gain, whitening=other.whitening, compressed=known)
 
-    def cost(self, G: ComplexArray) -> float:
-        """sum |r|^2 at a response G (F, n_y, n_u) of the model, in less time than `normal` takes the first time."""
-        e, used = RESIDUALS[self.criterion](self.measured, G)[0], self.gain > 0
-        r = np.where(used, self.gain * np.where(used, e, 0.0), 0.0).reshape(len(e), -1)
-        r = r if self.whitening is None else self.whitening.whitened(r)
-        return float(np.vdot(r, r).real)
-
-    def whitened(self, theta: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
-        """r (F, n_y, n_u) and dr/dtheta (P, F, n_y, n_u); real and imaginary parts have unit variance each.
+    def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
+        """r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
 
         mixing: that of the part.
         """
-        G, dG = self.kernel.evaluate(theta)
-        e, slope = RESIDUALS[self.criterion](self.measured, G)
-        used = self.gain > 0
-        r = np.where(used, self.gain * e, 0.0)
-        dr: ComplexArray = np.multiply(dG, np.where(used, -self.gain * slope, 0.0), out=dG)
-        return (r, dr) if mixing is None else (mixed(mixing, r), mixed(mixing, dr))
+        e, used = RESIDUALS[self.criterion](self.measured, G)[0], self.gain > 0
+        return mixed(mixing, np.where(used, self.gain * np.where(used, e, 0.0), 0.0))
+
+    def slopes(self, G: ComplexArray, dG: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
+        """dr (n, F, n_y, n_u) by changes dG of a response G."""
+        # A logarithm of an element that is left out because it is zero has no slope.
+        slope = np.where(self.gain > 0, RESIDUALS[self.criterion](self.measured, G)[1], 0.0)
+        return mixed(mixing, -self.gain * slope * dG)
 
 
-def mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:
-    """mixing applied to the elements of each line of values (..., F, n_y, n_u)."""
+def mixed(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
+    """mixing, if there is any, applied to the elements of each line of values (..., F, n_y, n_u)."""
+    if mixing is None:
+        return values
     flat = values.reshape(-1, len(mixing), mixing.shape[1])
     return np.asarray((mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape))

@@ -54,8 +54,7 @@ def ratio_errors(part: Part, response: Response, mixing: ComplexArray | None) ->
             i, error = response.outputs.index(response.inputs[j]), np.zeros_like(response.G)
             error[:, i] += std * response.G[:, i]
             error[:, :, j] += std * response.G[:, :, j]
-            whitened = (error * part.error_gain)[None]
-            errors[response.inputs[j]] = (whitened if mixing is None else mixed(mixing, whitened))[0]
+            errors[response.inputs[j]] = mixed(mixing, error * part.error_gain)
     return errors
 
 
@@ -93,8 +92,7 @@ def bias_slopes(part: Part, response: Response, factors: Sequence[Factor], mixin
 
     mixing: that of the part.
     """
-    whitened = bias_of(response, factors) * part.error_gain
-    return -whitened if mixing is None else -mixed(mixing, whitened)
+    return -mixed(mixing, bias_of(response, factors) * part.error_gain)
 
 
 def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, c: FloatArray) -> FloatArray:

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from plants.faults import FAULTS, SPEC, drawn, true_case
 
-from elastid.fit.diagnosis.judge import RANKING, single_occam
+from elastid.fit.diagnosis.hypothesis import LIMITS
+from elastid.fit.diagnosis.judge import single_occam
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, Load, ScoreTest, find_load, steps_of
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
@@ -151,7 +152,7 @@ def test_causes_are_listed_by_their_odds_against_the_first() -> None:
     first, *others = [index for index in result.indices if index.place == 0]
     assert first.odds == 0.0
     assert all(a.odds >= b.odds for a, b in pairwise(others))
-    near = {index.name for index in others if index.odds > -RANKING.equal_odds}
+    near = {index.name for index in others if index.odds > -LIMITS.equal_odds}
     assert near <= set(result.indices[0].alike)
 
 
