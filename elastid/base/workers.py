@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import pickle
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -118,6 +118,28 @@ def outcomes(work: bytes, items: Iterable[tuple[int, Any]], count: int) -> Gener
                 end(worker)
         if lasting is None:
             _dismiss(at_rest)
+
+
+def new_worker() -> Worker:
+    """A worker that nobody else asks; whoever called it has to `end` it."""
+    return _call([], [])
+
+
+def answers(given: Mapping[int, tuple[Worker, bytes]]) -> dict[int, Outcome]:
+    """Outcomes of a message to each `new_worker`: pickled (function, item), or (None, item) for the same function."""
+    known = dict[int, Outcome]()
+    for i, (worker, message) in given.items():
+        try:
+            worker.pipe.send_bytes(message)
+        except (BrokenPipeError, ConnectionResetError):
+            known[i] = Outcome(died=True)
+    for i, (worker, _) in given.items():
+        if i not in known:
+            try:
+                known[i] = pickle.loads(worker.pipe.recv_bytes())
+            except (EOFError, ConnectionResetError):
+                known[i] = Outcome(died=True)
+    return known
 
 
 def load_for_workers(modules: Sequence[str]) -> None:

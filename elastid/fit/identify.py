@@ -19,6 +19,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError, Note, StudyError, check_kind
 from elastid.base.execution import Execution
 from elastid.fit import checks
@@ -44,7 +45,7 @@ from elastid.fit.problem.elastic import ElasticFit, by_criterion
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
-from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh, with_floor
+from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh_all, with_floor
 from elastid.fit.release import release
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
@@ -153,9 +154,9 @@ def _search(
     checks.check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     # A search by noise alone would follow lines at resonances into false valleys.
     searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
-    weights = tuple(weigh(response, searched) for response in responses)
+    weights = weigh_all(responses, searched, execution)
     assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights)
-    fit = assembly.at(parameters.x, searched.criterion)
+    fit = _at_start(assembly, parameters.x, execution)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError("fit/undetermined", reason, "nothing is left to fit")
@@ -178,11 +179,20 @@ def _from_all_starts(
     problems = [assembly.search_problem(fit, spec.criterion)]
     if spec.log_first and spec.criterion == "complex":
         logarithmic = by_criterion(fit, assembly.responses, assembly.weights, "log")
+        if fit.placed is not None:
+            logarithmic = logarithmic.at_workers(execution)
         problems.insert(0, assembly.search_problem(logarithmic, "log"))
     drawn = feasible_starts(
         spread(parameters, spec.starts, spec.start_factor, spec.seed or 0), fit.inertias, parameters
     )
-    return multistart(problems, drawn, spec.solver, execution)
+    with fit.evaluated_by(execution) as alone:
+        return multistart(problems, drawn, spec.solver, alone)
+
+
+def _at_start(assembly: Assembly, x: FloatArray, execution: Execution) -> ElasticFit:
+    """The fit linearised at x (n_x,), its configurations at workers unless it is linearised again at every step."""
+    fit = assembly.at(x, assembly.spec.criterion)
+    return fit if assembly.is_local else fit.at_workers(execution)
 
 
 _Found: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]
@@ -206,13 +216,13 @@ def _with_found_floor(
     if first is not None:
         return assembly, *_estimate(assembly, first, starts, hits, execution)
     bare = assembly.with_floor(None)
-    found = _estimate(bare, bare.at(starts[0].x, spec.criterion), starts, hits, execution)
+    found = _estimate(bare, _at_start(bare, starts[0].x, execution), starts, hits, execution)
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if found[0].end.converged and not found[2].exceeds_noise and not is_distorted:
         return bare, *found
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
     del bare, found  # its weights are most of the memory of a fit
-    return floored, *_estimate(floored, floored.at(starts[0].x, spec.criterion), starts, hits, execution)
+    return floored, *_estimate(floored, _at_start(floored, starts[0].x, execution), starts, hits, execution)
 
 
 def _with_agreements(

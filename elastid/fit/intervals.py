@@ -223,11 +223,11 @@ def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: Floa
     worst = 0.0
     for step in (-half, half):
         end = np.clip(x + step, *problem.parameters.x_bounds)
-        ending = problem.evaluate(end)
-        rise = ending.cost - cost
+        ending, gradient = problem.slope(end)
+        rise = ending - cost
         if not (rise > 0 and np.isfinite(rise)):
             return np.inf
-        worst = max(worst, abs(1 - 0.5 * float(ending.gradient @ (end - x)) / rise))
+        worst = max(worst, abs(1 - 0.5 * float(gradient @ (end - x)) / rise))
     return worst
 
 
@@ -236,7 +236,8 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
-        names, left = choose_profiles(problem, x, variance, execution.quiet)
+        with optimum.fit.evaluated_by(execution.quiet) as alone:
+            names, left = choose_profiles(problem, x, variance, alone)
         text = (
             f"{', '.join(names)}: the cost is not quadratic over the symmetric interval (in the logarithm, of a "
             "positive parameter); the interval is by profile likelihood"
@@ -248,7 +249,8 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     else:
         names = match_names(spec.profile, result.parameters)
     if names:
-        ends = profile_ends(problem, x, variance, names, execution)
+        with optimum.fit.evaluated_by(execution) as alone:
+            ends = profile_ends(problem, x, variance, names, alone)
         result = replace(result, profile95=_natural(result.parameters, ends))
     if spec.bootstrap:
         draws = bootstrap(optimum.fit, optimum.weights, x, spec.bootstrap, spec.seed or 0, execution)

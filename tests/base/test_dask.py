@@ -2,13 +2,15 @@
 
 import math
 import os
+import re
 import time
 from types import SimpleNamespace
 
 import pytest
 from plants.refusals import refused
 
-from elastid.base.execution import SCHEDULER, on_dask, ordered, surviving
+from elastid.base.execution import SCHEDULER, Execution, on_dask, ordered, surviving
+from elastid.base.placed import Placed
 
 distributed = pytest.importorskip("distributed")
 
@@ -101,6 +103,29 @@ def test_work_outlives_the_only_worker_of_a_cluster(tmp_path):
     ):
         assert ordered(DyingOnce(tmp_path), list(range(6)), 1) == [0, 1, 4, 9, 16, 25]
     assert (tmp_path / "died").exists()
+
+
+def process(item: int) -> int:
+    return os.getpid()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_items_stay_at_workers_of_a_cluster_and_are_asked_there(address, tmp_path):
+    """Each at one of them; a worker that dies is followed by one that has the items as they were last."""
+    with on_dask(address):
+        there = Placed([1, 3, 5], Execution())
+    processes = there.ask(process)
+    assert processes[0] != processes[1] == processes[2]
+    assert there.ask(process) == processes
+    there.change([1, 9, 25], [killed_at_two] * 3)
+    assert there.ask(math.sqrt) == [1.0, 3.0, 5.0]
+    there.change([1, 3, 5], [math.isqrt] * 3)
+    assert there.ask(DyingOnce(tmp_path)) == [1, 9, 25]
+    assert (tmp_path / "died").exists()
+    assert there.ask(float) == [1.0, 3.0, 5.0]
+    with pytest.raises(TypeError, match=r"string pattern|expected string"):
+        there.ask(re.compile("x").match)
 
 
 @pytest.mark.filterwarnings("default")

@@ -9,7 +9,8 @@ One configuration after the other: cost, J^T r and J^T J are summed up and J is 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -18,11 +19,13 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
+from elastid.base.execution import Execution, on_dask
+from elastid.fit.problem.chunks import Chunk, PlacedChunks, chunked
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, as_real, error_gain
 from elastid.fit.problem.part import Part
 from elastid.fit.problem.static_loads import StaticLoads
-from elastid.fit.problem.weights import Weights, Whitening
+from elastid.fit.problem.weights import MIN_LINES, Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.loaded import acted_on, moved_by
@@ -37,16 +40,39 @@ class ElasticFit:
     """The parts of all configurations over one set of parameters; it pickles, so that processes can work with it.
 
     inertias: bodies whose inertia must stay physically possible.  loads: static load tests, if there are any.
+    placed: where its configurations are at workers.
     """
 
     parameters: Parameters
     parts: tuple[Part, ...]
     inertias: tuple[BodyInertia, ...] = ()
     loads: StaticLoads | None = None
+    placed: PlacedChunks | None = None
 
     def with_residuals_of(self, other: ElasticFit) -> ElasticFit:
-        """The same with what another fit of the same data and weights has worked out of them."""
-        return replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
+        """The same with what another fit of the same data and weights has worked out of them, here or at workers."""
+        fit = replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
+        if other.placed is None:
+            return fit
+        other.placed.move(fit.parameters, fit.parts)
+        return replace(fit, placed=other.placed)
+
+    def at_workers(self, execution: Execution) -> ElasticFit:
+        """The same with its configurations at workers, if there are any and the configurations are many."""
+        is_large = sum(len(part.measured) for part in self.parts) >= MIN_LINES
+        is_large &= len(self.chunks) >= 2 * execution.jobs  # else starts are shared more evenly
+        if not (is_large and execution.is_shared):
+            return self
+        return replace(self, placed=PlacedChunks(self.parameters, self.parts, execution))
+
+    @contextmanager
+    def evaluated_by(self, execution: Execution) -> Iterator[Execution]:
+        """The execution of work that evaluates it: one item after the other where its configurations are at workers."""
+        if self.placed is None:
+            yield execution
+            return
+        with on_dask(""):
+            yield replace(execution, jobs=1)
 
     @property
     def n_residuals(self) -> int:
@@ -58,34 +84,40 @@ class ElasticFit:
     def problem(self) -> LeastSquares:
         """The problem of a solver."""
         border = partial(border_metric, self.inertias, self.parameters) if self.inertias else None
-        return LeastSquares(self.parameters, self.n_residuals, self.rough, border)
+        return LeastSquares(self.parameters, self.n_residuals, self.rough, border, self.slope)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
-        V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
         try:
-            with np.errstate(all="ignore"):
-                for group in self._groups:
-                    theta, T = self.theta(group[0], x), group[0].chain(self.parameters, x)
-                    costs, gradients, normals = zip(*(part.normal.at(theta, precision) for part in group), strict=True)
-                    V, g, A = V + sum(costs), g + T.T @ sum(gradients), A + T.T @ sum(normals) @ T
+            V, g, A = self._added(partial(Chunk.sums, x=x, precision=precision))
             besides = self.besides(x)
         except np.linalg.LinAlgError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
         return Evaluation(V + besides.cost, 2 * g + besides.gradient, 2 * A + besides.hessian)
 
+    def slope(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """V and its gradient of `evaluate` alone."""
+        try:
+            V, g = self._added(partial(Chunk.slopes, x=x))
+        except np.linalg.LinAlgError:
+            return math.inf, np.zeros(len(x))
+        besides = self.besides(x)
+        return V + besides.cost, 2 * g + besides.gradient
+
     def rough(self, x: FloatArray) -> Evaluation:
         """The same with J^T J from single precision, enough to step."""
         return self.evaluate(x, np.float32)
 
+    def _added(self, sums: Callable[[Chunk], tuple[Any, ...]]) -> list[Any]:
+        """Sums of all `chunks`, added in their order, wherever they are worked out."""
+        at = self.placed if self.placed is not None and self.placed.is_of(self.parameters, self.parts) else None
+        every = [sums(chunk) for chunk in self.chunks] if at is None else at.items.ask(sums)
+        return [sum(each) for each in zip(*every, strict=True)]
+
     @cached_property
-    def _groups(self) -> tuple[tuple[Part, ...], ...]:
-        """The parts in groups with the same theta and the same wanted parameters at any x."""
-        groups: dict[tuple[str, tuple[str, ...]], list[Part]] = {}
-        for part in self.parts:
-            own = self.parameters.configuration_of_its_own(part.configuration)
-            groups.setdefault((own, part.kernel.wanted), []).append(part)
-        return tuple(map(tuple, groups.values()))
+    def chunks(self) -> tuple[Chunk, ...]:
+        """Its configurations, so many neighbours at a time."""
+        return chunked(self.parameters, self.parts)
 
     def besides(self, x: FloatArray) -> Evaluation:
         """V, its gradient and 2 J^T J at x of static loads, priors and the barrier of the inertias alone."""
@@ -166,7 +198,7 @@ def by_criterion(
     """The fit with the same models by another criterion, element by element."""
     each = zip(fit.parts, responses, weights, strict=True)
     parts = (_part(G, part.kernel, replace(own, is_correlated=False), criterion) for part, G, own in each)
-    return replace(fit, parts=tuple(parts))
+    return replace(fit, parts=tuple(parts), placed=None)
 
 
 def at_measured_places(model: LinearModel, response: Response | LinearModel) -> LinearModel:
