@@ -91,12 +91,6 @@ class FollowedJoint:
     correlation_s: float = 0.0
     tolerances: Mapping[str, float] = field(default_factory=lambda: TOLERANCES)
 
-    def __post_init__(self) -> None:
-        if (self.stiffness > 0) != (self.link_inertia > 0):
-            raise ValueError("a joint with a spring has inertias on both of its sides; give both, or neither")
-        if self.stiction_ratio > 1 and self.stribeck_velocity <= 0:
-            raise ValueError("stiction above Coulomb friction needs stribeck_velocity, over which it falls")
-
     @property
     def is_elastic(self) -> bool:
         """True if a spring is between motor and link."""

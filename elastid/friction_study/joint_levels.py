@@ -79,28 +79,14 @@ def _turn(joint: Joint) -> float:
     return 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
 
 
-@dataclass(frozen=True)
-class RunDownLimits:
-    """Ranges of speed of a run-down."""
-
-    min_speed: float = 0.02  # of the highest, below which the filter mixes sliding with standstill
-    ranges: int = 16  # of equal ratios
-    min_samples: int = 4  # behind the filter in a range, a period of its passband
-
-
-RUN_DOWN = RunDownLimits()
+# Lowest speed of a run-down over its highest, below which the filter mixes sliding with standstill; ranges of equal
+# ratios between both, and samples that a range has at least: behind the filter a period of its passband.
+MIN_SPEED, RANGES, MIN_SAMPLES = 0.02, 16, 4
 
 
 def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> PassLevels:
     """The levels of run-downs of one joint; DataError where it does not coast, or friction drives."""
     first, rows = records[0], list[tuple[float, ...]]()
-    if robot.loops:
-        raise DataError(
-            "friction/rigid-body",
-            f"robot {robot.name} has loops, whose rigid body along a run-down is not known; record "
-            f"joint {joint.name} there and back",
-            first.place,
-        )
     for record in records:
         log = motion_log(robot, {joint.name: record}, PASSBAND_HZ)
         rigid = torques_in_file(with_point_mass(robot, record.payload), log)[joint.name]
@@ -134,10 +120,10 @@ def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> 
     s = float(np.sign(v[np.argmax(np.abs(v))]))
     friction, speed = s * signals.filtered(record.torque - rigid), s * v
     highest = float(speed.max())
-    edges = np.geomspace(RUN_DOWN.min_speed * highest, highest * (1 + 1e-9), RUN_DOWN.ranges + 1)
+    edges = np.geomspace(MIN_SPEED * highest, highest * (1 + 1e-9), RANGES + 1)
     in_range = np.digitize(speed, edges) * (s * direction > 0.98)
-    places = [np.flatnonzero(in_range == number) for number in range(1, RUN_DOWN.ranges + 1)]
-    places = [own for own in places if len(own) >= RUN_DOWN.min_samples]
+    places = [np.flatnonzero(in_range == number) for number in range(1, RANGES + 1)]
+    places = [own for own in places if len(own) >= MIN_SAMPLES]
     if not places:
         return []
     every, means = np.concatenate(places), [float(speed[own].mean()) for own in places]
@@ -233,13 +219,12 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
         for log, motions in zip(members, robot_logs, strict=True):
             measured = {joint: record.torque for joint, record in log.items()}
             check_torques(robot, measured, torques_in_file(robot, motions), next(iter(log.values())).place)
-        result = regress_robot_motion(robot, robot_logs)
+        friction, alone = regress_robot_motion(robot, robot_logs)
         for joint in joints:
-            pairs = zip(members, result.alone, strict=True)
-            records = [replace(log[joint], torque=alone[joint].torque) for log, alone in pairs]
+            pairs = zip(members, alone, strict=True)
+            records = [replace(log[joint], torque=own[joint].motion.torque) for log, own in pairs]
             passes = [each for record in records for each in detect_passes(record, has_gravity=False)]
-            friction = result.friction[joint]
-            evaluated[joint] = JointMotion(friction, _enough(passes), False, friction.notes)
+            evaluated[joint] = JointMotion(friction[joint], _enough(passes), False, friction[joint].notes)
     return evaluated
 
 
@@ -273,16 +258,9 @@ def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) ->
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class SideLimits:
-    """Limits that show on which side of a gear a log is."""
-
-    min_ratio: float = 10.0  # of the gear: below, masses may be wrong by as much as its sides differ
-    close_factor: float = 4.0  # between a factor of torques and a power of the ratio
-    min_correlation: float = 0.5  # with the torque of the robot's file: below, friction or errors dominate
-
-
-SIDES = SideLimits()
+# Ratio of a gear below which masses may be wrong by as much as its sides differ; factor between torques and a power of
+# the ratio; correlation with the torque of the robot's file below which friction or errors dominate.
+MIN_RATIO, CLOSE_FACTOR, MIN_CORRELATION = 10.0, 4.0, 0.5
 
 
 def check_torques(
@@ -293,11 +271,11 @@ def check_torques(
     for joint, torque in measured.items():
         known, size = expected[joint], max(float(np.linalg.norm(expected[joint])), 1e-300)
         ratio, along = abs(robot.ratio(joint)), float(torque @ known)
-        if along > SIDES.min_correlation * size * np.linalg.norm(torque) and ratio >= SIDES.min_ratio:
+        if along > MIN_CORRELATION * size * np.linalg.norm(torque) and ratio >= MIN_RATIO:
             powers.append(math.log(along / size**2) / math.log(ratio))
             ratios.append(ratio)
     power, ratio = float(np.median(powers or [0.0])), float(np.median(ratios or [1.0]))
-    if round(power) == 0 or abs(power - round(power)) * math.log(ratio) > math.log(SIDES.close_factor):
+    if round(power) == 0 or abs(power - round(power)) * math.log(ratio) > math.log(CLOSE_FACTOR):
         return
     advice = "of the motors: give their channels side: motor" if power < 0 else "of the joints: leave side: motor out"
     text = (
