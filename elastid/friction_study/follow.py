@@ -212,20 +212,16 @@ def _resumed(
 def _excitation(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
     names, P = track.joint.followed, track.followed_covariance[-1]
     never = np.all(unknown(track, prior), axis=0).tolist()
-    held = [name for name, is_unknown in zip(names, never, strict=True) if is_unknown]
     std = np.sqrt(np.diag(P))
-    correlations = np.triu(P / np.outer(std, std), 1)
-    i, j = np.unravel_index(np.argmax(np.abs(correlations)), correlations.shape)
-    correlation = float(correlations[i, j])  # the largest; 0 for a single number
-    if held:
-        text = f"the motion does not identify {', '.join(held)}, held where it began: move both ways, at several speeds"
-        yield Note("filter/not-excited", text, place)
-    if abs(correlation) > FILTER.max_std_ratio:
+    pairs = np.argwhere(np.triu(np.abs(P), 1) > FILTER.max_std_ratio * np.outer(std, std)).tolist()
+    weak = [f"{name}, held where it began" for name, is_unknown in zip(names, never, strict=True) if is_unknown]
+    weak += [f"{names[i]} apart from {names[j]}" for i, j in pairs]
+    if weak:
         text = (
-            f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation:.2f}): reversals distinguish "
-            "Coulomb friction from an offset, several speeds from viscous friction"
+            f"the motion does not identify {'; '.join(weak)}: reversals distinguish Coulomb friction from an offset, "
+            "several speeds from viscous friction"
         )
-        yield Note("filter/not-excited", text, place, severity="warning")
+        yield Note("filter/not-excited", text, place, severity="warning" if pairs else "information")
 
 
 def _inconsistent(place: str, judged: Consistency) -> Iterator[Note]:
