@@ -52,7 +52,6 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
-from elastid.base.statistics import QUANTILE_95
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
 from elastid.friction_study.spec import Followed
@@ -90,12 +89,6 @@ class FollowedJoint:
     bristle_damping: float = 0.0
     correlation_s: float = 0.0
     tolerances: Mapping[str, float] = field(default_factory=lambda: TOLERANCES)
-
-    def __post_init__(self) -> None:
-        if (self.stiffness > 0) != (self.link_inertia > 0):
-            raise ValueError("a joint with a spring has inertias on both of its sides; give both, or neither")
-        if self.stiction_ratio > 1 and self.stribeck_velocity <= 0:
-            raise ValueError("stiction above Coulomb friction needs stribeck_velocity, over which it falls")
 
     @property
     def is_elastic(self) -> bool:
@@ -305,19 +298,11 @@ class Track:
         """e^2 / S (n,): chi-squared of one degree of freedom where the filter's noise is right."""
         return np.asarray(self.innovation**2 / self.variance)
 
-    def values(self, name: str) -> FloatArray:
-        """A state over time (n,); of a followed logarithm the number itself."""
-        column = self.x[:, self.joint.states.index(name)]
-        return np.exp(column) if self._is_logarithm(name) else column
-
-    def band(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """The 95 % interval of a state over time, each (n,)."""
+    def values(self, name: str, stds: float = 0.0) -> FloatArray:
+        """A state over time (n,), or the end of its band at so many stds; of a followed logarithm the number itself."""
         i = self.joint.states.index(name)
-        low, high = (self.x[:, i] + sign * QUANTILE_95 * self.std[:, i] for sign in (-1, 1))
-        return (np.exp(low), np.exp(high)) if self._is_logarithm(name) else (low, high)
-
-    def _is_logarithm(self, name: str) -> bool:
-        return name in self.joint.followed and name != "offset"
+        column = self.x[:, i] + stds * self.std[:, i]
+        return np.exp(column) if name in self.joint.followed and name != "offset" else column
 
 
 def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> Estimate:
@@ -343,36 +328,25 @@ class KalmanFilter:
 
     def run(self, samples: JointSamples, noise: FilterNoise, start: Estimate) -> Track:
         """The track over samples, from the estimate before them."""
-        n, n_x = len(samples.angle), len(self.joint.states)
-        given = noise.vector(self.joint, self.rate_hz)
-        x, P = np.empty((n, n_x)), np.empty((n, *start.P.shape))
-        e, S = np.empty(n), np.empty(n)
-        estimate = start
+        n, n_x, parts, last = len(samples.angle), len(self.joint.states), [], start
+        given = ca.repmat(ca.DM(noise.vector(self.joint, self.rate_hz)), 1, PIECE)
         for first in range(0, n, PIECE):
-            piece = slice(first, min(first + PIECE, n))
-            x[piece], P[piece], e[piece], S[piece] = self._piece(samples, piece, given, estimate)
-            estimate = Estimate(x[piece.stop - 1].copy(), P[piece.stop - 1].copy())
+            rows = [part[None, first : first + PIECE] for part in (samples.torque, samples.load, samples.angle)]
+            count = rows[0].size
+            loop = self._loop if count == PIECE else self._step.mapaccum("rest", count, 2)
+            own, P, e, S = (np.asarray(part.full()) for part in loop(last.x, last.P, *rows, given[:, :count]))
+            parts.append((own.T, P.reshape(n_x, count, -1).transpose(1, 0, 2), e[0], S[0]))
+            last = Estimate(parts[-1][0][-1].copy(), parts[-1][1][-1].copy())
+        x, P, e, S = (np.concatenate(part) for part in zip(*parts, strict=True))
         followed = slice(n_x - len(self.joint.followed), n_x)
         ignored = [n_x + i for i, name in enumerate(self.joint.held) if name not in WEIGHED]
         cross = P[:, followed, ignored] if ignored else np.zeros((n, len(self.joint.followed), 0))
         covariance = P[:, followed, followed] - cross @ cross.transpose(0, 2, 1)
         std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
         drift = np.array([noise.drift.get(name, 0.0) for name in self.joint.followed])
-        time_s, moves = (
-            samples.start_s + np.arange(1, n + 1) / self.rate_hz,
-            samples.moves(COUNT_OVER_STD * noise.angle),
-        )
-        return Track(self.joint, self.rate_hz, x, std, covariance, e, S, estimate, drift, time_s, moves)
-
-    def _piece(
-        self, samples: JointSamples, piece: slice, noise: FloatArray, start: Estimate
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        count, n_x = piece.stop - piece.start, len(start.x)
-        rows = [part[piece][None, :] for part in (samples.torque, samples.load, samples.angle)]
-        function = self._loop if count == PIECE else self._step.mapaccum("rest", count, 2)
-        x, P, e, S = function(start.x, start.P, *rows, ca.repmat(ca.DM(noise), 1, count))
-        covariance = P.full().reshape(n_x, count, -1).transpose(1, 0, 2)
-        return x.full().T, covariance, e.full().ravel(), S.full().ravel()
+        time_s = samples.start_s + np.arange(1, n + 1) / self.rate_hz
+        moves = samples.moves(COUNT_OVER_STD * noise.angle)
+        return Track(self.joint, self.rate_hz, x, std, covariance, e, S, last, drift, time_s, moves)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from scipy.optimize import minimize
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, Note
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.extended_kalman_filter import (
     COUNT_OVER_STD,
     FILTER,
@@ -103,14 +104,13 @@ class FollowedFriction:
     notes: tuple[Note, ...] = ()
 
     @property
-    def is_honest(self) -> bool:
-        """True if no test finds the bands too narrow; `notes` say which does."""
-        return self.consistency.is_honest
-
-    @property
     def verdict(self) -> str:
         """If the bands are to be believed."""
-        return "no test doubts the bands" if self.is_honest else "the bands are too narrow, as the warnings say"
+        return (
+            "no test doubts the bands"
+            if self.consistency.is_honest
+            else "the bands are too narrow, as the warnings say"
+        )
 
 
 def follow(
@@ -145,8 +145,10 @@ def follow(
     step = max(1, n // 2000)  # a result keeps so many points
     ends = np.arange(n % step + step - 1, n, step)
     mean_nis = track.nis[n % step :].reshape(-1, step).mean(axis=1)
-    columns = [(track.values(each)[ends], *(end[ends] for end in track.band(each))) for each in joint.followed]
-    values, low, high = (np.stack(each, axis=1) for each in zip(*columns, strict=True))
+    values, low, high = (
+        np.stack([track.values(each, stds)[ends] for each in joint.followed], axis=1)
+        for stds in (0.0, -QUANTILE_95, QUANTILE_95)
+    )
     place = f"joint {name}"
     # Warnings to be read before the bands of a filter are believed.
     notes = (*_excitation(place, track, prior), *_inconsistent(place, judged))
@@ -210,20 +212,16 @@ def _resumed(
 def _excitation(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
     names, P = track.joint.followed, track.followed_covariance[-1]
     never = np.all(unknown(track, prior), axis=0).tolist()
-    held = [name for name, is_unknown in zip(names, never, strict=True) if is_unknown]
     std = np.sqrt(np.diag(P))
-    correlations = np.triu(P / np.outer(std, std), 1)
-    i, j = np.unravel_index(np.argmax(np.abs(correlations)), correlations.shape)
-    correlation = float(correlations[i, j])  # the largest; 0 for a single number
-    if held:
-        text = f"the motion does not identify {', '.join(held)}, held where it began: move both ways, at several speeds"
-        yield Note("filter/not-excited", text, place)
-    if abs(correlation) > FILTER.max_std_ratio:
+    pairs = np.argwhere(np.triu(np.abs(P), 1) > FILTER.max_std_ratio * np.outer(std, std)).tolist()
+    weak = [f"{name}, held where it began" for name, is_unknown in zip(names, never, strict=True) if is_unknown]
+    weak += [f"{names[i]} apart from {names[j]}" for i, j in pairs]
+    if weak:
         text = (
-            f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation:.2f}): reversals distinguish "
-            "Coulomb friction from an offset, several speeds from viscous friction"
+            f"the motion does not identify {'; '.join(weak)}: reversals distinguish Coulomb friction from an offset, "
+            "several speeds from viscous friction"
         )
-        yield Note("filter/not-excited", text, place, severity="warning")
+        yield Note("filter/not-excited", text, place, severity="warning" if pairs else "information")
 
 
 def _inconsistent(place: str, judged: Consistency) -> Iterator[Note]:

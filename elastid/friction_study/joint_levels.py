@@ -6,14 +6,10 @@ body that they carry; the passes of the latter are free of it.
 An angle or a torque of the motor taken for one of the joint makes rigid-body torques wrong by the gear's ratio or its
 square.
 
-Friction over speed follows from run-downs, too: a joint coasts one way until it stands, and its rigid body is known.
-
-.. math:: g(|\dot q|) = s\, [u - \tau_r(q, \dot q, \ddot q)], \quad s = \mathrm{sgn}\, \dot q
-
-with tau_r the torque of rigid body, rotor and payload of the robot's file, and u = 0 where the drive is off. Of a
-motion one way an offset of the torque cannot be distinguished from Coulomb friction, nor an error of the inertia from a
-factor of all friction. A level is the mean over a range of speeds, both sides of the equation behind the filter of
-`motion`.
+Friction follows from run-downs, too: a joint coasts one way until it stands, and its rigid body, rotor and payload are
+those of the robot's file. Their torque is taken out of the log, which is 0 where the drive is off, and what is left is
+regressed as that of a motion is. Of a motion one way an offset of the torque cannot be distinguished from Coulomb
+friction, nor an error of the inertia from a factor of all friction.
 """
 
 from __future__ import annotations
@@ -23,17 +19,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM
-from elastid.friction_study.levels import MAX_RELATIVE_STD, Levels, PassLevels, levels_of_records, refuse_unknown
+from elastid.friction_study.levels import levels_of_records
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, motion_parts, regress_motion
 from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals
 from elastid.friction_study.motion_terms import full_rate_columns
-from elastid.friction_study.passes import PASSES, PassRegression, about_mean, detect_passes
+from elastid.friction_study.passes import PASSES, detect_passes
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import ROBOT_PASSBAND_HZ, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
@@ -58,12 +53,10 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     own = [record for record in measured.records if record.joint == joint.name]
     notes = [note for record in own for note in record.notes]
     notes += motion.notes
-    run_downs, warmed = measured.of(joint.name, "run_down"), [log.joint for log in measured.warm_ups]
+    warmed = [log.joint for log in measured.warm_ups]
     if records:
         against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
         levels = levels_of_records(records, against or motion.has_gravity, _turn(joint))
-    elif run_downs:
-        levels = _of_run_downs(robot, joint, run_downs)
     elif not (motion.friction or any(r.purpose in STILL for r in own) or joint.name in warmed):
         raise DataError(
             "friction/no-record",
@@ -79,74 +72,24 @@ def _turn(joint: Joint) -> float:
     return 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
 
 
-@dataclass(frozen=True)
-class RunDownLimits:
-    """Ranges of speed of a run-down."""
-
-    min_speed: float = 0.02  # of the highest, below which the filter mixes sliding with standstill
-    ranges: int = 16  # of equal ratios
-    min_samples: int = 4  # behind the filter in a range, a period of its passband
-
-
-RUN_DOWN = RunDownLimits()
-
-
-def _of_run_downs(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> PassLevels:
-    """The levels of run-downs of one joint; DataError where it does not coast, or friction drives."""
-    first, rows = records[0], list[tuple[float, ...]]()
-    if robot.loops:
-        raise DataError(
-            "friction/rigid-body",
-            f"robot {robot.name} has loops, whose rigid body along a run-down is not known; record "
-            f"joint {joint.name} there and back",
-            first.place,
-        )
+def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
+    """The regression of run-downs of one joint; DataError where it does not coast for long, or friction drives."""
+    motions = []
     for record in records:
         log = motion_log(robot, {joint.name: record}, PASSBAND_HZ)
-        rigid = torques_in_file(with_point_mass(robot, record.payload), log)[joint.name]
-        rows += _rows(record, log.first, rigid)
-    if not rows:
-        raise DataError(
-            "friction/levels",
-            f"joint {joint.name} does not coast through any range of speeds for long enough; record run-downs from "
-            "higher speeds",
-            first.place,
+        rigid, slides = torques_in_file(with_point_mass(robot, record.payload), log)[joint.name], log.first.slides
+        # What it does at rest is no sliding, however long.
+        n = len(slides) - int(np.argmax(slides[::-1])) + round(6.0 / PASSBAND_HZ * record.rate_hz)
+        whole, torque = log.first.motion, record.torque - rigid
+        motions.append(
+            replace(whole, position=whole.position[:n], torque=torque[:n], temperature=None, is_run_down=True)
         )
-    speed, direction, torque, std, load, temperature = np.array(rows).T
-    known = std < MAX_RELATIVE_STD * np.abs(torque)
-    levels = Levels(f"joint {joint.name}", speed, direction, torque, std, load, temperature, joint.slides)
-    refuse_unknown(known, torque, std, first.place)
-    one_way = "" if len({*direction.tolist()}) > 1 else ", and an offset of the torque is part of Coulomb friction"
     text = (
-        "its run-downs give friction relative to the inertia of the robot's file: 1 % of it is 1 % of every level, "
-        f"which no interval has in it{one_way}"
+        "its run-downs give friction relative to the inertia of the robot's file: 1 % of it is 1 % of friction, and an "
+        "offset of the torque is part of Coulomb friction unless they go both ways: no interval has that in it"
     )
     note = Note("friction/inertia", text, f"joint {joint.name}", severity="information")
-    return PassLevels(levels.select(known), {}, (note,))
-
-
-def _rows(record: FrictionRecord, signals: MotionSignals, rigid: FloatArray) -> list[tuple[float, ...]]:
-    """Speed, direction, torque, std, load and temperature of each range of speeds of one run-down.
-
-    rigid (n,): torque of rigid body, rotor and payload.
-    """
-    v, direction = signals.filtered(signals.velocity), signals.filtered(signals.direction)
-    s = float(np.sign(v[np.argmax(np.abs(v))]))
-    friction, speed = s * signals.filtered(record.torque - rigid), s * v
-    highest = float(speed.max())
-    edges = np.geomspace(RUN_DOWN.min_speed * highest, highest * (1 + 1e-9), RUN_DOWN.ranges + 1)
-    in_range = np.digitize(speed, edges) * (s * direction > 0.98)
-    places = [np.flatnonzero(in_range == number) for number in range(1, RUN_DOWN.ranges + 1)]
-    places = [own for own in places if len(own) >= RUN_DOWN.min_samples]
-    if not places:
-        return []
-    every, means = np.concatenate(places), [float(speed[own].mean()) for own in places]
-    A = block_diag(*(np.stack([np.ones(len(own)), about_mean(speed[own])], axis=1) for own in places))
-    numbers = np.repeat(np.arange(len(places)), [len(own) for own in places])
-    regression = PassRegression(A, friction[every], numbers, np.zeros((len(A), 0), complex), ())
-    values, covariance = regression.solve()
-    found = zip(means, values[::2].tolist(), np.sqrt(np.diag(covariance)[::2]).tolist(), strict=True)
-    return [(mean, s, level, std, record.load_torque, record.mean_temperature) for mean, level, std in found]
+    return JointMotion(regress_motion(*motions), (), False, (note,))
 
 
 @dataclass(frozen=True)
@@ -170,6 +113,8 @@ def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -
         alone = [log[joint.name] for log in logs if len(log) == 1 and joint.name in log]
         if alone:
             evaluated[joint.name] = _alone(robot, joint, alone)
+        elif run_downs := measured.of(joint.name, "run_down"):
+            evaluated[joint.name] = _coasting(robot, joint, run_downs)
     return evaluated
 
 
@@ -233,13 +178,12 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
         for log, motions in zip(members, robot_logs, strict=True):
             measured = {joint: record.torque for joint, record in log.items()}
             check_torques(robot, measured, torques_in_file(robot, motions), next(iter(log.values())).place)
-        result = regress_robot_motion(robot, robot_logs)
+        friction, alone = regress_robot_motion(robot, robot_logs)
         for joint in joints:
-            pairs = zip(members, result.alone, strict=True)
-            records = [replace(log[joint], torque=alone[joint].torque) for log, alone in pairs]
+            pairs = zip(members, alone, strict=True)
+            records = [replace(log[joint], torque=own[joint].motion.torque) for log, own in pairs]
             passes = [each for record in records for each in detect_passes(record, has_gravity=False)]
-            friction = result.friction[joint]
-            evaluated[joint] = JointMotion(friction, _enough(passes), False, friction.notes)
+            evaluated[joint] = JointMotion(friction[joint], _enough(passes), False, friction[joint].notes)
     return evaluated
 
 
@@ -273,16 +217,9 @@ def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) ->
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class SideLimits:
-    """Limits that show on which side of a gear a log is."""
-
-    min_ratio: float = 10.0  # of the gear: below, masses may be wrong by as much as its sides differ
-    close_factor: float = 4.0  # between a factor of torques and a power of the ratio
-    min_correlation: float = 0.5  # with the torque of the robot's file: below, friction or errors dominate
-
-
-SIDES = SideLimits()
+# Ratio of a gear below which masses may be wrong by as much as its sides differ; factor between torques and a power of
+# the ratio; correlation with the torque of the robot's file below which friction or errors dominate.
+MIN_RATIO, CLOSE_FACTOR, MIN_CORRELATION = 10.0, 4.0, 0.5
 
 
 def check_torques(
@@ -293,11 +230,11 @@ def check_torques(
     for joint, torque in measured.items():
         known, size = expected[joint], max(float(np.linalg.norm(expected[joint])), 1e-300)
         ratio, along = abs(robot.ratio(joint)), float(torque @ known)
-        if along > SIDES.min_correlation * size * np.linalg.norm(torque) and ratio >= SIDES.min_ratio:
+        if along > MIN_CORRELATION * size * np.linalg.norm(torque) and ratio >= MIN_RATIO:
             powers.append(math.log(along / size**2) / math.log(ratio))
             ratios.append(ratio)
     power, ratio = float(np.median(powers or [0.0])), float(np.median(ratios or [1.0]))
-    if round(power) == 0 or abs(power - round(power)) * math.log(ratio) > math.log(SIDES.close_factor):
+    if round(power) == 0 or abs(power - round(power)) * math.log(ratio) > math.log(CLOSE_FACTOR):
         return
     advice = "of the motors: give their channels side: motor" if power < 0 else "of the joints: leave side: motor out"
     text = (

@@ -27,7 +27,7 @@ class Levels:
     torque (n,): that brakes, positive, viscous friction included.  std (n,): of torque.  load (n,): |torque| on the
     joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.
 
-    Raises DataError for a level that cannot be: a speed of zero, no std, friction that drives at every condition.
+    Raises DataError for friction that drives at every condition.
     """
 
     place: str
@@ -40,15 +40,6 @@ class Levels:
     slides: bool = False
 
     def __post_init__(self) -> None:
-        for name, column in (("speed", self.speed), ("std", self.std)):
-            wrong = np.flatnonzero(~(np.isfinite(column) & (column > 0)))
-            if len(wrong):
-                raise DataError(
-                    "friction/levels",
-                    f"{name} of level {wrong[0]} is {column[wrong[0]]:g}; it must be positive: "
-                    "leave that level out, or state what is known of it",
-                    f"levels of {self.place}",
-                )
         if len(self.torque) and np.all(self.torque < 0):
             raise DataError(
                 "friction/levels",
@@ -101,7 +92,8 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     design = PassRegression.of(used, has_gravity, turn)
     values, covariance = design.solve()
     n_k = len(pairs)
-    conditions = np.array([_condition(members) for members in pairs.values()])
+    each = [[(np.abs(one.velocity).mean(), one.load, one.temperature) for one in pair] for pair in pairs.values()]
+    conditions = np.array([np.mean(pair, axis=0) for pair in each])
     speed = conditions[:, 0]
     g, o = values[:n_k], values[n_k : 2 * n_k]
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
@@ -133,19 +125,12 @@ def refuse_unknown(known: BoolArray, torque: FloatArray, std: FloatArray, place:
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
-    pairs: dict[str, list[Pass]] = {}
-    for each in passes:
-        pairs.setdefault(each.pair, []).append(each)
+    pairs = {each.pair: [other for other in passes if other.pair == each.pair] for each in passes}
     for name, members in pairs.items():
         directions = {each.direction for each in members}
         if len(directions) < 2:
             raise DataError("friction/levels", f"it has {one_way(directions)}", f"pass {name} of {members[0].place}")
     return pairs
-
-
-def _condition(members: Sequence[Pass]) -> list[float]:
-    values = [(float(np.abs(each.velocity).mean()), each.load, each.temperature) for each in members]
-    return [float(np.mean(column)) for column in zip(*values, strict=True)]
 
 
 def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
@@ -159,14 +144,13 @@ def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[Float
         return np.asarray(x), np.asarray(np.linalg.pinv(A.T @ A)), float(left @ left)
 
     one = np.ones_like(v)
-    mean, of_mean, cost = fitted(one)
-    even = np.zeros_like(v), (float(mean[0]), float(np.sqrt(max(1.0, cost / max(1, len(o) - 1)) * of_mean[0, 0])))
-    if len(o) < 4 or np.ptp(v) <= 0:
-        return even
-    (line, of_line, less), dof = fitted(one, v), len(o) - 2
-    if chance_of_terms(cost, less, 1, dof) > FALSE_ALARM:
-        return even
-    return line[1] * v, (float(line[0]), float(np.sqrt(max(1.0, less / dof) * of_line[0, 0])))
+    mean, covariance, cost = fitted(one)
+    dof, slope = len(o) - 1, 0.0
+    if len(o) >= 4 and np.ptp(v) > 0:
+        line, of_line, less = fitted(one, v)
+        if chance_of_terms(cost, less, 1, dof - 1) <= FALSE_ALARM:
+            (mean, covariance, cost), dof, slope = (line, of_line, less), dof - 1, float(line[1])
+    return slope * v, (float(mean[0]), float(np.sqrt(max(1.0, cost / max(1, dof)) * covariance[0, 0])))
 
 
 def _levels(

@@ -157,7 +157,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     signals = [MotionSignals.of(motion, passband_hz) for motion in motions]
     for each in signals:
         for direction, word in ((1, "forwards"), (-1, "backwards")):
-            if not each.moves(direction):
+            if not each.moves(direction) and not each.motion.is_run_down:
                 raise DataError(
                     "friction/motion",
                     f"it barely moves {word}, so that friction cannot be distinguished from "
@@ -167,10 +167,12 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
                 )
     terms = shown_terms(signals)
     chosen = with_other_curves(signals, terms, regressed(signals, terms))
-    if chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
+    if terms.apart and chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
         terms = replace(terms, apart=False)
         chosen = with_other_curves(signals, terms, regressed(signals, terms))
     fit = MotionFriction.of(signals, chosen, terms.at(chosen))
+    if fit.motion.is_run_down:
+        return fit
     fit = replace(fit, held=tuple(_held(fit, signals)), notes=_angle_notes(fit))
     return _judged(fit, signals)
 

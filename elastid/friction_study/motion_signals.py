@@ -28,7 +28,7 @@ class Motion:
     turns_against_gravity: True if the torque of gravity changes with the angle.  turn: of the joint for one of its
     motor, 0 for none.  load: |torque| that the joint carries.  temperature (n,): degC, None where none was logged.
     torque_delay_s: by which the torque acts later than its position was read.  payload_torque (n,): of a payload
-    that other logs do not have, by the robot's geometry.
+    that other logs do not have, by the robot's geometry.  is_run_down: it coasts, its torque without the rigid body.
     """
 
     place: str
@@ -42,6 +42,7 @@ class Motion:
     temperature: FloatArray | None = None
     torque_delay_s: float = 0.0
     payload_torque: FloatArray | None = None
+    is_run_down: bool = False
 
     @property
     def acting_position(self) -> FloatArray:

@@ -81,6 +81,8 @@ class MotionTerms:
 
 def shown_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
     """The parts that the data show beyond chance, one after the other."""
+    if signals[0].motion.is_run_down:
+        return _curve(signals, MotionTerms(apart=False))
     terms = MotionTerms(load=len({each.motion.load for each in signals}) > 1)
     if terms.load:
         terms = replace(terms, load=regressed(signals, terms).chance("load.coulomb", 1) < FALSE_ALARM)
@@ -282,10 +284,9 @@ def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | N
     The column of a delay is the rate of the torque as the other columns have it: that of the torque itself has the
     errors of the model in it, and makes all numbers wrong.
     """
-    velocity, acceleration = signals.derivatives
-    raw = full_rate_columns(signals, terms, about) | {"inertia": acceleration, "viscous": velocity}
-    if terms.apart:
-        raw["directions.viscous"] = np.sign(signals.velocity) * velocity
+    raw, (velocity, acceleration) = full_rate_columns(signals, terms, about), signals.derivatives
+    logged = {"inertia": acceleration, "viscous": velocity, "directions.viscous": np.sign(signals.velocity) * velocity}
+    raw |= {name: column for name, column in logged.items() if name in raw}
     columns = {name: signals.filtered(column) for name, column in raw.items()}
     if terms.delay:
         X, y = np.stack(list(columns.values()), axis=1), signals.filtered(signals.motion.torque)
@@ -301,7 +302,10 @@ def full_rate_columns(
 ) -> dict[str, FloatArray]:
     """The columns (n,) by the names of their numbers; about: numbers where those of nonlinear ones are derivatives."""
     v, s, q, motion = signals.velocity, signals.direction, signals.position, signals.motion
-    columns = {"inertia": signals.acceleration} | _columns_of_law(signals, terms, about)
+    columns = _columns_of_law(signals, terms, about)
+    if motion.is_run_down:
+        return columns
+    columns["inertia"] = signals.acceleration
     if motion.payload_torque is not None:
         columns["gain"] = motion.payload_torque
     if terms.spring:

@@ -11,7 +11,7 @@ are small. The base parameters, with the columns that they belong to, give the r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -38,7 +38,7 @@ from elastid.friction_study.motion import (
     moved_numbers,
     too_few_speeds,
 )
-from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, both_bands
+from elastid.friction_study.motion_signals import MotionLog, MotionSignals, both_bands
 from elastid.friction_study.motion_terms import MotionTerms, columns_of, joint_equations
 from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
@@ -61,22 +61,14 @@ GRAVITY_HIDES = "Coulomb friction that differs between the directions cannot be 
 _OF_JOINT = ("viscous", "coulomb", "directions.viscous")
 
 
-@dataclass(frozen=True)
-class RobotMotion:
-    """Friction by joint; and of each log the motions by joint without the torque of what is no friction."""
+def regress_robot_motion(
+    robot: Robot, logs: Sequence[MotionLog]
+) -> tuple[dict[str, MotionFriction], list[dict[str, MotionSignals]]]:
+    """Friction of the joints that all logs move, and of each log their signals without the torque of the rigid body.
 
-    friction: Mapping[str, MotionFriction]
-    alone: tuple[Mapping[str, Motion], ...]
-
-
-def regress_robot_motion(robot: Robot, logs: Sequence[MotionLog]) -> RobotMotion:
-    """Friction of the joints that all logs move; DataError for robots with loops, friction that drives."""
-    if robot.loops:
-        raise DataError(
-            "friction/rigid-body",
-            f"robot {robot.name} has loops, and the rigid body of joints that move together is known of open chains "
-            "only; record a motion of one joint at a time",
-        )
+    DataError for robots with loops, and friction that drives.
+    """
+    _refuse_loops(robot)
     joints = tuple(logs[0].of_joints)
     chosen, regrouped = _base_columns(robot, joints, logs)
     rigid = [_columns(robot, joints, joints, chosen, each) for each in logs]
@@ -101,7 +93,13 @@ def regress_robot_motion(robot: Robot, logs: Sequence[MotionLog]) -> RobotMotion
         joint: replace(_of_joint([each[joint] for each in alone], fit, moved, joint), rigid_body=body)
         for joint, fit in _by_joint(least, joints, apart).items()
     }
-    return RobotMotion(friction, tuple({joint: each.motion for joint, each in log.items()} for log in alone))
+    return friction, alone
+
+
+def _refuse_loops(robot: Robot) -> None:
+    if robot.loops:
+        text = "it has loops, and the rigid body along a log is known of open chains; record one joint there and back"
+        raise DataError("friction/rigid-body", text, f"robot {robot.name}")
 
 
 def _names(joints: Sequence[str], apart: Sequence[str]) -> list[tuple[str, str]]:
@@ -152,7 +150,8 @@ def _without(log: MotionLog, torque: FloatArray) -> dict[str, MotionSignals]:
 
 
 def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
-    """The torque (n,) of rigid body and rotor by joint, with the masses of the robot's file."""
+    """The torque (n,) of rigid body and rotor by joint, with the masses of the robot's file; DataError with loops."""
+    _refuse_loops(robot)
     names, state = [joint.name for joint in robot.joints], _states(robot, log)
     theta = np.array([[value] for value, _ in robot.parameters().values()])
     tau = np.asarray(inverse_dynamics(robot)(*state, np.tile(theta, state.shape[2])).full())

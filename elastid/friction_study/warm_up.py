@@ -45,18 +45,10 @@ class WarmUp:
     level_std: FloatArray
 
 
-@dataclass(frozen=True)
-class WarmUpLimits:
-    """Limits of warm-ups.  False alarms of 12 logs: no note on a short warm-up."""
-
-    best_thermometer: float = 0.05  # K, std of its readings at least
-    max_share: float = 1.2  # of s: a little above 1 stands for further nodes on the way to a thermometer
-    closest: float = 0.9  # ratio of two time constants at most
-    max_log_std: float = 0.3  # of a time constant: a warm-up with a wider one was too short
-    parabola: float = 0.01  # of a level, which a parabola over the heat may miss
-
-
-LIMITS = WarmUpLimits()
+# Std of the readings of a thermometer at least, in K; of a level the part that a parabola over the heat may miss.
+BEST_THERMOMETER, PARABOLA = 0.05, 0.01
+# Log std of the slowest time constant, above which a warm-up was too short.
+MAX_LOG_STD = 0.3
 
 
 @dataclass(frozen=True)
@@ -80,13 +72,10 @@ def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
     Raises DataError where nothing warms up or nothing was measured, FitError where no start leads to an optimum.
     """
     log, has_readings = warm_up.log, bool(np.isfinite(warm_up.log.temperature).any())
-    if np.any(np.diff(log.time_s) <= 0):
-        raise DataError("friction/warm-up", "its times do not increase; sort the log, or correct its clock", "warm-up")
-    if not has_readings and not len(warm_up.level):
-        raise DataError("friction/warm-up", "neither a thermometer nor test passes; log one of them", "warm-up")
-    if not np.any(log.power > 0):
-        text = "the power is nowhere positive, so that nothing warms; check the signs of torque and speed"
-        raise DataError("friction/warm-up", text, "warm-up")
+    is_measured = has_readings or len(warm_up.level) > 0
+    if np.any(np.diff(log.time_s) <= 0) or not np.any(log.power > 0) or not is_measured:
+        text = "it takes times that increase, power that is positive, and readings of a thermometer or test passes"
+        raise DataError("friction/warm-up", f"{text}; correct the log's clock and signs, or log them", "warm-up")
     _, counts = np.unique(np.round(warm_up.test_speed, 9), return_counts=True)
     is_course = len(counts) > 0 and counts.min() > 4  # more levels than a parabola has numbers
     problem = _Problem(warm_up, has_series=is_course or not has_readings)
@@ -117,17 +106,18 @@ class _Problem:
     @property
     def names(self) -> tuple[str, ...]:
         """Of the unknowns."""
-        second = ("ratio", *(["share"] if self.is_kelvin else []), *(["level_share"] if self.has_series else []))
+        shares = {"share": self.is_kelvin, "level_share": self.has_series}
+        second = ("ratio", *(name for name, is_there in shares.items() if is_there))
         return ("constant", *(second if self.nodes == 2 else ()), *(("h", "start") if self.is_kelvin else ()))
 
     def parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
         """Time constants, shares of the thermometer and of the levels, h, start."""
-        value = dict(zip(self.names, x.tolist(), strict=True))
-        T, ratio = math.exp(value["constant"]), math.exp(value.get("ratio", 0.0))
-        constants = np.array([T, T * ratio])[: self.nodes]
-        first = np.array([value.get(name, 1.0) for name in ("share", "level_share")]) / max(1 - ratio, 1e-9)
-        own, levels = np.ones((2, 1)) if self.nodes == 1 else np.stack([first, 1 - first], axis=1)
-        start = self.warm_up.log.start_degc + max(self.warm_up.log.start_std, 1e-6) * value.get("start", 0.0)
+        value, log = dict(zip(self.names, x.tolist(), strict=True)), self.warm_up.log
+        ratio = math.exp(value.get("ratio", 0.0))
+        constants = math.exp(value["constant"]) * np.array([1.0, ratio])[: self.nodes]
+        first = np.array([[value.get(name, 1.0)] for name in ("share", "level_share")]) / max(1 - ratio, 1e-9)
+        own, levels = np.ones((2, 1)) if self.nodes == 1 else np.hstack([first, 1 - first])
+        start = log.start_degc + max(log.start_std, 1e-6) * value.get("start", 0.0)
         return constants, own, levels, math.exp(value.get("h", 0.0)), start
 
     def residual(self, x: FloatArray) -> FloatArray:
@@ -136,7 +126,7 @@ class _Problem:
         parts = []
         if self.is_kelvin:
             log, T = warm_up.log, temperature(warm_up.log, constants, shares, h, start)
-            read, std = np.isfinite(log.temperature), max(log.temperature_std, LIMITS.best_thermometer)
+            read, std = np.isfinite(log.temperature), max(log.temperature_std, BEST_THERMOMETER)
             parts += [(log.temperature - T)[read] / std, x[-1:]]
         if self.has_series:
             A, b = self.series(constants, level_shares), warm_up.level / self.level_std
@@ -146,7 +136,7 @@ class _Problem:
     @property
     def level_std(self) -> FloatArray:
         """Of the levels (m,), with what a parabola over the heat may miss."""
-        return np.hypot(self.warm_up.level_std, LIMITS.parabola * self.warm_up.level)
+        return np.hypot(self.warm_up.level_std, PARABOLA * self.warm_up.level)
 
     def series(self, constants: FloatArray, shares: FloatArray) -> FloatArray:
         """Columns (m, 3 n_speeds) of the parabolas over the std of the levels."""
@@ -170,38 +160,37 @@ class _Problem:
         )  # fmt: skip
 
     def _search(self, constant: float | None) -> Optimum:
-        span = float(self.warm_up.log.time_s[-1] - self.warm_up.log.time_s[0])
-        lead = np.log(max(self.warm_up.log.power.mean(), 1e-3) / 20.0)  # h such that the mean power warms by 20 K
-        share = (0.0, LIMITS.max_share)
-        bounds = {"constant": (np.log(span / 200), np.log(5.0 * span)), "ratio": (np.log(1e-3), np.log(LIMITS.closest))}
+        log = self.warm_up.log
+        span = float(log.time_s[-1] - log.time_s[0])
+        lead = float(np.log(max(log.power.mean(), 1e-3) / 20.0))  # h such that the mean power warms by 20 K
+        share = (0.0, 1.2)  # a little above 1 stands for further nodes on the way to a thermometer
+        bounds = {"constant": (np.log(span / 200), np.log(5.0 * span)), "ratio": (np.log(1e-3), np.log(0.9))}
         bounds |= {"share": share, "level_share": share, "h": (lead - 10, lead + 10), "start": (-10.0, 10.0)}
         low, high = np.array([bounds[name] for name in self.names]).T
         slowest = (0.05 * span, 0.2 * span, 0.6 * span) if constant is None else (constant,)
-        second = [(1 / 8, 0.6)] if constant is None else [(1 / 8, 0.6), (1 / 4, 1.0), (1 / 30, 0.6)]
-        common = {"level_share": 0.6, "h": lead, "start": 0.0}
         starts = [
-            common | {"constant": np.log(T), "ratio": np.log(ratio), "share": s} for T in slowest for ratio, s in second
+            {"constant": np.log(T), "ratio": np.log(ratio), "share": s, "level_share": 0.6, "h": lead, "start": 0.0}
+            for T in slowest
+            for ratio, s in ((1 / 8, 0.6), (1 / 4, 1.0), (1 / 30, 0.6))[: 1 if constant is None else 3]
         ]
-        within = [np.array([start[name] for name in self.names], dtype=float) for start in starts]
+        within = [np.array([float(start[name]) for name in self.names]) for start in starts]
         ends = [end for end in minimise(self.residual, within, bounds=(low, high)) if np.isfinite(end.cost)]
         if not ends:
-            raise FitError(
-                "friction/warm-up", "no start leads to an optimum; check its levels and temperatures", "warm-up"
-            )
+            text = "no start leads to an optimum; check its levels and temperatures"
+            raise FitError("friction/warm-up", text, "warm-up")
         return min(ends, key=lambda end: end.cost)
 
 
 def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note, ...]:
     """A note where a warm-up ended before its slowest time constant was known."""
     std, constant = float(model.log_std[1]), float(model.time_constants[0])  # of the slowest
-    minutes = np.ptp(warm_up.log.time_s) / 60
-    if std < LIMITS.max_log_std and constant < 60 * minutes:
-        return ()
+    seconds = float(np.ptp(warm_up.log.time_s))
     text = (
-        f"{minutes:.3g} min show a time constant of {constant / 60:.3g} min to {std:.0%} only, so that the final "
+        f"{seconds / 60:.3g} min show a time constant of {constant / 60:.3g} min to {std:.0%} only, so that the final "
         "temperature is extrapolated: log two to three time constants, or a pause in which the joint cools"
     )
-    return (Note("friction/warm-up", text, place),)
+    is_known = std < MAX_LOG_STD and constant < seconds
+    return () if is_known else (Note("friction/warm-up", text, place),)
 
 
 def _heat(log: WarmUpLog, constants: FloatArray, shares: FloatArray) -> FloatArray:

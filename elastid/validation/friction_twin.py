@@ -68,7 +68,7 @@ def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords
     return tuple(
         _balance(joint.motion, _record_of(joint.motion, measured.of(joint.joint, "motion")))
         for joint in joints
-        if joint.motion is not None
+        if joint.motion is not None and not joint.motion.motion.is_run_down
     )
 
 
@@ -137,7 +137,7 @@ def _logs(robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecor
     """The log of each regression, with all joints that moved in it."""
     groups: dict[str, list[tuple[JointFriction, FrictionRecord]]] = {}
     for joint in joints:
-        if joint.motion is None or joint.friction is None:
+        if joint.motion is None or joint.motion.motion.is_run_down or joint.friction is None:
             continue
         record = _record_of(joint.motion, measured.of(joint.joint, "motion"))
         groups.setdefault(record.name, []).append((joint, record))

@@ -102,12 +102,6 @@ def test_samples_with_gaps_are_refused() -> None:
         JointSamples(np.array([0.0, np.nan]), np.zeros(2), np.zeros(2))
 
 
-def test_half_an_elastic_joint_is_refused() -> None:
-    """A spring needs both inertias."""
-    with pytest.raises(ValueError, match="both"):
-        FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0, stiffness=10.0)
-
-
 def test_a_rigid_joint_has_no_stiffness_to_hold() -> None:
     rigid = FollowedJoint(motor_inertia=1.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
     assert rigid.held == ("inertia", "gravity")

@@ -18,7 +18,7 @@ def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
     """Ten logs: unbiased, and most of the 95 % intervals hold the truth."""
     robot, errors, held = two_axes(), [], []
     for seed in range(10):
-        found = regress_robot_motion(robot, [MotionLog.of(motion(seed), {}, 10.0)]).friction
+        found = regress_robot_motion(robot, [MotionLog.of(motion(seed), {}, 10.0)])[0]
         for i, joint in enumerate(("1", "2")):
             fit = found[joint].chosen
             for name, truth in (("coulomb", COULOMB[i]), ("viscous", VISCOUS[i])):
@@ -31,9 +31,9 @@ def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
 
 def test_two_logs_know_more_than_one_and_the_rest_is_free_of_the_rigid_body() -> None:
     robot, logs = two_axes(), [MotionLog.of(motion(seed), {}, 10.0) for seed in (1, 2)]
-    one, both = regress_robot_motion(robot, logs[:1]), regress_robot_motion(robot, logs)
-    assert both.friction["1"].chosen.std("viscous") < one.friction["1"].chosen.std("viscous")
-    alone = both.alone[1]["2"]
+    (one, _), (both, left_logs) = regress_robot_motion(robot, logs[:1]), regress_robot_motion(robot, logs)
+    assert both["1"].chosen.std("viscous") < one["1"].chosen.std("viscous")
+    alone = left_logs[1]["2"].motion
     v = np.gradient(alone.position, 1 / RATE)
     left = alone.torque - COULOMB[1] * np.sign(v) - VISCOUS[1] * v
     assert np.std(left[200:-200]) < 0.1 * np.std(logs[1].of_joints["2"].motion.torque)
@@ -46,7 +46,7 @@ def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> 
     v = np.gradient(second.position) * RATE
     sticking = replace(second, torque=second.torque + 30.0 * (np.abs(v) < 1e-3 * np.abs(v).max()))
     fits = [
-        regress_robot_motion(two_axes(), [MotionLog.of(motions, {}, 10.0)]).friction
+        regress_robot_motion(two_axes(), [MotionLog.of(motions, {}, 10.0)])[0]
         for motions in (log, {"1": log["1"], "2": sticking})
     ]
     assert not fits[0]["1"].misfit
@@ -77,7 +77,7 @@ def test_base_parameters_of_a_known_robot_lie_within_their_stds() -> None:
     truth = np.array([*frame, *frame, 0.0, 0.0, 0.0, 0.0])  # the logs have neither rotors nor offsets
     scores = []
     for seed in range(6):
-        body = regress_robot_motion(two_axes(), [MotionLog.of(motion(seed), {}, 10.0)]).friction["1"].rigid_body
+        body = regress_robot_motion(two_axes(), [MotionLog.of(motion(seed), {}, 10.0)])[0]["1"].rigid_body
         assert body is not None
         scores.append((body.values - body.regrouped @ truth) / body.std)
     assert np.mean(np.abs(scores) < 1.96) >= 0.9
@@ -88,7 +88,7 @@ def test_a_rigid_body_is_not_stretched_beyond_the_motions_that_identified_it() -
     """Of both axes it holds for the first alone; of the first alone not for both."""
     robot, both = two_axes(), MotionLog.of(motion(1), {}, 10.0)
     first = MotionLog.of({"1": both.of_joints["1"].motion}, {"2": 0.4}, 10.0)
-    of_both, of_first = (regress_robot_motion(robot, [log]).friction["1"].rigid_body for log in (both, first))
+    of_both, of_first = (regress_robot_motion(robot, [log])[0]["1"].rigid_body for log in (both, first))
     assert of_both is not None
     assert of_first is not None
     assert set(rigid_body_torques(robot, of_both, first)) == {"1"}

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants import published_friction
+from plants.refusals import refused
 from scipy.integrate import solve_ivp
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError
 from elastid.friction_study.passes import alike_speeds
 from elastid.friction_study.warm_up import WarmUp, fit_warm_up
 from elastid.record import WarmUpLog
@@ -107,18 +107,15 @@ def test_stated_std_is_the_scatter() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "word"),
+    "wrong",
     [
-        (lambda w: replace(w, log=replace(w.log, power=-w.log.power)), "nowhere positive"),
-        (lambda w: replace(w, log=replace(w.log, time_s=w.log.time_s[::-1])), "times do not increase"),
-        (
-            lambda w: without_tests(replace(w, log=replace(w.log, temperature=np.nan * w.log.temperature))),
-            "neither a thermometer nor test passes",
-        ),
+        lambda w: replace(w, log=replace(w.log, power=-w.log.power)),
+        lambda w: replace(w, log=replace(w.log, time_s=w.log.time_s[::-1])),
+        lambda w: without_tests(replace(w, log=replace(w.log, temperature=np.nan * w.log.temperature))),
     ],
 )
-def test_a_warm_up_that_tells_nothing_is_refused(wrong: Callable[[WarmUp], WarmUp], word: str) -> None:
-    with pytest.raises(DataError, match=word):
+def test_a_warm_up_that_tells_nothing_is_refused(wrong: Callable[[WarmUp], WarmUp]) -> None:
+    with refused("friction/warm-up", place="warm-up"):
         fit_warm_up(wrong(campaign(0)))
 
 
