@@ -169,8 +169,6 @@ class Hypothesis:
             limits = 0.0, math.inf, math.inf
         elif not log and size.log:
             limits = -math.inf, math.inf, math.inf
-        elif not log and name == "delay":
-            limits = -value, size.limit, size.usual
         return HeldNumber(
             name, self.family, value, unit or size.unit, log, *limits, tolerated=tolerated, is_stated=self.is_stated
         )

@@ -20,12 +20,12 @@ of one that was taken out where none is.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import combinations, product
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -267,29 +267,14 @@ def hold(freq_hz: FloatArray, T: float) -> ComplexArray:
 
 
 FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass, "hold": hold}
-# f T at the upper edge about which a form of all channels is sought that no delay hints at.
-PHASES = {"hold": (-0.1, 0.1, 0.4), "low_pass": (-0.4, -0.1, 0.1)}
 
 
-@dataclass(frozen=True, eq=False)
-class Late:
-    """A form of lateness of all channels, of an output or of an input, with the T in s that fits best."""
+class Late(NamedTuple):
+    """A form of lateness, `delay` or `low_pass_y_motor_2`, with the T in s that fits best, and V with it."""
 
-    form: str
-    role: str
-    place: str
+    name: str
     time: float
     prediction: Prediction
-
-    @property
-    def name(self) -> str:
-        """`delay`, `low_pass_y_motor_2` ..."""
-        return gain_name(self.role, self.place).replace("gain", self.form, 1) if self.role else self.form
-
-    @property
-    def cost(self) -> float:
-        """V with it, after a step."""
-        return self.prediction.cost
 
 
 def as_delay(name: str) -> str:
@@ -298,43 +283,26 @@ def as_delay(name: str) -> str:
     return f"delay{name.removeprefix(form)}" if form in FORMS else name
 
 
-@dataclass(frozen=True, eq=False)
-class LatenessSearch:
-    """Configurations evaluated at one x (n_x,).  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow."""
+def best_forms(
+    evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray, near: str, channel: tuple[str, str], T_0: float
+) -> Iterator[Late]:
+    """The best T of each form near a delay of that name and size T_0.
 
-    evaluated: Sequence[Evaluated]
-    prior: FloatArray
-    free: BoolArray
+    channel: y or u with the place; ("", "") of all.  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow.
+    """
+    from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
 
-    def best_forms(self, role: str, place: str, start: float) -> Iterator[Late]:
-        """The best T of each form of an output (y), input (u) or all (""), near a delay of `start`."""
-        for form in FORMS:
-            T = 2.0 * start if form == "hold" else start
-            if form != "hold" or role != "y":
-                yield self._between(form, role, place, (0.3 * T, 2.0 * T))
+    limit = LIMITS.edge_phase / max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
 
-    def best_filters(self) -> Iterator[Late]:
-        """The best hold of all torques, and the best low pass."""
-        for form, phases in PHASES.items():
-            ends = ((0.2 * phase / self._edge_hz, 2 * phase / self._edge_hz) for phase in phases)
-            yield min((self._between(form, "", "", pair) for pair in ends), key=lambda late: late.cost)
+    def at(T: float, form: str) -> Prediction:
+        return predict(Reading("", "time", partial(_late, FORMS[form], T, *channel)), evaluated, prior, free)
 
-    @property
-    def _edge_hz(self) -> float:
-        return max(float(e.part.kernel.freq_hz.max()) for e in self.evaluated)
-
-    def _between(self, form: str, role: str, place: str, ends: tuple[float, float]) -> Late:
-        from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
-
-        def at(T: float) -> Prediction:
-            reading = Reading("", "time", partial(_late, FORMS[form], T, role, place))
-            return predict(reading, self.evaluated, self.prior, self.free)
-
-        limit = LIMITS.edge_phase / self._edge_hz
-        low, high = (float(np.clip(T, -limit, limit)) for T in sorted(ends))
+    for form in FORMS if channel[0] != "y" else ("delay", "low_pass"):
+        T = 2.0 * T_0 if form == "hold" else T_0
+        low, high = np.clip(sorted((0.3 * T, 2.0 * T)), -limit, limit).tolist()
         options = {"maxiter": LIMITS.evaluations, "xatol": 1e-4 * max(abs(low), abs(high))}
-        T = float(minimize_scalar(lambda T: at(T).cost, bounds=(low, high), method="bounded", options=options).x)
-        return Late(form, role, place, T, at(T))
+        found = minimize_scalar(lambda T, form=form: at(T, form).cost, bounds=(low, high), options=options)
+        yield Late(near.replace("delay", form, 1), float(found.x), at(float(found.x), form))
 
 
 def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
@@ -347,49 +315,34 @@ def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated,
 
 
 def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """The indices with forms of lateness where a delay explains a part; a hold or a low pass of all in any case."""
+    """The indices with the forms of lateness of the delays that explain a part."""
     optimum, result = evidence.optimum, evidence.result
     fit = thinned(optimum.fit)
-    search = LatenessSearch(evaluate(fit, optimum.end.x), fit.prior_slopes, ~result.at_bound)
-    if not (evidence.is_unexplained and search.evaluated):
+    evaluated = evaluate(fit, optimum.end.x)
+    if not (evidence.is_unexplained and evaluated):
         return indices
-    cost = predict(AS_READ, search.evaluated, search.prior, search.free).cost
-    lines = fit.n_residuals / max(optimum.fit.n_residuals, 1)
-    noise = scores.noise * lines
+    prior, free = fit.prior_slopes, ~result.at_bound
+    cost = predict(AS_READ, evaluated, prior, free).cost
+    noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)
     excess = max(cost - noise, 1e-300)
-
-    def index(late: Late, linear: ModificationIndex | None, equal: list[Late]) -> ModificationIndex:
-        """linear: the delay that it is to first order.  equal: all forms that cannot be distinguished."""
-        share, alike = (cost - late.cost) / excess, tuple(other.name for other in equal if other is not late)
-        own = linear or ModificationIndex(
-            late.name, "time", (), np.zeros(1), ("s",), (False,), np.zeros(1), math.nan, 0.0, 0.0, np.zeros(0)
-        )
-        is_own = late.name == own.name
-        return replace(
-            own, name=late.name, members=(late.name,), values=own.values if is_own else np.zeros(1), drop=share
-            * scores.excess / scores.lines, steps=np.array([late.time]), share=share, effects=late.prediction.step,
-            alike=alike + own.alike,
-        )  # fmt: skip
-
-    def equally_good(forms: Iterable[Late]) -> list[Late]:
-        """The best form and those that cannot be distinguished from it."""
-        best = sorted(forms, key=lambda late: late.cost)
-        tolerance = LIMITS.variances * scores.level + LIMITS.form_share * max(best[0].cost - noise, 0.0)
-        return [late for late in best if late.cost < best[0].cost + tolerance]
-
     channels = {"delay": ("", "")} | {
         gain_name(role, place).replace("gain", "delay", 1): (role, place)
-        for role, places in zip("yu", _channels(search.evaluated), strict=True)
+        for role, places in zip("yu", _channels(evaluated), strict=True)
         for place in places
     }
     delays = [each for each in indices if each.name in channels and each.share > LIMITS.stated_share][: LIMITS.delays]
     extended = [each for each in indices if each not in delays]
-    for linear in delays:
-        equal = equally_good(search.best_forms(*channels[linear.name], float(linear.steps[0])))
-        extended += [index(late, linear, equal) for late in equal]
-    if not any(linear.name == "delay" for linear in delays):
-        equal = equally_good(search.best_filters())
-        explained = max((linear.drop * lines for linear in delays), default=0.0)
-        if cost - equal[0].cost > max(scores.significant[1], LIMITS.stated_share * (cost - noise), explained):
-            extended += [index(late, None, equal) for late in equal]
+    for own in delays:
+        forms = best_forms(evaluated, prior, free, own.name, channels[own.name], float(own.steps[0]))
+        best = sorted(forms, key=lambda late: late.prediction.cost)
+        least = best[0].prediction.cost
+        tolerance = LIMITS.variances * scores.level + LIMITS.form_share * max(least - noise, 0.0)
+        equal = [late for late in best if late.prediction.cost < least + tolerance]  # cannot be distinguished
+        for late in equal:
+            share = (cost - late.prediction.cost) / excess
+            alike = (*(other.name for other in equal if other is not late), *own.alike)
+            values, drop = own.values * (late.name == own.name), share * scores.excess / scores.lines
+            changed = replace(own, name=late.name, members=(late.name,), values=values, steps=np.array([late.time]))
+            effects = late.prediction.step
+            extended.append(replace(changed, drop=drop, share=share, effects=effects, alike=alike))
     return extended

@@ -224,17 +224,15 @@ def find_load(test: ScoreTest, candidate: Candidate, level: float, least: float)
     def residual(p: FloatArray) -> FloatArray:
         return np.concatenate([LA @ _moments(p) + target, priors * p])
 
-    def slopes(p: FloatArray) -> FloatArray:
-        return np.concatenate([LA @ _slopes_of_moments(p), np.diag(priors)])
-
     bounds, scales = ([-0.9 * mass, -3, -3, -3], [np.inf, 3, 3, 3]), [1.0, 0.1, 0.1, 0.1]
-    ends = [least_squares(residual, [mu, *rho], slopes, bounds=bounds, x_scale=scales) for mu, rho in STARTS]
-    p = min(ends, key=lambda end: float(end.cost)).x
+    ends = [least_squares(residual, [mu, *rho], bounds=bounds, x_scale=scales) for mu, rho in STARTS]
+    best = min(ends, key=lambda end: float(end.cost))
+    p, J = best.x, best.jac[: len(target)]
     if abs(p[0]) < LEAST * mass:
         return None
-    change, J = A @ _moments(p), A @ _slopes_of_moments(p)
+    change = A @ _moments(p)
     drop = float(-change @ (2 * g + S @ change))
-    return Load(float(p[0]), p[1:], steps_of(numbers, p), max(drop, 0.0), J.T @ S @ J)
+    return Load(float(p[0]), p[1:], steps_of(numbers, p), max(drop, 0.0), J.T @ J)
 
 
 # Second moments in the order of `_moments`.
@@ -245,16 +243,6 @@ def _moments(p: FloatArray) -> FloatArray:
     """mu times 1, rho and its products in pairs (10,), of mu, rho (4,)."""
     mu, x, y, z = p
     return np.asarray(mu * np.array([1.0, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z]))
-
-
-def _slopes_of_moments(p: FloatArray) -> FloatArray:
-    """d moments / d (mu, rho) (10, 4)."""
-    mu, x, y, z = p
-    of_place = np.zeros((10, 3))
-    of_place[1:4] = np.eye(3)
-    of_place[4:7] = np.diag([2 * x, 2 * y, 2 * z])
-    of_place[7:] = [[y, x, 0.0], [z, 0.0, x], [0.0, z, y]]
-    return np.column_stack([_moments(np.array([1.0, x, y, z])), mu * of_place])
 
 
 def _of_moments(numbers: list[HeldNumber]) -> FloatArray:

@@ -24,7 +24,6 @@ from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Scores
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.score_test import LEAST, Load, find_load, steps_of
 from elastid.fit.result import ModificationIndex
-from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters, Prior
 from elastid.robot import Payload, Robot
 
@@ -57,16 +56,24 @@ def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: 
 
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
     """The index of a variant, and V of all lines at the best optimum that a few steps reach."""
-    index, assembly = variant
-    cost, x, parameters = math.inf, assembly.parameters.x, assembly.parameters
+    cost, x, parameters = math.inf, variant[1].parameters.x, variant[1].parameters
     asked = np.array([not p.tolerated for p in parameters.free])
     for start in (parameters.x, np.where(asked, evidence.optimum.end.x, parameters.x)):
-        with suppress(ElastidError):  # no robot stands there
-            fit = thinned(assembly.at(start, assembly.spec.criterion), LIMITS.residuals)
-            V, end = settle(AS_READ, fit, start, np.ones(len(start), dtype=bool))
-            V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
+        with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
+            V, end = _settled(variant[1], start, 1)
             cost, x = min((cost, x), (V, end), key=lambda each: each[0])
-    return _against(index, cost, x, evidence, scores), cost
+    return _against(variant[0], cost, x, evidence, scores), cost
+
+
+def _settled(assembly: Assembly, x: FloatArray, rounds: int) -> tuple[float, FloatArray]:
+    """V of all lines and x (n_x,) that some steps on a few lines reach from a start, in rounds of linearisations."""
+    V = math.inf
+    for _ in range(rounds):
+        every = assembly.at(x, assembly.spec.criterion)
+        fit = thinned(every, LIMITS.residuals)
+        V, x = settle(AS_READ, fit, x, np.ones(len(x), dtype=bool))
+        V *= every.n_residuals / max(fit.n_residuals, 1)
+    return V, x
 
 
 def _against(
@@ -223,7 +230,7 @@ def _carrying(
     evidence: Evidence, body: str, mass: float, place: FloatArray
 ) -> tuple[float, FloatArray, FloatArray] | None:
     """V, mass (kg) and place (m) of a load (4,) in the axes of a body, and x (n_x,) of the fit with it from a start."""
-    own, criterion = evidence.assembly, evidence.assembly.spec.criterion
+    own = evidence.assembly
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
     robot = replace(own.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
     numbers = (
@@ -240,11 +247,7 @@ def _carrying(
     x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
     try:
         assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
-        for _ in range(LIMITS.rounds):
-            fit = assembly.at(x, criterion)
-            _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
-            x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
-        cost = assembly.at(x, criterion).evaluate(x).cost
+        cost, x = _settled(assembly, x, LIMITS.rounds)
     except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
         return None
     values = dict(zip(parameters.free_names, x.tolist(), strict=True))
