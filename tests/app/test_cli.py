@@ -1,7 +1,6 @@
 """The command line: a thin skin, one clear message for each mistake, no half-written file however it ends."""
 
 import contextlib
-import json
 import logging
 import os
 import signal
@@ -116,12 +115,6 @@ def test_check_lists_all_errors_and_writes_nothing(tiny: Path, here: Path, capsy
     assert out == ""
     assert [line.split(": ")[1] for line in err.splitlines()] == ["excitation.rate_hz", "excitation.rate_hs"]
     assert tree(here) == {}
-
-
-def test_schema_is_json(capsys: pytest.CaptureFixture[str]) -> None:
-    """To stdout, for `elastid schema > study.schema.json`."""
-    assert cli.run_command(["schema"]) == 0
-    assert json.loads(capsys.readouterr().out)["properties"]["fit"]
 
 
 # --- a whole run ----------------------------------------------------------------------------------------------------
