@@ -209,6 +209,7 @@ def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: 
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(tiny: Path, here: Path) -> None:
     """Signs are written in letters, and the figures are drawn."""
     strange = {"PYTHONIOENCODING": "ascii", "MPLBACKEND": "module://nowhere.inline"}
