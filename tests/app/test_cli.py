@@ -1,7 +1,6 @@
 """The command line: a thin skin, one clear message for each mistake, no half-written file however it ends."""
 
 import contextlib
-import json
 import logging
 import os
 import signal
@@ -118,12 +117,6 @@ def test_check_lists_all_errors_and_writes_nothing(tiny: Path, here: Path, capsy
     assert tree(here) == {}
 
 
-def test_schema_is_json(capsys: pytest.CaptureFixture[str]) -> None:
-    """To stdout, for `elastid schema > study.schema.json`."""
-    assert cli.run_command(["schema"]) == 0
-    assert json.loads(capsys.readouterr().out)["properties"]["fit"]
-
-
 # --- a whole run ----------------------------------------------------------------------------------------------------
 
 
@@ -216,6 +209,7 @@ def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: 
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(tiny: Path, here: Path) -> None:
     """Signs are written in letters, and the figures are drawn."""
     strange = {"PYTHONIOENCODING": "ascii", "MPLBACKEND": "module://nowhere.inline"}

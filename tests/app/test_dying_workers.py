@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from plants.friction_records import TEMPLATE
+from plants.marks import slow
 
 from elastid.app.compare import compare
 from elastid.app.console import Console
@@ -58,21 +59,16 @@ class DyingOnce:
         return value
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> dict[str, Run]:
-    """Studies of both kinds, run by one process."""
-    home = tmp_path_factory.mktemp("runs")
-    (home / "elastic").mkdir()
-    for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
-        (home / "elastic" / name).write_text(text)
-    shutil.copytree(TEMPLATE, home / "friction")
-    found = {
-        kind: Run(load(home / kind / "study.yml", options), home / kind / "run", 1, Console(-1))
-        for kind, options in (("elastic", ELASTIC), ("friction", FRICTION))
-    }
-    for run in found.values():
-        assert tuple(worked(run, works(run))) == works(run)
-    return found
+def study(folder: Path, kind: str, texts: tuple[str, str]) -> Run:
+    """A study of its kind, to be run by one process."""
+    if kind == "friction":
+        shutil.copytree(TEMPLATE, folder)
+    else:
+        folder.mkdir()
+        for name, text in zip(("study.yml", "robot.yml"), texts, strict=True):
+            (folder / name).write_text(text)
+    options = FRICTION if kind == "friction" else ELASTIC
+    return Run(load(folder / "study.yml", options), folder / "run", 1, Console(-1))
 
 
 def works(run: Run) -> tuple[str, ...]:
@@ -112,11 +108,13 @@ def stages_with_deaths(
     return found
 
 
-@pytest.mark.parametrize("kind", ["elastic", "friction"])
+@pytest.mark.parametrize("kind", [slow("elastic"), "friction"])
 def test_a_process_that_is_killed_in_each_stage_changes_no_byte(
-    runs: dict[str, Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, tiny_texts: tuple[str, str]
 ) -> None:
     """Of two, one that has done its first part."""
-    run = Run(runs[kind].loaded, tmp_path / "run", 2, Console(-1))
+    alone = study(tmp_path / kind, kind, tiny_texts)
+    assert tuple(worked(alone, works(alone))) == works(alone)
+    run = Run(alone.loaded, tmp_path / "run", 2, Console(-1))
     assert stages_with_deaths(run, works(run), tmp_path, monkeypatch, "_by_processes") == PARALLEL[kind]
-    assert files(run.folder) == files(runs[kind].folder)
+    assert files(run.folder) == files(alone.folder)

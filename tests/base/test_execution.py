@@ -61,12 +61,6 @@ def test_a_worker_that_dies_costs_the_item_that_it_was_at(jobs: int):
     assert found == {0: 1, 1: None, 2: 9, 3: 16, 4: 25}
 
 
-def test_an_error_of_long_work_arrives_as_it_is():
-    """And ends the other workers."""
-    with pytest.raises(ZeroDivisionError):
-        list(surviving((1).__divmod__, [1, 0, 2], 2))
-
-
 def dying_once(item: tuple[int, str]) -> int:
     """The square of a number; who is the first at 3 is killed there."""
     number, folder = item

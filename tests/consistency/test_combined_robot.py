@@ -16,8 +16,7 @@ from elastid.design.choice import draw_candidates
 from elastid.design.spec import CandidateSpec
 from elastid.experiment.simulated.hardware import filter_motions
 from elastid.linear.linear_model import sensor_elements
-from elastid.model.kinematics import frame_jacobians, skeleton, tool_jacobian
-from elastid.robot import Body, Chain, Frame, Joint, Limits, Motor, Placement, Robot
+from elastid.robot import Body, Chain, Joint, Limits, Motor, Robot
 from elastid.study import load
 
 # A lift on an elastic foot; its arm turns and reaches, the wrist's motor is turned along by the elbow.
@@ -194,20 +193,6 @@ def test_known_values_come_back_within_their_intervals(tmp_path: Path, rough: bo
         assert max(relative) < (0.02 if rough else 0.005)
     assert np.sqrt(np.mean(np.square(off))) < 1.7
     assert np.abs(off).max() < 5
-
-
-def test_the_tool_is_the_frame_called_tool() -> None:
-    """Its Jacobian decides on singular postures; the frame's origin counts for floor and boxes."""
-    arm = Body("a", joints=(Joint("1", "y", motor=Motor(1.0)),), mass=5, center_of_mass=(0.2, 0, 0), inertia=1)
-    frames = (Frame("tool", "a", Placement((1.0, 0, 0))),)
-    angles = np.array([[0.3], [-1.2]])
-    bare, named = Robot("arm", (arm,)), Robot("arm", (arm,), frames=frames)
-    np.testing.assert_allclose(np.linalg.norm(tool_jacobian(bare, angles)[:, :3], axis=1), 0.2)
-    np.testing.assert_allclose(tool_jacobian(named, angles), frame_jacobians(named, angles, "tool"), atol=1e-15)
-    np.testing.assert_allclose(np.linalg.norm(tool_jacobian(named, angles)[:, :3], axis=1), 1.0)
-    assert "frame tool" in skeleton(named, angles).names
-    down = draw_candidates(CandidateSpec(given={"up": (-0.5,), "down": (0.5,)}, floor=-0.3, singular=0.0), named, 1)
-    assert [one.name for one in down.configurations] == ["up"]
 
 
 def test_candidates_of_a_slide_need_its_ends() -> None:

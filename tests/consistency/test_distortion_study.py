@@ -81,14 +81,3 @@ def test_friction_shows_on_the_lines_left_out(tiny: Path, tmp_path: Path, cycles
     assert np.median(response.total.variance / response.noise.variance) > 4
     labels = {line.get_label() for line in quality_figure(response, quality, "title").axes[0].get_lines()}
     assert {"nonlinear, even", "nonlinear, odd", "stochastic nonlinear"} <= labels
-
-
-def test_a_linear_robot_shows_no_distortion(tiny: Path, tmp_path: Path) -> None:
-    """Without friction both levels are the noise, and the total variance of one realisation is the noise's."""
-    response = response_of(finished(tiny, tmp_path / "run", 0.0, 1, "estimate"))
-    assert response.quality is not None
-    assert above_noise(response.quality.even) == pytest.approx(1, abs=0.4)
-    assert above_noise(response.quality.odd) == pytest.approx(1, abs=0.4)
-    assert response.total is not None
-    assert response.noise is not None
-    assert 0.3 < np.median(response.total.variance / response.noise.variance) < 3

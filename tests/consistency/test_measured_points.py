@@ -17,21 +17,9 @@ from elastid.frf.estimate import estimate
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
-from elastid.model.kinematics import frame_poses
-from elastid.record import Configuration, Record
-from elastid.response import Response
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
-from elastid.store.measured import read_records, read_responses, write_records, write_responses
+from elastid.store.measured import read_responses
 from elastid.study import load
-
-FREQ = np.array([0.5, 2.0, 7.0, 30.0])
-
-
-def pendulum(length: float = 1.2) -> Robot:
-    """A level axis, an elastic gear, the tool at the end of the arm."""
-    joint = Joint("1", "y", Spring(3e4, 40.0), Motor(1e-3, 100))
-    arm = Body("arm", joints=(joint,), mass=20, center_of_mass=(0.6, 0, 0), inertia=2.0)
-    return Robot("pendulum", (arm,), frames=(Frame("tool", "arm", Placement((length, 0, 0))),))
 
 
 def two_axes() -> Robot:
@@ -46,53 +34,6 @@ def two_axes() -> Robot:
         ),
         frames=(Frame("tool", "fore", Placement((0.8, 0.1, 0.05), (0.3, -0.2, 0.4))),),
     )
-
-
-def test_an_accelerometer_reads_the_tangential_acceleration_and_gravity_turned():
-    """By hand: -L q'' - g sin q0 q along the tool's z; -g cos q0 q along its x, where nothing moves at first order."""
-    robot, q0, L = pendulum(), 0.4, 1.2
-    model = serial(robot)
-    outputs = (
-        "joint 1",
-        "frame tool z",
-        "accelerometer tool z",
-        "frame tool x",
-        "accelerometer tool x",
-        "frame tool ry",
-    )
-    linear = linearise(model, Configuration("c", [q0]), model.theta, outputs, "acceleration")
-    G = frequency_response(linear, linear.theta_ref, FREQ)[:, :, 0]
-    s = 2j * np.pi * FREQ
-    q0 = linear_angle(model, q0)
-    joint = G[:, 0] / s**2
-    np.testing.assert_allclose(G[:, 1], -L * s**2 * joint, rtol=1e-12)
-    np.testing.assert_allclose(G[:, 2], (-L * s**2 - 9.81 * np.sin(q0)) * joint, rtol=1e-9)
-    np.testing.assert_allclose(G[:, 3], 0, atol=1e-12)
-    np.testing.assert_allclose(G[:, 4], -9.81 * np.cos(q0) * joint, rtol=1e-9)
-    np.testing.assert_allclose(G[:, 5], G[:, 0], rtol=1e-12)
-
-
-def linear_angle(model, motor_angle: float) -> float:
-    """Where the arm rests under its weight."""
-    from elastid.linear.equilibrium import equilibrium
-
-    return float(equilibrium(model, model.theta, Configuration("c", [motor_angle])).q[0])
-
-
-def test_tilt_is_the_derivative_of_gravity_in_the_axes_of_the_frame():
-    """T = -d(R^T g)/dq, by differences of the poses, for a turned tool in an oblique posture."""
-    robot = two_axes()
-    model = serial(robot)
-    q = np.array([0.3, 0.1, -0.4, 0, 0])
-    places = [f"accelerometer tool {axis}" for axis in "xyz"]
-
-    def seen(at: np.ndarray) -> np.ndarray:
-        return frame_poses(robot, at[None, :3], "tool").rotation[0].T @ robot.gravity
-
-    h = 1e-6
-    slopes = [(seen(q + h * e) - seen(q - h * e)) / (2 * h) for e in np.eye(5)]
-    np.testing.assert_allclose(model.readout(q, model.theta, places)[1].full(), -np.array(slopes).T, atol=1e-8)
-    assert not model.readout(q, model.theta, ["motor 1", "frame tool x", "body fore z"])[1].nnz()
 
 
 ROBOT = """
@@ -192,19 +133,3 @@ def test_channels_of_points_have_units_of_length(channel, says):
     with pytest.raises(ValueError, match=says):
         ChannelSpec("y", channel="c", **channel).unit_factor(two_axes().slides(channel["at"]))
     assert ChannelSpec("y", "frame tool z", "c", quantity="velocity", unit="mm/s").unit_factor(True) == 1e-3
-
-
-def test_records_and_responses_say_which_places_slide(tmp_path: Path):
-    """Units in the files, read back as written."""
-    record = Record(
-        "r", Configuration("c", [0.0]), 0, 0, 100.0, 4, ("motor 1",), ("motor 1", "frame tool z"),
-        ("position", "acceleration"), np.ones((4, 1)), np.ones((4, 2)), sliding=("frame tool z",),
-    )  # fmt: skip
-    G = np.ones((1, 2, 1), complex)
-    response = Response(np.array([1.0]), G, record.inputs, record.outputs, "acceleration",
-                                 record.configuration, sliding=record.sliding)  # fmt: skip
-    assert response.unit == "(rad/s^2 or m/s^2)/(N*m)"
-    write_responses(tmp_path / "frf.h5", [response])
-    assert read_responses(tmp_path / "frf.h5")[0].sliding == ("frame tool z",)
-    write_records(tmp_path / "records.h5", [record])
-    assert next(iter(read_records(tmp_path / "records.h5"))).output_units == ("rad", "m/s^2")

@@ -57,14 +57,6 @@ def linear(robot: Robot, angles: tuple[float, ...] = (0.0,)) -> LinearModel:
     return linearise(model, Configuration("c", angles), model.theta, model.inputs, "acceleration")
 
 
-def test_manutec_is_complete(manutec):
-    """Springs of axes 1 to 3 at c ratio^2, as the Modelica library has them; axes 4 to 6 are rigid gears."""
-    springs = {name: value for name, (value, _) in manutec.parameters().items() if name.startswith("k_")}
-    assert springs == pytest.approx({"k_1": 43 * 105**2, "k_2": 8 * 210**2, "k_3": 58 * 60**2})
-    dampers = {name: value for name, (value, _) in manutec.parameters().items() if name.startswith("d_")}
-    assert dampers == pytest.approx({"d_1": 0.005 * 105**2, "d_2": 0.01 * 210**2, "d_3": 0.04 * 60**2})
-
-
 @pytest.mark.parametrize(
     ("k_1", "poles", "zeros"),
     [

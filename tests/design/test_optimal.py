@@ -33,12 +33,6 @@ def random_information(seed: int, S: int = 1, Q: int = 30, d: int = 4, rank: int
     return H
 
 
-def _quadratic() -> tuple[FloatArray, FloatArray]:
-    x = np.linspace(-1, 1, 201)
-    f = np.stack([np.ones_like(x), x, x**2], axis=1)
-    return x, (f[:, :, None] * f[:, None, :])[None]
-
-
 @settings(max_examples=40, deadline=None)
 @given(letter=st.sampled_from(LETTERS), s=st.integers(1, 3), seed=st.integers(0, 1000))
 def test_criteria_are_those_of_the_covariance_and_have_their_gradients(letter: Letter, s: int, seed: int) -> None:
@@ -54,18 +48,6 @@ def test_criteria_are_those_of_the_covariance_and_have_their_gradients(letter: L
     step = 1e-6 * (step + np.swapaxes(step, 1, 2))
     change = criterion.slope(M + step).value - criterion.slope(M - step).value
     assert np.sum(slope.gradient * step) == pytest.approx(change / 2, rel=1e-3, abs=1e-9)
-
-
-@pytest.mark.parametrize(("letter", "ends"), [("D", 1 / 3), ("A", 1 / 4)])
-@pytest.mark.slow
-def test_quadratic_regression_puts_its_textbook_weights_at_the_ends_and_the_middle(letter: Letter, ends: float) -> None:
-    """1, x, x^2 on [-1, 1]: 1/3, 1/3, 1/3 for D; 1/4, 1/2, 1/4 for A (Pukelsheim, chapter 9)."""
-    x, H = _quadratic()
-    found = relaxed_design(H, DesignCriterion(letter, np.eye(3)), tolerance=1e-5)
-    assert found.weights[x == -1] == pytest.approx(ends, abs=2e-3)
-    assert found.weights[x == 1] == pytest.approx(ends, abs=2e-3)
-    assert found.weights[np.abs(x) < 0.035].sum() == pytest.approx(1 - 2 * ends, abs=5e-3)
-    assert found.gap < 1e-3
 
 
 @settings(deadline=None, max_examples=15)

@@ -49,12 +49,6 @@ def _multisine(periods: int, seed: int, N: int = 400) -> Record:
     return replace(noise_record(N, 0, n=1), u=u, y=y, is_periodic=True, period_samples=N)
 
 
-def test_auto_is_the_default_and_needs_no_period() -> None:
-    """An empty section, for noise on two inputs."""
-    assert EstimatorSpec().method == "auto"
-    assert estimate([noise_record(3000, 0, noise=0.1)], EstimatorSpec()).n_lines > 10
-
-
 def test_a_light_resonance_goes_to_the_local_method_and_heavy_noise_to_segments() -> None:
     """Leakage of a segment against the variance of a narrow window; the note has both errors."""
     rng = np.random.default_rng(0)

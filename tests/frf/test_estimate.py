@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.random_plants import ALL_PERIODS, periods_of, record_of
 from plants.refusals import refused
 
-from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.excitation.multisine import orthogonal_set
 from elastid.fit.problem.smoothed_noise import smooth_noise
 from elastid.frf.estimate import LOCAL, estimate
 from elastid.frf.methods import METHODS
 from elastid.frf.spec import EstimatorSpec
-from elastid.record import Configuration, Motion, Record
+from elastid.record import Record
 
 RATE = 500.0
-ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
-CONFIGURATION = Configuration("c", np.zeros(1))
 
 
 def _record(
@@ -28,25 +27,18 @@ def _record(
     U: np.ndarray,
     Y: np.ndarray,
     *,
-    N: int = 256,
     P: int = 2,
     realisation: int = 0,
     experiment: int = 0,
-    quantity: Motion = "acceleration",
     noise: tuple[np.random.Generator, np.ndarray, np.ndarray] | None = None,
 ) -> Record:
     """P periods of the spectra U (F, n_u), Y (F, n_y), with white noise that noise[1] mixes on u and noise[2] on y."""
-    u, y = (np.tile(synthesise(lines, X, N), (P, 1)) for X in (U, Y))
+    u, y = periods_of(lines, 256, P, U, Y)
     if noise is not None:
         rng, mix_u, mix_y = noise
         u = u + rng.normal(size=u.shape) @ mix_u.T
         y = y + rng.normal(size=y.shape) @ mix_y.T
-    inputs = tuple(f"motor {i + 1}" for i in range(u.shape[1]))
-    outputs = tuple(f"joint {i + 1}" for i in range(y.shape[1]))
-    name = f"c-r{realisation}-e{experiment}"
-    return Record(
-        name, CONFIGURATION, realisation, experiment, RATE, N, inputs, outputs, (quantity,) * y.shape[1], u, y
-    )
+    return record_of(u, y, realisation, experiment, n=256, rate_hz=RATE)
 
 
 def _plant(F: int, n_y: int, n_u: int, seed: int = 0) -> np.ndarray:
@@ -268,11 +260,9 @@ def _records(seed: int = 0) -> list[Record]:
     records = []
     for m in range(2):
         for e, U in enumerate(orthogonal_set(np.ones((len(LINES), 2)), rng)):
-            r, y = (np.tile(synthesise(LINES, X, N), (PERIODS, 1)) for X in (U, np.einsum("fyu,fu->fy", G, U)))
+            r, y = periods_of(LINES, N, PERIODS, U, np.einsum("fyu,fu->fy", G, U))
             u, y = (x + 0.01 * rng.normal(size=x.shape) for x in (r, y))
-            name, places = f"m{m}e{e}", ("motor 1", "motor 2")
-            quantities = ("acceleration", "acceleration")
-            records.append(Record(name, Configuration("c", [0.0]), m, e, 500.0, N, places, places, quantities, u, y, r))
+            records.append(record_of(u, y, m, e, r, N, RATE))
     return records
 
 
@@ -311,7 +301,7 @@ def test_inputs_that_tell_nothing_are_refused(change: Change, method: str) -> No
 @pytest.mark.parametrize("change", ABSURD.values(), ids=ABSURD)
 def test_sizes_beyond_any_sensor_are_refused_with_their_channel(change: Change, method: str) -> None:
     """A wrong unit, or a placeholder for a missing value; squares of it would overflow."""
-    with refused("records/missing-samples", place="record m0e0"):
+    with refused("records/missing-samples", place="record c-r0-e0"):
         estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)  # type: ignore[arg-type]
 
 
@@ -321,7 +311,7 @@ def test_an_output_that_does_not_move_is_named(value: float) -> None:
     records = [replace(r, y=_with(1, value)(r.y)) for r in _records()]
     response = estimate(records, EstimatorSpec(method="arithmetic"), LINES)
     (note,) = [note for note in response.notes if note.code == "frf/barely-excited"]
-    assert "motor 2" in note.text
+    assert "joint 2" in note.text
     assert np.abs(response.G[:, 1]).max() < 1e-9
     with refused("frf/inputs-together", place="configuration c"):
         estimate(records, EstimatorSpec(method="h2"), LINES)

@@ -9,7 +9,6 @@ from plants.notes import said
 from elastid.app.console import Console
 from elastid.app.overview import overview
 from elastid.app.run import Run, run_all
-from elastid.experiment.plan.plan import make_plan
 from elastid.store.measured import read_forecast, read_plan, read_responses
 from elastid.store.results import read_fit
 from elastid.study import load
@@ -92,18 +91,6 @@ def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: 
     two = read_forecast(whole.path("design"))
     np.testing.assert_allclose(forecast.relative, np.sqrt(2) * two.relative, rtol=0.02)
     assert not any("approximation" in note for note in said(two.notes))
-
-
-@pytest.mark.parametrize("orthogonal", ["dft", "zippered"])
-def test_the_first_experiments_of_a_set_are_planned_and_told(study: Path, tmp_path: Path, orthogonal: str) -> None:
-    """As they were in the whole set, for the robot's time of these alone, and the forecast sees every parameter."""
-    parts = [load(study, [f"experiment.experiments={E}", f"excitation.orthogonal={orthogonal}"]).study for E in (1, 2)]
-    one, two = (make_plan(s.excitation, s.experiment, s.robot, s.seed) for s in parts if s.excitation is not None)
-    np.testing.assert_array_equal(one.R, two.R[:, :, :1])
-    assert two.robot_time_s == 2 * one.robot_time_s
-    run = Run(load(study, [f"excitation.orthogonal={orthogonal}"]), tmp_path / "run", 1, Console(-1))
-    run_all(run, ["design"])
-    assert np.all(read_forecast(run.path("design")).relative < 0.01)
 
 
 def test_a_design_fits_more_configurations_into_the_time_where_each_has_fewer_experiments(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ LINES = np.arange(3, 61, 2)
 J, VISCOUS, STIFFNESS = 2.0, 10.0, 300.0
 
 
+@cache
 def rubbing(coulomb: float, n: int, seed: int = 0, noise: float = 0.0) -> list[Record]:
     """n records of a mass on a spring, J v' + d v + k q + F tanh(v / v_s) = u, u a held multisine of RMS 10."""
     rng = np.random.default_rng(seed)

@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants import random_plants
+from plants.random_plants import ALL_PERIODS
 from plants.refusals import refused
 from scipy.signal import csd
 
-from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.excitation.multisine import orthogonal_set
 from elastid.frf.estimate import estimate
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.methods import (
@@ -21,11 +23,9 @@ from elastid.frf.methods import (
     h2,
     joint,
 )
-from elastid.frf.spec import EstimatorSpec
-from elastid.record import Configuration, Record
+from elastid.record import Record
 
 RATE, N = 500.0, 256
-ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
 
 
 def spectra_from(
@@ -47,13 +47,8 @@ def complex_normal(rng: np.random.Generator, *shape: int) -> np.ndarray:
 
 def record_of(U: np.ndarray, Y: np.ndarray, lines: np.ndarray, m: int, e: int, R: np.ndarray | None = None) -> Record:
     """Two periods of spectra (F, n)."""
-    u, y, r = (None if X is None else np.tile(synthesise(lines, X, N), (2, 1)) for X in (U, Y, R))
-    assert u is not None
-    assert y is not None
-    inputs = tuple(f"motor {i + 1}" for i in range(u.shape[1]))
-    outputs = tuple(f"joint {i + 1}" for i in range(y.shape[1]))
-    quantities = ("acceleration",) * len(outputs)
-    return Record(f"c-r{m}-e{e}", Configuration("c", [0.0]), m, e, RATE, N, inputs, outputs, quantities, u, y, r)
+    u, y, r = random_plants.periods_of(lines, N, 2, U, Y, R)
+    return random_plants.record_of(u, y, m, e, r, N, RATE)
 
 
 def dB(estimated: np.ndarray) -> float:
@@ -103,26 +98,6 @@ def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) ->
     assert response.noise is not None
     assert response.total is not None
     assert np.all(response.total.variance < 1e-15)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_every_method_has_the_sign_of_the_phase_of_an_analytic_plant(method: str) -> None:
-    """Two inertias, a spring and a delay of 2 ms (which turns the phase down), half a percent of noise."""
-    rng, lines = np.random.default_rng(0), np.arange(5, 120)
-    s = 2j * np.pi * lines * RATE / N
-    J_m, J_l, k, d = 1e-3, 2e-3, 100.0, 0.02
-    top = J_l * s**2 + d * s + k
-    G = s**2 * top / ((J_m * s**2 + d * s + k) * top - (d * s + k) ** 2) * np.exp(-s * 2e-3)
-    records = []
-    for m in range(4):
-        R = orthogonal_set(np.ones((len(lines), 1)), rng)[0]
-        Y = G[:, None] * R
-        record = record_of(R, Y, lines, m, 0, R)
-        records.append(replace(record, y=record.y + 0.005 * record.y.std() * rng.normal(size=record.y.shape)))
-    found = estimate(records, replace(ALL_PERIODS, method=method), lines).G[:, 0, 0]
-    error = np.degrees(np.angle(found / G))
-    assert np.median(np.abs(error)) < 1
-    assert np.median(np.abs(np.degrees(np.angle(found / G.conj())))) > 30
 
 
 @pytest.mark.parametrize("injection", ["reference", "torque"])

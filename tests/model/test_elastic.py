@@ -20,15 +20,6 @@ def arm() -> Robot:
     return Robot("arm", bodies, (0.0, 0.0, -9.81), frames=(Frame("tip", "c", Placement((0, 0, 0.5))),))
 
 
-def test_coordinates_of_places_and_of_joints_that_nothing_holds() -> None:
-    """A rigidly driven motor turns with its joint; a free joint is passive."""
-    model = serial(arm())
-    assert model.coordinates == ("joint 1", "joint 2", "joint 3", "motor 1")
-    assert (model.n_q, model.n_u, model.n_c) == (4, 2, 0)
-    assert [model.index(name) for name in ("motor 1", "motor 2", "joint 2")] == [3, 1, 1]
-    np.testing.assert_array_equal(model.passive, [2])
-
-
 def test_places_read_their_rates_and_an_accelerometer_gravity_as_it_tilts() -> None:
     """Upright: the tip moves by 1.5, 0.9 and 0.5 m along x per rad; tilted it sees g of gravity along -x per rad."""
     model = serial(arm())

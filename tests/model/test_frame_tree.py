@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.model.frame_tree import Attachment, between, last_common, position, seat, tree, turns
+from elastid.model.frame_tree import between, last_common, position, seat, tree, turns
 from elastid.model.kinematics import skeleton
 from elastid.robot import Body, Joint, Motor, Payload, Placement, Robot
 
@@ -63,11 +63,3 @@ def test_last_common_frame():
     assert last_common(layout, b, c) == last_common(layout, a, b) == last_common(layout, b, a) == a
     assert last_common(layout, base, c) == last_common(layout, c, base) == -1
     assert last_common(layout, c, c) == c
-
-
-def test_a_seat_on_a_seat_adds_its_place_in_the_axes_of_the_first() -> None:
-    """p + R x: a quarter turn about z brings x to y."""
-    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    found = Attachment(0, quarter, np.array([1.0, 2.0, 3.0])).placed(quarter, np.array([0.5, 0.0, 0.1]))
-    np.testing.assert_allclose(found.p, [1.0, 2.5, 3.1])
-    np.testing.assert_allclose(found.R, quarter @ quarter, atol=1e-15)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.linkages import linkage
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
@@ -22,7 +23,6 @@ from elastid.robot import (
     Compensator,
     Frame,
     Joint,
-    Loop,
     Motor,
     Placement,
     Robot,
@@ -80,34 +80,6 @@ GANTRY = Robot(
 )  # fmt: skip
 
 
-def linkage(rod: Rod) -> Robot:
-    """A four-bar linkage in a plane that is not one of the base's."""
-    tilted = Placement((0.1, 0.2, 0.3), (0.3, 0.2, 0.5))
-    motor = Motor(2e-3, 100)
-    bodies = (
-        Body("foot", placement=tilted, mass=1.0),
-        Body(
-            "lower",
-            "foot",
-            joints=(Joint("2", "y", Spring(8e5), motor),),
-            mass=16,
-            center_of_mass=(0, 0, 0.2),
-            inertia=1,
-        ),
-        Body(
-            "crank",
-            "foot",
-            joints=(Joint("3", "y", Spring(5e5), motor),),
-            mass=19,
-            center_of_mass=(-0.4, 0, 0),
-            inertia=1,
-        ),
-        Body("upper", "lower", Placement((0, 0, 0.86)), (Joint("e", "y"),), 50, (0.35, 0, 0.14), 5.0),
-    )
-    ends = (Anchor("crank", (-0.33, 0, 0)), Anchor("upper", (-0.3, 0, 0)))
-    return Robot("linkage", bodies, loops=(Loop("rod", ends, rod=rod),))
-
-
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(-2, 2), min_size=8, max_size=8))
 def test_every_point_moves_by_its_jacobian(numbers: list[float]) -> None:
@@ -141,9 +113,9 @@ def test_the_sticks_are_the_skeleton_with_its_struts() -> None:
 @pytest.mark.parametrize("rod", [Rod(0.86, 6, 0.4, 0.5, 1e7), Rod(0.86, 6, 0.4, 0.5)], ids=["elastic", "rigid"])
 def test_a_rod_is_drawn_and_stretches_by_what_the_model_says(kind: str, rod: Rod) -> None:
     """Between its ends; in every mode the ends part by the elongation, which a rigid rod has none of."""
-    robot = linkage(rod)
+    robot = linkage(rod, crank=0.33, spatial=True)
     model = formulate(robot, ModelSpec(kind))
-    at = Configuration("c", np.array([0.2, -0.3]))
+    at = Configuration("c", np.array([0.4, 0.2, -0.3]))
     linear = linearise(model, at, model.theta, model.inputs, "position")
     shapes = shapes_of_all(linear, modes(linear, linear.theta_ref).shapes)
     point = equilibrium(model, model.theta, at)

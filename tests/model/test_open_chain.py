@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from plants.refusals import refused
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import serial
-from elastid.model.frame_tree import between, seat, tree, turns
 from elastid.record import Configuration
-from elastid.robot import Anchor, Body, CoilSpring, Compensator, GasSpring, Joint, Motor, Placement, Robot, Spring
+from elastid.robot import Anchor, Body, CoilSpring, Compensator, GasSpring, Joint, Motor, Robot
 
 MASS, LENGTH, G = 100.0, 0.8155, 9.81
 WEIGHT = MASS * LENGTH * G  # 800 Nm
@@ -107,43 +104,6 @@ def test_the_counterbalance_of_a_kuka_kr300_equals_its_formula() -> None:
     np.testing.assert_allclose(p[2:11] / 1e5, measured_bar, rtol=0.05)
 
 
-def test_the_balance_cylinder_of_an_irb_4400() -> None:
-    """Between turret and lower arm as its makers draw it: 0.81882 m long at zero, pitched by -0.20909 rad."""
-    turret = Body("turret", joints=(Joint("1", "z", motor=Motor(1e-3)),), mass=106.0)
-    lower = Body("lower", "turret", Placement((0.2, -0.0835, 0.462)), (Joint("2", "y", motor=Motor(1e-3)),), 31.0)
-    ends = Anchor("turret", (-0.47929, 0.047, 0.32047)), Anchor("lower", (0.1217, 0.1305, 0.0284))
-    cylinder = Compensator("cylinder", ends, gas=GasSpring(10e3, 0.81882, 0.6, 1.1, "draw"))
-    robot = Robot("irb 4400", (turret, lower), compensators=(cylinder,))
-    layout = tree(robot)
-    q = ca.SX.sym("q", 2)
-    where = [(seat(robot, layout, end.body), end.point) for end in ends]
-    vector = ca.Function("rod", [q], [between(layout, turns(layout, q), where[0], where[1])])
-    rod = vector([0.7, 0.0]).full()[:, 0]
-    assert np.linalg.norm(rod) == pytest.approx(0.81882, abs=1e-5)
-    assert math.atan2(-rod[2], rod[0]) == pytest.approx(-0.20909, abs=1e-4)
-    # Drawing at F0 its moment about axis 2 is F0 times the lever, whatever axis 1 does.
-    lever = (0.0284 * rod[0] - 0.1217 * rod[2]) / 0.81882
-    weightless = serial(replace(robot, gravity=(0.0, 0.0, 0.0)))
-    for angle in (0.0, 0.7):
-        u = equilibrium(weightless, weightless.theta, Configuration("c", (angle, 0.0))).u
-        np.testing.assert_allclose(u, [0.0, 10e3 * lever], atol=1.0)
-
-
-def two_links() -> Robot:
-    """Shoulder with a gas spring, elbow without; both elastic."""
-    gas = GasSpring(6000.0, 0.6, 0.4, 1.2, "draw")
-    upper = (Joint("1", "y", Spring(3e4, 60), Motor(2e-3, 60, 1e-3)),)
-    fore = (Joint("2", "y", Spring(2e4, 40), Motor(1e-3, 60, 1e-3)),)
-    return Robot(
-        "two links",
-        (
-            Body("a", joints=upper, mass=40, center_of_mass=(0, 0, 0.4), inertia=3.0),
-            Body("b", "a", Placement((0, 0, 0.8)), fore, 25, (0.3, 0, 0), 1.0),
-        ),
-        compensators=(Compensator("gas", (Anchor("base", (-0.15, 0, -0.5)), Anchor("a", (-0.1, 0, 0.1))), gas=gas),),
-    )
-
-
 def test_wrong_compensators_are_refused() -> None:
     ends = Anchor("base"), Anchor("arm", (0, 0, 0.3))
     coil, gas = CoilSpring(1e4), GasSpring(1e3, 0.5, 0.4)
@@ -172,16 +132,3 @@ def test_a_gas_spring_beyond_its_end_is_refused() -> None:
     model = serial(robot)
     with refused("robot/no-rest", place="configuration down"):
         equilibrium(model, model.theta, Configuration("down", (3.0,)))
-
-
-def test_only_the_joints_between_its_ends_feel_it() -> None:
-    """A spring between the two links leaves the shoulder alone, and costs few instructions."""
-    robot = two_links()
-    plain = serial(replace(robot, compensators=()))
-    between = Compensator("s", (Anchor("a", (0, 0, 0.2)), Anchor("b", (0.2, 0, 0))), coil=CoilSpring(1e4, 0.1))
-    with_spring = serial(replace(robot, compensators=(between,)))
-    q = np.array([0.3, 0.4, 0.3, 0.4])
-    added = with_spring.potential_gradient(q, with_spring.theta) - plain.potential_gradient(q, plain.theta)
-    np.testing.assert_array_equal(np.flatnonzero(np.abs(added.full()[:, 0]) > 1e-9), [1])
-    assert with_spring.force.n_instructions() - plain.force.n_instructions() < 60
-    assert isinstance(added, ca.DM)

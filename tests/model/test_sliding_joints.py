@@ -7,7 +7,6 @@ import pytest
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
-from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
@@ -103,15 +102,3 @@ def test_stiffer_and_stiffer_elastic_joints_become_the_flexible_joint_model(wher
     assert errors[0] > errors[1] > errors[2]
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 10, rtol=0.2)
     assert errors[2] < 1e-3
-
-
-def test_an_elastic_base_has_the_frequency_of_the_mass_on_it():
-    """A machine on a soft foot that only slides: f = sqrt(k / m) / 2 pi, joint held."""
-    foot = Joint("b", "x", Spring(1e5), motion="translation")
-    axis = Joint("1", "z", motor=Motor(1.0, 1e3))
-    robot = Robot(
-        "machine", (Body("foot", joints=(foot,), mass=70), Body("table", "foot", joints=(axis,), mass=30, inertia=1))
-    )
-    model = serial(robot)
-    linear = linearise(model, Configuration("c", [0.0]), model.theta, model.inputs, "position")
-    assert modes(linear, linear.theta_ref).freq_hz[0] == pytest.approx(np.sqrt(1e5 / 100) / (2 * np.pi), rel=1e-9)

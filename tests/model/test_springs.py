@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from elastid.linear.equilibrium import equilibrium, preloads
 from elastid.linear.linearise import Linearisation, linearise
-from elastid.linear.modes import modes
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
@@ -101,24 +100,6 @@ def test_a_gear_that_hardens_in_a_kink() -> None:
     assert slope[np.abs(x) < 0.03] == pytest.approx(16.7, rel=0.06)
     assert slope[np.abs(x) > 0.3][5:-5] == pytest.approx(100, rel=0.001)
     np.testing.assert_allclose(tau, -tau[::-1], atol=1e-12)
-
-
-def test_the_four_mass_benchmark_rests_on_the_soft_part_of_its_gear() -> None:
-    """Moberg & Ohr (2005), printed for k1 = 16.7: resonances of the chain at rest, the stiff part of no effect."""
-    springs = (
-        Spring(100, 0.08, backlash=0.02, inner_stiffness=16.7, rounding=0.01),
-        Spring(110, 0.06),
-        Spring(80, 0.08),
-    )
-    bodies = []
-    for i, (spring, inertia) in enumerate(zip(springs, (2e-3, 0.02, 0.02), strict=True), start=1):
-        joint = Joint(str(i), spring=spring, motor=Motor(5e-3) if i == 1 else None)
-        bodies.append(Body(f"m{i}", f"m{i - 1}" if i > 1 else "base", joints=(joint,), inertia=inertia))
-    model = serial(Robot("four masses", tuple(bodies), gravity=(0.0, 0.0, 0.0)))
-    linear = linearise(model, HORIZONTAL, model.theta, ("motor 1",), "acceleration")
-    undamped = replace(linear, D=0 * linear.D)
-    found = modes(undamped, linear.theta_ref).freq_hz
-    np.testing.assert_allclose(found, [8.763, 14.472, 41.773], atol=2e-3)
 
 
 @given(st.lists(st.floats(-2e-3, 2e-3), min_size=7, max_size=7))

@@ -10,21 +10,11 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.multisine import synthesise
 from elastid.frf.local.response import local_response, settled_spectra
 from elastid.frf.spec import EstimatorSpec
-from elastid.record import Configuration, Motion, Record
-from elastid.response import Response
+from elastid.record import Record
+from plants.random_plants import record_of
 
 LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
 LRM = EstimatorSpec(method="local_rational", quantity="velocity")
-
-
-def record(
-    u: FloatArray, y: FloatArray, r: FloatArray | None, rate_hz: float, N: int, quantity: Motion = "velocity"
-) -> Record:
-    """A record of one experiment, motors in and out."""
-    inputs = tuple(f"motor {i + 1}" for i in range(u.shape[1]))
-    outputs = tuple(f"joint {i + 1}" for i in range(y.shape[1]))
-    quantities = (quantity,) * y.shape[1]
-    return Record("c-r0-e0", Configuration("c", np.zeros(1)), 0, 0, rate_hz, N, inputs, outputs, quantities, u, y, r)
 
 
 @dataclass(frozen=True)
@@ -66,66 +56,7 @@ class TwoModes:
             free = x * np.cos(omega_d * t) + (v + decay * x) / omega_d * np.sin(omega_d * t)
             y[:, 0] -= np.exp(-decay * t) * free
         y += rng.normal(size=y.shape) * np.std(y[-self.N :]) * 10 ** (-snr_db / 20)
-        return record(u, y, None, self.rate_hz, self.N)
-
-
-class SixAxes:
-    """Six motors on six modes and a rigid body, torque to velocity, under decentralised velocity feedback."""
-
-    rate_hz = 250.0
-
-    def __init__(self, seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        n = self.n = 6
-        omega = 2 * np.pi * np.linspace(7.3, 24.1, n)
-        zeta = rng.permutation(np.linspace(0.044, 0.072, n))
-        Phi, rigid = rng.normal(size=(n, n)), np.eye(n) + rng.normal(size=(n, n)) / 3
-        zero = np.zeros((n, n))
-        A = np.block(
-            [
-                [-0.5 * np.eye(n), zero, zero],
-                [zero, zero, np.eye(n)],
-                [zero, -np.diag(omega**2), -np.diag(2 * zeta * omega)],
-            ]
-        )
-        B = np.vstack([rigid @ rigid.T, zero, Phi.T])
-        step = expm(np.block([[A, B], [np.zeros((n, 4 * n))]]) / self.rate_hz)
-        self.A, self.B, self.C = step[: 3 * n, : 3 * n], step[: 3 * n, 3 * n :], np.hstack([np.eye(n), zero, Phi])
-        self.gain = 2 * np.pi * 3.0 * 0.15
-
-    def G(self, freq_hz: FloatArray) -> ComplexArray:
-        """The truth: of the samples of y to those of u."""
-        z = np.exp(2j * np.pi * freq_hz / self.rate_hz)[:, None, None]
-        G: ComplexArray = self.C @ np.linalg.solve(z * np.eye(len(self.A)) - self.A, self.B.astype(np.complex128))
-        return G
-
-    def measured(
-        self, period_s: float, step: int, P: int, rng: np.random.Generator, snr_db: float = np.inf, settle: int = 0
-    ) -> Record:
-        """One experiment from rest, `settle` periods before it; every step-th line; sensor noise on the record of y."""
-        N = round(period_s * self.rate_hz)
-        lines = self.lines(period_s, step)
-        U = np.exp(2j * np.pi * rng.random((len(lines), self.n)))
-        r = np.tile(synthesise(lines, U, N), (P + settle, 1))
-        u, y, x = np.zeros(r.shape), np.zeros(r.shape), np.zeros(len(self.A))
-        for k in range(len(r)):
-            y[k] = self.C @ x
-            u[k] = r[k] - self.gain * y[k]
-            x = self.A @ x + self.B @ u[k]
-        y += rng.normal(size=y.shape) * y.std(axis=0) * 10 ** (-snr_db / 20)
-        u, y, r = (signal[settle * N :] for signal in (u, y, r))
-        return record(u, y, r, self.rate_hz, N)
-
-    def lines(self, period_s: float, step: int) -> IntArray:
-        """1 to 60 Hz; odd lines for step 2."""
-        lines = np.arange(round(period_s), round(60 * period_s) + 1)
-        return lines[lines % 2 == 1] if step == 2 else lines
-
-    def errors(self, response: Response) -> FloatArray:
-        """Relative error (F,) of every line."""
-        G = self.G(response.freq_hz)
-        errors: FloatArray = np.linalg.norm(response.G - G, axis=(1, 2)) / np.linalg.norm(G, axis=(1, 2))
-        return errors
+        return record_of(u, y, n=self.N, rate_hz=self.rate_hz, quantity="velocity")
 
 
 class SweptAxis:
@@ -166,8 +97,8 @@ class SweptAxis:
         found = []
         for m, c in enumerate(gains or (1.0,) * repeats):
             noise = rng.normal(size=len(t)) * y.std() * 10 ** (-snr_db / 20)
-            signals = (c * u[:, None], (c * y + noise)[:, None], c * r[:, None] if gain else None)
-            found.append(replace(record(*signals, self.rate_hz, len(t)), name=f"c-r{m}-e0", realisation=m))
+            torque, speed, sent = c * u[:, None], (c * y + noise)[:, None], c * r[:, None] if gain else None
+            found.append(record_of(torque, speed, m, 0, sent, len(t), self.rate_hz, "velocity"))
         return found
 
 
@@ -206,16 +137,3 @@ def leakage(P: int, seed: int = 0) -> dict[str, float]:
         "transient removed, then Y / U": decibels((settled.Y / settled.U)[:, 0], G),
         "local_rational": decibels(local_response([taken], LRM, lines).G[:, 0, 0], G),
     }
-
-
-def six_axes(
-    seeds: int, period_s: float, step: int, P: int, settle: int, snr_db: float
-) -> dict[str, tuple[float, float]]:
-    """Median and worst relative error of both methods, over plants."""
-    found: dict[str, list[FloatArray]] = {"local_polynomial": [], "local_rational": []}
-    for seed in range(seeds):
-        plant = SixAxes(seed)
-        taken = plant.measured(period_s, step, P, np.random.default_rng(seed), snr_db, settle)
-        for spec in (LPM, LRM):
-            found[spec.method].append(plant.errors(local_response([taken], spec, plant.lines(period_s, step))))
-    return {name: (float(np.median(errors)), float(np.max(errors))) for name, errors in found.items()}

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.signal import lfilter
 
 from elastid.frf.spec import EstimatorSpec
-from elastid.record import Configuration, Record
+from elastid.record import Record
+from plants.random_plants import record_of
 
 RATE = 200.0
 H1 = EstimatorSpec(method="h1", quantity="velocity", segment=1.28)
@@ -28,18 +31,5 @@ def noise_record(n_samples: int, seed: int, n: int = 2, noise: float = 0.0, real
     rng = np.random.default_rng(seed)
     u = rng.normal(size=(n_samples, n))
     y = lfilter([1.0], A, u, axis=0) @ MIX[:n, :n].T + u @ DIRECT[:n, :n].T + noise * rng.normal(size=(n_samples, n))
-    names = tuple(f"motor {i + 1}" for i in range(n))
-    return Record(
-        f"c-r{realisation}-e0",
-        Configuration("c", np.zeros(1)),
-        realisation,
-        0,
-        RATE,
-        n_samples,
-        names,
-        names,
-        ("velocity",) * n,
-        u,
-        y,
-        is_periodic=False,
-    )
+    record = record_of(u, y, realisation, 0, None, n_samples, RATE, "velocity")
+    return replace(record, outputs=record.inputs, is_periodic=False)

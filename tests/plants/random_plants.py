@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.spec import EstimatorSpec
-from elastid.record import Configuration, Record
+from elastid.record import Configuration, Motion, Record
 
 RATE, N = 1000.0, 1024
 
@@ -19,12 +20,26 @@ ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
 ODD = np.arange(21, 301, 2)
 
 
-def record_of(u: np.ndarray, y: np.ndarray, m: int = 0, e: int = 0, r: np.ndarray | None = None) -> Record:
-    """Signals (n, c) with periods of N samples."""
+def record_of(
+    u: np.ndarray,
+    y: np.ndarray,
+    m: int = 0,
+    e: int = 0,
+    r: np.ndarray | None = None,
+    n: int = N,
+    rate_hz: float = RATE,
+    quantity: Motion = "acceleration",
+) -> Record:
+    """Signals (P n, c) with periods of n samples, motors in and joints out."""
     inputs = tuple(f"motor {i + 1}" for i in range(u.shape[1]))
     outputs = tuple(f"joint {i + 1}" for i in range(y.shape[1]))
-    quantities = ("acceleration",) * len(outputs)
-    return Record(f"c-r{m}-e{e}", Configuration("c", [0.0]), m, e, RATE, N, inputs, outputs, quantities, u, y, r)
+    quantities = (quantity,) * len(outputs)
+    return Record(f"c-r{m}-e{e}", Configuration("c", [0.0]), m, e, rate_hz, n, inputs, outputs, quantities, u, y, r)
+
+
+def periods_of(lines: np.ndarray, n: int, P: int, *spectra: np.ndarray | None) -> list[Any]:
+    """P periods (P n, c) of each of the spectra (F, c) at the lines; None where there is none."""
+    return [None if X is None else np.tile(synthesise(lines, X, n), (P, 1)) for X in spectra]
 
 
 def nonlinear(

@@ -20,8 +20,6 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 from elastid.recorded import pieces as in_pieces
-from elastid.recorded.files.formats import rows_of
-from elastid.recorded.files.log import StoredArray
 from elastid.recorded.pieces import pieces
 from elastid.store.measured import read_records, write_records
 
@@ -160,29 +158,3 @@ def test_pieces_that_are_not_in_step_are_refused_as_the_whole_log_is(
             file[name] = values
     with refused("records/period-mismatch", holds="3 samples"):
         measured(tmp_path, spec)
-
-
-def test_no_more_is_read_than_a_piece(
-    tmp_path: Path, log: dict[str, np.ndarray], large: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """No array of the file is read whole."""
-    spec = _write(tmp_path, log)
-
-    def refused(*_: object, **__: object) -> None:
-        raise AssertionError
-
-    monkeypatch.setattr(StoredArray, "__array__", refused)
-    assert measured(tmp_path, spec).n_samples == PERIODS * N
-    recorded = spec.as_recorded()
-    assert rows_of(tmp_path / "log.h5", recorded.channels, recorded.text) == PERIODS * N
-    assert in_pieces.pieces(PERIODS * N, N, 4)
-
-
-def test_samples_outside_a_file_in_pieces_are_refused(tmp_path: Path, log: dict[str, np.ndarray], large: None) -> None:
-    """As in a small one."""
-    spec = _write(tmp_path, log)
-    recorded = spec.as_recorded()
-    (file,) = recorded.files
-    beyond = replace(file, samples=(0, PERIODS * N + 1))
-    with refused("records/cut", place="log.h5", holds=("8001", "8000")):
-        measured(tmp_path, replace(spec, recorded=replace(recorded, files=(beyond,))))

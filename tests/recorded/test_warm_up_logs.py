@@ -41,33 +41,38 @@ def folder(log: WarmLog, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_energy_of_a_log_is_kept_in_few_steps(folder: Path, log: WarmLog) -> None:
+@pytest.fixture(scope="module")
+def warm_up(folder: Path, log: WarmLog) -> WarmUp:
+    """The log read once."""
+    return read(folder, log, FileSpec("warm.csv", purpose="warm_up"))
+
+
+def test_the_energy_of_a_log_is_kept_in_few_steps(warm_up: WarmUp, log: WarmLog) -> None:
     """Work of friction to 1 % of it, inertia and gravity taking no part; 500 steps of 180 000 samples."""
-    warm_up = read(folder, log, FileSpec("warm.csv", purpose="warm_up"))
     assert len(warm_up.log.power) == 500
     speed = np.gradient(log.position, 1 / log.rate_hz)
     heat = float(np.sum(np.abs(speed) * friction(speed, log.gear)) / log.rate_hz)
     assert float(warm_up.log.power @ np.diff(warm_up.log.time_s)) == pytest.approx(heat, rel=0.01)
 
 
-def test_test_passes_are_those_of_the_motion_throughout(folder: Path, log: WarmLog) -> None:
+def test_test_passes_are_those_of_the_motion_throughout(warm_up: WarmUp, log: WarmLog) -> None:
     """Two speeds in each part of the log that works, with the gear's friction to 2 %."""
-    warm_up = read(folder, log, FileSpec("warm.csv", purpose="warm_up"))
     assert 36 <= len(warm_up.test) <= 48
     gear = np.interp(warm_up.log.time_s[warm_up.test], np.arange(len(log.gear)) / log.rate_hz, log.gear)
     np.testing.assert_allclose(warm_up.level, friction(warm_up.test_speed, gear), rtol=0.02)
 
 
-def test_the_second_half_of_another_thermal_structure_is_predicted_to_one_percent(folder: Path, log: WarmLog) -> None:
+def test_the_second_half_of_another_thermal_structure_is_predicted_to_one_percent(
+    warm_up: WarmUp, folder: Path, log: WarmLog
+) -> None:
     """Gear and housing with the thermometer outside, of its rise; a single node misses it by more than 3 %."""
-    whole = read(folder, log, FileSpec("warm.csv", purpose="warm_up"))
     half = read(folder, log, FileSpec("warm.csv", purpose="warm_up", samples=(0, len(log.torque) // 2)))
     model = fit_warm_up(half)
-    late = whole.log.time_s > whole.log.time_s[-1] / 2
-    housing = np.interp(whole.log.time_s, np.arange(len(log.gear)) / log.rate_hz, without_noise(log))
-    error = temperature(whole.log, model.time_constants, model.shares, model.h, whole.log.start_degc) - housing
+    late = warm_up.log.time_s > warm_up.log.time_s[-1] / 2
+    housing = np.interp(warm_up.log.time_s, np.arange(len(log.gear)) / log.rate_hz, without_noise(log))
+    error = temperature(warm_up.log, model.time_constants, model.shares, model.h, warm_up.log.start_degc) - housing
     assert np.sqrt(np.mean(error[late] ** 2)) < 0.01 * np.ptp(housing)
-    error = temperature(whole.log, model.time_constants[:1], np.ones(1), model.h, whole.log.start_degc) - housing
+    error = temperature(warm_up.log, model.time_constants[:1], np.ones(1), model.h, warm_up.log.start_degc) - housing
     assert np.sqrt(np.mean(error[late] ** 2)) > 0.03 * np.ptp(housing)
 
 
@@ -75,18 +80,19 @@ def without_noise(log: WarmLog) -> np.ndarray:
     return warm_log(len(log.torque) / log.rate_hz / 3600, log.rate_hz, thermometer_std=0.0).thermometer
 
 
-def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(tmp_path: Path, log: WarmLog) -> None:
+def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(
+    warm_up: WarmUp, folder: Path, log: WarmLog
+) -> None:
     """A reading every 10 s, some missing, in another file: the power is that of the log."""
-    write_warm_log(tmp_path / "warm.csv", log)
     readings = log.thermometer[:: round(10 * log.rate_hz)].copy()
     readings[100:110] = np.nan
     rows = "\n".join(f"{each:.6g}" for each in readings)
-    (tmp_path / "slow.csv").write_text(f"degc\n{rows}\n")
+    (folder / "slow.csv").write_text(f"degc\n{rows}\n")
     slow = replace(THERMOMETER, channel="degc", file=2, rate_hz=0.1)
     file = FileSpec("warm.csv", purpose="warm_up", also=("slow.csv",))
-    warm_up, direct = read(tmp_path, log, file, slow), read(tmp_path, log, FileSpec("warm.csv", purpose="warm_up"))
-    np.testing.assert_array_equal(warm_up.log.power, direct.log.power)
-    np.testing.assert_allclose(warm_up.log.temperature, direct.log.temperature, atol=1.2)
+    found = read(folder, log, file, slow)
+    np.testing.assert_array_equal(found.log.power, warm_up.log.power)
+    np.testing.assert_allclose(found.log.temperature, warm_up.log.temperature, atol=1.2)
 
 
 @pytest.mark.slow
@@ -98,10 +104,10 @@ def test_a_coarse_thermometer_counts_no_reading_twice(tmp_path: Path, log: WarmL
     assert warm_up.log.temperature_std == pytest.approx(1 / np.sqrt(12), rel=0.01)
 
 
-def test_the_room_and_the_start_are_those_of_the_file(folder: Path, log: WarmLog) -> None:
+def test_the_room_and_the_start_are_those_of_the_file(warm_up: WarmUp, folder: Path, log: WarmLog) -> None:
     """A joint that was still warm: the room is colder than its first reading."""
-    warm_up = read(folder, log, FileSpec("warm.csv", purpose="warm_up", ambient=18.0, start=600.0))
-    assert warm_up.log.ambient_degc == 18.0
-    assert warm_up.log.start_degc == pytest.approx(ROOM, abs=0.5)
-    assert warm_up.log.time_s[0] == 600.0
-    assert np.isnan(read(folder, log, FileSpec("warm.csv", purpose="warm_up")).log.ambient_degc)
+    found = read(folder, log, FileSpec("warm.csv", purpose="warm_up", ambient=18.0, start=600.0))
+    assert found.log.ambient_degc == 18.0
+    assert found.log.start_degc == pytest.approx(ROOM, abs=0.5)
+    assert found.log.time_s[0] == 600.0
+    assert np.isnan(warm_up.log.ambient_degc)

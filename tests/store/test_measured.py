@@ -24,7 +24,6 @@ from elastid.fit.problem.weights import weigh
 from elastid.nonlinear.friction import FrictionTakenOut, Shape
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, Levels, MotorMotion, Quality, Response
-from elastid.store.files import write_checksum
 from elastid.store.measured import (
     read_configurations,
     read_forecast,
@@ -262,21 +261,6 @@ def test_a_response_comes_back_to_the_last_bit(tmp_path_factory, response):
     path = tmp_path_factory.mktemp("store") / "frf.h5"
     write_responses(path, [response])
     assert same(read_responses(path), (response,))
-
-
-def test_a_response_from_before_motions_were_kept_is_read_without_one(tmp_path):
-    """Of the same layout otherwise."""
-    motion = MotorMotion(("motor 1",), np.ones(2), np.ones((2, 1, 1), complex), np.zeros(1))
-    places = ("motor 1",), ("motor 1",), "acceleration", Configuration("c", [0.0])
-    response = Response([1.0, 2.0], np.ones((2, 1, 1)), *places, motion=motion)
-    write_responses(tmp_path / "frf.h5", [response])
-    with h5py.File(tmp_path / "frf.h5", "r+") as file:
-        (name,) = [name for name in file["responses"] if "motion" in file["responses"][name]]
-        del file["responses"][name]["motion"]
-    write_checksum(tmp_path / "frf.h5")
-    (read,) = read_responses(tmp_path / "frf.h5")
-    assert read.motion is None
-    assert same(replace(read, motion=motion), response)
 
 
 def test_records_are_read_one_configuration_at_a_time_in_the_order_measured(tmp_path):

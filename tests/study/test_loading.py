@@ -46,28 +46,6 @@ def test_a_good_study_is_read_in_si(tiny: Path) -> None:
     assert study.validation.left_out == ()
 
 
-@pytest.mark.parametrize(
-    "path",
-    sorted(
-        [
-            *CONFIGS.glob("*.yml"),
-            *CONFIGS.glob("real/*.yml"),
-            *(TEMPLATES / name / "study.yml" for name in ("serial", "parallel-linkage")),
-        ]
-    ),
-    ids=str,
-)
-def test_every_shipped_study_loads(path: Path) -> None:
-    """What we ship is read without error, where its data are there."""
-    try:
-        study = load(path).study
-        assert study.kind == "frf" or study.as_robot().driven
-    except StudyError as error:
-        if "no such file" not in str(error):
-            raise
-        pytest.skip(f"its recorded data are not here: {error}")
-
-
 def test_true_inertias_are_possible_together_or_not_at_all() -> None:
     """Of a slender body none of two equal ones may grow alone; the message then names it."""
     key, study = "experiment.simulated.truth.I_fore_arm", TEMPLATES / "serial" / "study.yml"

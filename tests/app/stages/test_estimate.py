@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.identified_robot import SLOPE, WITH_COULOMB
+from elastid.app.identified_robot import SLOPE
 from elastid.app.inspection import described
 from elastid.app.run import Run, run_all
 from elastid.app.stages.estimate import (
@@ -16,7 +16,7 @@ from elastid.app.stages.estimate import (
 )
 from elastid.base.display import digits, number
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.store.measured import read_friction, read_records, read_responses
+from elastid.store.measured import read_friction, read_records
 from elastid.store.results import read_validation
 from elastid.study import load, load_robot
 
@@ -28,19 +28,6 @@ def run_of(tiny: Path, friction: str) -> Run:
     run = Run(load(tiny, options), tiny.parent / f"run-{friction}", 1, Console(0))
     run_all(run)
     return run
-
-
-@pytest.mark.slow
-def test_a_study_without_friction_to_take_out_has_responses_alone(tiny: Path) -> None:
-    """And says that its viscous number contains some."""
-    run = run_of(tiny, "none")
-    assert len(read_responses(run.path("estimate"))) == 2
-    assert read_friction(run.path("estimate")) is None
-    summary = json.loads(run.summary("fit").read_text())
-    assert summary["friction"] is None
-    assert summary["parameters"]["fm_1"]["contains"] == WITH_COULOMB
-    assert "truth" not in summary["parameters"]["fm_1"]
-    assert 'id="friction"' not in (run.folder / "report.html").read_text("utf-8")
 
 
 @pytest.mark.slow

@@ -1,9 +1,7 @@
 """The stage validate: records replayed, configurations left out in turn, and the cost explained."""
 
 import json
-import math
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +9,8 @@ import pytest
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
-from elastid.app.summaries import validation_summary
 from elastid.store.results import read_validation
 from elastid.study import load
-from elastid.validation.results import Fold
 
 
 def run_of(study, folder, *overrides):
@@ -83,15 +79,3 @@ def test_a_validation_is_whole_and_never_that_of_another_fit(finished, tmp_path)
     assert run.is_current("validate")
     run_all(run_of(folder / "study.yml", folder / "run", "fit.starts=3"), ["fit"])
     assert not (folder / "run" / "validation.json").exists()
-
-
-def test_what_was_not_done_is_empty_and_what_failed_is_null(finished):
-    """No replay without records, no folds unless asked for; a fold without a fit has no number and a reason."""
-    run = run_of(finished / "study.yml", finished / "run")
-    found = read_validation(finished / "run" / "validation.h5")
-    failed = Fold("a", math.nan, math.nan, math.nan, "no start led anywhere")
-    summary_json = validation_summary(run.study.name, replace(found, replays=(), replayed="", folds=(failed,)))
-    assert (summary_json["replays"], summary_json["replayed"]) == ([], "")
-    assert summary_json["folds"][0]["misfit"] is None
-    assert summary_json["folds"][0]["message"] == "no start led anywhere"
-    assert json.dumps(summary_json, allow_nan=False)

@@ -61,7 +61,7 @@ def test_poles_that_fit_mere_noise_are_not_taken() -> None:
 
 def test_blocks_of_lines_do_not_change_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
     """One line at a time equals all at once."""
-    taken = study.SixAxes(0).measured(2.0, 1, 1, np.random.default_rng(0))
+    taken = study.TwoModes(N=512, lines=(6, 200)).from_rest(2, 60.0, np.random.default_rng(0))
     whole = local_response([taken], study.LRM)
     monkeypatch.setattr(least_squares, "_BLOCK_NUMBERS", 1)
     np.testing.assert_allclose(local_response([taken], study.LRM).G, whole.G, rtol=1e-9)

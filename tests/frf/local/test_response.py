@@ -10,14 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import local_plants as study
 from plants.noise_record import noise_record
-from plants.random_plants import two_modes
+from plants.random_plants import periods_of, record_of, two_modes
 from plants.refusals import refused
 
-from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.local.response import local_response, merge_repeats, settled_spectra
 from elastid.frf.spec import EstimatorSpec
-from elastid.record import Configuration, Motion, Record
+from elastid.record import Record
 
 RATE, N = 512.0, 512
 LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
@@ -27,23 +26,11 @@ FREQ = LINES * RATE / N
 
 
 def _record(
-    U: np.ndarray,
-    Y: np.ndarray,
-    R: np.ndarray | None = None,
-    *,
-    lines: np.ndarray = LINES,
-    P: int = 2,
-    quantity: Motion = "velocity",
-    name: str = "c-r0-e0",
+    U: np.ndarray, Y: np.ndarray, R: np.ndarray | None = None, lines: np.ndarray = LINES, P: int = 2, e: int = 0
 ) -> Record:
     """P periods of the spectra U (F, n_u), Y (F, n_y), R (F, n_u) at the lines."""
-    u, y, r = (None if X is None else np.tile(synthesise(lines, X, N), (P, 1)) for X in (U, Y, R))
-    assert u is not None
-    assert y is not None
-    inputs = tuple(f"motor {i + 1}" for i in range(u.shape[1]))
-    outputs = tuple(f"joint {i + 1}" for i in range(y.shape[1]))
-    configuration = Configuration("c", np.zeros(1))
-    return Record(name, configuration, 0, 0, RATE, N, inputs, outputs, (quantity,) * y.shape[1], u, y, r)
+    u, y, r = periods_of(lines, N, P, U, Y, R)
+    return record_of(u, y, 0, e, r, N, RATE, "velocity")
 
 
 def _noisy(record: Record, rng: np.random.Generator, std_y: float, std_u: float = 0.0) -> Record:
@@ -84,7 +71,7 @@ def test_one_experiment_of_any_number_of_inputs_gives_a_polynomial_response(
     rng = np.random.default_rng(seed)
     G = _polynomial(n_y, n_u, rng)
     U = _phases(rng, E, len(LINES), n_u)
-    records = [_record(X, np.einsum("fyu,fu->fy", G, X), name=f"c-r0-e{e}") for e, X in enumerate(U)]
+    records = [_record(X, np.einsum("fyu,fu->fy", G, X), e=e) for e, X in enumerate(U)]
     np.testing.assert_allclose(local_response(records, LPM, LINES).G, G, atol=1e-9 * np.abs(G).max())
 
 
@@ -110,12 +97,6 @@ def test_leakage_is_removed_better_than_by_any_peer(P: int, table: float) -> Non
     noise = -82 - 10 * np.log10(P)
     assert found["transient removed, then Y / U"] == pytest.approx(noise, abs=2)
     assert found["local_rational"] < noise - 4 < table
-
-
-@pytest.mark.slow
-def test_six_axes_come_from_one_experiment_in_closed_loop() -> None:
-    """10 s from rest, every line from 1 to 60 Hz, modes of 4 to 7 % damping: no line off by 2 %."""
-    assert study.six_axes(2, 10.0, 1, 1, 0, np.inf)["local_rational"][1] < 0.02
 
 
 @pytest.mark.slow

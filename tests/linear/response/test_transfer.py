@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.oblique_arm import arm, linear
-from plants.zeros import antiresonances
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
@@ -60,19 +59,6 @@ def test_low_frequency_response_without_gravity_is_that_of_the_rigid_robot():
     errors = [np.abs(frequency_response(model, model.theta_ref, np.array([f]))[0] - rigid).max() for f in (0.2, 0.1)]
     assert errors[1] < 1e-3 * np.abs(rigid).max()
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
-
-
-def test_antiresonances_are_the_modes_with_the_motor_locked():
-    """Zeros of G_11 = natural frequencies of the arm whose motor 1 cannot turn; there G_11 vanishes (undamped)."""
-    model = linear(arm())
-    undamped = replace(model, D=0 * model.D, slopes={})
-    zeros, _ = antiresonances(undamped, "motor 1", "motor 1")
-    keep = [i for i in range(undamped.n) if i != serial(arm()).index("motor 1")]
-    squares = np.linalg.eigvals(np.linalg.solve(undamped.M[np.ix_(keep, keep)], undamped.K[np.ix_(keep, keep)])).real
-    locked = np.sqrt(np.sort(squares[squares > 0])) / (2 * np.pi)
-    np.testing.assert_allclose(zeros, locked, rtol=1e-8)
-    G = frequency_response(undamped, undamped.theta_ref, np.array([*zeros, 30.3]))[:, 0, 0]
-    assert np.all(np.abs(G[:-1]) < 1e-6 * np.abs(G[-1]))
 
 
 def test_modes_are_where_the_dynamic_stiffness_is_singular():
