@@ -149,7 +149,7 @@ class CompressedResiduals:
     """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `Part`.
 
     elements: rows and columns (n_e,) of the elements g, of `Columns`.  is_symmetric: whether G = G^T.
-    takes_compiled: True if the sums run in C.
+    takes_compiled: True if the sums run in C.  known: what `compressed` works out, where that is done already.
     """
 
     elements: tuple[IntArray, IntArray]
@@ -159,6 +159,7 @@ class CompressedResiduals:
     gain: FloatArray
     criterion: ResidualKind
     whitening: Whitening | None
+    known: Compressed | None = None
 
     def __reduce__(self) -> tuple[type[CompressedResiduals], tuple[object, ...]]:
         """To other processes without what is worked out again there."""
@@ -168,6 +169,13 @@ class CompressedResiduals:
         """True if these are residuals of the very same data, with the very same weights."""
         are_same = (getattr(self, name) is getattr(other, name) for name in ("measured", "gain", "whitening"))
         return all(are_same) and (self.criterion, self.is_symmetric) == (other.criterion, other.is_symmetric)
+
+    @property
+    def worked_out(self) -> CompressedResiduals:
+        """Residuals without the whitening, where that is not needed again."""
+        if self.criterion != "complex":
+            return self
+        return replace(self, whitening=None, known=self.compressed)
 
     def at(self, block: slice, G: ComplexArray) -> tuple[float, LineResiduals]:
         """The residuals of some lines with elements G (F, n_e), and a constant that V has besides |r|^2."""
@@ -230,6 +238,8 @@ class CompressedResiduals:
     @cached_property
     def compressed(self) -> Compressed:
         """R, and the part of the data that remains with it."""
+        if self.known is not None:
+            return self.known
         first, second = self._places
         form = Packed.of if self.takes_compiled else Full
         mixing = self._mixing if self.criterion == "log" or self.whitening is None else self.whitening.matrix

@@ -84,7 +84,8 @@ class ElasticFit:
     def problem(self) -> LeastSquares:
         """The problem of a solver."""
         border = partial(border_metric, self.inertias, self.parameters) if self.inertias else None
-        return LeastSquares(self.parameters, self.n_residuals, self.rough, border, self.slope)
+        rough = _Rough(self)
+        return LeastSquares(self.parameters, self.n_residuals, rough, border, rough.slope)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
@@ -168,6 +169,23 @@ class ElasticFit:
         mean = [0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.parameters.free]
         slope = self.prior_slopes
         return (x - np.array(mean)) * slope, slope
+
+
+@dataclass(frozen=True, eq=False)
+class _Rough:
+    """`ElasticFit.rough`, which goes to other processes with no more than it needs."""
+
+    fit: ElasticFit
+
+    def __call__(self, x: FloatArray) -> Evaluation:
+        return self.fit.rough(x)
+
+    def slope(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """V and its gradient alone."""
+        return self.fit.slope(x)
+
+    def __reduce__(self) -> tuple[type[_Rough], tuple[ElasticFit]]:
+        return _Rough, (replace(self.fit, parts=tuple(part.for_sums for part in self.fit.parts)),)
 
 
 def elastic_fit(

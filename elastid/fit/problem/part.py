@@ -70,6 +70,12 @@ class Part:
         """Real residuals, two an element."""
         return 2 * int(np.count_nonzero(self.gain))
 
+    @property
+    def for_sums(self) -> Part:
+        """The part for `normal` alone, without the covariances of its lines, most of its numbers."""
+        residuals = self.normal.residuals.worked_out
+        return replace(self, whitening=residuals.whitening, compressed=residuals)
+
     def with_residuals_of(self, other: Part) -> Part:
         """The same with data and weights of another part, and what has been worked out of them."""
         known = other.normal.residuals
