@@ -47,9 +47,9 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.friction.operators import Path, stop
 from elastid.friction_study.least_squares import Optimum, minimise
 from elastid.friction_study.passes import PASSES
+from elastid.model.formulation import ElasticJoint
 from elastid.record import Configuration, FrictionRecord, Record
 from elastid.robot.friction import MaxwellSlip
-from elastid.simulation.elastic_joint import ElasticJoint
 
 # Few elements are tried up to this number.
 MAX_ELEMENTS = 8

@@ -27,11 +27,11 @@ from elastid.friction_study.motion import MotionFriction, RigidBody
 from elastid.friction_study.presliding import AtRest, Elements, fit_at_rest, fit_presliding, rest_responses
 from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
+from elastid.model.formulation import ElasticJoint, held_joint
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.robot import Friction, LuGre, MeasuredRange, Robot, gain_name
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
-from elastid.simulation.elastic_joint import ElasticJoint, held_joint
 
 # misfit: a motion leaves errors of the model that the intervals of its numbers do not hold.
 # partly: stiction of some joint cannot be identified, or none of its numbers.  failed: no friction of any joint.

@@ -21,12 +21,12 @@ from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.presliding import fit_at_rest, rest_responses
 from elastid.friction_study.result import FrictionResult, identify_friction
 from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LawSpec, PassesSpec
+from elastid.model.formulation import held_joint
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.take_out import net_record
 from elastid.record import FrictionRecords
 from elastid.robot import Limits, Robot
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.simulation.elastic_joint import held_joint
 
 AUTO = EstimatorSpec(friction="auto")
 LIMITS = Limits((-1.5, 1.5), velocity=2.0, torque=2000.0, acceleration=10.0)

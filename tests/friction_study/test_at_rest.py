@@ -16,8 +16,8 @@ from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
 from elastid.friction_study.presliding import AtRest, RestResponse, fit_at_rest, rest_responses
+from elastid.model.formulation import ElasticJoint
 from elastid.record import FrictionRecord
-from elastid.simulation.elastic_joint import ElasticJoint
 
 PERIOD, LINES = 2000, np.arange(10, 161)
 

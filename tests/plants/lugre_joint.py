@@ -10,8 +10,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
+from elastid.model.formulation import ElasticJoint
 from elastid.simulation.dynamics import runge_kutta_step
-from elastid.simulation.elastic_joint import ElasticJoint
 
 JOINT = ElasticJoint(0.01, 0.02, 800.0, 0.3)
 TRUTH = {

@@ -11,8 +11,8 @@ from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
 from elastid.friction_study.extended_kalman_filter import FollowedJoint, JointSamples
+from elastid.model.formulation import ElasticJoint
 from elastid.simulation.dynamics import runge_kutta_step
-from elastid.simulation.elastic_joint import ElasticJoint
 
 RATE_HZ = 1000.0
 COUNT = 2 * np.pi / 2**16

@@ -8,8 +8,7 @@ import numpy as np
 from plants.two_axes import ROBOT
 
 from elastid.friction_study.presliding import OF_FILE, _Model
-from elastid.model.formulation import formulate
-from elastid.simulation.elastic_joint import held_joint
+from elastid.model.formulation import formulate, held_joint
 from elastid.study.robots import load_robot
 
 
