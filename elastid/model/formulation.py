@@ -208,7 +208,7 @@ def _lever(robot: Robot, loop: Loop) -> int:
 
 @dataclass(frozen=True)
 class ElasticJoint:
-    """One elastic joint alone: inertias of motor and link, stiffness and damping of the spring between them, all on one side, SI."""
+    """Joint alone: inertias of motor and link, stiffness and damping of the spring between them, on one side, SI."""
 
     motor_inertia: float
     link_inertia: float
