@@ -56,6 +56,14 @@ class Estimate:
         Phi, folded = (np.zeros((F, rows, M, n_f), complex) for rows in (n, n_u))
         return cls(Phi, folded, (np.zeros((0, 0)),) * M, np.zeros((M, len(drive.k), lines.points)))
 
+    def on(self, lines: PeriodLines) -> Estimate:
+        """Estimate on a grid of more or fewer points."""
+
+        def resampled(x: FloatArray) -> FloatArray:
+            return np.asarray(irfft(rfft(x), lines.points) * (lines.points / x.shape[-1])) if x.size else x
+
+        return replace(self, unknowns=tuple(map(resampled, self.unknowns)), loads=resampled(self.loads))
+
     def of(self, own: Sequence[int]) -> Estimate:
         """Estimate of effects by their places, without forces of those at -1."""
         Phi, folded = (

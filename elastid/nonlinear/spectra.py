@@ -158,7 +158,7 @@ class PeriodLines:
     of whole periods.  noise (n_u,): variance of the noise of an element of Y that does not fall with frequency.
     scatter (F, n_u): variance of the mean over the periods, of Y.  excited (F,).  samples: of a period.  count (n_u,):
     smallest step of an angle.  sampled (n_u,): whether an angle was logged, and no derivative of it.  arm (F + 1, n_j,
-    M): torques of the links, and their mean first, whose motion is taken out of Y; 0 if none.
+    M): torques of the links, and their mean first, whose motion is taken out of Y; 0 if none.  cells: of a sample.
     """
 
     configuration: Configuration
@@ -175,11 +175,12 @@ class PeriodLines:
     count: FloatArray
     sampled: BoolArray
     arm: ComplexArray | None = None
+    cells: int = CELLS
 
     @property
     def points(self) -> int:
-        """Points of the fine grid, on half of which a gap that is crossed between two samples seems 8 % too soft."""
-        return self.samples * 2 * CELLS
+        """Points of the fine grid."""
+        return self.samples * self.cells
 
     @cached_property
     def freq_hz(self) -> FloatArray:
@@ -210,7 +211,7 @@ class PeriodLines:
         X, F = rfft(x), len(self.U)
         beyond = np.arange(F + 1, X.shape[-1])
         X[..., : F + 1], X[..., F + 1 :] = 0, X[..., F + 1 :] * (F / beyond) ** 2
-        return np.asarray(rfft(irfft(X)[..., :: self.points // self.samples])[..., 1 : F + 1] * (2 / self.samples))
+        return np.asarray(rfft(irfft(X)[..., :: self.cells])[..., 1 : F + 1] * (2 / self.samples))
 
 
 def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:
