@@ -99,29 +99,21 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
     std = np.sqrt(np.diag(covariance)[:n_k])
     known = std < MAX_RELATIVE_STD * np.abs(g)
-    refuse_unknown(known, g, std, f"passes of {used[0].place}")
     if not known.all():
-        weak, unit = ", ".join(f"{v:.3g}" for v in speed[~known]), motion_unit("velocity", used[0].slides)
+        weak, place = ", ".join(f"{v:.3g}" for v in speed[~known]), f"passes of {used[0].place}"
         text = (
-            f"levels at {weak} {unit} are not known to {MAX_RELATIVE_STD:.0%} and do not count: gravity, ripple "
-            "or noise are too large compared with them; repeat these passes, or make them longer"
+            f"levels at {weak} {motion_unit('velocity', used[0].slides)} are not known to {MAX_RELATIVE_STD:.0%} and "
+            "do not count: gravity, ripple or noise are too large compared with them; repeat these passes, or make "
+            "them longer"
         )
-        notes.append(Note("friction/levels", text, f"passes of {used[0].place}"))
+        if not known.any():
+            raise DataError("friction/levels", text, place)
+        notes.append(Note("friction/levels", text, place))
     shared = {
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
     levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
     return PassLevels(levels, shared, tuple(notes))
-
-
-def refuse_unknown(known: BoolArray, torque: FloatArray, std: FloatArray, place: str) -> None:
-    """DataError where no level (n,) is known."""
-    if not known.any():
-        text = (
-            f"no level is known to {MAX_RELATIVE_STD:.0%}, the best is {torque[np.argmin(std)]:.3g} +- "
-            f"{std.min():.2g}; repeat the record, longer or with a finer encoder"
-        )
-        raise DataError("friction/levels", text, place)
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
