@@ -23,7 +23,6 @@ from elastid.friction.static import Conditions, columns, slopes
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, inverse_normal, minimise
 from elastid.friction_study.levels import MAX_RELATIVE_STD, Levels
 from elastid.friction_study.spec import LawSpec, Part
-from elastid.record import drive_unit, motion_unit
 from elastid.robot.friction import (
     EXPONENT_RANGE,
     Directions,
@@ -284,15 +283,6 @@ class StaticLaw:
             if name.endswith("excess") and name.replace("excess", "coulomb") in names:
                 T[i, names.index(name.replace("excess", "coulomb"))] = 1.0
         return T
-
-    def learnt_from(self, name: str) -> str:
-        """The conditions that identify a number."""
-        levels, part = self.levels, name.split(".")[0]
-        ranges = {"": (levels.speed, motion_unit("velocity", levels.slides))}
-        ranges |= {"load": (levels.load, drive_unit(levels.slides)), "temperature": (levels.known_temperatures, "degC")}
-        shown = [ranges[key] for key in ("", part) if key in ranges]
-        ends = ", ".join(f"{values.min():.3g} to {values.max():.3g} {unit}" for values, unit in shown)
-        return f"{levels.n_levels} levels, {ends}{', both directions' if part == 'directions' else ''}"
 
 
 def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> Friction:

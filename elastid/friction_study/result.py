@@ -27,7 +27,7 @@ from elastid.friction_study.motion import MotionFriction, RigidBody
 from elastid.friction_study.presliding import AtRest, Elements, fit_at_rest, fit_presliding, rest_responses
 from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
-from elastid.record import FrictionRecord, FrictionRecords
+from elastid.record import FrictionRecord, FrictionRecords, motion_unit
 from elastid.robot import Friction, LuGre, MeasuredRange, Robot, gain_name
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
@@ -167,24 +167,25 @@ RIGID_TERMS = {
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the static law, and of each direction where they differ."""
-    values, learnt = np.array(list(law.values.values())), {name: law.learnt_from(name) for name in law.intervals}
-    yield from _table(joint, law.levels.slides, learnt, law.names, values, law.covariance, truth, law.fit.reach)
+    levels, values = law.levels, np.array(list(law.values.values()))
+    unit = motion_unit("velocity", levels.slides)
+    learnt = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
+    known = dict.fromkeys(law.intervals, learnt)
+    yield from _table(joint, levels.slides, known, law.names, values, law.covariance, truth, law.fit.reach)
 
 
 def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the regression of a motion, without ripple."""
     fit, learnt = motion.chosen, f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
-    if motion.terms.heat:
-        learnt = f"{learnt}, at {motion.terms.reference:.3g} degC"
     known = dict.fromkeys(motion.known, learnt)
     yield from _table(joint, motion.motion.slides, known, fit.names, fit.values, fit.covariance, truth)
 
 
 def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
     """Stiffness and damping of the bristles."""
-    names, values = ("lugre.stiffness", "lugre.damping"), np.array([rest.sigma_0, rest.sigma_1])
-    learnt = dict.fromkeys(names, f"responses at rest, {rest.amplitudes} amplitudes")
-    yield from _table(joint, slides, learnt, names, values, rest.covariance, truth)
+    values, learnt = np.array([rest.sigma_0, rest.sigma_1]), f"responses at rest, {rest.amplitudes} amplitudes"
+    known = dict.fromkeys(("lugre.stiffness", "lugre.damping"), learnt)
+    yield from _table(joint, slides, known, tuple(known), values, rest.covariance, truth)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
@@ -203,10 +204,6 @@ def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterato
         std = value * log_std
         reach = math.exp(QUANTILE_95 * std / value)  # symmetric in the logarithm
         yield FrictionNumber(name, symbol, meaning, unit, value, std, value / reach, value * reach, learnt)
-
-
-def _ends(value: float, std: float, reach: float = QUANTILE_95) -> tuple[float, float]:
-    return value - reach * std, value + reach * std
 
 
 def _table(
@@ -235,8 +232,8 @@ def _table(
         unit = "kg" if slides and term.path == "inertia" else term.unit_at(slides)
         name = gain_name("u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
-            name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, *_ends(value, std, reach),
-            learnt[term.path], truth.get(name),
+            name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - reach * std,
+            value + reach * std, learnt[term.path], truth.get(name),
         )  # fmt: skip
 
 
