@@ -370,19 +370,21 @@ def _tried(levels: Levels, fit: CurveFit, part: _Part, key: Part) -> tuple[Curve
     chance = chance_of_terms(fit.cost, wider.cost, len(new), wider.dof)
     if part.is_tested and chance > FALSE_ALARM and key == "auto":
         return None, f"{ABSENT} (chance {chance:.2g} without it); more or quieter levels might"
-    wide = _widest(wider, new)
-    if "stribeck_velocity" not in new:
-        return (wider, "") if wide is None else (None, wide)
-    nu_s, lowest = wider.values["stribeck_velocity"], float(levels.speed.min())
+    wide, lowest = _widest(wider, new), float(levels.speed.min())
+    nu_s = wider.values["stribeck_velocity"] if "stribeck_velocity" in new else np.inf
     if lowest <= LOWEST_SPEED * nu_s:
         return (wider, "") if wide is None else (None, wide)
-    text = (
+    text, std = above_stribeck(lowest, nu_s), wider.covariance[0, 0] ** 0.5  # of Coulomb friction
+    is_known = std < MAX_RELATIVE_STD * wider.values["coulomb"] and wider.values["excess"] > 0
+    return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
+
+
+def above_stribeck(lowest: float, nu_s: float) -> str:
+    """The reason why speeds show no stiction."""
+    return (
         f"the lowest speed of {lowest:.3g} is above a third of the Stribeck velocity (about {nu_s:.3g}); "
         f"measure at {LOWEST_SPEED * nu_s:.2g} and below"
     )
-    std = dict(zip(wider.names, np.sqrt(np.diag(wider.covariance)).tolist(), strict=True))
-    is_known = std["coulomb"] < MAX_RELATIVE_STD * wider.values["coulomb"] and wider.values["excess"] > 0
-    return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
 
 
 def _with_other_curves(levels: Levels, fit: CurveFit, stribeck: _Part, spec: LawSpec) -> CurveFit:

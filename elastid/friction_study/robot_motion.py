@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError, Note
+from elastid.base.errors import DataError, Note, Severity
 from elastid.friction_study.laws import Held
 from elastid.friction_study.least_squares import (
     FALSE_ALARM,
@@ -287,7 +287,7 @@ def _of_joint(
         MotionFriction.of(signals, regression, MotionTerms(_OF_JOINT[2] in regression.names)),
         signals[0].motion,
     )
-    reasons = {"stribeck": too_few_speeds(fit.plateaus, motion.slides), "temperature": ALONE}
+    reasons = {"stribeck": too_few_speeds(fit.plateaus), "temperature": ALONE}
     held = [Held(part, reason) for part, reason in reasons.items() if reason]
     held += [ONE_LOAD, Held("directions.coulomb", GRAVITY_HIDES)]
     own = {name: change for (owner, name), change in moved.items() if owner == joint}
@@ -306,11 +306,10 @@ def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regressi
     text = (
         f"{fit.relative_error:.1%} of its torque is left by rigid body and friction, {share:.0%} of what friction takes"
     )
-    advice = (
-        ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, and "
-        "the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
-    )
-    return Note(
-        "friction/rigid-body", text + (advice if dominates else ""), f"motion of {place}",
-        "warning" if dominates else "information",
-    )  # fmt: skip
+    if dominates:
+        text += (
+            ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, "
+            "and the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
+        )
+    severity: Severity = "warning" if dominates else "information"
+    return Note("friction/rigid-body", text, f"motion of {place}", severity)
