@@ -320,11 +320,8 @@ ONE_LOAD = Held("load", "a regression of one load has none; record motions with 
 def too_few_speeds(plateaus: Sequence[Plateau]) -> str:
     """The reason why a motion with these plateaus cannot identify a Stribeck effect; empty without one."""
     speeds = len(distinct_speeds(plateaus))
-    return (
-        ""
-        if speeds >= MIN_SPEEDS
-        else (
-            f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} are needed, the lowest below a third of the Stribeck "
-            "velocity; measure passes at more speeds"
-        )
+    text = (
+        f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} are needed, the lowest below a third of the Stribeck "
+        "velocity; measure passes at more speeds"
     )
+    return "" if speeds >= MIN_SPEEDS else text
