@@ -42,7 +42,6 @@ from elastid.friction_study.motion_terms import (
     ANGLE,
     MotionTerms,
     change_of,
-    columns_of,
     equations_of,
     regressed,
     shown_terms,
@@ -272,20 +271,6 @@ def judged(
     return numbers, f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: {advice}"
 
 
-@frozen_value
-class MotionSamples:
-    """A motion and its regression, behind the filter of both sides, thinned and without the ends, (n,) each.
-
-    torque: measured.  regressed: by all numbers.  friction: the torque less what is neither Coulomb nor viscous.
-    """
-
-    time_s: FloatArray
-    velocity: FloatArray
-    torque: FloatArray
-    regressed: FloatArray
-    friction: FloatArray
-
-
 PARTS = ("inertia", "gravity", "viscous", "coulomb")
 
 
@@ -304,22 +289,12 @@ def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict
     return parts
 
 
-def motion_samples(fit: MotionFriction) -> MotionSamples:
-    """The samples behind a regression, of its first log."""
-    signals = MotionSignals.of(fit.motion, fit.passband_hz)
-    parts = motion_parts(fit.chosen, columns_of(signals, fit.terms))
-    rigid = sum(parts.get(name, 0.0) for name in PARTS[:2])
-    torque, regressed = signals.filtered(fit.motion.torque), np.sum(list(parts.values()), axis=0)
-    time_s = np.arange(len(fit.motion.position))[signals.kept] / fit.motion.rate_hz
-    return MotionSamples(time_s, signals.filtered(signals.velocity), torque, regressed, torque - rigid)
-
-
 ONE_LOAD = Held("load", "a regression of one load has none; record motions with other payloads, or in other postures")
 
 
 def too_few_speeds(plateaus: Sequence[Plateau]) -> str:
     """The reason why a motion with these plateaus cannot identify a Stribeck effect; empty without one."""
-    speeds = len(distinct_speeds(plateaus))
+    speeds = len(distinct_speeds(plateau.velocity for plateau in plateaus))
     text = (
         f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} are needed, the lowest below a third of the Stribeck "
         "velocity; measure passes at more speeds"

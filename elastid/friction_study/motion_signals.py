@@ -53,10 +53,6 @@ class Motion:
         lag = self.torque_delay_s * self.rate_hz
         return np.asarray(make_interp_spline(samples, self.position, k=5)(samples + lag))
 
-    def __post_init__(self) -> None:
-        if self.position.shape != self.torque.shape or self.position.ndim != 1:
-            raise ValueError(f"motion of {self.place}: position {self.position.shape}, torque {self.torque.shape}")
-
 
 @dataclass(frozen=True)
 class MotionSignals:

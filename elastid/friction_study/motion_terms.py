@@ -305,7 +305,7 @@ def full_rate_columns(
     columns = _columns_of_law(signals, terms, about)
     if motion.is_run_down:
         return columns
-    columns["inertia"] = signals.acceleration
+    columns = {"inertia": signals.acceleration} | columns
     if motion.payload_torque is not None:
         columns["gain"] = motion.payload_torque
     if terms.spring:

@@ -268,14 +268,14 @@ def _runs(samples: BoolArray) -> list[tuple[int, int]]:
 
 def alike_speeds(speeds: FloatArray) -> FloatArray:
     """Each speed (n,) as the mean of those that are the same."""
-    groups = np.array(distinct_speeds([Plateau(0, 0, speed) for speed in speeds.tolist()]))
+    groups = np.array(distinct_speeds(speeds))
     return groups[np.argmin(np.abs(speeds[:, None] - groups), axis=1)] if len(groups) else speeds
 
 
-def distinct_speeds(plateaus: Sequence[Plateau]) -> tuple[float, ...]:
+def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
     """The speeds without sign, each once, lowest first: the mean of those that are the same."""
     groups: list[list[float]] = []
-    for speed in sorted(abs(plateau.velocity) for plateau in plateaus):
+    for speed in sorted(abs(float(speed)) for speed in speeds):
         if groups and speed < groups[-1][0] * (1 + PASSES.same_speed):
             groups[-1].append(speed)
         else:
@@ -379,7 +379,9 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
         limit = PASSES.same_speed * abs(first.velocity)
         if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
             return False
-        return not has_gravity or _share_positions(record, first, other)
+        q, q_back = (record.position[each.start : each.stop] for each in (first, other))
+        common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
+        return not has_gravity or bool(common > PASSES.common_share * min(np.ptp(q), np.ptp(q_back)))
 
     pairs: list[tuple[Plateau, Plateau]] = []
     free = list(plateaus)
@@ -389,12 +391,6 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
             free.remove(partner)
             pairs.append((first, partner))
     return pairs
-
-
-def _share_positions(record: FrictionRecord, first: Plateau, other: Plateau) -> bool:
-    q, q_back = (record.position[each.start : each.stop] for each in (first, other))
-    common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
-    return bool(common > PASSES.common_share * min(np.ptp(q), np.ptp(q_back)))
 
 
 def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> FrictionRecord:

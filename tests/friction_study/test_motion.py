@@ -152,7 +152,9 @@ def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction)
 
 def test_its_stiction_is_refused_by_name(axis: MotionFriction) -> None:
     """Three speeds are dwelt at."""
-    assert distinct_speeds(axis.plateaus) == pytest.approx([0.042, 0.083, 0.125], rel=0.02)
+    assert distinct_speeds(plateau.velocity for plateau in axis.plateaus) == pytest.approx(
+        [0.042, 0.083, 0.125], rel=0.02
+    )
     reason = next(held.reason for held in axis.held if held.part == "stribeck")
     assert "3 speeds" in reason
 
