@@ -184,7 +184,8 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     # Gravity and inertia are those where the torque acts: half a sample's travel turns both with the direction.
     samples = np.arange(len(record.position))
     lag = samples + record.torque_delay_s * record.rate_hz
-    position, velocity, acceleration = (np.interp(lag, samples, x) for x in (record.position, *motion_of(record)))
+    motion = record.position, *_smoothed(record, SMOOTHED_HZ)[1:]
+    position, velocity, acceleration = (np.interp(lag, samples, x) for x in motion)
     pair = f"{record.name}, load {record.load}" if record.load else record.name
     return tuple(
         Pass(
@@ -195,13 +196,12 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     )  # fmt: skip
 
 
-def motion_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray]:
-    """Velocity, as measured where it was, and acceleration (n,)."""
-    smooth = butter(2, min(SMOOTHED_HZ, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
-    velocity = record.velocity
-    if velocity is None:
-        velocity = np.gradient(sosfiltfilt(smooth, record.position), 1 / record.rate_hz)
-    return velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
+def _smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, velocity, that which was logged where it was, and acceleration (n,) below a frequency."""
+    smooth = butter(2, min(hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
+    position = np.asarray(sosfiltfilt(smooth, record.position))
+    velocity = np.gradient(position, 1 / record.rate_hz) if record.velocity is None else record.velocity
+    return position, velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
 
 
 def _inner(start: int, stop: int, rate_hz: float) -> slice:
@@ -306,7 +306,7 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
 
 def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     """In their order; of a log with a speed those at it alone."""
-    position, velocity, acceleration = _smooth(record)
+    position, velocity, acceleration = _smoothed(record, PASSES.steady_hz)
     of_ways = [_plateau_of_way(position, *way, record.rate_hz) for way in _ways(position)]
     ways = [plateau for plateau in of_ways if plateau is not None]
     steady = find_plateaus(velocity, acceleration, record.rate_hz)
@@ -316,14 +316,6 @@ def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
         reach = PASSES.other_speed * record.speed
         plateaus = [each for each in plateaus if abs(abs(each.velocity) - record.speed) <= reach]
     return tuple(sorted(plateaus, key=lambda each: each.start))
-
-
-def _smooth(record: FrictionRecord) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position, velocity and acceleration (n,)."""
-    sos = butter(4, min(PASSES.steady_hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
-    position = np.asarray(sosfiltfilt(sos, record.position))
-    velocity = np.gradient(position, 1 / record.rate_hz)
-    return position, velocity, np.gradient(velocity, 1 / record.rate_hz)
 
 
 def _ways(position: FloatArray) -> list[tuple[int, int]]:
