@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
 from elastid.friction_study.passes import Pass, PassRegression, one_way, passes_of, usable_passes
 from elastid.record import FrictionRecord, motion_unit
 
-COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")  # (n,) of levels
 MAX_RELATIVE_STD = 0.2  # std over level, above which a level does not count
 
 
@@ -25,7 +23,8 @@ class Levels:
 
     speed (n,): |v|, positive.  direction (n,): 1, -1, or 0 where the level is the mean of both directions.
     torque (n,): that brakes, positive, viscous friction included.  std (n,): of torque.  load (n,): |torque| on the
-    joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.
+    joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.  shared: value and std of what all
+    passes share, by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`, ripple).  notes: on passes left out.
 
     Raises DataError for friction that drives at every condition.
     """
@@ -38,6 +37,8 @@ class Levels:
     load: FloatArray
     temperature: FloatArray
     slides: bool = False
+    shared: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.torque) and np.all(self.torque < 0):
@@ -63,25 +64,8 @@ class Levels:
         """Conditions at which the levels hold."""
         return Conditions(self.speed, self.direction, self.load, self.temperature)
 
-    def select(self, chosen: BoolArray) -> Levels:
-        """The conditions that are chosen (n,)."""
-        columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in COLUMNS}
-        return replace(self, **columns)
 
-
-@dataclass(frozen=True)
-class PassLevels:
-    """The levels, the parts of the torque that all passes share, and notes on passes that were left out.
-
-    shared: numbers by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`, those of ripple) with their std.
-    """
-
-    levels: Levels
-    shared: dict[str, tuple[float, float]]
-    notes: tuple[Note, ...]
-
-
-def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> PassLevels:
+def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> Levels:
     """The levels of all pairs of one place, by direction.
 
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
@@ -113,7 +97,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
     levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
-    return PassLevels(levels, shared, tuple(notes))
+    return replace(levels, shared=shared, notes=tuple(notes))
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
@@ -157,6 +141,6 @@ def _levels(
     return Levels(passes[0].place, speed, direction, torque, std, load, temperature, passes[0].slides)
 
 
-def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
+def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> Levels:
     """The levels of all passes of a joint under all loads, as `find_levels`."""
     return find_levels([each for record in records for each in passes_of(record)], has_gravity, turn)

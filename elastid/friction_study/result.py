@@ -22,7 +22,7 @@ from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw, friction_of
-from elastid.friction_study.levels import PassLevels
+from elastid.friction_study.levels import Levels
 from elastid.friction_study.motion import MotionFriction, RigidBody
 from elastid.friction_study.presliding import AtRest, Elements, fit_at_rest, fit_presliding, rest_responses
 from elastid.friction_study.spec import FrictionSpec, LawSpec
@@ -64,7 +64,7 @@ class JointLevels:
 
     joint: str
     slides: bool
-    levels: PassLevels | None = None
+    levels: Levels | None = None
     motion: MotionFriction | None = None
     notes: tuple[Note, ...] = ()
 
@@ -79,7 +79,7 @@ class JointFriction:
 
     joint: str
     slides: bool
-    levels: PassLevels | None = None
+    levels: Levels | None = None
     motion: MotionFriction | None = None
     static: StaticLaw | None = None
     presliding: Elements | None = None
@@ -281,10 +281,8 @@ def identify_friction(
 def _joint(
     robot: Robot, levels: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
 ) -> JointFriction:
-    name, passes = levels.joint, levels.levels
-    static = None
-    if passes:
-        curve = passes.levels
+    name, curve, static = levels.joint, levels.levels, None
+    if curve is not None:
         if len({record.load for record in measured.of(name, "passes")}) <= 1:  # it changes along the paths with speed
             curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
         static = StaticLaw.of(curve, spec.law)
@@ -299,7 +297,7 @@ def _joint(
         numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     return JointFriction(
-        name, levels.slides, passes, levels.motion, static, presliding, at_rest, thermal, friction, viscous,
+        name, levels.slides, levels.levels, levels.motion, static, presliding, at_rest, thermal, friction, viscous,
         tuple(numbers.values()), held, (*levels.notes, *notes, *of_loops, *of_heat, *refused),
     )  # fmt: skip
 
