@@ -231,8 +231,8 @@ def _symmetric(A: ca.SX) -> ca.SX:
 
 # A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
 COUNT_OVER_STD, MOVING = math.sqrt(12), 0.2
-# Samples that one call of the compiled loop takes.
-PIECE = 1000
+# Samples that one call of the compiled loop takes, and lags of the autocorrelation.
+PIECE, LAGS = 1000, 50
 # Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.
 PRIOR = {"Fc": 0.3, "f": 0.5, "f+": 0.5, "f-": 0.5, "offset": 0.5}
 
@@ -386,14 +386,14 @@ class Consistency:
         return is_tested and not self.restless
 
 
-def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
+def consistency(track: Track, settled_s: float) -> Consistency:
     """Of a track after settled_s."""
     first = round(settled_s * track.rate_hz)
     # At standstill the error of a rounded angle is constant, and no noise.
     moves = most(track.moves[first:])
     nu = np.where(moves, track.innovation[first:] / np.sqrt(track.variance[first:]), 0.0)
     power = float(nu @ nu)
-    rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
+    rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(LAGS)])
     n_eff = float(np.clip(moves.sum() * (1 - rho[1]) / (1 + rho[1]), 1.0, moves.sum()))
     return Consistency(float(track.nis[first:][moves].mean()), rho, n_eff, _restless(track, first))
 
