@@ -191,7 +191,7 @@ def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
     """The passes where they contain more than the regression: of a stated speed, or of enough conditions."""
     temperatures = [float(np.nan_to_num(each.mean_temperature)) for each in passes]
     conditions = {
-        (round(np.log(each.speed or 1.0) / PASSES.same_speed), each.load, round(degc / TEMPERATURE_STEP_K))
+        (round(np.log(each.speed or 1.0) / PASSES.steady_share), each.load, round(degc / TEMPERATURE_STEP_K))
         for each, degc in zip(passes, temperatures, strict=True)
     }
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()

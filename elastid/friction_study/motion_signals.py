@@ -76,19 +76,12 @@ class MotionSignals:
     def of(cls, motion: Motion, passband_hz: float) -> MotionSignals:
         """Those of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
         rate = motion.rate_hz
-        if not passband_hz < rate / 4:
-            raise DataError(
-                "friction/motion",
-                f"a passband of {passband_hz:g} Hz needs a rate above {4 * passband_hz:g} "
-                f"Hz, and it has {rate:g} Hz; lower the passband",
-                f"motion of {motion.place}",
-            )
         spoilt = round(6.0 / passband_hz * rate)  # samples at either end, six periods of the passband
-        if len(motion.position) < 4 * spoilt:
+        if not passband_hz < rate / 4 or len(motion.position) < 4 * spoilt:
             raise DataError(
                 "friction/motion",
-                f"{len(motion.position) / rate:.3g} s are too short for a passband of "
-                f"{passband_hz:g} Hz, which spoils {spoilt / rate:.3g} s at either end; record longer, or raise it",
+                f"it lasts {len(motion.position) / rate:.3g} s at {rate:g} Hz; a passband of {passband_hz:g} Hz takes "
+                f"{4 * spoilt / rate:.3g} s and more than {4 * passband_hz:g} Hz: record longer, or faster",
                 f"motion of {motion.place}",
             )
         smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")

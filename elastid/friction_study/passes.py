@@ -220,18 +220,15 @@ def _mean_temperature(record: FrictionRecord, part: slice) -> float:
 class PassThresholds:
     """Thresholds of plateaus and their pairs, and of the judgement of passes."""
 
-    steady_share: float = 0.05  # change of a steady velocity in the shortest plateau, as a share of itself
+    steady_share: float = 0.05  # change of a steady velocity in the shortest plateau; closer speeds are the same
     shortest_s: float = 0.15
     rest_share: float = 0.005  # of the highest speed, below which a joint is at rest
-    same_speed: float = 0.05  # speeds closer than this share are the same
     common_share: float = 0.1  # of the shorter plateau's travel, that there and back share under gravity
     other_speed: float = 0.2  # relative distance to the stated speed of a log, beyond which a plateau is no pass of it
     steady_hz: float = 15.0  # band in which a plateau is steady, about as long as the shortest one
     turn_share: float = 0.01  # of the travel of a log, by which it goes back after a turning point at least
-    end_share: float = 0.05  # of a way at each end, in which it may rest and accelerate
     windows: int = 6  # of a way at one speed, between whose means its speed changes by less than steady_share
     line_share: float = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
-    margin_s: float = 0.3  # around a pair, for the derivatives at its ends
     min_change: float = 0.03  # of friction with the angle, relative, that is worth a note
     min_counts: float = 3.0  # amplitude of a loop or a response at rest in counts of the encoder: below, it is steps
 
@@ -276,7 +273,7 @@ def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
     """The speeds without sign, each once, lowest first: the mean of those that are the same."""
     groups: list[list[float]] = []
     for speed in sorted(abs(float(speed)) for speed in speeds):
-        if groups and speed < groups[-1][0] * (1 + PASSES.same_speed):
+        if groups and speed < groups[-1][0] * (1 + PASSES.steady_share):
             groups[-1].append(speed)
         else:
             groups.append([speed])
@@ -341,8 +338,8 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
     """The plateau of a way of which half of the time at least is spent at one speed, if means over windows are."""
     way = position[start:stop]
-    travelled = np.abs(way - way[0]) > PASSES.end_share * np.ptp(way)
-    ahead = np.abs(way - way[-1]) > PASSES.end_share * np.ptp(way)
+    travelled = np.abs(way - way[0]) > PASSES.steady_share * np.ptp(way)
+    ahead = np.abs(way - way[-1]) > PASSES.steady_share * np.ptp(way)
     first, last = int(np.argmax(travelled)), len(way) - int(np.argmax(ahead[::-1]))
     w = (last - first) // PASSES.windows
     if PASSES.windows * w < 2 * PASSES.shortest_s * rate_hz:
@@ -368,7 +365,7 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
     """Each plateau with the next one back at the same speed, each used once."""
 
     def is_way_back(first: Plateau, other: Plateau) -> bool:
-        limit = PASSES.same_speed * abs(first.velocity)
+        limit = PASSES.steady_share * abs(first.velocity)
         if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
             return False
         q, q_back = (record.position[each.start : each.stop] for each in (first, other))
@@ -386,7 +383,7 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
 
 
 def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> FrictionRecord:
-    margin = round(PASSES.margin_s * record.rate_hz)
+    margin = round(2 * PASSES.shortest_s * record.rate_hz)
     start, stop = max(0, forth.start - margin), min(len(record.position), back.stop + margin)
     names = ("position", "torque", "velocity", "temperature", "disturbance", "reference", "link_position")
     logged = {name: getattr(record, name) for name in names}
@@ -405,7 +402,7 @@ def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
     if len(ways) == 1:
         return f"{where}: they have {one_way(ways)}"
     return (
-        f"{where}: of {len(plateaus)} plateaus none is there and back at one speed, within {PASSES.same_speed:.0%}, "
+        f"{where}: of {len(plateaus)} plateaus none is there and back at one speed, within {PASSES.steady_share:.0%}, "
         "through common positions; record both directions through the same window, longer than ramps and settling, or "
         "correct speed"
     )

@@ -190,20 +190,20 @@ def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Ite
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
     """Time constants, and heat given off where kelvins are known."""
-    n, read = len(model.time_constants), int(np.isfinite(warm_up.log.temperature).sum())
-    minutes = np.ptp(warm_up.log.time_s) / 60
-    learnt = f"{read} readings, {len(warm_up.level)} test passes in {minutes:.3g} min"
-    std_of_h, *log_stds = model.log_std.tolist()
+    constants, read = model.time_constants.tolist(), int(np.isfinite(warm_up.log.temperature).sum())
+    learnt = f"{read} readings, {len(warm_up.level)} test passes in {np.ptp(warm_up.log.time_s) / 60:.3g} min"
+    numbered = [""] if len(constants) == 1 else ["1", "2"]
     rows = [
-        (f"Tc{i + 1 if n > 1 else ''}_m{joint}", "C / h", "time constant of warming", "s", T, log_stds[i])
-        for i, T in enumerate(model.time_constants.tolist())
+        (f"Tc{i}_m{joint}", "C / h", "time constant of warming", "s", T)
+        for i, T in zip(numbered, constants, strict=True)
     ]
-    if math.isfinite(model.h):
-        rows.append((f"h_m{joint}", "h", "heat given off", "W/K", model.h, std_of_h))
-    for name, symbol, meaning, unit, value, log_std in rows:
-        std = value * log_std
-        reach = math.exp(QUANTILE_95 * std / value)  # symmetric in the logarithm
-        yield FrictionNumber(name, symbol, meaning, unit, value, std, value / reach, value * reach, learnt)
+    rows.insert(0, (f"h_m{joint}", "h", "heat given off", "W/K", model.h))
+    for (name, symbol, meaning, unit, value), log_std in zip(rows, model.log_std.tolist(), strict=True):
+        reach = math.exp(QUANTILE_95 * log_std)  # symmetric in the logarithm
+        if math.isfinite(value):
+            yield FrictionNumber(
+                name, symbol, meaning, unit, value, value * log_std, value / reach, value * reach, learnt
+            )
 
 
 def _table(

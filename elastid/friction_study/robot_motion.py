@@ -45,9 +45,9 @@ from elastid.robot import Robot
 
 # Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.
 ROBOT_PASSBAND_HZ = 10.0
-# Numbers of a joint's frame in the order of the regressor's columns, and their units.
-_OF_FRAME = ("m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-_UNITS = ("kg", *("kg*m",) * 3, *("kg*m^2",) * 6)
+# Numbers of a joint's frame in the order of the regressor's columns, with their units.
+_OF_FRAME = {"m": "kg"} | dict.fromkeys(("mcx", "mcy", "mcz"), "kg*m")
+_OF_FRAME |= dict.fromkeys(("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"), "kg*m^2")
 # Part of a column that is no combination of the base columns, above which other motions have not identified it.
 MAX_UNIDENTIFIED = 1e-3
 # Of columns of unit length: numbers that logs barely excite are large, of either sign, and predict no other motion
@@ -184,9 +184,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
 
 def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
     """Name and unit of the number of each column: of all frames, then rotors and offsets of the joints."""
-    of_frames = [
-        (f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in zip(_OF_FRAME, _UNITS, strict=True)
-    ]
+    of_frames = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
     slides = {joint.name: joint.slides for joint in robot.joints}
     rotors = [(f"Jm_{joint}", "kg" if slides[joint] else "kg*m^2") for joint in joints]
     return [*of_frames, *rotors, *((f"o_{joint}", "N" if slides[joint] else "N*m") for joint in joints)]
