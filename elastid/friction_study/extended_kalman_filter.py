@@ -45,7 +45,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -171,10 +171,6 @@ class FilterNoise:
         fade = math.exp(-2 / (rate_hz * joint.correlation_s)) if joint.correlation_s > 0 else 1.0
         drift = [self.drift.get(name, 0.0) ** 2 / rate_hz for name in joint.followed]
         return np.array([self.angle**2, self.torque**2, self.correlated**2 * (1 - fade), self.slip**2, *drift])
-
-    def scaled(self, **factors: float) -> FilterNoise:
-        """With some of angle, torque, correlated, slip multiplied by factors."""
-        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
 
 
 def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:

@@ -61,8 +61,8 @@ def estimate_noise(
     lowest = np.log([{"angle": 1.0, "slip": 1.0}.get(name, 1e-3) for name in names])
 
     def noise_at(x: FloatArray) -> FilterNoise:
-        factors = np.exp(np.clip(x, lowest, np.log(1e3)))
-        return guess.scaled(**dict(zip(names, factors.tolist(), strict=True)))
+        factors = zip(names, np.exp(np.clip(x, lowest, np.log(1e3))).tolist(), strict=True)
+        return replace(guess, **{name: getattr(guess, name) * factor for name, factor in factors})
 
     def cost(x: FloatArray) -> float:
         track = kalman.run(samples, noise_at(x), start)

@@ -96,9 +96,9 @@ class PassRegression:
             rows.append(_means(np.stack([*(s * column for column in own), *own, *shared], axis=1), step))
             torques.append(_means(each.torque, step))
             waves.append(_means(turn_waves(q, s, turn, searched), step))
-        names = ["inertia", "slope", *(name for load in loads for name in gravity_names(load))]
+        gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
         y, of_pass = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(each) for each in torques])
-        regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), tuple(names))
+        regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), ("inertia", "slope", *gravity))
         if not has_ripple:
             return regression
         first, others = regression._with_waves(np.arange(2)), np.arange(2, N_WAVES)
@@ -147,11 +147,6 @@ def harmonic_peaks(left: FloatArray, waves: ComplexArray) -> BoolArray:
     power = np.abs(left @ waves) ** 2 / np.maximum(size, 1e-300)
     # Of noise the power is exponential, its median ln 2 of its mean: 12 means have a chance of 6e-6 each.
     return np.asarray((power > 12.0 / np.log(2) * np.median(power)) & (size > 0.01 * len(left)))
-
-
-def gravity_names(load: str) -> tuple[str, str]:
-    """Names of the numbers of gravity under a load."""
-    return (f"gravity.cos.{load}", f"gravity.sin.{load}") if load else ("gravity.cos", "gravity.sin")
 
 
 def turn_waves(

@@ -57,7 +57,7 @@ def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> 
     run = simulate(rich(1.5), 5).samples
     short = JointSamples(run.torque[:500], run.load[:500], run.angle[:500] + 1.0)
     alone, after = (
-        follow("1", False, FOLLOWED, motions, RATE_HZ, NOISE.scaled(torque=1 / 3), 0.5, find_noise=True)
+        follow("1", False, FOLLOWED, motions, RATE_HZ, replace(NOISE, torque=NOISE.torque / 3), 0.5, find_noise=True)
         for motions in ([run], [short, replace(run, start_s=1.0)])
     )
     assert after.noise == alone.noise
