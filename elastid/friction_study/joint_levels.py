@@ -26,9 +26,8 @@ from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.levels import levels_of_records
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, motion_parts, regress_motion
-from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals
+from elastid.friction_study.motion_signals import PASSES, Motion, MotionLog, MotionSignals, detect_passes
 from elastid.friction_study.motion_terms import full_rate_columns
-from elastid.friction_study.passes import PASSES, detect_passes
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import ROBOT_PASSBAND_HZ, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics

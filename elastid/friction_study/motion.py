@@ -37,7 +37,7 @@ from elastid.friction_study.laws import (
     extrapolates,
 )
 from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
-from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, both_bands
+from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, Plateau, both_bands, distinct_speeds
 from elastid.friction_study.motion_terms import (
     ANGLE,
     MotionTerms,
@@ -47,7 +47,6 @@ from elastid.friction_study.motion_terms import (
     shown_terms,
     with_other_curves,
 )
-from elastid.friction_study.passes import Plateau, distinct_speeds
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0

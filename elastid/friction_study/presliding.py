@@ -46,7 +46,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction.operators import Path, stop
 from elastid.friction_study.least_squares import Optimum, minimise
-from elastid.friction_study.passes import PASSES
+from elastid.friction_study.motion_signals import PASSES
 from elastid.record import Configuration, FrictionRecord, Record
 from elastid.robot.friction import MaxwellSlip
 from elastid.simulation.elastic_joint import ElasticJoint

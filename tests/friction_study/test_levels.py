@@ -15,8 +15,7 @@ from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.laws import StaticLaw
-from elastid.friction_study.levels import find_levels, levels_of_records
-from elastid.friction_study.passes import Pass
+from elastid.friction_study.levels import Pass, find_levels, levels_of_records
 from elastid.friction_study.spec import LawSpec
 from elastid.record import FrictionRecord
 

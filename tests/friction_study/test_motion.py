@@ -13,8 +13,7 @@ from plants.refusals import refused
 from scipy.io import loadmat
 
 from elastid.friction_study.motion import MotionFriction, regress_motion
-from elastid.friction_study.motion_signals import Motion
-from elastid.friction_study.passes import distinct_speeds
+from elastid.friction_study.motion_signals import Motion, distinct_speeds
 from elastid.friction_study.result import joint_law
 from elastid.friction_study.spec import LawSpec
 

@@ -12,8 +12,8 @@ from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, 
 from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.levels import find_levels, levels_of_records
-from elastid.friction_study.passes import detect_passes, passes_of
+from elastid.friction_study.levels import find_levels, levels_of_records, passes_of
+from elastid.friction_study.motion_signals import detect_passes
 from elastid.record import FrictionRecord
 
 SPEEDS = (0.02, 0.05, 0.2, 0.5, 1.0)

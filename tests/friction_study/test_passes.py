@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.friction_study.levels import Levels, find_levels
-from elastid.friction_study.passes import Pass, PassRegression, passes_of
+from elastid.friction_study.levels import Levels, Pass, PassRegression, find_levels, passes_of
 from elastid.record import FrictionRecord
 
 RATE, SPEED, COUNT = 1000.0, 0.4, 2e-5

@@ -13,9 +13,8 @@ from elastid.friction_study.extended_kalman_filter import FILTER
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.least_squares import Regression
 from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts
-from elastid.friction_study.motion_signals import MotionSignals
+from elastid.friction_study.motion_signals import MotionSignals, distinct_speeds
 from elastid.friction_study.motion_terms import columns_of
-from elastid.friction_study.passes import distinct_speeds
 from elastid.report.figures import style
 from elastid.report.figures.friction import POINTS, quantity, units
 from elastid.report.figures.style import Curve, Panel

@@ -12,8 +12,7 @@ from plants.refusals import refused
 
 from elastid.experiment.simulated.friction_rig import heat_of, holding_torque
 from elastid.experiment.specs.simulated import HeatSpec, NoiseSpec, TorqueRippleSpec
-from elastid.friction_study.levels import find_levels
-from elastid.friction_study.passes import passes_of
+from elastid.friction_study.levels import find_levels, passes_of
 from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
