@@ -45,7 +45,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -172,10 +172,6 @@ class FilterNoise:
         drift = [self.drift.get(name, 0.0) ** 2 / rate_hz for name in joint.followed]
         return np.array([self.angle**2, self.torque**2, self.correlated**2 * (1 - fade), self.slip**2, *drift])
 
-    def scaled(self, **factors: float) -> FilterNoise:
-        """With some of angle, torque, correlated, slip multiplied by factors."""
-        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
-
 
 def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     """(x (n,), P (n, n + m), u, g, y, noise (4 + n_followed,)) -> (x, P, innovation e, its variance S).
@@ -231,8 +227,8 @@ def _symmetric(A: ca.SX) -> ca.SX:
 
 # A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
 COUNT_OVER_STD, MOVING = math.sqrt(12), 0.2
-# Samples that one call of the compiled loop takes.
-PIECE = 1000
+# Samples that one call of the compiled loop takes, and lags of the autocorrelation.
+PIECE, LAGS = 1000, 50
 # Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.
 PRIOR = {"Fc": 0.3, "f": 0.5, "f+": 0.5, "f-": 0.5, "offset": 0.5}
 
@@ -386,14 +382,14 @@ class Consistency:
         return is_tested and not self.restless
 
 
-def consistency(track: Track, settled_s: float, lags: int = 50) -> Consistency:
+def consistency(track: Track, settled_s: float) -> Consistency:
     """Of a track after settled_s."""
     first = round(settled_s * track.rate_hz)
     # At standstill the error of a rounded angle is constant, and no noise.
     moves = most(track.moves[first:])
     nu = np.where(moves, track.innovation[first:] / np.sqrt(track.variance[first:]), 0.0)
     power = float(nu @ nu)
-    rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(lags)])
+    rho = np.array([float(nu[: len(nu) - lag] @ nu[lag:]) / power for lag in range(LAGS)])
     n_eff = float(np.clip(moves.sum() * (1 - rho[1]) / (1 + rho[1]), 1.0, moves.sum()))
     return Consistency(float(track.nis[first:][moves].mean()), rho, n_eff, _restless(track, first))
 

@@ -1,8 +1,8 @@
 r"""A joint's friction followed over its motions, one after the other; noise and judgement of the filter by innovations.
 
 Between two motions the joint stands somewhere: angle, velocity and bristle start again, while the followed numbers
-continue, their covariance grown by the drift of the time between. Noise of torque and
-angle has the largest likelihood of the innovations over the logarithms of its standard deviations,
+continue, their covariance grown by the drift of the time between. Noise of torque and angle has the largest likelihood
+of the innovations over the logarithms of its standard deviations,
 
 .. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma)
 
@@ -25,6 +25,7 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.extended_kalman_filter import (
     COUNT_OVER_STD,
     FILTER,
+    LAGS,
     Consistency,
     Estimate,
     FilterNoise,
@@ -60,8 +61,8 @@ def estimate_noise(
     lowest = np.log([{"angle": 1.0, "slip": 1.0}.get(name, 1e-3) for name in names])
 
     def noise_at(x: FloatArray) -> FilterNoise:
-        factors = np.exp(np.clip(x, lowest, np.log(1e3)))
-        return guess.scaled(**dict(zip(names, factors.tolist(), strict=True)))
+        factors = zip(names, np.exp(np.clip(x, lowest, np.log(1e3))).tolist(), strict=True)
+        return replace(guess, **{name: getattr(guess, name) * factor for name, factor in factors})
 
     def cost(x: FloatArray) -> float:
         track = kalman.run(samples, noise_at(x), start)
@@ -74,10 +75,6 @@ def estimate_noise(
     simplex = np.vstack([np.zeros(n), 1.1 * np.eye(n)])
     options = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150, "initial_simplex": simplex}
     return noise_at(np.asarray(minimize(cost, np.zeros(n), method="Nelder-Mead", options=options).x))
-
-
-# Lags of the autocorrelation.
-LAGS = 50
 
 
 @frozen_value
@@ -106,11 +103,9 @@ class FollowedFriction:
     @property
     def verdict(self) -> str:
         """If the bands are to be believed."""
-        return (
-            "no test doubts the bands"
-            if self.consistency.is_honest
-            else "the bands are too narrow, as the warnings say"
-        )
+        if self.consistency.is_honest:
+            return "no test doubts the bands"
+        return "the bands are too narrow, as the warnings say"
 
 
 def follow(
@@ -140,7 +135,7 @@ def follow(
         noise = estimate_noise(kalman, stretch, guess, _at_start(joint, stretch), min(settle_s, 1.0))
     track = _track(kalman, motions, noise)
     prior = np.sqrt(np.diag(_at_start(joint, motions[0]).P))[-len(joint.followed) :]
-    judged = consistency(track, settle_s, LAGS)
+    judged = consistency(track, settle_s)
     n = len(track.innovation)
     step = max(1, n // 2000)  # a result keeps so many points
     ends = np.arange(n % step + step - 1, n, step)

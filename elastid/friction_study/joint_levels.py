@@ -26,9 +26,8 @@ from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.levels import levels_of_records
 from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, motion_parts, regress_motion
-from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals
+from elastid.friction_study.motion_signals import PASSES, Motion, MotionLog, MotionSignals, detect_passes
 from elastid.friction_study.motion_terms import full_rate_columns
-from elastid.friction_study.passes import PASSES, detect_passes
 from elastid.friction_study.result import JointLevels
 from elastid.friction_study.robot_motion import ROBOT_PASSBAND_HZ, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
@@ -42,7 +41,7 @@ STILL = ("loops", "at_rest")
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
     """Levels and motions of each measured joint; DataError where a joint has no record, or one that cannot be used."""
-    motions, none = _motions(robot, joints, measured), JointMotion(None, (), False, ())
+    motions, none = _motions(robot, joints, measured), JointMotion(None, (), ())
     return tuple(_of_joint(robot, joint, measured, motions.get(joint.name, none)) for joint in joints)
 
 
@@ -55,8 +54,10 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     notes += motion.notes
     warmed = [log.joint for log in measured.warm_ups]
     if records:
-        against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
-        levels = levels_of_records(records, against or motion.has_gravity, _turn(joint))
+        # The passes of joints that moved together are free of the rigid body.
+        is_free = motion.friction is not None and motion.friction.rigid_body is not None
+        against = (planned or not is_free) and turns_against_gravity(robot, joint, records[0].configuration)
+        levels = levels_of_records(records, bool(against), _turn(joint))
     elif not (motion.friction or any(r.purpose in STILL for r in own) or joint.name in warmed):
         raise DataError(
             "friction/no-record",
@@ -89,19 +90,15 @@ def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> 
         "offset of the torque is part of Coulomb friction unless they go both ways: no interval has that in it"
     )
     note = Note("friction/inertia", text, f"joint {joint.name}", severity="information")
-    return JointMotion(regress_motion(*motions), (), False, (note,))
+    return JointMotion(regress_motion(*motions), (), (note,))
 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Of one joint: the regression (None where its logs cannot identify it), the passes in its logs, and notes.
-
-    has_gravity: True if gravity that changes with the angle is in the passes.
-    """
+    """Of one joint: the regression (None where its logs cannot identify it), the passes in its logs, and notes."""
 
     friction: MotionFriction | None
     passes: tuple[FrictionRecord, ...]
-    has_gravity: bool
     notes: tuple[Note, ...]
 
 
@@ -157,7 +154,7 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
         rigid = {joint.name: parts["inertia"] + parts.get("gravity", 0.0)}
         check_torques(robot, rigid, torques_in_file(robot, log), records[0].place)
     notes += [Note("friction/no-record", problem) for problem in problems]
-    return JointMotion(friction, enough, against, tuple(notes))
+    return JointMotion(friction, enough, tuple(notes))
 
 
 def _payload_torque(robot: Robot, record: FrictionRecord, mass: float) -> FloatArray:
@@ -183,7 +180,7 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
             pairs = zip(members, alone, strict=True)
             records = [replace(log[joint], torque=own[joint].motion.torque) for log, own in pairs]
             passes = [each for record in records for each in detect_passes(record, has_gravity=False)]
-            evaluated[joint] = JointMotion(friction[joint], _enough(passes), False, friction[joint].notes)
+            evaluated[joint] = JointMotion(friction[joint], _enough(passes), friction[joint].notes)
     return evaluated
 
 
@@ -191,7 +188,7 @@ def _enough(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
     """The passes where they contain more than the regression: of a stated speed, or of enough conditions."""
     temperatures = [float(np.nan_to_num(each.mean_temperature)) for each in passes]
     conditions = {
-        (round(np.log(each.speed or 1.0) / PASSES.same_speed), each.load, round(degc / TEMPERATURE_STEP_K))
+        (round(np.log(each.speed or 1.0) / PASSES.steady_share), each.load, round(degc / TEMPERATURE_STEP_K))
         for each, degc in zip(passes, temperatures, strict=True)
     }
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()

@@ -23,7 +23,6 @@ from elastid.friction.static import Conditions, columns, slopes
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, inverse_normal, minimise
 from elastid.friction_study.levels import MAX_RELATIVE_STD, Levels
 from elastid.friction_study.spec import LawSpec, Part
-from elastid.record import drive_unit, motion_unit
 from elastid.robot.friction import (
     EXPONENT_RANGE,
     Directions,
@@ -285,15 +284,6 @@ class StaticLaw:
                 T[i, names.index(name.replace("excess", "coulomb"))] = 1.0
         return T
 
-    def learnt_from(self, name: str) -> str:
-        """The conditions that identify a number."""
-        levels, part = self.levels, name.split(".")[0]
-        ranges = {"": (levels.speed, motion_unit("velocity", levels.slides))}
-        ranges |= {"load": (levels.load, drive_unit(levels.slides)), "temperature": (levels.known_temperatures, "degC")}
-        shown = [ranges[key] for key in ("", part) if key in ranges]
-        ends = ", ".join(f"{values.min():.3g} to {values.max():.3g} {unit}" for values, unit in shown)
-        return f"{levels.n_levels} levels, {ends}{', both directions' if part == 'directions' else ''}"
-
 
 def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> Friction:
     """The law of numbers by name, those by temperature about a reference in degC, as a robot's file has it."""
@@ -380,19 +370,21 @@ def _tried(levels: Levels, fit: CurveFit, part: _Part, key: Part) -> tuple[Curve
     chance = chance_of_terms(fit.cost, wider.cost, len(new), wider.dof)
     if part.is_tested and chance > FALSE_ALARM and key == "auto":
         return None, f"{ABSENT} (chance {chance:.2g} without it); more or quieter levels might"
-    wide = _widest(wider, new)
-    if "stribeck_velocity" not in new:
-        return (wider, "") if wide is None else (None, wide)
-    nu_s, lowest = wider.values["stribeck_velocity"], float(levels.speed.min())
+    wide, lowest = _widest(wider, new), float(levels.speed.min())
+    nu_s = wider.values["stribeck_velocity"] if "stribeck_velocity" in new else np.inf
     if lowest <= LOWEST_SPEED * nu_s:
         return (wider, "") if wide is None else (None, wide)
-    text = (
+    text, std = above_stribeck(lowest, nu_s), wider.covariance[0, 0] ** 0.5  # of Coulomb friction
+    is_known = std < MAX_RELATIVE_STD * wider.values["coulomb"] and wider.values["excess"] > 0
+    return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
+
+
+def above_stribeck(lowest: float, nu_s: float) -> str:
+    """The reason why speeds show no stiction."""
+    return (
         f"the lowest speed of {lowest:.3g} is above a third of the Stribeck velocity (about {nu_s:.3g}); "
         f"measure at {LOWEST_SPEED * nu_s:.2g} and below"
     )
-    std = dict(zip(wider.names, np.sqrt(np.diag(wider.covariance)).tolist(), strict=True))
-    is_known = std["coulomb"] < MAX_RELATIVE_STD * wider.values["coulomb"] and wider.values["excess"] > 0
-    return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
 
 
 def _with_other_curves(levels: Levels, fit: CurveFit, stribeck: _Part, spec: LawSpec) -> CurveFit:

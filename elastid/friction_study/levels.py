@@ -1,22 +1,201 @@
-"""Levels of friction of passes, one at each speed, direction, load and temperature."""
+r"""Levels of friction of passes, one at each speed, direction, load and temperature: one regression over all passes.
+
+.. math:: u = s\, g_k + o_k + f s (|\dot q| - v_k) + J \ddot q + G \cos q + H \sin q
+              + \sum_h (a_h \cos h N q + b_h \sin h N q)
+
+for the passes of pair k, with s the direction of the motion: ripple of the motor's turns (N a turn of the joint) and
+inertia are the same in all pairs, gravity in all of one load; the level g_k and the part o_k that is the same in both
+directions are each pair's own; f is the slope of friction about the mean speed v_k of a pass.  o_k is an offset of the
+torque where it does not change with speed; a part that changes is friction that differs between the directions.
+Levels hold at the measured speed, not at the commanded one.
+
+A level's variance comes from the autocovariance of the residuals of all passes. Ripple that the regression lacks would
+be taken for such noise, so harmonics that stand out of the residuals are added to it. Rows are means of a few samples,
+which loses no information under white noise. Sticking would be taken
+for friction: such passes do not count.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
-from elastid.friction_study.passes import Pass, PassRegression, one_way, passes_of, usable_passes
+from elastid.friction_study.motion_signals import SMOOTHED_HZ, one_way, smoothed
 from elastid.record import FrictionRecord, motion_unit
 
-COLUMNS = ("speed", "direction", "torque", "std", "load", "temperature")  # (n,) of levels
 MAX_RELATIVE_STD = 0.2  # std over level, above which a level does not count
+# Ripple of a motor turn and of its half are always in the regression where passes cover a turn; further harmonics up to
+# this, and those of dry friction, are searched for in its residuals.
+MAX_HARMONIC = 24
+N_WAVES = 2 * MAX_HARMONIC
+
+
+@frozen_value
+class Pass:
+    """A part of a log in which one joint slides steadily, on one side, SI.
+
+    pair: passes of one pair belong together, there and back.  position, velocity, acceleration, torque (n,).  load:
+    |torque| that the joint carries.  temperature: mean, degC, NaN where it is not known.  load_name: passes of one have
+    the same gravity.
+    """
+
+    place: str
+    pair: str
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
+    load: float = 0.0
+    temperature: float = float("nan")
+    slides: bool = False
+    load_name: str = ""
+
+    @property
+    def direction(self) -> float:
+        """1 or -1."""
+        return float(np.sign(self.velocity.mean()))
+
+
+@dataclass(frozen=True)
+class PassRegression:
+    """Columns A (n, n_x) and torque y (n,), rows of the passes of_pass (n,); shared: names of the columns behind g, o.
+
+    waves (n, N_WAVES): of `turn_waves`; (n, 0) where no pass covers a turn.
+    """
+
+    A: FloatArray
+    y: FloatArray
+    of_pass: IntArray
+    waves: ComplexArray
+    shared: tuple[str, ...]
+
+    @classmethod
+    def of(cls, passes: Sequence[Pass], has_gravity: bool, turn: float) -> PassRegression:
+        """The columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
+        lengths = [len(each.position) for each in passes]
+        step = max(1, min(sum(lengths) // 15_000, min(lengths) // 40))  # rows of all passes, and of the shortest
+        has_ripple = turn > 0 and any(np.ptp(each.position) > turn for each in passes)
+        pairs = list(dict.fromkeys(each.pair for each in passes))
+        loads = list(dict.fromkeys(each.load_name for each in passes)) if has_gravity else []
+        searched = range(N_WAVES if has_ripple else 0)
+        rows, torques, waves = [], [], []
+        for each in passes:
+            q, s, one = each.position, each.direction, np.ones(len(each.position))
+            own = [float(pair == each.pair) * one for pair in pairs]
+            carried = [float(load == each.load_name) * wave for load in loads for wave in (np.cos(q), np.sin(q))]
+            shared = [each.acceleration, s * about_mean(np.abs(each.velocity)), *carried]
+            rows.append(_means(np.stack([*(s * column for column in own), *own, *shared], axis=1), step))
+            torques.append(_means(each.torque, step))
+            waves.append(_means(turn_waves(q, s, turn, searched), step))
+        gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
+        y, of_pass = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(each) for each in torques])
+        regression = cls(np.vstack(rows), y, of_pass, np.vstack(waves), ("inertia", "slope", *gravity))
+        if not has_ripple:
+            return regression
+        first, others = regression._with_waves(np.arange(2)), np.arange(2, N_WAVES)
+        left = first.y - first.A @ first.solve()[0]
+        return first._with_waves(others[harmonic_peaks(left, first.waves[:, others])])
+
+    def solve(self) -> tuple[FloatArray, FloatArray]:
+        """Numbers (n_x,) and covariance (n_x, n_x)."""
+        size = np.linalg.norm(self.A, axis=0)
+        size[size == 0] = 1.0
+        inverse = np.linalg.pinv(self.A / size, rcond=1e-10) / size[:, None]
+        values = inverse @ self.y
+        autocovariance = self._autocovariance(self.y - self.A @ values)
+        # Of numbers that change more slowly than the residuals forget, as levels do.
+        long_run = autocovariance[0] + 2 * float(autocovariance[1:].sum())
+        # Every number takes its share of the long-run variance from each autocovariance of the residuals.
+        spare = 1 + (2 * len(autocovariance) - 1) * len(values) / len(self.y)
+        return values, spare * long_run * inverse @ inverse.T
+
+    def _with_waves(self, waves: IntArray) -> PassRegression:
+        columns = [column for i in waves for column in (self.waves[:, i].real, self.waves[:, i].imag)]
+        names = [name for i in waves.tolist() for name in wave_names(i)]
+        return replace(self, A=np.column_stack([self.A, *columns]), shared=(*self.shared, *names))
+
+    def _autocovariance(self, left: FloatArray) -> FloatArray:
+        """Of the residuals of all passes, by lag in rows, up to the first that is not above chance."""
+        values = [float(left @ left / len(left))]
+        for lag in range(1, min(201, len(left))):
+            together = self.of_pass[lag:] == self.of_pass[:-lag]
+            count, total = int(together.sum()), float(left[lag:] @ (left[:-lag] * together))
+            if not count or total / count < 2 * values[0] / np.sqrt(count):
+                break
+            values.append(total / count)
+        return np.array(values)
+
+
+def about_mean(speed: FloatArray) -> FloatArray:
+    """A positive speed (n,) less its mean; rounding, all that a constant one leaves, is none."""
+    about = speed - speed.mean()
+    return np.where(np.abs(about) < 1e-9 * speed.mean(), 0.0, about)
+
+
+def harmonic_peaks(left: FloatArray, waves: ComplexArray) -> BoolArray:
+    """True for each of the waves (n, n_h) that stands out of the residuals (n,)."""
+    size = np.sum(np.abs(waves) ** 2, axis=0)
+    power = np.abs(left @ waves) ** 2 / np.maximum(size, 1e-300)
+    # Of noise the power is exponential, its median ln 2 of its mean: 12 means have a chance of 6e-6 each.
+    return np.asarray((power > 12.0 / np.log(2) * np.median(power)) & (size > 0.01 * len(left)))
+
+
+def turn_waves(
+    position: FloatArray, direction: FloatArray | float, turn: float, chosen: Iterable[int] = range(N_WAVES)
+) -> ComplexArray:
+    """exp(j h N q) (n, n_h), chosen waves of the motor's turns: of ripple, then s times these, of dry friction."""
+    waves = [np.exp(2j * np.pi / turn * (i % MAX_HARMONIC + 1) * position) for i in chosen]
+    signs = [1.0 if i < MAX_HARMONIC else direction for i in chosen]
+    own = [sign * wave for sign, wave in zip(signs, waves, strict=True)]
+    return np.stack(own, axis=1) if own else np.zeros((len(position), 0), complex)
+
+
+def wave_names(wave: int) -> tuple[str, str]:
+    """Names of the cosine and sine of a wave of the motor's turns."""
+    name = f"{'ripple' if wave < MAX_HARMONIC else 'angle.turn'}.{wave % MAX_HARMONIC + 1}"
+    return f"{name}c", f"{name}s"
+
+
+def _means(x: Any, step: int) -> Any:
+    """Means of every `step` rows of x (n,) or (n, m); an incomplete end is dropped."""
+    n = len(x) // step
+    return x[: n * step].reshape(n, step, *x.shape[1:]).mean(axis=1)
+
+
+def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
+    """There and back of one record of passes, as one pair; whichever of both it has."""
+    # Gravity and inertia are those where the torque acts: half a sample's travel turns both with the direction.
+    samples = np.arange(len(record.position))
+    lag = samples + record.torque_delay_s * record.rate_hz
+    motion = record.position, *smoothed(record, SMOOTHED_HZ)[1:]
+    position, velocity, acceleration = (np.interp(lag, samples, x) for x in motion)
+    pair = f"{record.name}, load {record.load}" if record.load else record.name
+    return tuple(
+        Pass(
+            f"joint {record.joint}", pair, position[part], velocity[part], acceleration[part],
+            record.torque[part], record.load_torque, _mean_temperature(record, part), record.slides, record.load,
+        )
+        for part in (_inner(*window, record.rate_hz) for window in (record.there, record.back) if window is not None)
+    )  # fmt: skip
+
+
+def _inner(start: int, stop: int, rate_hz: float) -> slice:
+    """A plateau without its ends, into which the filter brings the ramps; of a short one at most a tenth each."""
+    margin = min(int(rate_hz / SMOOTHED_HZ) + 1, (stop - start) // 10)
+    return slice(start + margin, stop - margin)
+
+
+def _mean_temperature(record: FrictionRecord, part: slice) -> float:
+    known = np.zeros(0) if record.temperature is None else record.temperature[part]
+    known = known[np.isfinite(known)]
+    return float(known.mean()) if len(known) else float("nan")
 
 
 @frozen_value
@@ -25,7 +204,8 @@ class Levels:
 
     speed (n,): |v|, positive.  direction (n,): 1, -1, or 0 where the level is the mean of both directions.
     torque (n,): that brakes, positive, viscous friction included.  std (n,): of torque.  load (n,): |torque| on the
-    joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.
+    joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.  shared: value and std of what all
+    passes share, by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`, ripple).  notes: on passes left out.
 
     Raises DataError for friction that drives at every condition.
     """
@@ -38,6 +218,8 @@ class Levels:
     load: FloatArray
     temperature: FloatArray
     slides: bool = False
+    shared: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.torque) and np.all(self.torque < 0):
@@ -63,25 +245,8 @@ class Levels:
         """Conditions at which the levels hold."""
         return Conditions(self.speed, self.direction, self.load, self.temperature)
 
-    def select(self, chosen: BoolArray) -> Levels:
-        """The conditions that are chosen (n,)."""
-        columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in COLUMNS}
-        return replace(self, **columns)
 
-
-@dataclass(frozen=True)
-class PassLevels:
-    """The levels, the parts of the torque that all passes share, and notes on passes that were left out.
-
-    shared: numbers by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`, those of ripple) with their std.
-    """
-
-    levels: Levels
-    shared: dict[str, tuple[float, float]]
-    notes: tuple[Note, ...]
-
-
-def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> PassLevels:
+def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> Levels:
     """The levels of all pairs of one place, by direction.
 
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
@@ -99,29 +264,21 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
     std = np.sqrt(np.diag(covariance)[:n_k])
     known = std < MAX_RELATIVE_STD * np.abs(g)
-    refuse_unknown(known, g, std, f"passes of {used[0].place}")
     if not known.all():
-        weak, unit = ", ".join(f"{v:.3g}" for v in speed[~known]), motion_unit("velocity", used[0].slides)
+        weak, place = ", ".join(f"{v:.3g}" for v in speed[~known]), f"passes of {used[0].place}"
         text = (
-            f"levels at {weak} {unit} are not known to {MAX_RELATIVE_STD:.0%} and do not count: gravity, ripple "
-            "or noise are too large compared with them; repeat these passes, or make them longer"
+            f"levels at {weak} {motion_unit('velocity', used[0].slides)} are not known to {MAX_RELATIVE_STD:.0%} and "
+            "do not count: gravity, ripple or noise are too large compared with them; repeat these passes, or make "
+            "them longer"
         )
-        notes.append(Note("friction/levels", text, f"passes of {used[0].place}"))
+        if not known.any():
+            raise DataError("friction/levels", text, place)
+        notes.append(Note("friction/levels", text, place))
     shared = {
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
     levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
-    return PassLevels(levels, shared, tuple(notes))
-
-
-def refuse_unknown(known: BoolArray, torque: FloatArray, std: FloatArray, place: str) -> None:
-    """DataError where no level (n,) is known."""
-    if not known.any():
-        text = (
-            f"no level is known to {MAX_RELATIVE_STD:.0%}, the best is {torque[np.argmin(std)]:.3g} +- "
-            f"{std.min():.2g}; repeat the record, longer or with a finer encoder"
-        )
-        raise DataError("friction/levels", text, place)
+    return replace(levels, shared=shared, notes=tuple(notes))
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
@@ -165,6 +322,20 @@ def _levels(
     return Levels(passes[0].place, speed, direction, torque, std, load, temperature, passes[0].slides)
 
 
-def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> PassLevels:
+def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> Levels:
     """The levels of all passes of a joint under all loads, as `find_levels`."""
     return find_levels([each for record in records for each in passes_of(record)], has_gravity, turn)
+
+
+def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
+    """The passes that slide all the time, and notes on the others, whole pairs; DataError where none is."""
+    sticks = dict.fromkeys(each.pair for each in passes if np.any(each.velocity * each.direction <= 0))
+    text = (
+        "the joint stands or turns back within the pass: it sticks and slips at this speed, and its level does not "
+        "count; raise the bandwidth of the controller, or measure faster"
+    )
+    used = [each for each in passes if each.pair not in sticks]
+    if not used:
+        place = passes[0].place if passes else "the joint"
+        raise DataError("friction/passes", f"in none it slides all the time: {text}", f"passes of {place}")
+    return used, [Note("friction/passes", text, f"pass {name}") for name in sticks]

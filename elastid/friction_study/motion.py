@@ -33,21 +33,20 @@ from elastid.friction_study.laws import (
     STRIBECK_NUMBERS,
     TEMPERATURE_STEP_K,
     Held,
+    above_stribeck,
     extrapolates,
 )
 from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
-from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, both_bands
+from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, Plateau, both_bands, distinct_speeds
 from elastid.friction_study.motion_terms import (
     ANGLE,
     MotionTerms,
     change_of,
-    columns_of,
     equations_of,
     regressed,
     shown_terms,
     with_other_curves,
 )
-from elastid.friction_study.passes import PASSES, Plateau, distinct_speeds
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
@@ -183,8 +182,6 @@ def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
         return ()
     parts = [0.0, *(fit.chosen[name] for name in ANGLE)]
     change = legval(np.linspace(-1, 1, 101), parts) / max(abs(fit.chosen["coulomb"]), 1e-300)
-    if np.ptp(change) < PASSES.min_change:
-        return ()
     unit, (low, high) = "m" if fit.motion.slides else "rad", fit.terms.angles
     text = (
         f"dry friction changes by {change.min():+.0%} to {change.max():+.0%} between {low:.3g} and {high:.3g} {unit}, "
@@ -195,31 +192,19 @@ def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
 
 def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Held]:
     """Parts of the law without numbers, and a Stribeck effect that only speeds well above its velocity show."""
-    terms, slides = fit.terms, fit.motion.slides
+    terms, low, high = fit.terms, *(fit.terms.measured or (0.0, 0.0))
     speed = np.concatenate([np.abs(each.filtered(each.velocity))[each.used] for each in signals])
     lowest = float(np.quantile(speed, _SLOWEST_SHARE))
-    if not terms.stribeck_velocity and (reason := too_few_speeds(fit.plateaus, slides)):
+    if not terms.stribeck_velocity and (reason := too_few_speeds(fit.plateaus)):
         yield Held("stribeck", f"{reason}; {extrapolates(lowest)}")
-    if not terms.heat:
-        yield Held("temperature", _no_heat(terms))
+    if terms.stribeck_velocity and lowest > LOWEST_SPEED * terms.stribeck_velocity:
+        yield Held("stribeck", above_stribeck(lowest, terms.stribeck_velocity))
+    if not terms.heat and high - low < TEMPERATURE_STEP_K:
+        yield Held("temperature", "no temperature that varies was logged; log it, and record motions cold and warm")
+    elif not terms.heat:
+        yield Held("temperature", f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC")
     if not terms.load:
         yield ONE_LOAD
-    if terms.stribeck_velocity and lowest > LOWEST_SPEED * terms.stribeck_velocity:
-        slow, unit = LOWEST_SPEED * terms.stribeck_velocity, "m/s" if slides else "rad/s"
-        yield Held(
-            "stribeck",
-            f"{1 - _SLOWEST_SHARE:.0%} of the time that it slides it is faster than {lowest:.2g} {unit}, a third of "
-            f"the Stribeck velocity is {slow:.2g}; record slower motions",
-        )
-
-
-def _no_heat(terms: MotionTerms) -> str:
-    if terms.measured is None:
-        return "no temperature was logged; log it, and record motions cold and warm"
-    low, high = terms.measured
-    if high - low < TEMPERATURE_STEP_K:
-        return f"it varies from {low:.3g} to {high:.3g} degC only; record motions cold and warm"
-    return f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC; longer motions might"
 
 
 def _judged(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFriction:
@@ -285,20 +270,6 @@ def judged(
     return numbers, f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: {advice}"
 
 
-@frozen_value
-class MotionSamples:
-    """A motion and its regression, behind the filter of both sides, thinned and without the ends, (n,) each.
-
-    torque: measured.  regressed: by all numbers.  friction: the torque less what is neither Coulomb nor viscous.
-    """
-
-    time_s: FloatArray
-    velocity: FloatArray
-    torque: FloatArray
-    regressed: FloatArray
-    friction: FloatArray
-
-
 PARTS = ("inertia", "gravity", "viscous", "coulomb")
 
 
@@ -317,26 +288,14 @@ def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict
     return parts
 
 
-def motion_samples(fit: MotionFriction) -> MotionSamples:
-    """The samples behind a regression, of its first log."""
-    signals = MotionSignals.of(fit.motion, fit.passband_hz)
-    parts = motion_parts(fit.chosen, columns_of(signals, fit.terms))
-    rigid = sum(parts.get(name, 0.0) for name in PARTS[:2])
-    torque, regressed = signals.filtered(fit.motion.torque), np.sum(list(parts.values()), axis=0)
-    time_s = np.arange(len(fit.motion.position))[signals.kept] / fit.motion.rate_hz
-    return MotionSamples(time_s, signals.filtered(signals.velocity), torque, regressed, torque - rigid)
-
-
 ONE_LOAD = Held("load", "a regression of one load has none; record motions with other payloads, or in other postures")
 
 
-def too_few_speeds(plateaus: Sequence[Plateau], slides: bool) -> str:
+def too_few_speeds(plateaus: Sequence[Plateau]) -> str:
     """The reason why a motion with these plateaus cannot identify a Stribeck effect; empty without one."""
-    speeds, unit = distinct_speeds(plateaus), "m/s" if slides else "rad/s"
-    if len(speeds) >= MIN_SPEEDS:
-        return ""
-    dwelt = ", ".join(f"{speed:.3g}" for speed in speeds)
-    return (
-        f"the motion dwells at {f'{len(speeds)} speeds ({dwelt} {unit})' if len(speeds) else 'no speed'}; it takes "
-        f"{MIN_SPEEDS}, the lowest below a third of the Stribeck velocity; measure passes at more speeds"
+    speeds = len(distinct_speeds(plateau.velocity for plateau in plateaus))
+    text = (
+        f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} are needed, the lowest below a third of the Stribeck "
+        "velocity; measure passes at more speeds"
     )
+    return "" if speeds >= MIN_SPEEDS else text

@@ -1,15 +1,22 @@
-"""A log of one axis: its signals behind the filter of a regression.
+"""A log of one axis: plateaus and passes in it, and its signals behind the filter of a regression.
 
 The filter has a finite length: a sample that a wrong model spoils, as while a joint sticks, spoils only its neighbours,
 and the equations of all others hold exactly (modulating functions: Shinbrot, Trans. ASME 79, 1957). Of a sample that is
 not used stands the reason.
+
+Of the log of any motion, passes are ways at one speed on the whole, and steady parts of other ways. A way is a part of
+the log between two turning points. Cogging makes the speed of a slow pass wander about its mean by a fifth and more, so
+that its acceleration is nowhere small; its position stays close to a straight line all the same. Such a way is one
+plateau, whose ends are where the line is left. Elsewhere, as in ways with several speeds, a plateau is where the
+velocity is steady.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -18,7 +25,210 @@ from scipy.signal import butter, resample_poly, sosfiltfilt, upfirdn
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
-from elastid.friction_study.passes import PASSES, Plateau, find_plateaus
+from elastid.record import FrictionRecord
+
+# Above, before a position is differentiated: speeds and ripple of a pass are slower.
+SMOOTHED_HZ = 60.0
+
+
+def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, velocity, that which was logged where it was, and acceleration (n,) below a frequency."""
+    smooth = butter(2, min(hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
+    position = np.asarray(sosfiltfilt(smooth, record.position))
+    velocity = np.gradient(position, 1 / record.rate_hz) if record.velocity is None else record.velocity
+    return position, velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
+
+
+@dataclass(frozen=True)
+class PassThresholds:
+    """Thresholds of plateaus and their pairs, and of the judgement of passes."""
+
+    steady_share: float = 0.05  # change of a steady velocity in the shortest plateau; closer speeds are the same
+    shortest_s: float = 0.15
+    rest_share: float = 0.005  # of the highest speed, below which a joint is at rest
+    common_share: float = 0.1  # of the shorter plateau's travel, that there and back share under gravity
+    other_speed: float = 0.2  # relative distance to the stated speed of a log, beyond which a plateau is no pass of it
+    steady_hz: float = 15.0  # band in which a plateau is steady, about as long as the shortest one
+    turn_share: float = 0.01  # of the travel of a log, by which it goes back after a turning point at least
+    windows: int = 6  # of a way at one speed, between whose means its speed changes by less than steady_share
+    line_share: float = 1.5  # of the largest distance of its inner part from a line, beyond which such a way has ended
+    min_change: float = 0.03  # of friction with the angle, relative, that is worth a note
+    min_counts: float = 3.0  # amplitude of a loop or a response at rest in counts of the encoder: below, it is steps
+
+
+PASSES = PassThresholds()
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """Samples start to stop of steady sliding at a mean velocity, rad/s or m/s with its sign."""
+
+    start: int
+    stop: int
+    velocity: float
+
+
+def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float) -> tuple[Plateau, ...]:
+    """The plateaus of a smooth motion (n,), in their order."""
+    speed = np.abs(velocity)
+    steady = speed > PASSES.rest_share * speed.max(initial=0.0)
+    steady &= np.abs(acceleration) * PASSES.shortest_s < PASSES.steady_share * speed
+    return tuple(
+        Plateau(start, stop, float(velocity[start:stop].mean()))
+        for start, stop in _runs(steady)
+        if stop - start >= PASSES.shortest_s * rate_hz
+    )
+
+
+def _runs(samples: BoolArray) -> list[tuple[int, int]]:
+    """First sample of each run of those that are true, and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], samples, [False]]).astype(np.int8)))
+    return [(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]
+
+
+def alike_speeds(speeds: FloatArray) -> FloatArray:
+    """Each speed (n,) as the mean of those that are the same."""
+    groups = np.array(distinct_speeds(speeds))
+    return groups[np.argmin(np.abs(speeds[:, None] - groups), axis=1)] if len(groups) else speeds
+
+
+def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
+    """The speeds without sign, each once, lowest first: the mean of those that are the same."""
+    groups: list[list[float]] = []
+    for speed in sorted(abs(float(speed)) for speed in speeds):
+        if groups and speed < groups[-1][0] * (1 + PASSES.steady_share):
+            groups[-1].append(speed)
+        else:
+            groups.append([speed])
+    return tuple(float(np.mean(group)) for group in groups)
+
+
+def one_way(ways: Collection[float]) -> str:
+    """The end of a message about passes of one direction alone, 1 or -1."""
+    return (
+        f"{'positive' if 1.0 in ways else 'negative'} velocity only; friction cannot be distinguished from gravity and "
+        "offset without the way back; record both directions"
+    )
+
+
+def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
+    """A record of passes for each pair of plateaus of a motion, named after it with a number; none where it has none.
+
+    has_gravity: there and back must then share positions.  Of a log with a speed, its plateaus at that speed alone;
+    DataError where such a log has no pass there and back at it.
+    """
+    plateaus = _plateaus(record)
+    pairs = _pairs(record, plateaus, has_gravity)
+    if record.speed is not None and not pairs:
+        raise DataError("friction/passes", _refusal(record, plateaus))
+    return tuple(_cut(record, *pair, number) for number, pair in enumerate(pairs, start=1))
+
+
+def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
+    """In their order; of a log with a speed those at it alone."""
+    position, velocity, acceleration = smoothed(record, PASSES.steady_hz)
+    of_ways = [_plateau_of_way(position, *way, record.rate_hz) for way in _ways(position)]
+    ways = [plateau for plateau in of_ways if plateau is not None]
+    steady = find_plateaus(velocity, acceleration, record.rate_hz)
+    parts = [each for each in steady if not any(each.start < way.stop and way.start < each.stop for way in ways)]
+    plateaus = [*ways, *parts]
+    if record.speed is not None:
+        reach = PASSES.other_speed * record.speed
+        plateaus = [each for each in plateaus if abs(abs(each.velocity) - record.speed) <= reach]
+    return tuple(sorted(plateaus, key=lambda each: each.start))
+
+
+def _ways(position: FloatArray) -> list[tuple[int, int]]:
+    """First sample of each way and the one after its last: between turning points, from which it goes back far enough.
+
+    What is not as far, stick-slip and noise at rest, turns no way.
+    """
+    far = PASSES.turn_share * float(np.ptp(position))
+    slope = np.sign(np.diff(position))
+    peaks = [0, *(np.flatnonzero(slope[1:] != slope[:-1]) + 1).tolist(), len(position) - 1]
+    turns, low, high, sign = list[int](), 0, 0, 0  # sign: of the way, 0 before the first
+    for i in peaks:
+        low, high = (i if position[i] < position[low] else low), (i if position[i] > position[high] else high)
+        if sign >= 0 and position[high] - position[i] > far:
+            turns.append(high)
+            sign, low, high = -1, i, i
+        elif sign <= 0 and position[i] - position[low] > far:
+            turns.append(low)
+            sign, low, high = 1, i, i
+    return list(zip(turns, [*turns[1:], len(position)], strict=True))
+
+
+def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
+    """The plateau of a way of which half of the time at least is spent at one speed, if means over windows are."""
+    way = position[start:stop]
+    travelled = np.abs(way - way[0]) > PASSES.steady_share * np.ptp(way)
+    ahead = np.abs(way - way[-1]) > PASSES.steady_share * np.ptp(way)
+    first, last = int(np.argmax(travelled)), len(way) - int(np.argmax(ahead[::-1]))
+    w = (last - first) // PASSES.windows
+    if PASSES.windows * w < 2 * PASSES.shortest_s * rate_hz:
+        return None
+    steps = way[first + w : last] - way[first : last - w]  # travels over one window
+    change, travel = np.abs(steps[w:] - steps[:-w]), np.abs(steps[w:] + steps[:-w]) / 2
+    runs = [run for run in _runs(change < PASSES.steady_share * travel) if run[1] - run[0] >= w]
+    if not runs:
+        return None
+    begin, end = max(runs, key=lambda run: run[1] - run[0])
+    # The outer windows may reach into ramps, by as much as their means allow.
+    inner = slice(first + begin + w // 2, first + end + 2 * w - w // 2)
+    t = np.arange(len(way)) / rate_hz
+    speed, offset = np.polyfit(t[inner], way[inner], 1)
+    away = np.abs(way - speed * t - offset)
+    on_line = away <= PASSES.line_share * away[inner].max()
+    before, after = on_line[: inner.start][::-1], on_line[inner.stop :]
+    begin = inner.start - int(np.argmin(np.append(before, False)))
+    return Plateau(start + begin, start + inner.stop + int(np.argmin(np.append(after, False))), float(speed))
+
+
+def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: bool) -> list[tuple[Plateau, Plateau]]:
+    """Each plateau with the next one back at the same speed, each used once."""
+
+    def is_way_back(first: Plateau, other: Plateau) -> bool:
+        limit = PASSES.steady_share * abs(first.velocity)
+        if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
+            return False
+        q, q_back = (record.position[each.start : each.stop] for each in (first, other))
+        common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
+        return not has_gravity or bool(common > PASSES.common_share * min(np.ptp(q), np.ptp(q_back)))
+
+    pairs: list[tuple[Plateau, Plateau]] = []
+    free = list(plateaus)
+    while free:
+        first = free.pop(0)
+        if (partner := next((other for other in free if is_way_back(first, other)), None)) is not None:
+            free.remove(partner)
+            pairs.append((first, partner))
+    return pairs
+
+
+def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> FrictionRecord:
+    margin = round(2 * PASSES.shortest_s * record.rate_hz)
+    start, stop = max(0, forth.start - margin), min(len(record.position), back.stop + margin)
+    names = ("position", "torque", "velocity", "temperature", "disturbance", "reference", "link_position")
+    logged = {name: getattr(record, name) for name in names}
+    signals: dict[str, Any] = {name: None if log is None else log[start:stop] for name, log in logged.items()}
+    return replace(
+        record, **signals,
+        name=f"{record.name}-{number}", purpose="passes", there=(forth.start - start, forth.stop - start),
+        back=(back.start - start, back.stop - start), speed=(abs(forth.velocity) + abs(back.velocity)) / 2,
+        start_s=record.start_s + start / record.rate_hz, notes=(),
+    )  # fmt: skip
+
+
+def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
+    where = f"{record.place}: joint {record.joint}, passes at {record.speed:.4g} {record.unit}/s"
+    ways = {float(np.sign(plateau.velocity)) for plateau in plateaus}
+    if len(ways) == 1:
+        return f"{where}: they have {one_way(ways)}"
+    return (
+        f"{where}: of {len(plateaus)} plateaus none is there and back at one speed, within {PASSES.steady_share:.0%}, "
+        "through common positions; record both directions through the same window, longer than ramps and settling, or "
+        "correct speed"
+    )
 
 
 @frozen_value
@@ -53,10 +263,6 @@ class Motion:
         lag = self.torque_delay_s * self.rate_hz
         return np.asarray(make_interp_spline(samples, self.position, k=5)(samples + lag))
 
-    def __post_init__(self) -> None:
-        if self.position.shape != self.torque.shape or self.position.ndim != 1:
-            raise ValueError(f"motion of {self.place}: position {self.position.shape}, torque {self.torque.shape}")
-
 
 @dataclass(frozen=True)
 class MotionSignals:
@@ -80,19 +286,12 @@ class MotionSignals:
     def of(cls, motion: Motion, passband_hz: float) -> MotionSignals:
         """Those of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
         rate = motion.rate_hz
-        if not passband_hz < rate / 4:
-            raise DataError(
-                "friction/motion",
-                f"a passband of {passband_hz:g} Hz needs a rate above {4 * passband_hz:g} "
-                f"Hz, and it has {rate:g} Hz; lower the passband",
-                f"motion of {motion.place}",
-            )
         spoilt = round(6.0 / passband_hz * rate)  # samples at either end, six periods of the passband
-        if len(motion.position) < 4 * spoilt:
+        if not passband_hz < rate / 4 or len(motion.position) < 4 * spoilt:
             raise DataError(
                 "friction/motion",
-                f"{len(motion.position) / rate:.3g} s are too short for a passband of "
-                f"{passband_hz:g} Hz, which spoils {spoilt / rate:.3g} s at either end; record longer, or raise it",
+                f"it lasts {len(motion.position) / rate:.3g} s at {rate:g} Hz; a passband of {passband_hz:g} Hz takes "
+                f"{4 * spoilt / rate:.3g} s and more than {4 * passband_hz:g} Hz: record longer, or faster",
                 f"motion of {motion.place}",
             )
         smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")

@@ -21,8 +21,8 @@ from elastid.friction.static import Conditions, slopes
 from elastid.friction.static import columns as table
 from elastid.friction_study.laws import DECAY_RANGE_K, EXPONENTS, MAX_COST, START_DECAY_K, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, solve
-from elastid.friction_study.motion_signals import MotionLog, MotionSignals
-from elastid.friction_study.passes import N_WAVES, PASSES, harmonic_peaks, turn_waves, wave_names
+from elastid.friction_study.levels import N_WAVES, harmonic_peaks, turn_waves, wave_names
+from elastid.friction_study.motion_signals import PASSES, MotionLog, MotionSignals
 
 # Numbers by which friction changes with temperature.
 HEAT = ("temperature.coulomb", "temperature.viscous")
@@ -305,7 +305,7 @@ def full_rate_columns(
     columns = _columns_of_law(signals, terms, about)
     if motion.is_run_down:
         return columns
-    columns["inertia"] = signals.acceleration
+    columns = {"inertia": signals.acceleration} | columns
     if motion.payload_torque is not None:
         columns["gain"] = motion.payload_torque
     if terms.spring:

@@ -46,7 +46,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction.operators import Path, stop
 from elastid.friction_study.least_squares import Optimum, minimise
-from elastid.friction_study.passes import PASSES
+from elastid.friction_study.motion_signals import PASSES
 from elastid.model.formulation import ElasticJoint
 from elastid.record import Configuration, FrictionRecord, Record
 from elastid.robot.friction import MaxwellSlip
@@ -338,26 +338,24 @@ class RestResponse:
         DataError for motion of less than a few counts of the encoder, and as `estimate`.
         """
         first, posture = records[0], records[0].configuration or Configuration(records[0].name, np.zeros(1))
-        periodic = [_as_record(record, i, posture) for i, record in enumerate(records)]
-        reach = float(np.mean([np.ptp(_mean_period(record, record.y)) / 2 for record in periodic]))
-        if not reach > PASSES.min_counts * first.resolution:
-            raise DataError(
-                "friction/at-rest",
-                f"joint {first.joint} at rest ({first.name}): it moves by {reach:.3g} {first.unit}, "
-                f"{reach / first.resolution:.2g} counts of its encoder; a response takes {PASSES.min_counts:g}: raise "
-                "the torque at rest, use a finer encoder, or measure presliding by loops",
-            )
+        periodic, place = [_as_record(record, i, posture) for i, record in enumerate(records)], f"record {first.name}"
         G = estimate(periodic, _estimator(periodic))
         assert G.noise is not None
         if G.n_lines < REST.min_lines:
-            raise DataError(
-                "friction/at-rest",
-                f"joint {first.joint} at rest ({first.name}): {G.n_lines} lines of its torque stand out of the "
-                f"noise, {REST.min_lines} are needed: raise the torque at rest, or repeat its period more often",
+            text = (
+                f"{G.n_lines} lines of its torque stand out of the noise, {REST.min_lines} are needed: raise the "
+                "torque at rest, or repeat its period more often"
             )
+            raise DataError("friction/at-rest", text, place)
         # Above one and a half times the highest line, the noise of the encoder dominates.
         lowest_hz = 0.75 * first.rate_hz / periodic[0].period_samples if periodic[0].is_periodic else G.freq_hz[0] / 2
         position, velocity = _motion(periodic, (lowest_hz, 1.5 * float(G.freq_hz[-1])), first.resolution)
+        if not 2 * position > PASSES.min_counts * first.resolution:
+            text = (
+                f"it moves by {position:.3g} {first.unit} (rms), {position / first.resolution:.2g} counts of its "
+                "encoder: raise the torque at rest, use a finer encoder, or measure presliding by loops"
+            )
+            raise DataError("friction/at-rest", text, place)
         smooth, _, _ = smooth_variance(G.noise.variance[:, 0, 0], G.G[:, 0, 0], G.noise.dof)
         variance = smooth * G.correlated_lines
         return cls(G.freq_hz, G.G[:, 0, 0], variance, position, velocity, G.correlated_lines)
@@ -365,9 +363,9 @@ class RestResponse:
 
 def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:
     """One response for each amplitude of the torque, the smallest first."""
-    sizes = sorted(((_size(record), record) for record in records), key=lambda each: each[0])
     groups, last = list[list[FrictionRecord]](), 0.0
-    for size, record in sizes:
+    for record in sorted(records, key=lambda record: float(np.std(record.torque))):
+        size = float(np.std(record.torque))
         if size > REST.same_amplitude * last:
             groups.append([])
         groups[-1].append(record)
@@ -398,23 +396,6 @@ def _estimator(records: Sequence[Record]) -> EstimatorSpec:
     return EstimatorSpec(
         quantity="position", friction="none", method="h1", segment=segment / rate_hz, band_hz=band_hz
     )  # fmt: skip
-
-
-def _size(record: FrictionRecord) -> float:
-    """Rms of the periodic part of the torque, free of noise: by the first and the second half of its periods."""
-    n = record.period_samples or len(record.torque)
-    periods = record.torque[: len(record.torque) // n * n].reshape(-1, n)
-    if len(periods) < 2:
-        return float(np.std(record.torque))
-    first, second = (part.mean(axis=0) - part.mean() for part in np.array_split(periods, 2))
-    return float(np.sqrt(max(np.mean(first * second), 0.0)))
-
-
-def _mean_period(record: Record, signal: FloatArray) -> FloatArray:
-    """The mean (period_samples,) over whole periods but the first, where there are more."""
-    P, n = record.n_periods, record.period_samples
-    periods = signal[: P * n, 0].reshape(P, n)
-    return np.asarray(periods[min(1, P - 1) :].mean(axis=0))
 
 
 def _motion(records: Sequence[Record], band_hz: tuple[float, float], resolution: float) -> tuple[float, float]:

@@ -22,13 +22,13 @@ from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw, friction_of
-from elastid.friction_study.levels import PassLevels
+from elastid.friction_study.levels import Levels
 from elastid.friction_study.motion import MotionFriction, RigidBody
 from elastid.friction_study.presliding import AtRest, Elements, fit_at_rest, fit_presliding, rest_responses
 from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.model.formulation import ElasticJoint, held_joint
-from elastid.record import FrictionRecord, FrictionRecords
+from elastid.record import FrictionRecord, FrictionRecords, motion_unit
 from elastid.robot import Friction, LuGre, MeasuredRange, Robot, gain_name
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
@@ -64,7 +64,7 @@ class JointLevels:
 
     joint: str
     slides: bool
-    levels: PassLevels | None = None
+    levels: Levels | None = None
     motion: MotionFriction | None = None
     notes: tuple[Note, ...] = ()
 
@@ -79,7 +79,7 @@ class JointFriction:
 
     joint: str
     slides: bool
-    levels: PassLevels | None = None
+    levels: Levels | None = None
     motion: MotionFriction | None = None
     static: StaticLaw | None = None
     presliding: Elements | None = None
@@ -167,46 +167,43 @@ RIGID_TERMS = {
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the static law, and of each direction where they differ."""
-    values, learnt = np.array(list(law.values.values())), {name: law.learnt_from(name) for name in law.intervals}
-    yield from _table(joint, law.levels.slides, learnt, law.names, values, law.covariance, truth, law.fit.reach)
+    levels, values = law.levels, np.array(list(law.values.values()))
+    unit = motion_unit("velocity", levels.slides)
+    learnt = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
+    known = dict.fromkeys(law.intervals, learnt)
+    yield from _table(joint, levels.slides, known, law.names, values, law.covariance, truth, law.fit.reach)
 
 
 def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the regression of a motion, without ripple."""
     fit, learnt = motion.chosen, f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
-    if motion.terms.heat:
-        learnt = f"{learnt}, at {motion.terms.reference:.3g} degC"
     known = dict.fromkeys(motion.known, learnt)
     yield from _table(joint, motion.motion.slides, known, fit.names, fit.values, fit.covariance, truth)
 
 
 def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
     """Stiffness and damping of the bristles."""
-    names, values = ("lugre.stiffness", "lugre.damping"), np.array([rest.sigma_0, rest.sigma_1])
-    learnt = dict.fromkeys(names, f"responses at rest, {rest.amplitudes} amplitudes")
-    yield from _table(joint, slides, learnt, names, values, rest.covariance, truth)
+    values, learnt = np.array([rest.sigma_0, rest.sigma_1]), f"responses at rest, {rest.amplitudes} amplitudes"
+    known = dict.fromkeys(("lugre.stiffness", "lugre.damping"), learnt)
+    yield from _table(joint, slides, known, tuple(known), values, rest.covariance, truth)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
     """Time constants, and heat given off where kelvins are known."""
-    n, read = len(model.time_constants), int(np.isfinite(warm_up.log.temperature).sum())
-    minutes = np.ptp(warm_up.log.time_s) / 60
-    learnt = f"{read} readings, {len(warm_up.level)} test passes in {minutes:.3g} min"
-    std_of_h, *log_stds = model.log_std.tolist()
+    constants, read = model.time_constants.tolist(), int(np.isfinite(warm_up.log.temperature).sum())
+    learnt = f"{read} readings, {len(warm_up.level)} test passes in {np.ptp(warm_up.log.time_s) / 60:.3g} min"
+    numbered = [""] if len(constants) == 1 else ["1", "2"]
     rows = [
-        (f"Tc{i + 1 if n > 1 else ''}_m{joint}", "C / h", "time constant of warming", "s", T, log_stds[i])
-        for i, T in enumerate(model.time_constants.tolist())
+        (f"Tc{i}_m{joint}", "C / h", "time constant of warming", "s", T)
+        for i, T in zip(numbered, constants, strict=True)
     ]
-    if math.isfinite(model.h):
-        rows.append((f"h_m{joint}", "h", "heat given off", "W/K", model.h, std_of_h))
-    for name, symbol, meaning, unit, value, log_std in rows:
-        std = value * log_std
-        reach = math.exp(QUANTILE_95 * std / value)  # symmetric in the logarithm
-        yield FrictionNumber(name, symbol, meaning, unit, value, std, value / reach, value * reach, learnt)
-
-
-def _ends(value: float, std: float, reach: float = QUANTILE_95) -> tuple[float, float]:
-    return value - reach * std, value + reach * std
+    rows.insert(0, (f"h_m{joint}", "h", "heat given off", "W/K", model.h))
+    for (name, symbol, meaning, unit, value), log_std in zip(rows, model.log_std.tolist(), strict=True):
+        reach = math.exp(QUANTILE_95 * log_std)  # symmetric in the logarithm
+        if math.isfinite(value):
+            yield FrictionNumber(
+                name, symbol, meaning, unit, value, value * log_std, value / reach, value * reach, learnt
+            )
 
 
 def _table(
@@ -235,8 +232,8 @@ def _table(
         unit = "kg" if slides and term.path == "inertia" else term.unit_at(slides)
         name = gain_name("u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
-            name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, *_ends(value, std, reach),
-            learnt[term.path], truth.get(name),
+            name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - reach * std,
+            value + reach * std, learnt[term.path], truth.get(name),
         )  # fmt: skip
 
 
@@ -284,10 +281,8 @@ def identify_friction(
 def _joint(
     robot: Robot, levels: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
 ) -> JointFriction:
-    name, passes = levels.joint, levels.levels
-    static = None
-    if passes:
-        curve = passes.levels
+    name, curve, static = levels.joint, levels.levels, None
+    if curve is not None:
         if len({record.load for record in measured.of(name, "passes")}) <= 1:  # it changes along the paths with speed
             curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
         static = StaticLaw.of(curve, spec.law)
@@ -302,7 +297,7 @@ def _joint(
         numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     return JointFriction(
-        name, levels.slides, passes, levels.motion, static, presliding, at_rest, thermal, friction, viscous,
+        name, levels.slides, levels.levels, levels.motion, static, presliding, at_rest, thermal, friction, viscous,
         tuple(numbers.values()), held, (*levels.notes, *notes, *of_loops, *of_heat, *refused),
     )  # fmt: skip
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.errors import DataError, Note
+from elastid.base.errors import DataError, Note, Severity
 from elastid.friction_study.laws import Held
 from elastid.friction_study.least_squares import (
     FALSE_ALARM,
@@ -45,9 +45,9 @@ from elastid.robot import Robot
 
 # Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.
 ROBOT_PASSBAND_HZ = 10.0
-# Numbers of a joint's frame in the order of the regressor's columns, and their units.
-_OF_FRAME = ("m", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-_UNITS = ("kg", *("kg*m",) * 3, *("kg*m^2",) * 6)
+# Numbers of a joint's frame in the order of the regressor's columns, with their units.
+_OF_FRAME = {"m": "kg"} | dict.fromkeys(("mcx", "mcy", "mcz"), "kg*m")
+_OF_FRAME |= dict.fromkeys(("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"), "kg*m^2")
 # Part of a column that is no combination of the base columns, above which other motions have not identified it.
 MAX_UNIDENTIFIED = 1e-3
 # Of columns of unit length: numbers that logs barely excite are large, of either sign, and predict no other motion
@@ -71,7 +71,7 @@ def regress_robot_motion(
     _refuse_loops(robot)
     joints = tuple(logs[0].of_joints)
     chosen, regrouped = _base_columns(robot, joints, logs)
-    rigid = [_columns(robot, joints, joints, chosen, each) for each in logs]
+    rigid = [_columns(robot, joints, joints, each, chosen) for each in logs]
     apart = tuple(
         joint for joint, fit in _by_joint(_solved(logs, rigid, joints), joints, joints).items()
         if fit.chance("directions.viscous", 0) < FALSE_ALARM
@@ -79,7 +79,7 @@ def regress_robot_motion(
     least, rate_hz = _solved(logs, rigid, apart), logs[0].first.kept_hz
     moved = dict[tuple[str, str], tuple[float, float]]()
     if bands := both_bands(logs, LIMITS.narrow):
-        of_bands = [[_columns(robot, joints, joints, chosen, each) for each in band] for band in bands]
+        of_bands = [[_columns(robot, joints, joints, each, chosen) for each in band] for band in bands]
         wide, slow = (_solved(band, columns, apart) for band, columns in zip(bands, of_bands, strict=True))
         moved = moved_numbers(_names(joints, apart), *shift_between(wide, slow, rate_hz))
     names, units = zip(*_numbers(robot, joints), strict=True)
@@ -167,7 +167,7 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
     rows = tuple(joint for joint in log.of_joints if joint in body.joints)
     if not rows:
         return {}
-    sample = _sampled(robot, body.joints, rows, log)
+    sample = _columns(robot, body.joints, rows, log).reshape(-1, len(body.columns))
     size = np.linalg.norm(sample, axis=0)
     lacking = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0) > MAX_UNIDENTIFIED * size
     lacking &= size > 1e-9 * size.max()  # below, a column is zero but for rounding
@@ -178,15 +178,13 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
             f"its motion takes numbers of the rigid body that those behind the result have not identified ({first}"
             f"{', ...' if lacking.sum() > 3 else ''}); identify from a log in which the same joints move",
         )
-    torques = _columns(robot, body.joints, rows, body.chosen, log) @ body.predicting
+    torques = _columns(robot, body.joints, rows, log, body.chosen) @ body.predicting
     return {joint: torques[:, i] for i, joint in enumerate(rows)}
 
 
 def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
     """Name and unit of the number of each column: of all frames, then rotors and offsets of the joints."""
-    of_frames = [
-        (f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in zip(_OF_FRAME, _UNITS, strict=True)
-    ]
+    of_frames = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
     slides = {joint.name: joint.slides for joint in robot.joints}
     rotors = [(f"Jm_{joint}", "kg" if slides[joint] else "kg*m^2") for joint in joints]
     return [*of_frames, *rotors, *((f"o_{joint}", "N" if slides[joint] else "N*m") for joint in joints)]
@@ -197,52 +195,36 @@ def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLo
 
     All columns: rigid body (10 n_l), rotors (m) and offsets (m).
     """
-    sample = np.concatenate([_sampled(robot, joints, joints, each) for each in logs])
-    chosen = np.array(_independent(sample), dtype=np.int64)
+    sample = np.concatenate([_columns(robot, joints, joints, each) for each in logs]).reshape(-1, _count(robot, joints))
     size = np.maximum(np.linalg.norm(sample, axis=0), 1e-300)
-    scaled = sample / size
-    regrouped = np.linalg.lstsq(scaled[:, chosen], scaled, rcond=None)[0] * size / size[chosen, None]
+    _, R, order = qr(sample / size, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(R))
+    chosen = np.sort(order[: int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0]))]).astype(np.int64)
+    regrouped = np.linalg.lstsq(sample[:, chosen] / size[chosen], sample, rcond=None)[0] / size[chosen, None]
     return chosen, np.asarray(regrouped)
 
 
-def _sampled(robot: Robot, joints: Sequence[str], rows: Sequence[str], log: MotionLog) -> FloatArray:
-    """All columns at some 500 instants, (instants * rows, n_c)."""
-    every = np.arange(10 * len(robot.joints) + 2 * len(joints))
-    return _columns(robot, joints, rows, every, log, few=True).reshape(-1, len(every))
+def _count(robot: Robot, joints: Sequence[str]) -> int:
+    return 10 * len(robot.joints) + 2 * len(joints)
 
 
 def _columns(
-    robot: Robot, joints: Sequence[str], rows: Sequence[str], chosen: IntArray, log: MotionLog, few: bool = False
+    robot: Robot, joints: Sequence[str], rows: Sequence[str], log: MotionLog, chosen: IntArray | None = None
 ) -> FloatArray:
-    """Chosen columns of all but friction (n, m, n_b), m the joints of `rows`; few: at some 500 instants."""
+    """Chosen columns of all but friction (n, m, n_b), m the joints of `rows`; all for None, at some 500 instants."""
     names, state = [joint.name for joint in robot.joints], _states(robot, log)
-    state = state[:, :, :: max(1, state.shape[2] // 500) if few else 1]
-    n_l, places, m = len(names), [names.index(joint) for joint in rows], len(joints)
+    if chosen is None:
+        chosen, state = np.arange(_count(robot, joints)), state[:, :, :: max(1, state.shape[2] // 500)]
+    n, n_l, places, m = state.shape[2], len(names), [names.index(joint) for joint in rows], len(joints)
     q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
     of_frames = chosen[chosen < 10 * n_l].tolist()
     Y = ca.Function("part", [q, v, a], [regressor(robot)(q, v, a)[places, of_frames]])
-    own = np.zeros((state.shape[2], len(rows), 2 * m))
+    own = np.zeros((n, len(rows), 2 * m))
     for i, (joint, place) in enumerate(zip(rows, places, strict=True)):
         k = list(joints).index(joint)
         own[:, i, k], own[:, i, m + k] = state[2, place], 1.0
-    return np.concatenate([_values(Y, state), own[:, :, chosen[chosen >= 10 * n_l] - 10 * n_l]], axis=2)
-
-
-def _values(function: ca.Function, state: FloatArray) -> FloatArray:
-    """A matrix (rows, columns) at n states, as (n, rows, columns)."""
-    flat = np.asarray(ca.DM(function(*state)))
-    return flat.reshape(len(flat), state.shape[2], -1).swapaxes(0, 1)
-
-
-def _independent(columns: FloatArray) -> list[int]:
-    """Places of columns (n, n_c) that span all of them: the base parameters."""
-    size = np.linalg.norm(columns, axis=0)
-    moving = np.flatnonzero(size > 0)
-    if not len(moving):
-        return []
-    _, R, order = qr(columns[:, moving] / size[moving], mode="economic", pivoting=True)
-    diagonal = np.abs(np.diag(R))
-    return sorted(moving[order[: int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0]))]].tolist())
+    of_rigid_body = np.asarray(ca.DM(Y(*state))).reshape(len(rows), n, -1).swapaxes(0, 1)
+    return np.concatenate([of_rigid_body, own[:, :, chosen[chosen >= 10 * n_l] - 10 * n_l]], axis=2)
 
 
 def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequence[float]) -> FloatArray:
@@ -287,7 +269,7 @@ def _of_joint(
         MotionFriction.of(signals, regression, MotionTerms(_OF_JOINT[2] in regression.names)),
         signals[0].motion,
     )
-    reasons = {"stribeck": too_few_speeds(fit.plateaus, motion.slides), "temperature": ALONE}
+    reasons = {"stribeck": too_few_speeds(fit.plateaus), "temperature": ALONE}
     held = [Held(part, reason) for part, reason in reasons.items() if reason]
     held += [ONE_LOAD, Held("directions.coulomb", GRAVITY_HIDES)]
     own = {name: change for (owner, name), change in moved.items() if owner == joint}
@@ -306,11 +288,10 @@ def _rigid_body_note(place: str, signals: Sequence[MotionSignals], fit: Regressi
     text = (
         f"{fit.relative_error:.1%} of its torque is left by rigid body and friction, {share:.0%} of what friction takes"
     )
-    advice = (
-        ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, and "
-        "the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
-    )
-    return Note(
-        "friction/rigid-body", text + (advice if dominates else ""), f"motion of {place}",
-        "warning" if dominates else "information",
-    )  # fmt: skip
+    if dominates:
+        text += (
+            ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, "
+            "and the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
+        )
+    severity: Severity = "warning" if dominates else "information"
+    return Note("friction/rigid-body", text, f"motion of {place}", severity)

@@ -27,7 +27,8 @@ from scipy.linalg import solve_banded
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError, FitError, Note
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
-from elastid.friction_study.passes import Pass, PassRegression, alike_speeds, passes_of
+from elastid.friction_study.levels import Pass, PassRegression, passes_of
+from elastid.friction_study.motion_signals import alike_speeds
 from elastid.record import FrictionRecord, WarmUpLog
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
-from elastid.friction_study.passes import alike_speeds, detect_passes
+from elastid.friction_study.motion_signals import alike_speeds, detect_passes
 from elastid.record import FrictionRecord, WarmUpLog
 from elastid.recorded.repair.converter import step
 

@@ -48,7 +48,7 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
     assert numbers["Fc_m1"].value == pytest.approx(COULOMB, rel=0.02)
     assert numbers["f_m1"].value == pytest.approx(VISCOUS, rel=0.02)
     assert joint.levels is not None
-    assert joint.levels.levels.n_levels == len(SPEEDS)
+    assert joint.levels.n_levels == len(SPEEDS)
     assert "warning" not in capsys.readouterr().err
 
 

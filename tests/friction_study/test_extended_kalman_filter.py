@@ -91,7 +91,7 @@ def test_noise_is_found_from_innovations() -> None:
     kalman = KalmanFilter(FOLLOWED, RATE_HZ)
     run = simulate(rich(5), seed=5)
     start = first_estimate(FOLLOWED, run.samples.angle[0])
-    found = estimate_noise(kalman, run.samples, NOISE.scaled(torque=1 / 3), start, settled_s=2.0)
+    found = estimate_noise(kalman, run.samples, replace(NOISE, torque=NOISE.torque / 3), start, settled_s=2.0)
     assert found.torque == pytest.approx(TORQUE_STD, rel=0.1)
     assert found.slip == pytest.approx(NOISE.slip)
 

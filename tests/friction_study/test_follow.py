@@ -22,7 +22,7 @@ from elastid.friction_study.follow import (
     follow,
     with_tolerances,
 )
-from elastid.friction_study.levels import Levels, PassLevels
+from elastid.friction_study.levels import Levels
 from elastid.friction_study.result import JointFriction
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, WarmRun, rich, simulate, stops_and_moves
 
@@ -57,7 +57,7 @@ def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> 
     run = simulate(rich(1.5), 5).samples
     short = JointSamples(run.torque[:500], run.load[:500], run.angle[:500] + 1.0)
     alone, after = (
-        follow("1", False, FOLLOWED, motions, RATE_HZ, NOISE.scaled(torque=1 / 3), 0.5, find_noise=True)
+        follow("1", False, FOLLOWED, motions, RATE_HZ, replace(NOISE, torque=NOISE.torque / 3), 0.5, find_noise=True)
         for motions in ([run], [short, replace(run, start_s=1.0)])
     )
     assert after.noise == alone.noise
@@ -97,7 +97,7 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     one = np.ones(1)
     levels = Levels("motor 1", one, 0 * one, one, 0.01 * one, 0 * one, 0 * one)
     shared = {"inertia": (2.0, 0.01), "gravity.cos": (3.0, 0.03), "gravity.sin": (4.0, 0.04)}
-    identified = JointFriction("1", False, levels=PassLevels(levels, shared, ()))
+    identified = JointFriction("1", False, levels=replace(levels, shared=shared))
     rigid = FollowedJoint(motor_inertia=2.0, coulomb=1.0, viscous=0.1, bristle_stiffness=100.0)
     known = with_tolerances(rigid, identified).tolerances
     assert known["inertia"] == pytest.approx(0.005)

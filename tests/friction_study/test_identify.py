@@ -12,7 +12,7 @@ from plants.friction_records import records, simulated, template
 from elastid.app.identified_robot import robot_of_friction
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import StaticLaw
-from elastid.friction_study.levels import Levels, PassLevels
+from elastid.friction_study.levels import Levels
 from elastid.friction_study.result import (
     FrictionResult,
     JointLevels,
@@ -74,7 +74,7 @@ def test_numbers_that_no_contact_has_make_no_law() -> None:
     v, s = (x.ravel() for x in np.meshgrid(np.geomspace(0.02, 2, 10), (1.0, -1.0), indexing="ij"))
     one = np.ones_like(v)
     levels = Levels("joint 1", v, s, 9 + (0.5 + 3 * s) * v, 0.01 * one, 0 * one, np.nan * one)
-    found = JointLevels("1", False, PassLevels(levels, {}, ()))
+    found = JointLevels("1", False, levels)
     study = template().study
     result = identify_friction(study.as_robot(), [found], FrictionRecords(()), study.as_friction())
     assert (result.status, result.at("1").friction) == ("failed", None)

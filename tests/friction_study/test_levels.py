@@ -15,8 +15,7 @@ from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.laws import StaticLaw
-from elastid.friction_study.levels import find_levels, levels_of_records
-from elastid.friction_study.passes import Pass
+from elastid.friction_study.levels import Pass, find_levels, levels_of_records
 from elastid.friction_study.spec import LawSpec
 from elastid.record import FrictionRecord
 
@@ -65,12 +64,12 @@ def passes(
 
 def test_levels_are_right_under_gravity_of_four_times_the_friction() -> None:
     """Without noise within 0.2 %, with 5 % of noise within 0.4 % at the median speed and as stated elsewhere."""
-    quiet = find_levels(passes(0, noise=0.0), True, 2 * np.pi / RATIO).levels
+    quiet = find_levels(passes(0, noise=0.0), True, 2 * np.pi / RATIO)
     np.testing.assert_allclose(quiet.torque, level(quiet.speed), rtol=2e-3)
     found = find_levels(passes(1), True, 2 * np.pi / RATIO)
-    error = found.levels.torque / level(found.levels.speed) - 1
+    error = found.torque / level(found.speed) - 1
     assert np.median(np.abs(error)) < 0.004
-    assert np.max(np.abs(error) * found.levels.torque / found.levels.std) < 4
+    assert np.max(np.abs(error) * found.torque / found.std) < 4
     assert found.shared["gravity.cos"][0] == pytest.approx(GRAVITY, rel=0.01)
     assert found.shared["offset"][0] == pytest.approx(OFFSET, abs=0.01)
     assert found.notes == ()
@@ -81,22 +80,22 @@ def test_levels_are_covered_whatever_the_noise_remembers(memory: float) -> None:
     """12 campaigns of 12 speeds: 95 % intervals hold 91 % or more."""
     held = []
     for seed in range(12):
-        levels = find_levels(passes(seed, memory=memory), True, 2 * np.pi / RATIO).levels
+        levels = find_levels(passes(seed, memory=memory), True, 2 * np.pi / RATIO)
         held += list(np.abs(levels.torque - level(levels.speed)) < 1.96 * levels.std)
     assert 0.91 < np.mean(held) < 0.99
 
 
 def test_slopes_of_two_directions_are_no_offset() -> None:
-    levels = find_levels(passes(2, uneven=6e-4), True, 2 * np.pi / RATIO).levels
+    levels = find_levels(passes(2, uneven=6e-4), True, 2 * np.pi / RATIO)
     assert set(levels.direction) == {1.0, -1.0}
     law = StaticLaw.of(levels, LawSpec())
     assert law.values["directions.viscous"] == pytest.approx(6e-4, rel=0.15)
-    alike = find_levels(passes(3), True, 2 * np.pi / RATIO).levels
+    alike = find_levels(passes(3), True, 2 * np.pi / RATIO)
     assert set(alike.direction) == {0.0}
 
 
 def test_the_law_through_the_levels_is_the_true_one() -> None:
-    law = StaticLaw.of(find_levels(passes(4, repeat=2), True, 2 * np.pi / RATIO).levels, LawSpec(exponent="no"))
+    law = StaticLaw.of(find_levels(passes(4, repeat=2), True, 2 * np.pi / RATIO), LawSpec(exponent="no"))
     numbers = law.intervals
     truth = {"coulomb": F_C, "stiction": F_S, "stribeck_velocity": NU_S, "viscous": VISCOUS}
     assert set(numbers) == set(truth)
@@ -143,7 +142,7 @@ def test_gravity_of_one_load_is_not_friction_of_another() -> None:
     _, measured = records(template(*SMALL))
     loads = (0.0, 100.0, 200.0)
     found = levels_of_records([loaded(one, load) for load in loads for one in measured.records], True, 0.0)
-    levels = found.levels
+    levels = found
     n = levels.n_levels // 3
     assert not levels.direction.any()
     for i in (1, 2):

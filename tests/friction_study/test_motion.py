@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from plants.cogged_joint import RATIO, CoggedJoint, logged, simulated
 from plants.measured import EMPS, measured
+from plants.refusals import refused
 from scipy.io import loadmat
 
-from elastid.base.errors import DataError
 from elastid.friction_study.motion import MotionFriction, regress_motion
-from elastid.friction_study.motion_signals import Motion
-from elastid.friction_study.passes import distinct_speeds
+from elastid.friction_study.motion_signals import Motion, distinct_speeds
 from elastid.friction_study.result import joint_law
 from elastid.friction_study.spec import LawSpec
 
@@ -109,16 +108,17 @@ def test_ripple_and_a_stribeck_effect_are_parts_where_they_are() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "word"),
+    "wrong",
     [
-        (lambda m: replace(m, position=m.position[:200], torque=m.torque[:200]), "are too short for a passband"),
-        (lambda m: replace(m, torque=-m.torque), "friction drives .* turn one channel"),
-        (lambda m: replace(m, position=np.abs(np.cumsum(np.abs(m.position)))), "barely moves backwards"),
-        (lambda m: replace(m, rate_hz=50.0), "needs a rate above 80 Hz"),
+        lambda m: replace(m, position=m.position[:200], torque=m.torque[:200]),
+        lambda m: replace(m, torque=-m.torque),
+        lambda m: replace(m, position=np.abs(np.cumsum(np.abs(m.position)))),
+        lambda m: replace(m, rate_hz=50.0),
     ],
+    ids=["too short", "turned", "one way", "too slow"],
 )
-def test_motions_that_tell_nothing_are_refused(wrong, word: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(DataError, match=word):
+def test_motions_that_tell_nothing_are_refused(wrong) -> None:  # type: ignore[no-untyped-def]
+    with refused("friction/motion", place="motion of joint 1"):
         regress_motion(wrong(swing()))
 
 
@@ -151,9 +151,11 @@ def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction)
 
 def test_its_stiction_is_refused_by_name(axis: MotionFriction) -> None:
     """Three speeds are dwelt at."""
-    assert distinct_speeds(axis.plateaus) == pytest.approx([0.042, 0.083, 0.125], rel=0.02)
+    assert distinct_speeds(plateau.velocity for plateau in axis.plateaus) == pytest.approx(
+        [0.042, 0.083, 0.125], rel=0.02
+    )
     reason = next(held.reason for held in axis.held if held.part == "stribeck")
-    assert reason.startswith("the motion dwells at 3 speeds (0.0421, 0.0826, 0.125 m/s)")
+    assert "3 speeds" in reason
 
 
 def test_a_held_command_acts_half_a_sample_later() -> None:
@@ -263,13 +265,12 @@ def test_another_decay_than_that_assumed_is_found_where_temperatures_show_it() -
 
 
 def test_temperature_is_no_part_where_it_does_not_matter_or_vary_and_the_reason_says_so() -> None:
-    fits = {seed: regress_motion(warming(seed)) for seed in range(2)}
-    assert not any(fit.terms.heat for fit in fits.values())
-    assert held(fits[0], "temperature").startswith("the motions do not show it from 25 to 4")
-    assert "25 to 25 degC only" in held(
-        regress_motion(replace(warming(), temperature=np.full(30000, 25.0))), "temperature"
-    )
-    assert "no temperature was logged" in held(regress_motion(replace(warming(), temperature=None)), "temperature")
+    fits = [regress_motion(warming(seed)) for seed in range(2)]
+    fits += [regress_motion(replace(warming(), temperature=none)) for none in (np.full(30000, 25.0), None)]
+    assert not any(fit.terms.heat for fit in fits)
+    assert [held(fit, "temperature").startswith("the motions do not show it") for fit in fits] == [True] * 2 + [
+        False
+    ] * 2
 
 
 def test_a_stribeck_effect_below_all_speeds_has_no_numbers() -> None:
@@ -287,5 +288,5 @@ def test_a_stribeck_effect_below_all_speeds_has_no_numbers() -> None:
     fit = regress_motion(Motion("joint 1", RATE, q, u + 0.1 * rng.standard_normal(len(u))))
     assert "stiction" in fit.chosen.names
     assert not {"stiction", "stribeck_velocity"} & set(fit.known)
-    assert "a third of the Stribeck velocity is 0.03; record slower motions" in held(fit, "stribeck")
+    assert "0.03" in held(fit, "stribeck")
     assert abs(fit.chosen["coulomb"] - F_C) < 3 * fit.chosen.std("coulomb")

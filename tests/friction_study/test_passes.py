@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.friction_study.levels import PassLevels, find_levels
-from elastid.friction_study.passes import Pass, PassRegression, passes_of
+from elastid.friction_study.levels import Levels, Pass, PassRegression, find_levels, passes_of
 from elastid.record import FrictionRecord
 
 RATE, SPEED, COUNT = 1000.0, 0.4, 2e-5
@@ -109,7 +108,7 @@ def arm_passes(speeds: Sequence[float], seed: int = 0, gravity: float = 20.0, un
     return found
 
 
-def codes(levels: PassLevels) -> list[str]:
+def codes(levels: Levels) -> list[str]:
     return [note.code for note in levels.notes]
 
 

@@ -12,7 +12,7 @@ from plants.refusals import refused
 from scipy.integrate import solve_ivp
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.passes import alike_speeds
+from elastid.friction_study.motion_signals import alike_speeds
 from elastid.friction_study.warm_up import WarmUp, fit_warm_up
 from elastid.record import WarmUpLog
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PassLimits
 from elastid.friction_study.laws import Held, StaticLaw
-from elastid.friction_study.levels import Levels, PassLevels
+from elastid.friction_study.levels import Levels
 from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.presliding import AtRest, Elements
@@ -36,13 +37,13 @@ def law(uneven: float = UNEVEN, loads: tuple[float, ...] = (0.0,)) -> StaticLaw:
     return StaticLaw.of(levels(uneven, loads), LawSpec(stribeck="no"))
 
 
-def pass_levels() -> PassLevels:
+def pass_levels() -> Levels:
     """Levels, and what all passes share."""
     one = Levels("joint elbow", np.array([SPEED]), np.zeros(1), np.array([F_C + VISCOUS * SPEED]), np.array([0.1]),
                  np.zeros(1), np.full(1, np.nan))  # fmt: skip
     shared = {"inertia": INERTIA, "slope": VISCOUS, "gravity.cos": GRAVITY, "gravity.sin": 0.0, "offset": OFFSET}
     shared |= {"ripple.1c": 0.0, "ripple.1s": RIPPLE, "ripple.2c": 0.0, "ripple.2s": 0.0}
-    return PassLevels(one, {name: (value, 0.01) for name, value in shared.items()}, ())
+    return replace(one, shared={name: (value, 0.01) for name, value in shared.items()})
 
 
 def motion() -> MotionFriction:

@@ -229,7 +229,7 @@ def _level_words(joint: JointLevels) -> str:
     unit = "m/s" if joint.slides else "rad/s"
     parts = []
     if joint.levels is not None:
-        curve = joint.levels.levels
+        curve = joint.levels
         parts.append(f"{curve.n_levels} levels from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
     if joint.motion is not None:
         error = joint.motion.chosen.relative_error

@@ -12,8 +12,9 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.friction_study.extended_kalman_filter import FILTER
 from elastid.friction_study.follow import FollowedFriction
 from elastid.friction_study.least_squares import Regression
-from elastid.friction_study.motion import MotionFriction, MotionSamples, motion_samples
-from elastid.friction_study.passes import distinct_speeds
+from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts
+from elastid.friction_study.motion_signals import MotionSignals, distinct_speeds
+from elastid.friction_study.motion_terms import columns_of
 from elastid.report.figures import style
 from elastid.report.figures.friction import POINTS, quantity, units
 from elastid.report.figures.style import Curve, Panel
@@ -35,20 +36,26 @@ def friction_motion(friction: MotionFriction) -> Figure:
 
     Dotted lines: speeds that the motion dwells at.
     """
-    samples, slides = motion_samples(friction), friction.motion.slides
-    speed, torque = units(slides)
-    part = slice(None, None, max(1, len(samples.time_s) // MOST_SAMPLES))
+    signals, slides = MotionSignals.of(friction.motion, friction.passband_hz), friction.motion.slides
+    columns, (speed, unit) = columns_of(signals, friction.terms), units(slides)
+    parts = motion_parts(friction.chosen, columns)
+    torque, v = signals.filtered(friction.motion.torque), signals.filtered(signals.velocity)
+    regressed, rigid = (
+        np.sum([parts[name] for name in names if name in parts], axis=0) for names in (PARTS, PARTS[:2])
+    )
+    time_s = np.arange(len(friction.motion.position))[signals.kept] / friction.motion.rate_hz
+    part = slice(None, None, max(1, len(time_s) // MOST_SAMPLES))
     over_time = [
-        Curve(samples.time_s[part], values[part], text, ink, looks={"lw": width})
+        Curve(time_s[part], values[part], text, ink, looks={"lw": width})
         for values, ink, width, text in (
-            (samples.torque, style.MEASURED, 1.0, "measured"),
-            (samples.regressed, style.FITTED, 0.8, "regression"),
-            (samples.torque - samples.regressed, style.RESIDUAL, 0.6, "measured − regression"),
+            (torque, style.MEASURED, 1.0, "measured"),
+            (regressed, style.FITTED, 0.8, "regression"),
+            (torque - regressed, style.RESIDUAL, 0.6, "measured − regression"),
         )
     ]
     rows = [
-        [Panel([*_over_velocity(friction, samples)], f"velocity in {speed}", f"friction in {torque}")],
-        [Panel(over_time, "time in s", f"{quantity(slides)} in {torque}")],
+        [Panel([*_over_velocity(friction, v, torque - rigid)], f"velocity in {speed}", f"friction in {unit}")],
+        [Panel(over_time, "time in s", f"{quantity(slides)} in {unit}")],
     ]
     error = f"{100 * friction.chosen.relative_error:.3g} % of the {quantity(slides)} left"
     title = f"{friction.motion.place}: friction over velocity, {error}"
@@ -69,17 +76,18 @@ def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]
     return A @ numbers.values[chosen], np.sqrt(np.einsum("ni,ij,nj->n", A, covariance, A))
 
 
-def _over_velocity(motion: MotionFriction, samples: MotionSamples) -> Iterator[Curve]:
-    step = max(1, len(samples.velocity) // MOST_SAMPLES)
-    yield Curve(samples.velocity[::step], samples.friction[::step], dots=True, looks={"ms": 1.5, "alpha": 0.5})
-    ends = [float(samples.friction.min()), float(samples.friction.max())]
+def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: FloatArray) -> Iterator[Curve]:
+    """velocity, friction (n,): measured, the latter without the torque of all else."""
+    step = max(1, len(velocity) // MOST_SAMPLES)
+    yield Curve(velocity[::step], friction[::step], dots=True, looks={"ms": 1.5, "alpha": 0.5})
+    ends = [float(friction.min()), float(friction.max())]
     for sign in (1.0, -1.0):
-        for speed in distinct_speeds([plateau for plateau in motion.plateaus if sign * plateau.velocity > 0]):
+        for speed in distinct_speeds(p.velocity for p in motion.plateaus if sign * p.velocity > 0):
             yield Curve([sign * speed] * 2, ends, "speeds dwelt at", style.NOISE, looks={"lw": 0.8, "ls": ":"})
-    for low, high in ((float(samples.velocity.min()), 0.0), (0.0, float(samples.velocity.max()))):
+    for low, high in ((float(velocity.min()), 0.0), (0.0, float(velocity.max()))):
         v = np.linspace(low, high, POINTS)[1 if low == 0 else 0 : -1 if high == 0 else None]
-        friction, std = sliding(motion.chosen, v)
-        yield Curve(v, friction, "regression", style.FITTED, band=style.about(friction, std), looks={"lw": 1.4})
+        level, std = sliding(motion.chosen, v)
+        yield Curve(v, level, "regression", style.FITTED, band=style.about(level, std), looks={"lw": 1.4})
 
 
 def friction_filter(followed: FollowedFriction) -> Figure:

@@ -12,8 +12,7 @@ from plants.refusals import refused
 
 from elastid.experiment.simulated.friction_rig import heat_of, holding_torque
 from elastid.experiment.specs.simulated import HeatSpec, NoiseSpec, TorqueRippleSpec
-from elastid.friction_study.levels import find_levels
-from elastid.friction_study.passes import passes_of
+from elastid.friction_study.levels import find_levels, passes_of
 from elastid.friction_study.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.formulation import formulate
@@ -39,7 +38,7 @@ def test_levels_of_the_rig_are_those_of_the_law() -> None:
     assert all(record.load_torque > 0 for record in records)
     passes = [one for record in records for one in passes_of(record)]
     found = find_levels(passes, True, simulated.plan.designs[0].limits.turn)
-    levels = found.levels
+    levels = found
     assert levels.n_levels == 8
     np.testing.assert_allclose(levels.torque, [exact(v) for v in levels.speed], rtol=4e-3)
     assert found.shared["gravity.sin"][0] == pytest.approx(-20 * 9.81 * 0.4, rel=0.02)
@@ -91,7 +90,7 @@ def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
     fastest = [motion for motion in tests if motion.planned and motion.planned.speed > 1.0]
     cold, warm = (simulated.measure(motion) for motion in (fastest[0], fastest[-1]))
     assert warm.mean_temperature > cold.mean_temperature + 5
-    levels = find_levels([one for record in (cold, warm) for one in passes_of(record)], True).levels
+    levels = find_levels([one for record in (cold, warm) for one in passes_of(record)], True)
     theta = levels.temperature - 20.0
     expected = [25.0 + (15.0 + 10.0 * math.expm1(-t / 15.0)) * v for t, v in zip(theta, levels.speed, strict=True)]
     np.testing.assert_allclose(levels.torque, expected, rtol=0.02)
