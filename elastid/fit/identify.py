@@ -45,11 +45,10 @@ from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh, with_floor
-from elastid.fit.release import release
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
-from elastid.fit.tolerances import has_tolerances, ratio_within
+from elastid.fit.tolerances import has_tolerances, ratio_within, release
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
@@ -247,12 +246,10 @@ def _with_agreements(
             static, tool = compared(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
         return *found[:3], replace(found[3], static=static, tool=tool)
-    if assembly.loads is not None and not _disagree(static):
-        kept = fitted(replace(alone, loads=assembly.loads))
-    elif tool is not None and not tool.disagrees:
+    if tool is not None and not tool.disagrees:
         kept = fitted(replace(assembly, loads=None))
     else:
-        kept = of_motors
+        kept = of_motors if _disagree(static) or static is None else fitted(replace(alone, loads=assembly.loads))
     pulls = _disagree(static) or (tool is not None and tool.disagrees and not tool.is_misread)
     step = (found[3].x - kept[3].x) * pulls
     covariance = kept[3].covariance + np.outer(step, step)
