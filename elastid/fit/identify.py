@@ -149,12 +149,11 @@ def _search(
     responses = [ratio_within(response, robot) for response in responses]
     parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])
     check_factors(responses, spec)
-    checks.check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     # A search by noise alone would follow lines at resonances into false valleys.
     searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
     weights = tuple(weigh(response, searched) for response in responses)
     assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights)
-    fit = assembly.at(parameters.x, searched.criterion)
+    fit = _at_start(assembly, robot)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError("fit/undetermined", reason, "nothing is left to fit")
@@ -167,6 +166,20 @@ def _search(
         assembly, fit, starts = release(assembly, starts, robot, loads)
     # Its weights are most of the memory of a fit, and other ones follow where the floor is found.
     return assembly, fit if spec.weights.floor is not None else None, starts, hits
+
+
+def _at_start(assembly: Assembly, robot: Robot) -> ElasticFit:
+    """The fit at the start of its parameters; StudyError names a place or length with which the robot cannot stand."""
+    parameters = assembly.parameters
+    try:
+        return assembly.at(parameters.x, assembly.spec.criterion)
+    except StudyError as error:
+        moved = [p for p in parameters.free if p.stands_for in robot.geometry]
+        if not moved:
+            raise
+        started = ", ".join(f"{p.name} = {p.value:g} m" for p in moved)
+        text = f"the robot cannot stand at the start {started}: {error}"
+        raise StudyError("fit/parameters", text, f"fit.parameters.{moved[0].name}") from None
 
 
 def _from_all_starts(
