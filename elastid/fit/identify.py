@@ -94,10 +94,8 @@ def identify(
             if not loads:
                 raise
             fit_parameters(responses, robot, spec, model=model)  # raises its own where load tests are not to blame
-            raise FitError(
-                "fit/loads",
-                f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests",
-            ) from None
+            text = f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
+            raise FitError("fit/loads", text) from None
     except KeyboardInterrupt:
         raise Interrupted(starts) from None
     # A gross fault bends the numbers of the file, too, and is named less surely from there.
@@ -124,11 +122,9 @@ def fit_parameters(
     model: ModelSpec = EXACT,
     loads: Sequence[PlacedTest] = (),
 ) -> Result:
-    """The estimate and status of `identify` without notes and further intervals, for many fits that are compared."""
-    assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution(), loads=loads)
-    found = _with_found_floor(assembly, spec, fit, starts, hits, Execution())
-    assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
-    return judge(result, assembly, optimum, uncertainty, Execution(), WITHOUT_OTHER_ROBOTS).result
+    """The same without further intervals and causes that take longer than the fit, for many fits that are compared."""
+    bare = replace(spec, profile=(), bootstrap=0)
+    return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS, loads=loads)
 
 
 def _search(

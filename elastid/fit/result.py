@@ -27,6 +27,8 @@ from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
 
+_NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
+
 
 @frozen_value
 class RigidPart:
@@ -63,15 +65,15 @@ class ModificationIndex:
 
     name: str
     group: str
-    members: tuple[str, ...]
-    values: FloatArray = labelled("values at which the numbers were held", "SI")
-    units: tuple[str, ...]
-    log: tuple[bool, ...]
-    steps: FloatArray = labelled("their changes, of ln p where log")
-    std: float
-    drop: float = labelled("decrease of V")
-    share: float = labelled("share of the excess of V over the noise")
-    effects: FloatArray = labelled("implied change of each free parameter, of x")
+    members: tuple[str, ...] = ()
+    values: FloatArray = labelled("values at which the numbers were held", "SI", default_factory=_NO_NUMBERS)
+    units: tuple[str, ...] = ()
+    log: tuple[bool, ...] = ()
+    steps: FloatArray = labelled("their changes, of ln p where log", default_factory=_NO_NUMBERS)
+    std: float = math.nan
+    drop: float = labelled("decrease of V", default=0.0)
+    share: float = labelled("share of the excess of V over the noise", default=0.0)
+    effects: FloatArray = labelled("implied change of each free parameter, of x", default_factory=_NO_NUMBERS)
     alike: tuple[str, ...] = ()
     place: int = 0
     odds: float = labelled("2 ln of the odds against the likeliest cause", default=0.0)
@@ -154,7 +156,6 @@ DISTORTED = f"{DOUBTED}: distortion that no motor explains may be hysteresis of 
 # Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
 # it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
 DOUBT, LONE_CAUSE = 0.6, 0.95
-_NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
 
 
 @dataclass(frozen=True)
