@@ -184,7 +184,7 @@ def _from_all_starts(
     """Where all starts ended, best first, and how many reached the best; fit: at the start of the parameters."""
     parameters = fit.parameters
     problems = [assembly.search_problem(fit, spec.criterion)]
-    if spec.log_first and spec.criterion == "complex":
+    if spec.criterion == "complex":
         logarithmic = by_criterion(fit, assembly.responses, assembly.weights, "log")
         problems.insert(0, assembly.search_problem(logarithmic, "log"))
     drawn = feasible_starts(
