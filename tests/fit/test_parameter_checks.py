@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from plants.marks import SEEDS, slow
 from plants.measured_robots import deviations, responses_of
 from plants.refusals import refused
 
-from elastid.app import cli
 from elastid.base.errors import StudyError
 from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
@@ -193,73 +190,3 @@ def test_equations_without_geometry_refuse_it() -> None:
     """They name the coordinate, and the variants that have it."""
     with pytest.raises(StudyError, match="p1_rod_x"):
         fit_of_two(linkage(), {"p1_rod_x": ParameterSpec()}, ModelSpec("minimal", "constant_stiffness"))
-
-
-STUDY = """
-name: balanced arm
-seed: 1
-excitation: {rate_hz: 500, period: 4, band_hz: [0.5, 40], torque_rms: 20}
-estimator: {band_hz: [0.5, 40]}
-experiment:
-  configurations: {a: [0.2], b: [0.9], c: [-0.6]}
-  realisations: 1
-  periods: 2
-  simulated:
-    truth: {k_1: 2.6e4, pc1_balancer_z: 450 mm}
-    noise: {angle_std: 1e-7, torque_std: 0.05}
-validation: {folds: 3}
-fit:
-  starts: 2
-  parameters:
-    k_1: {}
-    d_1: {}
-    fm_1: {}
-    pc1_balancer_z: {start: 0.38 m, bounds: [0.3 m, 0.7 m]}
-robot:
-  name: balanced arm
-  bodies:
-    - name: arm
-      joints:
-        - {name: 1, axis: y, spring: {stiffness: 3e4, damping: 60}, motor: {inertia: 2e-3, ratio: 60, viscous: 1e-3}}
-      mass: 40
-      center_of_mass: [0, 0, 0.5]
-      inertia: 3
-  compensators:
-    - name: balancer
-      ends: [{point: [0, 0, 0.5]}, {body: arm, point: [0, 0, 0.2]}]
-      coil: {stiffness: 2e4, rest_length: 0.1}
-"""
-
-
-@pytest.mark.slow
-def test_a_study_finds_the_anchor_of_a_balancer(tmp_path: Path) -> None:
-    """From YAML to summary, folds and export: the anchor to a millimetre, in m, beside the stiffness of the gear."""
-    path, run = tmp_path / "study.yml", tmp_path / "run"
-    path.write_text(STUDY)
-    assert cli.run_command(["run", str(path), "--run", str(run), "-q"]) == 0
-    found = json.loads((run / "summary.json").read_text())["parameters"]["pc1_balancer_z"]
-    assert found["unit"] == "m"
-    assert found["truth"] == 0.45
-    assert found["value"] == pytest.approx(0.45, abs=1e-3)
-    assert abs(found["value"] - 0.45) < 4 * found["std"]
-    assert "pc1_balancer_z" in (run / "report.html").read_text()
-    for target in ("control", "casadi", "csv"):
-        assert cli.run_command(["export", str(path), "--run", str(run), "--to", target, "-q"]) == 0
-    assert "pc1_balancer_z" in (run / "export" / "csv" / "parameters.csv").read_text()
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("fit.parameters", "{pc1_balancr_z: {}}", "did you mean 'pc1_balancer_z'?"),
-        ("fit.parameters", "{pc1_balancer_z: {start: 3 kg}}", "unit 'kg' measures kg, not m"),
-        ("experiment.simulated.truth", "{pc1_balancer_w: 1 m}", "no parameter of the robot is called"),
-    ],
-)
-def test_a_study_says_what_is_wrong_with_its_geometry(
-    tmp_path: Path, key: str, value: str, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "study.yml"
-    path.write_text(STUDY.replace("a: [0.2]", "a: [0.0]"))
-    assert cli.run_command(["check", str(path), "--set", f"{key}={value}"]) == 2
-    assert message in capsys.readouterr().err

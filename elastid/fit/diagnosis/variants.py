@@ -24,6 +24,7 @@ from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Scores
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.score_test import LEAST, Load, find_load, steps_of
 from elastid.fit.result import ModificationIndex
+from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters, Prior
 from elastid.robot import Payload, Robot
 
@@ -66,20 +67,11 @@ def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[Modif
     asked = np.array([not p.tolerated for p in parameters.free])
     for start in (parameters.x, np.where(asked, evidence.optimum.end.x, parameters.x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
-            V, end = _settled(variant.assembly, start, 1)
+            fit = thinned(variant.assembly.at(start, variant.assembly.spec.criterion), LIMITS.residuals)
+            V, end = settle(AS_READ, fit, start, np.ones(len(start), dtype=bool))
+            V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
             cost, x = min((cost, x), (V, end), key=lambda each: each[0])
     return _against(ModificationIndex(variant.name, variant.family), cost, x, evidence, scores), cost
-
-
-def _settled(assembly: Assembly, x: FloatArray, rounds: int) -> tuple[float, FloatArray]:
-    """V of all lines and x (n_x,) that some steps on a few lines reach from a start, in rounds of linearisations."""
-    V = math.inf
-    for _ in range(rounds):
-        every = assembly.at(x, assembly.spec.criterion)
-        fit = thinned(every, LIMITS.residuals)
-        V, x = settle(AS_READ, fit, x, np.ones(len(x), dtype=bool))
-        V *= every.n_residuals / max(fit.n_residuals, 1)
-    return V, x
 
 
 def _against(
@@ -245,7 +237,11 @@ def _carrying(
     x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
     try:
         assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
-        cost, x = _settled(assembly, x, LIMITS.rounds)
+        for _ in range(LIMITS.rounds):
+            fit = assembly.at(x, own.spec.criterion)
+            _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
+            x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
+        cost = assembly.at(x, own.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
         return None
     values = dict(zip(parameters.free_names, x.tolist(), strict=True))

@@ -11,14 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
-from elastid.fit.problem.inertia_barrier import BodyInertia, barrier
+from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, as_real, error_gain
 from elastid.fit.problem.part import Part
 from elastid.fit.problem.static_loads import StaticLoads
@@ -57,7 +57,8 @@ class ElasticFit:
     @property
     def problem(self) -> LeastSquares:
         """The problem of a solver."""
-        return LeastSquares(self.parameters, self.n_residuals, self.rough)
+        border = partial(border_metric, self.inertias, self.parameters) if self.inertias else None
+        return LeastSquares(self.parameters, self.n_residuals, self.rough, border)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""

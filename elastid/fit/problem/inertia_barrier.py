@@ -116,6 +116,11 @@ def barrier(
     return b, g, H
 
 
+def border_metric(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> FloatArray:
+    """D (n_x, n_x) of Dikin's ellipsoid s^T D s < 1, within which Sigma + dSigma s stays positive definite."""
+    return barrier(inertias, parameters, x)[2] / (2 * BARRIER_WEIGHT)
+
+
 def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], parameters: Parameters) -> FloatArray:
     """The starts (n, n_x), each drawn towards the given one until its inertias are possible.
 

@@ -37,11 +37,15 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """parameters: names, scale, bounds, start.  evaluate(x): what Gauss-Newton needs, the Jacobian never stacked."""
+    """parameters: names, scale, bounds, start.  evaluate(x): all that Gauss-Newton needs, the Jacobian never stacked.
+
+    border(x): D (n_x, n_x) such that V is finite at x + s for s^T D s < 1, to first order; None without a barrier in V.
+    """
 
     parameters: Parameters
     n_residuals: int
     evaluate: Callable[[FloatArray], Evaluation]
+    border: Callable[[FloatArray], FloatArray] | None = None
 
     @property
     def dof(self) -> int:

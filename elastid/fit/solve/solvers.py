@@ -14,6 +14,11 @@ Gauss-Newton within a trust region and bounds: the step from the gradient g and 
 the step takes to its bound stays there, and the others take the step that is best then. Delta doubles where V falls as
 predicted and shrinks to where a parabola through V, its slope and the new V has its minimum, if it does not.
 
+Where V has a barrier, the region is besides within the ellipsoid s^T D s < beta^2, all of which is inside (Dikin's):
+steps that are merely shortened until V is finite would creep along the border.
+
+.. math:: \|s\|^2 = s^T M s, \qquad M = 1 + (\Delta / \beta)^2 D
+
 An increase s of a logarithmic parameter p is taken as one of p itself, p (1 + s) instead of p e^s, which is the same to
 first order: a response is nearly linear in a damping of little effect, whose step would otherwise span powers of e.
 """
@@ -27,6 +32,7 @@ from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from scipy.linalg import eigh
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import FitError
@@ -51,6 +57,8 @@ POOR_SHARE, GOOD_SHARE = 0.25, 0.75
 SHRINK = (0.1, 0.5)
 # A step of this share of the radius was limited by it, and one longer by less is within it.
 AT_RADIUS, RADIUS_TOLERANCE = 0.8, 1.05
+# The largest step towards a border, as a share of the way to it; the largest condition number of a metric.
+SHARE_OF_BORDER, MAX_CONDITION = 0.7, 1e12
 # Predictions below this share of V drown in rounding; so do those of steps shorter than this.
 ROUNDING, MIN_RADIUS = 1e-15, 1e-9
 # Far from any noise a valley is left whose V falls by less than this share in so many iterations: where the model is
@@ -83,10 +91,14 @@ def trust_region(
         if _creeps(costs, problem.dof):
             return Ending(x, now, CREEPING, used)
         gradient, hessian = unit * now.gradient, np.outer(unit, unit) * now.hessian
-        step, predicted = np.zeros(len(x)), 0.0
+        border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
+        metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
         # Many variables held at their bounds at once may cost more than the step gains: a shorter one holds fewer.
         while not predicted > ROUNDING * now.cost and radius > MIN_RADIUS:
-            step = _bounded_step(gradient, hessian, _room(parameters, x, unit), held, radius)
+            if border is not None:  # beta weighs, unless rounding would swallow 1
+                weight = min((radius / SHARE_OF_BORDER) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
+                metric = np.eye(len(x)) + weight * border
+            step = _bounded_step(gradient, hessian, metric, _room(parameters, x, unit), held, radius)
             predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
             radius *= 1.0 if predicted > ROUNDING * now.cost else SHRINK[0]
         if not predicted > ROUNDING * now.cost:
@@ -94,7 +106,7 @@ def trust_region(
         x_new = _moved(parameters, x, unit * step)
         new = problem.evaluate(x_new)
         share = (now.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
-        length = float(np.linalg.norm(step))
+        length = float(np.sqrt(step @ metric @ step))
         radius = _next_radius(radius, length, share, predicted, float(gradient @ step))
         if share > 1e-4:
             x, now = x_new, new
@@ -140,6 +152,7 @@ def _moved(parameters: Parameters, x: FloatArray, step: FloatArray) -> FloatArra
 def _bounded_step(
     gradient: FloatArray,
     hessian: FloatArray,
+    metric: FloatArray,
     room: tuple[FloatArray, FloatArray],
     held: BoolArray,
     radius: float,
@@ -147,12 +160,13 @@ def _bounded_step(
     """The step (n_x,) within radius and room of the variables that are not held."""
     step, free = np.zeros(len(gradient)), ~held
     while free.any():
-        left = radius**2 - float(step[~free] @ step[~free])
+        left = radius**2 - float(step[~free] @ metric[np.ix_(~free, ~free)] @ step[~free])
         if left <= 0:
             step[free] = 0.0
             break
         slope = gradient[free] + hessian[np.ix_(free, ~free)] @ step[~free]
-        step[free] = _step_within(slope, hessian[np.ix_(free, free)], float(np.sqrt(left)))
+        among = np.ix_(free, free)
+        step[free] = _step_within(slope, hessian[among], metric[among], float(np.sqrt(left)))
         within = np.clip(step, *room)
         beyond = free & (step != within)
         if not beyond.any():
@@ -162,9 +176,9 @@ def _bounded_step(
     return step
 
 
-def _step_within(gradient: FloatArray, hessian: FloatArray, radius: float) -> FloatArray:
+def _step_within(gradient: FloatArray, hessian: FloatArray, metric: FloatArray, radius: float) -> FloatArray:
     """The step (n,) within the radius, bounds aside: lambda by Newton's method on 1 / |s|, from below."""
-    values, vectors = np.linalg.eigh(hessian)
+    values, vectors = eigh(hessian, metric)
     along = vectors.T @ gradient
     damping = max(0.0, -float(values[0])) + 1e-12 * max(float(values[-1]), 1e-300)
     while (length := float(np.linalg.norm(along / (values + damping)))) > RADIUS_TOLERANCE * radius:
