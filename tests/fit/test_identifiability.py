@@ -15,7 +15,7 @@ from plants.two_axes import ROBOT, STUDY
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose
-from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec
 from elastid.response import Response
 from elastid.robot import Chain, ChannelGain, Robot
 from elastid.study import load
@@ -82,23 +82,6 @@ def test_gains_that_nothing_scales_are_named_and_a_prior_or_a_held_one_helps() -
     assert all(name in free.message for name in gains)
     for known in (ParameterSpec(prior=PriorSpec(std=0.05)), ParameterSpec(fixed=True)):
         assert fit_parameters(responses, arm(), spec_of(gains | {TORQUE: known})).status == "converged"
-
-
-def test_lags_and_the_delay_take_priors_as_gains_do() -> None:
-    """A prior as sure as the data draws each half way to its mean and halves its variance."""
-    robot = replace(arm(), chain=Chain(torque_lag=1e-3, sensor_lag=2e-3, gains=(ChannelGain("y", "motor 1", 1.1),)))
-    responses = measure(robot, delay=1e-3, outputs=OUTPUTS)
-    free = {name: ParameterSpec() for name in ("torque_lag", "sensor_lag", "gain_y_motor_1", "delay")}
-    noise_alone = WeightSpec(floor=0.0)
-    alone = fit_parameters(responses, robot, replace(spec_of(free, starts=1), weights=noise_alone))
-    for name in free:
-        place = alone.parameters.free_names.index(name)
-        std, log = float(np.sqrt(alone.covariance[place, place])), alone.parameters[name].log
-        mean = alone.values[name] * np.exp(std) if log else alone.values[name] + std
-        prior = {name: ParameterSpec(prior=PriorSpec(mean=mean, std=std))}
-        drawn = fit_parameters(responses, robot, replace(spec_of(free | prior, starts=1), weights=noise_alone))
-        assert drawn.x[place] - alone.x[place] == pytest.approx(0.5 * std, rel=0.15), name
-        assert drawn.covariance[place, place] == pytest.approx(std**2 / 2, rel=0.2), name
 
 
 def test_gains_have_names_and_values_that_can_be() -> None:
