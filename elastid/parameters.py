@@ -79,6 +79,8 @@ class Parameter:
         """Check that value, bounds and scale agree."""
         if not math.isfinite(self.value):
             raise ValueError(f"{self.name}: value {self.value} is not finite")
+        if self.log and self.is_free and not self.value > 0:
+            raise ValueError(f"{self.name}: the start {self.value:g} {self.unit} must be positive")
         if self.lower >= self.upper:
             raise ValueError(f"{self.name}: the lower bound {self.lower:g} is not below the upper bound {self.upper:g}")
         if self.is_free and not self.lower <= self.value <= self.upper:
@@ -86,8 +88,6 @@ class Parameter:
                 f"{self.name}: the start {self.value:g} {self.unit} is outside its bounds "
                 f"[{self.lower:g}, {self.upper:g}]; widen the bounds or move the start"
             )
-        if self.log and self.is_free and not self.value > 0:
-            raise ValueError(f"{self.name}: the start {self.value:g} {self.unit} must be positive")
 
     @property
     def is_free(self) -> bool:

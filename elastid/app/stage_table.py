@@ -149,7 +149,7 @@ def _plain(paths: Iterable[str], folder: Path) -> NamedFiles:
 ROBOT, PLACES = Value("robot", without=("tolerances",)), Value("places", without=("tolerances",))
 # Keys of `fit` for its search and its intervals, which no plan depends on.
 SEARCH = (
-    "log_first", "starts", "start_factor", "continuation", "solver", "profile",
+    "starts", "start_factor", "continuation", "solver", "profile",
     "bootstrap", "seed",
 )  # fmt: skip
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model, moved_posture
+from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
     Evaluation,
@@ -40,6 +40,7 @@ from elastid.frf.distortion import SYSTEMATIC_ERRORS
 from elastid.linear.equilibrium import equilibrium, spring_notes
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
+from elastid.linear.moving_posture import effect_of_motion
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
@@ -163,7 +164,8 @@ class Assembly:
         responses = []
         for response in self.responses:
             theta = self.parameters.expand(x, response.configuration.name)
-            effect = moved_posture(self.linearisation, response, theta, share)
+            linear = linear_model(self.linearisation, response, theta)
+            effect = effect_of_motion(self.linearisation.model, linear, theta, response, share)
             responses.append(response if effect is None else replace(response, G=response.G - effect))
         is_same = all(map(operator.is_, responses, self.responses))
         return self if is_same else replace(self, responses=tuple(responses))

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError, StudyError, check_kind
-from elastid.base.names import posture_of
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.linear.linear_model import is_load
-from elastid.model.closed_posture import assembled
-from elastid.parameters import Parameters
 from elastid.response import Response
 from elastid.robot import Robot
 
@@ -89,27 +85,6 @@ def _check_robot(response: Response, robot: Robot) -> None:
             robot.check_location(place)
         except StudyError as error:
             raise DataError("fit/responses", f"an output, {error}; {other}", where) from None
-
-
-def check_geometry(
-    parameters: Parameters, robot: Robot, configurations: Mapping[str, Sequence[float] | FloatArray]
-) -> None:
-    """StudyError with the first free parameter whose start is impossible; configurations: motors' angles (n_u,)."""
-    free = [p for p in parameters.free if p.stands_for in robot.geometry]
-    for name, angles in configurations.items() if free else ():
-        moved = [p for p in free if not p.only or posture_of(name) in p.only]
-        numbers = dict(zip(parameters.names, parameters.expand(parameters.x, name).tolist(), strict=True))
-        table = robot.parameters(parameters.names)
-        try:
-            placed = robot.with_parameters({key: numbers[key] for key in table if key in robot.geometry})
-            assembled(placed, np.array(angles, dtype=float))
-        except (StudyError, ValueError) as error:
-            started = ", ".join(f"{p.stands_for} = {p.value:g} m" for p in moved)
-            raise StudyError(
-                "fit/parameters",
-                f"the robot cannot stand at the start {started} in configuration {name}: {error}",
-                f"fit.parameters.{moved[0].name}",
-            ) from None
 
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:

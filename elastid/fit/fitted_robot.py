@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import index_of
 from elastid.fit.parameter_choice import group_labels
 from elastid.fit.problem.elastic import linear_model
@@ -26,21 +26,12 @@ from elastid.response import Response
 from elastid.robot import Robot
 
 
-@frozen_value
-class EffectOfMotion:
-    """Change of the response of a configuration by the motion of its measurement; None where that is negligible."""
-
-    configuration: str
-    dG: ComplexArray | None = labelled("change of the response by the motion", "unit of the response")
-
-
 @dataclass(frozen=True, eq=False)
 class FittedRobot:
     """The equations of a fitted robot, and measured response and linear model of each configuration, in one order.
 
     linear: inputs and outputs in the order of the response.  differentiated: the same as functions of every parameter
-    of the fit, geometry included, from which deviations follow.  name: of an export.  known: `motion`, of some
-    configurations, that was worked out before.
+    of the fit, geometry included, from which deviations follow.  name: of an export.
     """
 
     result: Result
@@ -49,25 +40,16 @@ class FittedRobot:
     linear: tuple[LinearModel, ...]
     differentiated: tuple[LinearModel, ...]
     name: str = ""
-    known: tuple[EffectOfMotion, ...] = ()
 
     @classmethod
-    def of(
-        cls,
-        result: Result,
-        robot: Robot,
-        measured: Sequence[Response],
-        spec: ModelSpec = EXACT,
-        known: tuple[EffectOfMotion, ...] = (),
-    ) -> FittedRobot:
+    def of(cls, result: Result, robot: Robot, measured: Sequence[Response], spec: ModelSpec = EXACT) -> FittedRobot:
         """The model that was fitted, linearised in each configuration of `measured`, which need not have been fitted.
 
-        robot, spec: as they were fitted.  Fitted coordinates of the geometry are parameters of the equations.  known:
-        `motion` of the same fit and responses.
+        robot, spec: as they were fitted.  Fitted coordinates of the geometry are parameters of the equations.
         Raises StudyError where a configuration has no equilibrium with the fitted numbers, and where the robot lacks an
         input or output of a response.
         """
-        return replace(_fitted(result, robot, measured, spec, result.parameters.names), known=known)
+        return _fitted(result, robot, measured, spec, result.parameters.names)
 
     @property
     def robot(self) -> Robot:
@@ -88,27 +70,16 @@ class FittedRobot:
         names = [linear.configuration.name for linear in self.linear]
         return self.linear[index_of(configuration, names, "configuration")]
 
-    @property
+    @cached_property
     def responses(self) -> tuple[Response, ...]:
         """The model's frequency response for each measured one: its lines, inputs, outputs, and its motion."""
         responses = []
-        for linear, G, effect in zip(self.linear, self.measured, self.motion, strict=True):
-            modelled = to_response(linear, self.theta_of(linear.configuration.name), G.freq_hz)
-            moved = modelled.G if effect.dG is None else modelled.G + effect.dG
-            responses.append(replace(modelled, G=moved, rate_is_known=G.rate_is_known))
-        return tuple(responses)
-
-    @cached_property
-    def motion(self) -> tuple[EffectOfMotion, ...]:
-        """Change of each response by the motion of its measurement."""
-        effects, known = [], {effect.configuration: effect for effect in self.known}
         for linear, G in zip(self.linear, self.measured, strict=True):
-            name = G.configuration.name
-            if name not in known:
-                dG = effect_of_motion(self.model, linear, self.theta_of(name), G)
-                known[name] = EffectOfMotion(name, dG)
-            effects.append(known[name])
-        return tuple(effects)
+            theta = self.theta_of(linear.configuration.name)
+            modelled = replace(to_response(linear, theta, G.freq_hz), rate_is_known=G.rate_is_known)
+            effect = effect_of_motion(self.model, linear, theta, G)
+            responses.append(modelled if effect is None else replace(modelled, G=modelled.G + effect))
+        return tuple(responses)
 
     @property
     def response_std(self) -> tuple[FloatArray, ...]:

@@ -46,11 +46,10 @@ from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import USUAL_FLOOR, check_factors, weigh_all, with_floor
-from elastid.fit.release import release
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
-from elastid.fit.tolerances import has_tolerances, ratio_within
+from elastid.fit.tolerances import has_tolerances, ratio_within, release
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
@@ -96,10 +95,8 @@ def identify(
             if not loads:
                 raise
             fit_parameters(responses, robot, spec, model=model)  # raises its own where load tests are not to blame
-            raise FitError(
-                "fit/loads",
-                f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests",
-            ) from None
+            text = f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
+            raise FitError("fit/loads", text) from None
     except KeyboardInterrupt:
         raise Interrupted(starts) from None
     # A gross fault bends the numbers of the file, too, and is named less surely from there.
@@ -126,11 +123,9 @@ def fit_parameters(
     model: ModelSpec = EXACT,
     loads: Sequence[PlacedTest] = (),
 ) -> Result:
-    """The estimate and status of `identify` without notes and further intervals, for many fits that are compared."""
-    assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution(), loads=loads)
-    found = _with_found_floor(assembly, spec, fit, starts, hits, Execution())
-    assembly, optimum, uncertainty, result = _with_agreements(found, assembly, spec, starts, hits)
-    return judge(result, assembly, optimum, uncertainty, Execution(), WITHOUT_OTHER_ROBOTS).result
+    """The same without further intervals and causes that take longer than the fit, for many fits that are compared."""
+    bare = replace(spec, profile=(), bootstrap=0)
+    return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS, loads=loads)
 
 
 def _search(
@@ -151,12 +146,11 @@ def _search(
     responses = [ratio_within(response, robot) for response in responses]
     parameters = parameters or choose(spec, robot, [response.configuration.name for response in responses])
     check_factors(responses, spec)
-    checks.check_geometry(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     # A search by noise alone would follow lines at resonances into false valleys.
     searched = with_floor(spec, USUAL_FLOOR) if spec.weights.floor is None else spec
     weights = weigh_all(responses, searched, execution)
     assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights)
-    fit = _at_start(assembly, parameters.x, execution)
+    fit = _at_start(assembly, robot, execution)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError("fit/undetermined", reason, "nothing is left to fit")
@@ -171,13 +165,27 @@ def _search(
     return assembly, fit if spec.weights.floor is not None else None, starts, hits
 
 
+def _at_start(assembly: Assembly, robot: Robot, execution: Execution) -> ElasticFit:
+    """The fit at the start of its parameters; StudyError names a place or length with which the robot cannot stand."""
+    parameters = assembly.parameters
+    try:
+        return _at_workers(assembly, parameters.x, execution)
+    except StudyError as error:
+        moved = [p for p in parameters.free if p.stands_for in robot.geometry]
+        if not moved:
+            raise
+        started = ", ".join(f"{p.name} = {p.value:g} m" for p in moved)
+        text = f"the robot cannot stand at the start {started}: {error}"
+        raise StudyError("fit/parameters", text, f"fit.parameters.{moved[0].name}") from None
+
+
 def _from_all_starts(
     assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution
 ) -> tuple[tuple[LocalOptimum, ...], int]:
     """Where all starts ended, best first, and how many reached the best; fit: at the start of the parameters."""
     parameters = fit.parameters
     problems = [assembly.search_problem(fit, spec.criterion)]
-    if spec.log_first and spec.criterion == "complex":
+    if spec.criterion == "complex":
         logarithmic = by_criterion(fit, assembly.responses, assembly.weights, "log")
         if fit.placed is not None:
             logarithmic = logarithmic.at_workers(execution)
@@ -189,7 +197,7 @@ def _from_all_starts(
         return multistart(problems, drawn, spec.solver, alone)
 
 
-def _at_start(assembly: Assembly, x: FloatArray, execution: Execution) -> ElasticFit:
+def _at_workers(assembly: Assembly, x: FloatArray, execution: Execution) -> ElasticFit:
     """The fit linearised at x (n_x,), its configurations at workers unless it is linearised again at every step."""
     fit = assembly.at(x, assembly.spec.criterion)
     return fit if assembly.is_local else fit.at_workers(execution)
@@ -216,13 +224,13 @@ def _with_found_floor(
     if first is not None:
         return assembly, *_estimate(assembly, first, starts, hits, execution)
     bare = assembly.with_floor(None)
-    found = _estimate(bare, _at_start(bare, starts[0].x, execution), starts, hits, execution)
+    found = _estimate(bare, _at_workers(bare, starts[0].x, execution), starts, hits, execution)
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if found[0].end.converged and not found[2].exceeds_noise and not is_distorted:
         return bare, *found
     floored = assembly.with_floor(USUAL_FLOOR if is_distorted else floor_of_residuals(bare, found[0]))
     del bare, found  # its weights are most of the memory of a fit
-    return floored, *_estimate(floored, _at_start(floored, starts[0].x, execution), starts, hits, execution)
+    return floored, *_estimate(floored, _at_workers(floored, starts[0].x, execution), starts, hits, execution)
 
 
 def _with_agreements(
@@ -257,12 +265,10 @@ def _with_agreements(
             static, tool = compared(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
         return *found[:3], replace(found[3], static=static, tool=tool)
-    if assembly.loads is not None and not _disagree(static):
-        kept = fitted(replace(alone, loads=assembly.loads))
-    elif tool is not None and not tool.disagrees:
+    if tool is not None and not tool.disagrees:
         kept = fitted(replace(assembly, loads=None))
     else:
-        kept = of_motors
+        kept = of_motors if _disagree(static) or static is None else fitted(replace(alone, loads=assembly.loads))
     pulls = _disagree(static) or (tool is not None and tool.disagrees and not tool.is_misread)
     step = (found[3].x - kept[3].x) * pulls
     covariance = kept[3].covariance + np.outer(step, step)

@@ -145,36 +145,6 @@ class LoadReading:
 
 
 @dataclass(frozen=True)
-class StaticAgreement:
-    """Deflections of load tests over those of the responses alone, and whether both can be of one robot.
-
-    ratio, ratio_std: of the deflections, NaN where the responses predict none.  chi_square, dof: of all readings.
-    cause: the likeliest one in words where they disagree by more than chance, else empty.
-    """
-
-    readings: tuple[LoadReading, ...] = labelled(rows=True)
-    ratio: float = math.nan
-    ratio_std: float = math.nan
-    chi_square: float = 0.0
-    dof: int = 0
-    cause: str = ""
-
-    @property
-    def disagrees(self) -> bool:
-        """True if static and dynamic stiffness differ by more than chance."""
-        return bool(self.cause)
-
-    @property
-    def words(self) -> str:
-        """The comparison in a sentence."""
-        rms = math.sqrt(self.chi_square / max(self.dof, 1))
-        text = f"{len(self.readings)} readings of load tests are {rms:.3g} times their std from the responses, rms"
-        if math.isfinite(self.ratio):
-            text += f", {self.ratio:.4g} +- {self.ratio_std:.2g} times as large"
-        return text
-
-
-@dataclass(frozen=True)
 class ToolComparison:
     """Responses by forces at the tool in one configuration, over those that the motors' responses alone predict.
 
@@ -189,36 +159,56 @@ class ToolComparison:
 
 
 @dataclass(frozen=True)
-class ToolAgreement:
-    """Responses at the tool over those by the motors' responses alone, and whether both can be of one robot.
+class Agreement:
+    """A second source over the motors' responses alone, and whether both can be of one robot.
 
-    ratio, ratio_std: of the magnitudes.  chi_square: with the errors of both, of `dof` real numbers that count; 1 per
-    number where they agree.  cause: the likeliest one in words where they disagree by more than chance, else empty.
-    is_misread: it is another reading of force and motion (sign, axis, quantity, motors), which pulls no spring.
+    ratio, ratio_std: of deflections or magnitudes, NaN where none are predicted.  chi_square: with the errors of both,
+    of `dof` real numbers.  cause: the likeliest one in words where they disagree by more than chance, else empty.
     """
 
-    responses: tuple[ToolComparison, ...] = labelled(rows=True)
     ratio: float = math.nan
     ratio_std: float = math.nan
     chi_square: float = 0.0
     dof: int = 0
     cause: str = ""
-    is_misread: bool = False
 
     @property
     def disagrees(self) -> bool:
-        """True if tool and motors show different robots by more than chance."""
+        """True if both show different robots by more than chance."""
         return bool(self.cause)
+
+    def _compared(self, count: int, what: str) -> str:
+        """The comparison in a sentence."""
+        if not self.dof:
+            return f"no line of the {what} counts: none is more than noise"
+        text = f"{count} {what}: {math.sqrt(self.chi_square / self.dof):.3g} times their std from the motors', rms"
+        is_sized = math.isfinite(self.ratio)
+        return f"{text}, {self.ratio:.4g} +- {self.ratio_std:.2g} times as large" if is_sized else text
+
+
+@dataclass(frozen=True)
+class StaticAgreement(Agreement):
+    """Deflections of load tests next to those of the responses alone."""
+
+    readings: tuple[LoadReading, ...] = labelled(rows=True, default=())
 
     @property
     def words(self) -> str:
         """The comparison in a sentence."""
-        if not self.dof:
-            return "no line of the responses at the tool counts: none is more than noise"
-        rms = math.sqrt(self.chi_square / self.dof)
-        many = len(self.responses) > 1
-        count = f"{len(self.responses)} responses at the tool are" if many else "1 response at the tool is"
-        return (
-            f"{count} {rms:.3g} times {'their' if many else 'its'} std from what those of the motors allow, rms, "
-            f"{self.ratio:.4g} +- {self.ratio_std:.2g} times as large"
-        )
+        return self._compared(len(self.readings), "readings of load tests")
+
+
+@dataclass(frozen=True)
+class ToolAgreement(Agreement):
+    """Responses at the tool next to those of the motors' responses alone.
+
+    is_misread: the cause is another reading of force and motion (sign, axis, quantity, motors), which pulls no spring.
+    """
+
+    responses: tuple[ToolComparison, ...] = labelled(rows=True, default=())
+    is_misread: bool = False
+
+    @property
+    def words(self) -> str:
+        """The comparison in a sentence."""
+        return self._compared(len(self.responses), "responses at the tool")

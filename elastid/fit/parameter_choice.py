@@ -36,27 +36,19 @@ def groups_of(
     """Group to its configurations, of the groups of which any is fitted.
 
     Those of a group that are not fitted are in it, too: what was found for the group predicts them.
-    StudyError where a configuration is in two groups, and for `per: robot` without robots.
+    StudyError for `per: robot` without robots.
     """
-    per, where = spec.per, f"fit.parameters.{name}.per"
+    per = spec.per
     tapped = [each for each in configurations if each.endswith(AT_TOOL)]
     if per == "robot":
         if not robots:
-            example = "fit.robots: {A: [c1, c2], B: [c3]}"
-            raise StudyError(
-                "fit/parameters",
-                f"no robots are named; say which configurations are of which, for example {example}",
-                where,
-            )
+            text = "no robots are named; say which configurations are of which: fit.robots: {A: [c1, c2], B: [c3]}"
+            raise StudyError("fit/parameters", text, f"fit.parameters.{name}.per")
         per = {robot: tuple(members) for robot, members in robots.items()}
     if per is None or not configurations:
         return {}
     if isinstance(per, str):
         per = {each: (each,) for each in configurations if each not in tapped}
-    taken = [name for group in per.values() for name in group]
-    for name in taken:
-        if taken.count(name) > 1:
-            raise StudyError("fit/parameters", f"configuration {name} is in two groups", where)
     return {
         group: (*members, *(each for each in tapped if each.removesuffix(AT_TOOL) in members))
         for group, members in per.items()
@@ -84,16 +76,10 @@ def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
         if spec.parameters[key].per is not None or spec.parameters[key].tie is not None:
             raise StudyError("fit/parameters", f"per and tie are for all groups together; give them at {name}", where)
         pers = [own.per for other, own in wanted.items() if is_match(other, name) and own.per is not None]
-        if not pers:
-            example = f"{name}: {{per: robot}} with fit.robots"
-            raise StudyError(
-                "fit/parameters", f"{name} has no groups; say which there are, for example {example}", where
-            )
         known = [label for per in pers for label in (spec.robots if per == "robot" else per)]
         if "configuration" not in pers and not any(is_match(label, group) for label in known):
-            raise StudyError(
-                "fit/parameters", f"there is no group {group}; {did_you_mean(group, dict.fromkeys(known))}", where
-            )
+            near = did_you_mean(group, dict.fromkeys(known)) if pers else "give it groups by `per`"
+            raise StudyError("fit/parameters", f"{name} has no group {group}; {near}", where)
 
 
 def group_labels(parameters: Parameters, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
@@ -126,8 +112,20 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
     are fitted, for parameters of their own; without any, such a parameter is one for all.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
-    of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
+    of configurations that do not exist or overlap, and where nothing is free.
     """
+    try:
+        parameters = _chosen(spec, robot, configurations)
+    except ValueError as error:
+        raise StudyError("fit/parameters", str(error), "fit.parameters") from None
+    if not parameters.free:
+        text = "nothing is left to identify, every parameter is fixed or tied"
+        raise StudyError("fit/parameters", text, "fit.parameters")
+    return parameters
+
+
+def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Parameters:
+    """The same; ValueError for what no set of parameters can be."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
     table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
     shared = {key: asked for key, asked in spec.parameters.items() if not is_group_key(key)}
@@ -136,7 +134,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     check_keys(spec, wanted)
     linear, coasting = _linear_names(robot), _friction_starts(robot)
     chosen: list[Parameter] = []
-    further = [_ratio(name, ratio, table) for name, ratio in spec.ratios.items()]
+    further = [_ratio(name, ratio) for name, ratio in spec.ratios.items()]
     for name, (value, unit) in table.items():
         log, own = name not in linear, grouped.get(name, {})
         if name not in wanted:
@@ -151,17 +149,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
         for key, only in ((f"{name}@{group}", only) for group, only in own.items()):
             own_asked = spec_of_group(key, asked, spec.parameters)
             further.append(replace(_parameter(key, value, unit, own_asked, log), only=only))
-    _check_ratios(spec, chosen)
-    chosen += further
-    try:
-        parameters = Parameters(tuple(chosen))
-    except ValueError as error:
-        raise StudyError("fit/parameters", str(error), "fit.parameters") from None
-    if not parameters.free:
-        raise StudyError(
-            "fit/parameters", "nothing is left to identify, every parameter is fixed or tied", "fit.parameters"
-        )
-    return parameters
+    return Parameters((*chosen, *further))
 
 
 def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
@@ -216,35 +204,10 @@ def _starred(key: str, name: str, asked: ParameterSpec, table: Collection[str]) 
     return replace(asked, tie=replace(asked.tie, to=asked.tie.to.replace("*", star)))
 
 
-def _ratio(name: str, ratio: RatioSpec, table: Mapping[str, object]) -> Parameter:
-    where = f"fit.ratios.{name}"
-    if name in table:
-        raise StudyError("fit/parameters", "the robot has a parameter of that name; choose another one", where)
+def _ratio(name: str, ratio: RatioSpec) -> Parameter:
     start = float(ratio.start)
-    if not start > 0:
-        raise StudyError("fit/parameters", f"the start is {start:g}; it must be positive", where)
     lower, upper = map(float, ratio.bounds or (start / BOUND_FACTOR, start * BOUND_FACTOR))
-    try:
-        return Parameter(name, start, "1", lower, upper, log=True, prior=_prior(ratio.prior, start), ratio=True)
-    except ValueError as error:
-        raise StudyError("fit/parameters", str(error), "fit.ratios") from None
-
-
-def _check_ratios(spec: FitSpec, chosen: Sequence[Parameter]) -> None:
-    """Every ratio is a factor of a tie; StudyError names the one that is not, and a tie to one that is not there."""
-    used = {parameter.tie.by: parameter.name for parameter in chosen if parameter.tie is not None}
-    for name in spec.ratios:
-        if name not in used:
-            example = f"{{tie: {{to: k_1, by: {name}}}}}"
-            raise StudyError(
-                "fit/parameters", f"no tie uses it; name it in one, such as {example}", f"fit.ratios.{name}"
-            )
-    for by, name in used.items():
-        if by and by not in spec.ratios and by not in {parameter.name for parameter in chosen}:
-            known = ", ".join(spec.ratios) or "none"
-            raise StudyError(
-                "fit/parameters", f"no ratio is called {by}; fit.ratios has {known}", f"fit.parameters.{name}.tie"
-            )
+    return Parameter(name, start, "1", lower, upper, log=True, prior=_prior(ratio.prior, start), ratio=True)
 
 
 def _default(robot: Robot) -> dict[str, ParameterSpec]:
@@ -287,13 +250,6 @@ def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bo
     start = value if asked.start is None else asked.start
     if asked.fixed:
         return Parameter(name, start, unit, log=log, free=False)
-    if log and not start > 0:
-        raise StudyError(
-            "fit/parameters",
-            f"it is found as a factor of its start, and the start is {start:g} {unit}; "
-            f"give a positive one, for example {{start: 1 {unit}}}",
-            where,
-        )
     prior = _prior(asked.prior, value)
     if prior is not None and log and not prior.mean > 0:
         raise StudyError("fit/parameters", f"the mean {prior.mean:g} {unit} must be positive", f"{where}.prior")
@@ -304,11 +260,7 @@ def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bo
             f"relative; for {prior.std:g} {unit} of {prior.mean:g} write {prior.std / prior.mean:.3g}",
             f"{where}.prior.std",
         )
-    lower, upper = _bounds(name, start, asked, log)
-    try:
-        return Parameter(name, start, unit, lower, upper, log, prior=prior)
-    except ValueError as error:
-        raise StudyError("fit/parameters", str(error), "fit.parameters") from None
+    return Parameter(name, start, unit, *_bounds(name, start, asked, log), log, prior=prior)
 
 
 def _prior(prior: PriorSpec | None, known: float) -> Prior | None:

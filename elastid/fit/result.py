@@ -17,7 +17,6 @@ from elastid.base.errors import Named, Note, StudyError, UnknownNameError, did_y
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95, chi_square_limit, correlation_of
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
-from elastid.fit.modification_index import ModificationIndex as ModificationIndex
 from elastid.fit.posture import Asked, Family, Posture, as_configuration
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.linear.fitted_model import Axes, FittedModel
@@ -27,6 +26,8 @@ from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
+
+_NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
 
 
 @frozen_value
@@ -47,6 +48,53 @@ class RigidPart:
         stiff = [i for i, name in enumerate(names) if name.startswith("k")]
         stiff.sort(key=lambda i: -abs(float(self.changes[i])))
         return {names[i]: math.expm1(float(self.changes[i])) for i in stiff[:most] if self.changes[i]}
+
+
+@frozen_value
+class ModificationIndex:
+    """Numbers that the fit held, freed together for one Gauss-Newton step with its parameters.
+
+    name, group: m_arm and `mass`; gain_u_* of a factor that all of them share; payload_arm of mass, centre and inertia.
+    members, values, units: the numbers, at which value they were held, SI.  log: whether the step of each is of ln p.
+    steps (n_m,): their changes, cut where they would leave what is plausible.  std: of the first by the measured noise.
+    drop: of V.  share: of what V has beyond the noise.  effects (n_x,): implied change of each free parameter, in x.
+    alike: names of others that the data cannot distinguish from it.  place: 0 where it is freed alone; 1, 2, ... in the
+    sequence in which each is freed after those before it, with the further share that it explains.
+    odds: 2 ln of those against the likeliest cause, of which occam is what its freedom and the prior of its size take.
+    """
+
+    name: str
+    group: str
+    members: tuple[str, ...] = ()
+    values: FloatArray = labelled("values at which the numbers were held", "SI", default_factory=_NO_NUMBERS)
+    units: tuple[str, ...] = ()
+    log: tuple[bool, ...] = ()
+    steps: FloatArray = labelled("their changes, of ln p where log", default_factory=_NO_NUMBERS)
+    std: float = math.nan
+    drop: float = labelled("decrease of V", default=0.0)
+    share: float = labelled("share of the excess of V over the noise", default=0.0)
+    effects: FloatArray = labelled("implied change of each free parameter, of x", default_factory=_NO_NUMBERS)
+    alike: tuple[str, ...] = ()
+    place: int = 0
+    odds: float = labelled("2 ln of the odds against the likeliest cause", default=0.0)
+    occam: float = labelled("part of the odds by freedom and size", default=0.0)
+
+    @property
+    def changed(self) -> tuple[float, ...]:
+        """Their values after the step, SI."""
+        return tuple(
+            value * math.exp(step) if log else value + step
+            for value, step, log in zip(self.values.tolist(), self.steps.tolist(), self.log, strict=True)
+        )
+
+    def most_moved(self, free_names: Sequence[str]) -> tuple[str, float]:
+        """The stiffness among the free parameters that moves most, and its relative change; "" where there is none."""
+        stiff = [i for i, name in enumerate(free_names) if name.startswith("k") and math.isfinite(self.effects[i])]
+        if not stiff:
+            return "", 0.0
+        most = max(stiff, key=lambda i: abs(float(self.effects[i])))
+        # A larger change of ln k is of a fit that ended far from any robot.
+        return free_names[most], math.expm1(min(float(self.effects[most]), 50.0))
 
 
 # misfit: the model explains most of the response, but is wrong by more than the intervals of its noise.
@@ -108,7 +156,6 @@ DISTORTED = f"{DOUBTED}: distortion that no motor explains may be hysteresis of 
 # Std of an error that would explain a misfit, over its step, and the share of a misfit from which on one cause explains
 # it: scripts/studies/prediction_anywhere.py has the share of intervals that hold.
 DOUBT, LONE_CAUSE = 0.6, 0.95
-_NO_NUMBERS, _NO_TABLE, _NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
 
 
 @dataclass(frozen=True)

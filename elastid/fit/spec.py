@@ -202,9 +202,6 @@ class FitSpec:
         "the ratio, for comparison with published fits.", "`log` for comparison with published fits, or where elements "
         "span decades and their variances are not trusted; `complex` reaches the smallest variance and has no bias at "
         "noisy lines.")] = "complex"
-    log_first: Annotated[bool, Key("The search starts with the `log` criterion if true, and finishes with the "
-        "criterion.", "false where the start is near, which saves one of two searches from each start; true widens the "
-        "range of starts that reach the optimum.")] = True
     parameters: Annotated[dict[str, ParameterSpec], Key("Parameters that are identified, by name, or by a pattern such "
         "as k_* (default: every k_ of the springs, and every d_ of the springs and fm_ of the motors that is not "
         "zero). Geometry (ends of compensators, places of joints and bodies) is identified where it is named: "

@@ -11,13 +11,12 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import check_kind
-from elastid.fit.fitted_robot import EffectOfMotion
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import GearResult
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.files import write_rows, write_text
 from elastid.store.kinds import from_json, json_value, or_text
-from elastid.store.reading import read_optional_part, read_part
+from elastid.store.reading import read_part
 from elastid.store.values import write_artefact
 from elastid.use.map import WorkspaceMap
 from elastid.validation.comparison import Comparison
@@ -60,26 +59,16 @@ class Numbers:
         return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *columns)
 
 
-def write_fit(
-    path: Path | str, result: Result, stamp: Stamp = NO_STAMP, motion: tuple[EffectOfMotion, ...] | None = None
-) -> None:
-    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table.
-
-    motion: of the measurements, for later readers of the same responses.
-    """
+def write_fit(path: Path | str, result: Result, stamp: Stamp = NO_STAMP) -> None:
+    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table."""
     check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
     parts = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
-    write_artefact(path, FIT, stamp, {**parts, "motion": (motion, tuple[EffectOfMotion, ...])})
+    write_artefact(path, FIT, stamp, parts)
 
 
 def read_fit(path: Path | str) -> Result:
     """The result in fit.h5."""
     return read_part(path, FIT, "fit", Result)
-
-
-def read_motion(path: Path | str) -> tuple[EffectOfMotion, ...]:
-    """Changes of the responses by the motion of the measurements, in fit.h5; empty where the file has none."""
-    return read_optional_part(path, FIT, "motion", tuple[EffectOfMotion, ...]) or ()
 
 
 def write_gears(path: Path | str, gears: GearResult, stamp: Stamp = NO_STAMP) -> None:

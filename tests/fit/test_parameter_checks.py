@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants.marks import SEEDS, slow
 from plants.measured_robots import deviations, responses_of
+from plants.refusals import refused
 
-from elastid.app import cli
-from elastid.base.errors import FitError, StudyError
+from elastid.base.errors import StudyError
 from elastid.fit.assembly import Assembly
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
@@ -160,102 +158,35 @@ def test_a_robot_without_named_geometry_is_not_followed() -> None:
     assert assembly.linearisation.model.parameters == tuple(robot.parameters())
 
 
-def refusal(robot: Robot, wanted: dict[str, ParameterSpec], spec: ModelSpec = ModelSpec()) -> str:  # noqa: B008
-    """What a fit of two postures says that it cannot do."""
-    with pytest.raises((FitError, StudyError)) as refused:
-        identify(measure(robot, POSTURES[:2], 0), robot, FitSpec(starts=1, parameters=wanted), model=spec)
-    return str(refused.value)
+def fit_of_two(robot: Robot, wanted: dict[str, ParameterSpec], spec: ModelSpec = ModelSpec()) -> None:  # noqa: B008
+    """A fit of two postures."""
+    identify(measure(robot, POSTURES[:2], 0), robot, FitSpec(starts=1, parameters=wanted), model=spec)
 
 
 def test_what_nothing_depends_on_is_named() -> None:
     """Along the axis of a joint, and across the plane in which all that moves lies."""
     robot = replace(bending_arm(), compensators=())
-    said = refusal(robot, {"k_1": ParameterSpec(), "pj_1b_y": ParameterSpec(), "p_root_x": ParameterSpec()})
-    assert said.startswith("p_root_x, pj_1b_y: without effect on any of the 2 frequency responses")
-    assert "pj_1b_z" not in said
-    assert "a coordinate along the axis of a joint does nothing" in said
-    assert refusal(linkage(), {"p2_rod_y": ParameterSpec()}).startswith("p2_rod_y: without effect")
-
-
-def test_a_robot_that_cannot_stand_at_its_start_is_named() -> None:
-    """Loops that do not close, a rod without length."""
-    said = refusal(linkage(), {"l_rod": ParameterSpec(start=0.4)})
-    assert said.startswith(
-        "fit.parameters.l_rod: the robot cannot stand at the start l_rod = 0.4 m in configuration c1: loop rod does not"
-    )
-    assert "the start is -1 m; give a positive one" in refusal(linkage(), {"l_rod": ParameterSpec(start=-1.0)})
-    apart = {"p1_rod_x": ParameterSpec(start=-2.0, bounds=(-3.0, 0.0))}
-    assert "fit.parameters.p1_rod_x: the robot cannot stand" in refusal(linkage(), apart)
-    variant = ModelSpec("minimal", "constant_stiffness")
-    said = refusal(linkage(), {"p1_rod_x": ParameterSpec()}, variant)
-    assert "p1_rod_x cannot be identified with it; choose series_stiffness or exact" in said
-
-
-STUDY = """
-name: balanced arm
-seed: 1
-excitation: {rate_hz: 500, period: 4, band_hz: [0.5, 40], torque_rms: 20}
-estimator: {band_hz: [0.5, 40]}
-experiment:
-  configurations: {a: [0.2], b: [0.9], c: [-0.6]}
-  realisations: 1
-  periods: 2
-  simulated:
-    truth: {k_1: 2.6e4, pc1_balancer_z: 450 mm}
-    noise: {angle_std: 1e-7, torque_std: 0.05}
-validation: {folds: 3}
-fit:
-  starts: 2
-  parameters:
-    k_1: {}
-    d_1: {}
-    fm_1: {}
-    pc1_balancer_z: {start: 0.38 m, bounds: [0.3 m, 0.7 m]}
-robot:
-  name: balanced arm
-  bodies:
-    - name: arm
-      joints:
-        - {name: 1, axis: y, spring: {stiffness: 3e4, damping: 60}, motor: {inertia: 2e-3, ratio: 60, viscous: 1e-3}}
-      mass: 40
-      center_of_mass: [0, 0, 0.5]
-      inertia: 3
-  compensators:
-    - name: balancer
-      ends: [{point: [0, 0, 0.5]}, {body: arm, point: [0, 0, 0.2]}]
-      coil: {stiffness: 2e4, rest_length: 0.1}
-"""
-
-
-@pytest.mark.slow
-def test_a_study_finds_the_anchor_of_a_balancer(tmp_path: Path) -> None:
-    """From YAML to summary, folds and export: the anchor to a millimetre, in m, beside the stiffness of the gear."""
-    path, run = tmp_path / "study.yml", tmp_path / "run"
-    path.write_text(STUDY)
-    assert cli.run_command(["run", str(path), "--run", str(run), "-q"]) == 0
-    found = json.loads((run / "summary.json").read_text())["parameters"]["pc1_balancer_z"]
-    assert found["unit"] == "m"
-    assert found["truth"] == 0.45
-    assert found["value"] == pytest.approx(0.45, abs=1e-3)
-    assert abs(found["value"] - 0.45) < 4 * found["std"]
-    assert "pc1_balancer_z" in (run / "report.html").read_text()
-    for target in ("control", "casadi", "csv"):
-        assert cli.run_command(["export", str(path), "--run", str(run), "--to", target, "-q"]) == 0
-    assert "pc1_balancer_z" in (run / "export" / "csv" / "parameters.csv").read_text()
+    with refused("fit/undetermined", holds=("p_root_x, pj_1b_y: ", "2 frequency responses")):
+        fit_of_two(robot, {"k_1": ParameterSpec(), "pj_1b_y": ParameterSpec(), "p_root_x": ParameterSpec()})
+    with refused("fit/undetermined", holds="p2_rod_y: "):
+        fit_of_two(linkage(), {"p2_rod_y": ParameterSpec()})
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "message"),
+    ("name", "asked", "place"),
     [
-        ("fit.parameters", "{pc1_balancr_z: {}}", "did you mean 'pc1_balancer_z'?"),
-        ("fit.parameters", "{pc1_balancer_z: {start: 3 kg}}", "unit 'kg' measures kg, not m"),
-        ("experiment.simulated.truth", "{pc1_balancer_w: 1 m}", "no parameter of the robot is called"),
+        ("l_rod", ParameterSpec(start=0.4), "fit.parameters.l_rod"),
+        ("l_rod", ParameterSpec(start=-1.0), "fit.parameters"),
+        ("p1_rod_x", ParameterSpec(start=-2.0, bounds=(-3.0, 0.0)), "fit.parameters.p1_rod_x"),
     ],
 )
-def test_a_study_says_what_is_wrong_with_its_geometry(
-    tmp_path: Path, key: str, value: str, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "study.yml"
-    path.write_text(STUDY.replace("a: [0.2]", "a: [0.0]"))
-    assert cli.run_command(["check", str(path), "--set", f"{key}={value}"]) == 2
-    assert message in capsys.readouterr().err
+def test_a_robot_that_cannot_stand_at_its_start_is_named(name: str, asked: ParameterSpec, place: str) -> None:
+    """Loops that do not close, a rod without length."""
+    with refused("fit/parameters", place=place, holds=name):
+        fit_of_two(linkage(), {name: asked})
+
+
+def test_equations_without_geometry_refuse_it() -> None:
+    """They name the coordinate, and the variants that have it."""
+    with pytest.raises(StudyError, match="p1_rod_x"):
+        fit_of_two(linkage(), {"p1_rod_x": ParameterSpec()}, ModelSpec("minimal", "constant_stiffness"))

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +11,6 @@ from plants.marks import SEEDS
 from plants.measured_robots import responses_of
 from plants.refusals import refused
 
-from elastid.app import cli
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import identify
 from elastid.fit.parameter_choice import choose
@@ -100,15 +96,6 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     assert without.left_out["b1"].misfit > 10
 
 
-def test_one_stiffness_for_both_is_worse_on_what_was_left_out() -> None:
-    shared = replace(SPEC, parameters=SPEC.parameters | {"k_1": ParameterSpec()})
-    data = both(1)
-    own, one = (
-        refit(data, RefitTask(ComparedVariant("v", arm(), spec, EXACT), ("a2", "b2"))) for spec in (SPEC, shared)
-    )
-    assert one.left_out["a2"].misfit > 5 * own.left_out["a2"].misfit
-
-
 @pytest.mark.parametrize(
     ("name", "given", "place"),
     [
@@ -130,13 +117,6 @@ def test_robots_must_be_named_once_and_at_all() -> None:
         FitSpec(robots={"A": ("a1",), "B": ("a1",)})
 
 
-def test_one_measurement_under_two_names_is_refused() -> None:
-    (first, *_), rest = measure(A, "a", 0), measure(A, "b", 1)
-    twin = replace(first, configuration=replace(first.configuration, name="copy"))
-    with refused("fit/responses"):
-        identify([first, twin, *rest], arm(), FitSpec(starts=1))
-
-
 def test_an_export_is_of_one_robot_each() -> None:
     """The linear models of robot B have its numbers: their response is that of the fit, and A's are another's."""
     data = both(0)
@@ -152,99 +132,3 @@ def test_an_export_is_of_one_robot_each() -> None:
         assert not {"k_1", "fm_1", f"fm_1@{'BA'['AB'.index(name)]}"} & set(names)
         for linear, fitted in zip(model.linear, FittedRobot.of(result, arm(), model.measured).responses, strict=True):
             np.testing.assert_allclose(frequency_response(linear, model.theta, FREQ), fitted.G, rtol=1e-9)
-
-
-STUDY = """
-name: two robots
-experiment:
-  configurations:
-    {a1: [0.3, 0.2], a2: [0.9, -0.6], a3: [-0.5, 1.0], b1: [0.3, 0.2], b2: [0.9, -0.6], b3: [-0.5, 1.0]}
-  responses:
-    columns: {frequency: freq_hz, real: "re_{y}_{u}", imaginary: "im_{y}_{u}", std: "std_{y}_{u}"}
-    channels:
-      - {role: u, at: motor 1, channel: 1}
-      - {role: u, at: motor 2, channel: 2}
-      - {role: y, at: motor 1, channel: 1, quantity: acceleration}
-      - {role: y, at: motor 2, channel: 2, quantity: acceleration}
-    files:
-      - {path: a1.csv, configuration: a1}
-      - {path: a2.csv, configuration: a2}
-      - {path: a3.csv, configuration: a3}
-      - {path: b1.csv, configuration: b1}
-      - {path: b2.csv, configuration: b2}
-      - {path: b3.csv, configuration: b3}
-validation: {folds: 2}
-compare: {folds: 2, variants: [{name: one stiffness, set: ["fit.parameters.k_1={}"]}]}
-fit:
-  starts: 2
-  robots: {A: [a1, a2, a3], B: [b1, b2, b3]}
-  parameters:
-    k_1: {per: robot}
-    k_2: {}
-    d_*: {}
-    fm_*: {per: robot}
-    fm_1@B: {start: 2e-2, bounds: [1e-3, 1], prior: {mean: 2.5e-2 N*m*s/rad, std: 0.5}}
-robot:
-  name: arm
-  bodies:
-    - name: upper
-      joints:
-        - {name: 1, axis: y, spring: {stiffness: 3.3e4, damping: 60}, motor: {inertia: 2e-3, ratio: 60, viscous: 1e-2}}
-      mass: 40
-      center_of_mass: [0, 0, 0.4]
-      inertia: 3
-    - name: fore
-      parent: upper
-      placement: {xyz: [0, 0, 0.8]}
-      joints:
-        - {name: 2, axis: y, spring: {stiffness: 1.6e4, damping: 40}, motor: {inertia: 1e-3, ratio: 60, viscous: 1e-2}}
-      mass: 25
-      center_of_mass: [0.3, 0, 0]
-      inertia: 1
-"""
-
-
-def write(folder: Path, response: Response) -> None:
-    """A response as a CSV file of another program."""
-    variance = response.noise.variance if response.noise is not None else np.zeros(response.G.shape)
-    places = [(0, 0), (0, 1), (1, 0), (1, 1)]
-    with (folder / f"{response.configuration.name}.csv").open("w", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(["freq_hz", *(f"{part}_{y + 1}_{u + 1}" for y, u in places for part in ("re", "im", "std"))])
-        for f, G, v in zip(response.freq_hz, response.G, variance, strict=True):
-            numbers = [(G[e].real, G[e].imag, math.sqrt(v[e])) for e in places]
-            table.writerow([f, *(n for three in numbers for n in three)])
-
-
-@pytest.mark.slow
-def test_a_study_of_two_robots_from_files_to_export(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Six files of two robots: values by robot in table, summary, page; folds, comparison; a model each to export."""
-    for response in both(3):
-        write(tmp_path, response)
-    path, run = tmp_path / "study.yml", tmp_path / "run"
-    path.write_text(STUDY)
-    assert cli.run_command(["check", str(path)]) == 0
-    said = capsys.readouterr().out
-    assert "2 robots of this type: A (a1, a2, a3), B (b1, b2, b3)" in said
-    assert "fm_1@B" in said
-    assert cli.run_command(["run", str(path), "--run", str(run)]) == 0
-    table = capsys.readouterr().out
-    found = json.loads((run / "summary.json").read_text())["parameters"]
-    page = (run / "report.html").read_text()
-    for name, truth in TRUTH.items():
-        assert name in table
-        assert name in page
-        low, high = found[name]["interval95"]
-        assert low**2 / high < truth < high**2 / low, name
-    assert "Cross-validation: the fit to the others predicts" in page
-    assert cli.run_command(["compare", str(path), "--run", str(run), "-q"]) == 0
-    ranking = json.loads((run / "compare.json").read_text())
-    assert [row["name"] for row in ranking["models"]] == ["two robots", "one stiffness"]
-    assert cli.run_command(["export", str(path), "--run", str(run), "--to", "csv"]) == 0
-    assert "a model for each of A (a1, a2, a3), B (b1, b2, b3), which have parameters" in capsys.readouterr().out
-    for robot in ROBOTS:
-        rows = list(csv.reader((run / "export" / "csv" / robot / "parameters.csv").read_text().splitlines()))
-        values = {row[0]: row[2] for row in rows}  # by their names in the model of that robot
-        assert float(values["k_1"]) == found[f"k_1@{robot}"]["value"]
-        assert float(values["k_2"]) == found["k_2"]["value"]
-        assert (run / "export" / "csv" / robot / f"{robot.lower()}2-fitted.csv").is_file()

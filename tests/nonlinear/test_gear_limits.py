@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from plants.two_mass_gear import LINES, POSTURE, RATE_HZ, RATIO, SAMPLES, Gear, robot
 
-from elastid.fit.modification_index import ModificationIndex
-from elastid.fit.result import Result
+from elastid.fit.result import ModificationIndex, Result
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.nonlinear.drives import DriveLines

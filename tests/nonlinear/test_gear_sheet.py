@@ -139,7 +139,7 @@ def test_a_misfit_is_explained_by_effects_that_leave_little_of_it() -> None:
 
 def test_effects_of_gears_explain_no_contradiction_by_load_tests() -> None:
     """Static tests do not go into the search: what they contradict stays contradicted."""
-    static = StaticAgreement((), cause="the base tilts")
+    static = StaticAgreement(cause="the base tilts")
     misfit = replace(linear_fit(PARAMETERS.x), status="misfit", cost_dof=50.0, static=static)
     assert with_gears(misfit, opened(0.02)).status == "misfit"
 

@@ -3,15 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 from plants.linkages import LEVER, LOWER, linkage
-from plants.two_axes import ROBOT, STUDY, measured
+from plants.two_axes import ROBOT, STUDY
 
-from elastid.app import cli
 from elastid.app.compare import variants
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec, TextFormatSpec
-from elastid.fit.result import Result
 from elastid.linear.linear_model import elements
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
@@ -21,7 +18,6 @@ from elastid.record import Configuration
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.responses.reading import read_table
 from elastid.robot import Anchor, Body, Chain, Joint, Loop, Pin, Placement, Rod
-from elastid.store.results import read_fit
 from elastid.study import load
 
 
@@ -89,22 +85,3 @@ def test_motor_coupling_of_a_variant_lets_rotors_turn_about_their_own_axes_only(
     own, uncoupled = variants(load(tmp_path / "study.yml", [override]))
     assert [bool(joint.motor and joint.motor.on) for joint in own.robot.driven] == [False, True]
     assert [bool(joint.motor and joint.motor.on) for joint in uncoupled.robot.driven] == [False, False]
-
-
-@pytest.fixture
-def fitted(tiny: Path):
-    """A function from overrides of the section `fit` to the result on one set of responses."""
-    run = measured(tiny, load(tiny).study.robot)
-
-    def fit(*overrides: str) -> Result:
-        options = [word for override in overrides for word in ("--set", f"fit.{override}")]
-        assert cli.run_command(["run", str(tiny), "fit", "--run", str(run.folder), "-q", "--jobs", "1", *options]) == 0
-        return read_fit(run.folder / "fit.h5")
-
-    return fit
-
-
-def test_log_first_is_the_way_and_not_the_end(fitted) -> None:
-    """Without the stage in the logarithm the same optimum is found from a good start."""
-    with_stage, without = fitted(), fitted("log_first=false")
-    np.testing.assert_allclose(with_stage.x, without.x, atol=1e-4)

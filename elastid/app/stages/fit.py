@@ -94,9 +94,7 @@ def fit(
 
     names = [response.configuration.name for response in responses]
     robots = {file: text(robot_file) for file, robot_file in robot_files(name, robot, result, friction, names)}
-    result_file: Mapping[str, Write] = {
-        "fit.h5": lambda path, stamp: write_fit(path, result, stamp, model_of_all.motion)
-    }
+    result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp)}
     return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
 
 

@@ -26,7 +26,7 @@ from elastid.report.page.page import write_report
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_responses, write_modes
-from elastid.store.results import read_comparison, read_fit, read_gears, read_motion, read_twin, read_validation
+from elastid.store.results import read_comparison, read_fit, read_gears, read_twin, read_validation
 from elastid.study.sections import ReportSpec
 
 
@@ -51,7 +51,7 @@ def report(
 
     responses, result = read_responses(estimate_file), read_fit(fit_file)
     validation, friction = read_validation(validate_file), read_friction(estimate_file)
-    fitted, gears = FittedRobot.of(result, robot, responses, model, read_motion(fit_file)), read_gears(gears_file)
+    fitted, gears = FittedRobot.of(result, robot, responses, model), read_gears(gears_file)
     final = with_gears(result, gears)
     content = ReportContent(
         *(name, validation.verdict, final, tuple(zip(responses, fitted.responses, strict=True)), validation),

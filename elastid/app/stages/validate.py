@@ -29,7 +29,7 @@ from elastid.nonlinear.take_out import net_records, shaft_couplings
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
-from elastid.store.results import read_fit, read_gears, read_motion, write_validation
+from elastid.store.results import read_fit, read_gears, write_validation
 from elastid.validation import elastic_twin
 from elastid.validation.agreement import cost_p, explain_cost
 from elastid.validation.agreement import validate as validate_responses
@@ -80,7 +80,7 @@ def validate(
     measure_file: None where no records are kept, which are then not replayed.
     """
     responses, result = read_responses(estimate_file), read_fit(fit_file)
-    fitted = FittedRobot.of(result, robot, responses, model, read_motion(fit_file))
+    fitted = FittedRobot.of(result, robot, responses, model)
     friction = read_friction(estimate_file)
     gears = read_gears(gears_file)
     own = Validated(name, robot, model, seeded_fit, validation, estimator, fitted, responses, friction, gears)

@@ -82,19 +82,12 @@ def compliance(index: ModificationIndex) -> str:
 
 
 def payload(index: ModificationIndex) -> str:
-    """Mass, centre and inertia of a body together; as a further mass where they are one."""
-    body = index.name.partition("_")[2]
-    mass, new = float(index.values[0]), index.changed[0]
-    more = new - mass
-    centres = {
-        name[-1]: (new * changed - mass * float(value))
-        for name, value, changed in zip(index.members, index.values, index.changed, strict=True)
-        if name[0] == "c"
-    }
-    if not more > 0 or len(centres) < 3:
-        return f"mass, centre of mass and inertia of {body} ({mass:.4g} to {new:.4g} kg)"
-    centre = ", ".join(f"{centres[axis] / more:.2g}" for axis in "xyz")
-    return f"{more:.2g} kg more on {body}, about [{centre}] m in its axes"
+    """Mass, centre and inertia of a body together; where a mass is added, its place."""
+    body, mass, new = index.name.partition("_")[2], float(index.values[0]), index.changed[0]
+    members = zip(index.members, index.values, index.changed, strict=True)
+    place = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
+    at = f", about [{', '.join(place)}] m in its axes" if new > mass and len(place) == 3 else ""
+    return f"{new - mass:+.2g} kg on {body} ({mass:.4g} to {new:.4g} kg){at}"
 
 
 def late(index: ModificationIndex) -> str:

@@ -56,7 +56,6 @@ from elastid.fit.diagnosis.status import (
     estimate_notes,
     find_disagreement,
     find_wrong_frequency_unit,
-    friction_note,
     is_beyond_tolerance,
     with_status,
 )
@@ -384,7 +383,7 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
         # A cause that explains all explains bounds and residuals, too; their own advice would be another.
         estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
     undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
-    first = (*friction_note(evidence), *find_wrong_frequency_unit(evidence))
+    first = find_wrong_frequency_unit(evidence)
     return replace(
         result, notes=(*first, *causes, *apart, *contradictions(result), *notes, *inertias, *estimate, *undetectable)
     )

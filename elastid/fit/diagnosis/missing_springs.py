@@ -160,19 +160,10 @@ def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> Modificati
     place = fit.parameters.free_names.index(spring.name)
     variance = np.linalg.pinv(fit.evaluate(end.x).hessian / 2, hermitian=True)[place, place]
     name = scores.held.rigid[spring.name]
-    return ModificationIndex(
-        name=name,
-        group="compliance",
-        members=(name,),
-        values=np.zeros(1),
-        units=("rad/(N*m)",),
-        log=(False,),
-        steps=np.array([1 / k]),
-        std=math.sqrt(max(float(variance) * scores.level, 0.0)) / k,
-        drop=drop,
-        share=drop / max(scores.cost - scores.noise, drop, 1e-300),
-        effects=np.array([estimates[name] for name in result.parameters.free_names]) - result.x,
-    )
+    std, share = math.sqrt(max(float(variance) * scores.level, 0.0)) / k, drop / max(scores.cost - scores.noise, drop)
+    effects = np.array([estimates[name] for name in result.parameters.free_names]) - result.x
+    number = (name,), np.zeros(1), ("rad/(N*m)",), (False,), np.array([1 / k])
+    return ModificationIndex(name, "compliance", *number, std, drop, share, effects)
 
 
 def released_costs(

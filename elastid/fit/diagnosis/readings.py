@@ -89,11 +89,13 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         return indices
     cost, x_end, best = good[0]
     equal = tuple(reading.name for V, _, reading in good[1:] if LIMITS.equal_cost * cost > V)
-    share, none = (as_read - cost) / excess, np.zeros(0)
+    share = (as_read - cost) / excess
     drop = share * max(scores.cost - scores.noise, 0.0)
-    index = ModificationIndex(best.name, best.family, (), none, (), (), none, math.nan, drop, share, x_end - x, equal)
     occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
-    return [*indices, replace(index, occam=occam)]
+    index = ModificationIndex(
+        best.name, best.family, drop=drop, share=share, effects=x_end - x, alike=equal, occam=occam
+    )
+    return [*indices, index]
 
 
 def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -24,7 +24,7 @@ from elastid.base.statistics import chi_square_limit
 from elastid.covariance import scaled
 from elastid.fit.assembly import Assembly
 from elastid.fit.diagnosis.hypothesis import LIMITS
-from elastid.fit.load_tests import LoadReading, StaticAgreement, ToolAgreement, ToolComparison
+from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, ToolAgreement, ToolComparison
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import as_real
 from elastid.fit.problem.part import Part
@@ -34,7 +34,10 @@ from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
-_UNKNOWN = "no single cause explains it: check load, direction and std of the readings that are farthest off"
+_UNKNOWN = (
+    "no single cause explains it: check place, direction, sign, unit and std of what is farthest off, the angles, and "
+    "whether the motors were as stated; a gear with friction or backlash is another spring to small motions"
+)
 _KEPT = "the numbers are those of the motors' responses alone"
 _BOTH = ", and their intervals contain those of both together"
 # r (n,) and its slopes (n, n_z) at x (n_x,) along a root of C, with a factor 1 + c, None without one, by parts.
@@ -96,29 +99,15 @@ class SecondSource:
         return cost if np.isfinite(cost) and np.isfinite(H).all() else np.inf, gradient, H
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """factor: of all that the source measured, less 1, with its std.  T: `chi_square`.  is_beyond: chance.
-
-    explains: the factor more than `share` of T beyond its degrees of freedom; least: T with it.
-    """
-
-    factor: float
-    std: float
-    T: float
-    is_beyond: bool
-    least: float
-    explains: bool
-
-
-def agreement(now: SecondSource, alone: Result) -> Agreement:
-    """The source next to `alone`."""
+def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:
+    """The source next to `alone`, any cause still _UNKNOWN; and T with the factor that explains it, else inf."""
     scale = alone.model_error**2 if alone.exceeds_noise else 1.0
     dof, T = now.n_residuals, now.least()[0]
     least, by, std = now.least(with_factor=True)
     is_other_size = by**2 > scale * chi_square_limit(1, LIMITS.tail) * std**2
     is_beyond = scale * dof * largest_by_chance(dof) < T or is_other_size
-    return Agreement(by, std, T, is_beyond, least, explains(now, T, least))
+    ratio = (1 + by, std) if np.isfinite(std) else (np.nan, std)
+    return Agreement(*ratio, T, dof, _UNKNOWN if is_beyond else ""), least if explains(now, T, least) else np.inf
 
 
 def explains(now: SecondSource, T: float, least: float) -> bool:
@@ -140,12 +129,10 @@ def _residuals(
 def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
     """Load tests next to the deflections of `alone`, the fit of the responses without them."""
     now = SecondSource.of(alone, partial(_residuals, loads, alone.parameters), loads.n_residuals)
-    found = agreement(now, alone)
-    cause = ""
-    if found.is_beyond:
-        cause = _softer_or_stiffer(found.factor) if found.explains else _UNKNOWN
-    ratio = (1 + found.factor, found.std) if np.isfinite(found.std) else (np.nan, np.nan)
-    return StaticAgreement(_readings(loads, alone, now), *ratio, found.T, now.n_residuals, cause)
+    found, least = agreement(now, alone)
+    if found.disagrees and np.isfinite(least):
+        found = replace(found, cause=_softer_or_stiffer(found.ratio - 1))
+    return StaticAgreement(**vars(found), readings=_readings(loads, alone, now))
 
 
 def _readings(loads: StaticLoads, alone: Result, now: SecondSource) -> tuple[LoadReading, ...]:
@@ -185,26 +172,22 @@ def _tool_residuals(
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     """Responses at the tool, those of `assembly`, next to `alone`, the fit to the motors' responses."""
     fit, now = _beside(assembly.with_floor(alone.floor), alone)
-    found = agreement(now, alone)
-    cause, is_misread = "", False
-    if found.is_beyond:
+    found, with_factor = agreement(now, alone)
+    is_misread = False
+    if found.disagrees:
         others = [(_beside(replace(assembly, responses=other).with_floor(alone.floor), alone)[1], words)
                   for other, words in _tool_readings(assembly.responses)]  # fmt: skip
-        least, cause = min(((other.least()[0], words) for other, words in others), key=lambda trial: trial[0])
-        is_misread = explains(now, found.T, least)
-        if found.explains and found.least < least and abs(found.factor) < LIMITS.largest:
-            is_misread, cause = False, (
-                f"all responses at the tool are {1 + found.factor:.4g} times as large: check unit and calibration of "
+        least, reading = min(((other.least()[0], words) for other, words in others), key=lambda trial: trial[0])
+        is_misread = explains(now, found.chi_square, least)
+        if with_factor < least and abs(found.ratio - 1) < LIMITS.largest:
+            is_misread, reading = False, (
+                f"all responses at the tool are {found.ratio:.4g} times as large: check unit and calibration of "
                 "hammer and sensor, and whether the current of the motors is their torque"
             )  # fmt: skip
-        elif not is_misread:
-            cause = (
-                "no single cause explains it: check place, direction, sign and unit of force and motion, the angles, "
-                "and whether the motors were as stated; a gear with friction or backlash is another spring to the "
-                "small motions of the tool"
-            )
+            found = replace(found, cause=reading)
+        found = replace(found, cause=reading if is_misread else found.cause)
     compared = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
-    return ToolAgreement(compared, 1 + found.factor, found.std, found.T, fit.n_residuals, cause, is_misread)
+    return ToolAgreement(**vars(found), responses=compared, is_misread=is_misread)
 
 
 def _beside(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource]:

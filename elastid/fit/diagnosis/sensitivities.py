@@ -23,6 +23,7 @@ since torque and angle were referred to the link side by the wrong ratio.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import permutations
@@ -67,20 +68,12 @@ class HeldModel:
         channels += [gain_name("y", place) for place in sorted(outputs) if place in robot.locations]
         known = assembly.parameters.names  # zeros that are held are among the postures' angles
         places = tuple(name for name in robot.geometry if not name.startswith("zero_") or name in known)
-        refused: ElastidError | ValueError | None = None
-        for (extended, rigid), geometry in (
-            (_with_torsions(robot), places),
-            ((robot, {}), places),
-            ((robot, {}), known),
-        ):
-            try:
-                held = cls(Linearisation.of_robot(extended, assembly.model, (*geometry, *channels)), rigid)
+        for extended, rigid in (_with_torsions(robot), (robot, {})):
+            with suppress(ElastidError, ValueError):
+                held = cls(Linearisation.of_robot(extended, assembly.model, (*places, *channels)), rigid)
                 held.at(assembly.parameters, fitted, assembly.parameters.x)
-            except (ElastidError, ValueError) as error:
-                refused = error
-            else:
                 return replace(held, loads=_loads(assembly))
-        raise refused or AssertionError
+        return cls(Linearisation.of_robot(robot, assembly.model, (*known, *channels)), {}, _loads(assembly))
 
     @property
     def parameters(self) -> tuple[str, ...]:

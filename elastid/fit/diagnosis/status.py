@@ -321,20 +321,6 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     return (Note("fit/frequency-unit", text, names),)
 
 
-def friction_note(evidence: Evidence) -> tuple[Note, ...]:
-    """Advice where a model fails on responses of motors that hold friction, with as many experiments as inputs."""
-    responses = evidence.assembly.responses
-    of_motors = all(place.startswith("motor ") for G in responses for place in G.inputs)
-    is_alone = of_motors and all(G.noise is not None and G.total is None for G in responses)
-    if evidence.result.status not in ("misfit", "model_error") or not is_alone:
-        return ()
-    text = (
-        "each configuration has as many experiments as inputs, so that friction of the motors could not be found and "
-        "is in the responses: measure a further realisation of other phases before anything else is looked for"
-    )
-    return (Note("nonlinear/friction-left", text),)
-
-
 def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
     """On parameters, pairs of them and the combination that the data constrain too little."""
     names, values = result.parameters.free_names, result.singular_values

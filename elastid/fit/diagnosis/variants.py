@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -24,10 +24,17 @@ from elastid.fit.diagnosis.hypothesis import LIMITS, SCALE, Evidence, Scores
 from elastid.fit.diagnosis.prediction import AS_READ, settle, thinned
 from elastid.fit.diagnosis.score_test import LEAST, Load, find_load, steps_of
 from elastid.fit.result import ModificationIndex
+from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters, Prior
 from elastid.robot import Payload, Robot
 
-Variant: TypeAlias = tuple[ModificationIndex, Assembly]
+
+class Variant(NamedTuple):
+    """The study otherwise: of another robot, or with other responses."""
+
+    name: str
+    family: str
+    assembly: Assembly
 
 
 EARTH = 9.81  # m/s^2
@@ -41,7 +48,7 @@ def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: 
         return indices
     judged = sorted((_judged(each, evidence, scores) for each in _variants(evidence)), key=lambda trial: trial[1])
     # V that the file's own robot reaches from the study's start is no merit of a variant.
-    as_stated = min(_judged((_named("", ""), evidence.assembly), evidence, scores)[1], scores.cost)
+    as_stated = min(_judged(Variant("", "", evidence.assembly), evidence, scores)[1], scores.cost)
     first, least = judged[0]
     found = []
     if as_stated - least > LIMITS.half * (as_stated - scores.noise):
@@ -56,24 +63,15 @@ def find_variants(indices: list[ModificationIndex], evidence: Evidence, scores: 
 
 def _judged(variant: Variant, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
     """The index of a variant, and V of all lines at the best optimum that a few steps reach."""
-    cost, x, parameters = math.inf, variant[1].parameters.x, variant[1].parameters
+    cost, x, parameters = math.inf, variant.assembly.parameters.x, variant.assembly.parameters
     asked = np.array([not p.tolerated for p in parameters.free])
     for start in (parameters.x, np.where(asked, evidence.optimum.end.x, parameters.x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
-            V, end = _settled(variant[1], start, 1)
+            fit = thinned(variant.assembly.at(start, variant.assembly.spec.criterion), LIMITS.residuals)
+            V, end = settle(AS_READ, fit, start, np.ones(len(start), dtype=bool))
+            V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
             cost, x = min((cost, x), (V, end), key=lambda each: each[0])
-    return _against(variant[0], cost, x, evidence, scores), cost
-
-
-def _settled(assembly: Assembly, x: FloatArray, rounds: int) -> tuple[float, FloatArray]:
-    """V of all lines and x (n_x,) that some steps on a few lines reach from a start, in rounds of linearisations."""
-    V = math.inf
-    for _ in range(rounds):
-        every = assembly.at(x, assembly.spec.criterion)
-        fit = thinned(every, LIMITS.residuals)
-        V, x = settle(AS_READ, fit, x, np.ones(len(x), dtype=bool))
-        V *= every.n_residuals / max(fit.n_residuals, 1)
-    return V, x
+    return _against(ModificationIndex(variant.name, variant.family), cost, x, evidence, scores), cost
 
 
 def _against(
@@ -85,12 +83,6 @@ def _against(
     return replace(index, drop=drop, share=share, effects=x - evidence.result.x)
 
 
-def _named(name: str, family: str) -> ModificationIndex:
-    """The index of a cause that is no number of the model."""
-    none = np.zeros(0)
-    return ModificationIndex(name, family, (), none, (), (), none, math.nan, 0.0, 0.0, none)
-
-
 def _variants(evidence: Evidence) -> Iterator[Variant]:
     """Every variant by its name."""
     yield from _angles(evidence)
@@ -99,7 +91,7 @@ def _variants(evidence: Evidence) -> Iterator[Variant]:
     robot, parameters = own.linearisation.model.robot, own.parameters
     for name, family, other, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
         about = _about(parameters, numbers)
-        yield _named(name, family), Assembly.of(own.responses, other, own.spec, about, own.model, (), own.weights)
+        yield Variant(name, family, Assembly.of(own.responses, other, own.spec, about, own.model, (), own.weights))
 
 
 def _angles(evidence: Evidence) -> Iterator[Variant]:
@@ -124,7 +116,7 @@ def _angles(evidence: Evidence) -> Iterator[Variant]:
         if not np.allclose(stood, stated):
             places = [replace(G.configuration, angles=row) for G, row in zip(own.responses, stood, strict=True)]
             responses = (replace(G, configuration=place) for G, place in zip(own.responses, places, strict=True))
-            yield _named(name, "postures"), replace(own, responses=tuple(responses))
+            yield Variant(name, "postures", replace(own, responses=tuple(responses)))
 
 
 def _encoders(evidence: Evidence) -> Iterator[Variant]:
@@ -140,7 +132,7 @@ def _encoders(evidence: Evidence) -> Iterator[Variant]:
             responses = tuple(
                 replace(G, outputs=tuple(outputs.get(place, place) for place in G.outputs)) for G in own.responses
             )
-            yield _named(f"{whose} {side} the gear", "side of the encoder"), replace(own, responses=responses)
+            yield Variant(f"{whose} {side} the gear", "side of the encoder", replace(own, responses=responses))
 
 
 # Name, family, robot, and the numbers about which tolerances are.
@@ -205,10 +197,8 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     members = [scores.test.numbers[i] for i in candidate.places]
     p[1:] -= _centre(scores, body)
     index = ModificationIndex(
-        name=candidate.name, group="payload", members=tuple(n.name for n in members),
-        values=np.array([n.value for n in members]), units=tuple(n.unit for n in members),
-        log=tuple(n.log for n in members), steps=steps_of(members, p), std=math.nan, drop=0.0, share=0.0,
-        effects=np.zeros(0),
+        candidate.name, "payload", tuple(n.name for n in members), np.array([n.value for n in members]),
+        tuple(n.unit for n in members), tuple(n.log for n in members), steps_of(members, p),
     )  # fmt: skip
     return [_against(index, cost, x, evidence, scores)]
 
@@ -247,7 +237,11 @@ def _carrying(
     x = np.array([known[p.name] if p.name in asked else p.to_x(p.value) for p in parameters.free])
     try:
         assembly = Assembly.of(own.responses, robot, own.spec, parameters, own.model, (), own.weights)
-        cost, x = _settled(assembly, x, LIMITS.rounds)
+        for _ in range(LIMITS.rounds):
+            fit = assembly.at(x, own.spec.criterion)
+            _, near = settle(AS_READ, thinned(fit), x, np.ones(len(x), dtype=bool))
+            x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
+        cost = assembly.at(x, own.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
         return None
     values = dict(zip(parameters.free_names, x.tolist(), strict=True))

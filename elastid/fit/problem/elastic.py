@@ -29,7 +29,6 @@ from elastid.fit.problem.weights import MIN_LINES, Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
 from elastid.linear.loaded import acted_on, moved_by
-from elastid.linear.moving_posture import effect_of_motion
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import Parameters
 from elastid.response import Response
@@ -249,15 +248,6 @@ def linear_model(linearisation: Linearisation, response: Response, theta: FloatA
 def places_of(response: Response | LinearModel) -> tuple[str, ...]:
     """The outputs of a response, and the motions on which its forces at frames work."""
     return tuple(dict.fromkeys((*response.outputs, *(moved_by(name) for name in response.inputs if is_load(name)))))
-
-
-def moved_posture(
-    linearisation: Linearisation, response: Response, theta: FloatArray, share: float
-) -> ComplexArray | None:
-    """`effect_of_motion` in a response, of the model at theta (n_theta,), which ends with the delay."""
-    if response.motion is None:
-        return None
-    return effect_of_motion(linearisation.model, linear_model(linearisation, response, theta), theta, response, share)
 
 
 def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -> Kernel:

@@ -100,28 +100,22 @@ def weighs_correlations(response: Response, smooth: SmoothedNoise | None, sigma:
             "its noise; take auto or diagonal, or measure more periods or realisations",
             where,
         )
-    flaw = _flaw(response, smooth.covariance, sigma) if floor_of(response, spec) == 0 else ""
-    if flaw and asked:
-        raise DataError("fit/weights", f"{flaw}; take fit.weights.covariance: diagonal, or a floor above zero", where)
-    return not flaw
+    is_singular = floor_of(response, spec) == 0 and _is_singular(smooth.covariance, sigma)
+    if is_singular and asked:
+        text = "its elements have a singular covariance; take fit.weights.covariance: diagonal, or a floor above zero"
+        raise DataError("fit/weights", text, where)
+    return not is_singular
 
 
-def _flaw(response: Response, C: ComplexArray, sigma: FloatArray) -> str:
-    """The flaw of the correlations of the elements that count, empty without one."""
+def _is_singular(C: ComplexArray, sigma: FloatArray) -> bool:
+    """True if the correlations of the elements that count are, at any line."""
     deviation = np.sqrt(np.einsum("faa->fa", C).real)
     deviation[deviation == 0] = np.inf
-    R = C / (deviation[:, :, None] * deviation[:, None, :])
     used = np.swapaxes(np.isfinite(sigma), 1, 2).reshape(len(sigma), -1)
-    part = np.where(used[:, :, None] & used[:, None, :], R, 0.0)
-    part[:, range(R.shape[1]), range(R.shape[1])] = 1.0
+    part = np.where(used[:, :, None] & used[:, None, :], C / (deviation[:, :, None] * deviation[:, None, :]), 0.0)
+    part[:, range(C.shape[1]), range(C.shape[1])] = 1.0
     values = np.linalg.eigvalsh(part)
-    bad = np.flatnonzero(values[:, 0] < 1e-10 * values[:, -1])  # rounding
-    if not bad.size:
-        return ""
-    return (
-        f"the covariance of its elements is singular at {bad.size} of {len(R)} lines, first at "
-        f"{response.freq_hz[bad[0]]:g} Hz (smallest eigenvalue {values[bad[0], 0]:.1e} of the correlations)"
-    )
+    return bool(np.any(values[:, 0] < 1e-10 * values[:, -1]))  # rounding
 
 
 @frozen_value

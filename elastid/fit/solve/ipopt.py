@@ -5,11 +5,7 @@ r"""IPOPT with a Gauss-Newton Hessian, through CasADi (Wachter and Biegler, Math
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from signal import SIGINT, getsignal, signal
-from threading import current_thread, main_thread
-from types import FrameType
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import casadi as ca
@@ -55,8 +51,7 @@ def ipopt(
     options |= {"ipopt.max_iter": max_iterations, "ipopt.tol": 1e-3 * tolerance * scaled.weight}
     solver = ca.nlpsol("fit", "ipopt", objective, options)
     lower, upper = map(scaled.to_z, problem.parameters.x_bounds)
-    with _interrupt_kept(scaled):
-        solution = solver(x0=scaled.to_z(x0), lbx=lower, ubx=upper)
+    solution = solver(x0=scaled.to_z(x0), lbx=lower, ubx=upper)
     stats = solver.stats()
     if scaled.error is not None:
         raise scaled.error
@@ -66,24 +61,6 @@ def ipopt(
     end = np.clip(scaled.to_x(solution["x"]), *problem.parameters.x_bounds)
     status = "" if stats["return_status"] == _STOPPED else str(stats["return_status"])
     return Ending(end, scaled.at(end), status, int(stats["iter_count"]))
-
-
-@contextmanager
-def _interrupt_kept(scaled: _ScaledProblem) -> Iterator[None]:
-    """Ctrl-C as an error that the problem keeps: raised within CasADi and its callbacks it would be swallowed."""
-    before = getsignal(SIGINT)
-    if current_thread() is not main_thread() or not callable(before):
-        yield
-        return
-
-    def keep(number: int, frame: FrameType | None) -> None:
-        scaled.error = KeyboardInterrupt()
-
-    signal(SIGINT, keep)
-    try:
-        yield
-    finally:
-        signal(SIGINT, before)
 
 
 class _ScaledProblem:

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from plants.refusals import refused
 from plants.three_mass import (
-    ACROSS_ARM,
-    ACROSS_GEAR,
     FREQ,
     NO_FLOOR,
     TRUTH,
@@ -27,7 +25,6 @@ from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import weigh
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
-from elastid.linear.linear_model import Slope
 from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, Prior
 from elastid.response import Covariance
@@ -143,19 +140,6 @@ def test_the_correlation_length_of_white_residuals_is_one():
     for residual, tau in ((white, 1.0), (white[2:] + white[1:-1] + white[:-2], 3.0)):
         found = correlation_length([autocovariance(residual)], 2 * residual.size)
         assert found == pytest.approx(tau, abs=0.1 * tau)
-
-
-def test_a_direction_that_no_data_reach_has_an_infinite_interval():
-    """Two springs that move the response alike: only what they share is known, the others keep their intervals."""
-    model = plant()
-    twins = replace(model, slopes=model.slopes | {"k_a": Slope(K=ACROSS_GEAR), "d_a": Slope(D=ACROSS_ARM)})
-    response = measured(model, noise_of("relative", model))
-    weights = weigh(response, NO_FLOOR)
-    fit = elastic_fit([response], [twins], [weights], parameters(), "complex")
-    sure = estimate_uncertainty(fit, [response], [weights], parameters().x)
-    np.testing.assert_array_equal(sure.unreached, [True, False, True, False])
-    np.testing.assert_array_equal(np.isinf(np.diag(sure.covariance)), sure.unreached)
-    assert sure.covariance[1, 1] < 1
 
 
 def test_a_prior_takes_part_like_a_measurement():

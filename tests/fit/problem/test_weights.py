@@ -88,30 +88,6 @@ def test_total_variance_is_never_below_the_noise():
     np.testing.assert_allclose(weights.sigma, 0.2)
 
 
-def test_band_and_masks_leave_out_what_matches_all_that_is_given():
-    """A mask of an output and a band takes away that output in that band and nothing else."""
-    measured = response(1e-4, outputs=("motor 1", "joint 1"))
-    spec = leaving_out(FactorSpec(0.0, output="joint 1", band_hz=(10, 15)), band_hz=(5, 30))
-    used = weigh(measured, spec).used[:, :, 0]
-    in_band = (FREQ >= 5) & (FREQ <= 30)
-    np.testing.assert_array_equal(used[:, 0], in_band)
-    np.testing.assert_array_equal(used[:, 1], in_band & ~((FREQ >= 10) & (FREQ <= 15)))
-    assert weigh(measured, leaving_out(FactorSpec(0.0, configurations=("other",)))).used.all()
-
-
-def test_a_factor_of_an_input_weighs_its_column():
-    """The other inputs keep their weight; smooth: 1 leaves the variance of each line as it was measured."""
-    variance = np.full((F, 1, 2), 1e-4)
-    inputs = ("motor 1", "motor 2")
-    measured = response(
-        1e-4, G=np.repeat(G[:, None, None], 2, axis=2), inputs=inputs, noise=Covariance(variance, np.inf)
-    )
-    plain = FitSpec(weights=WeightSpec(smooth=1))
-    tenfold = FitSpec(weights=WeightSpec(smooth=1, factors=(FactorSpec(10.0, input="motor 2"),)))
-    ratio = weigh(measured, tenfold).factor / weigh(measured, plain).factor
-    np.testing.assert_allclose(ratio, np.broadcast_to([1.0, 10.0], ratio.shape))
-
-
 def test_an_element_that_is_no_more_than_noise_is_left_out_with_a_word():
     """An axis that does not couple is exactly zero in a model, noise in a measurement; a weak one with a peak stays."""
     rng = np.random.default_rng(5)

@@ -113,36 +113,28 @@ def test_variables_of_very_different_size_are_solved_alike(method: SolverName):
     np.testing.assert_allclose(end.x, [1e6, 1e-4], rtol=1e-6)
 
 
-@both_solvers
-def test_an_error_in_the_problem_is_raised_as_it_is(method: SolverName):
-    """CasADi would swallow it and return a wrong x."""
-    calls = []
-
-    def evaluate(x: FloatArray) -> Evaluation:
-        calls.append(x)
-        if len(calls) > 3:
-            raise ZeroDivisionError("of the model")
-        return DECAY.evaluate(x)
-
-    with pytest.raises(ZeroDivisionError, match="of the model"):
-        solve(replace(DECAY, evaluate=evaluate), DECAY.parameters.x, method=method)
-    assert len(calls) == 4  # nothing is evaluated after it
+def failed() -> None:
+    raise ZeroDivisionError("of the model")
 
 
 @both_solvers
 @pytest.mark.usefixtures("ctrl_c")
-def test_ctrl_c_in_the_problem_stops_the_solve(method: SolverName):
-    """SIGINT while the model is evaluated."""
+@pytest.mark.parametrize(
+    ("fail", "error"), [(failed, ZeroDivisionError), (lambda: signal.raise_signal(signal.SIGINT), KeyboardInterrupt)]
+)
+def test_an_error_in_the_problem_is_raised_as_it_is(method: SolverName, fail: Callable[[], None], error: type) -> None:
+    """CasADi would swallow it, and Ctrl-C, and return a wrong x; nothing is evaluated after it."""
     calls = []
 
     def evaluate(x: FloatArray) -> Evaluation:
         calls.append(x)
         if len(calls) == 4:
-            signal.raise_signal(signal.SIGINT)
+            fail()
         return DECAY.evaluate(x)
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(error):
         solve(replace(DECAY, evaluate=evaluate), DECAY.parameters.x, method=method)
+    assert len(calls) == 4
 
 
 def test_ctrl_c_inside_ipopt_stops_the_solve(monkeypatch):
