@@ -63,13 +63,6 @@ def taken(folder: Path, **keys: object) -> Record:
     return measured(folder, study_of("log.csv", **keys))
 
 
-def test_a_new_study_is_checked_by_the_command_that_new_ends_with(tmp_path: Path, capsys: Capture) -> None:
-    code, text = said(capsys, "new", str(tmp_path / "demo"))
-    assert code == 0
-    (path,) = pasted(r"elastid check (\S+\.yml)", text)
-    assert said(capsys, "check", path)[0] == 0
-
-
 def test_an_override_without_a_value_shows_one(tmp_path: Path, capsys: Capture) -> None:
     study = two_axes(tmp_path)
     code, text = said(capsys, "check", study, "--set", "fit.starts")

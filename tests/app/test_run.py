@@ -13,7 +13,6 @@ import pytest
 from plants.refusals import refused
 
 from elastid.app import run as running
-from elastid.app import work
 from elastid.app.console import Console
 from elastid.app.export import export
 from elastid.app.run import Run, run_all
@@ -141,15 +140,6 @@ def test_a_text_that_has_changed_on_the_disk_is_made_again(
     run_all(run_of(copy / "study.yml", copy / "run"))
     assert worked_on == [stage]
     assert f"{path.name} has changed since it was written; it is made again" in capsys.readouterr().err
-
-
-def test_a_change_of_the_code_does_everything_again(
-    copy: Path, worked_on: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Results of another version are not passed off as this one's."""
-    monkeypatch.setattr(work, "code_hash", lambda: 64 * "0")
-    run_all(run_of(copy / "study.yml", copy / "run"))
-    assert worked_on == ALL
 
 
 def test_every_result_says_where_it_came_from(finished: Path) -> None:

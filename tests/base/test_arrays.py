@@ -77,13 +77,6 @@ def test_values_compare_by_identity_only_where_that_is_asked_for() -> None:
     assert Named("a") == Named("a") != Named("b")
 
 
-def test_a_frozen_array_is_a_copy() -> None:
-    """Of the type asked for."""
-    x = [1.5, 2.5]
-    assert frozen(x).tolist() == x
-    assert frozen(x, np.int64).tolist() == [1, 2]
-
-
 def test_a_large_array_reads_the_rows_asked_for() -> None:
     """As double precision, by slices, columns and steps like an array in memory; whole where it is asked for."""
     values = np.arange(20, dtype=np.float32).reshape(10, 2) / 3

@@ -31,8 +31,3 @@ class Sample:
 def test_a_number_out_of_its_bounds_is_named_with_them(given: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Sample(**given)
-
-
-def test_numbers_within_their_bounds_are_taken() -> None:
-    assert Sample(time=1.0, shares=(0.0, 2.0), count=2, mass=-0.5).shares == (0.0, 2.0)
-    assert Sample().time is None

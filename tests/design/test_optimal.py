@@ -17,9 +17,7 @@ from elastid.design.optimal import (
     PowerSource,
     best_powers,
     even_powers,
-    pack,
     relaxed_design,
-    unpack,
     whole_experiments,
 )
 
@@ -104,13 +102,6 @@ def test_what_is_known_already_is_not_measured_again() -> None:
     np.testing.assert_allclose(relaxed_design(H, criterion).weights, [0.5, 0.5], atol=1e-3)
     known = np.array([[[5.0, 0], [0, 1e-9]]])
     assert whole_experiments(H, relaxed_design(H, criterion, known / 2).weights, 2, criterion, known).tolist() == [0, 2]
-
-
-def test_packed_matrices_have_the_product_of_the_trace() -> None:
-    """Tr(A B), and back."""
-    A, B = random_information(7, Q=2)[0]
-    assert pack(A) @ pack(B) == pytest.approx(np.trace(A @ B), rel=1e-12)
-    np.testing.assert_allclose(unpack(pack(A)), A, rtol=1e-15)
 
 
 Groups = list[list[list[PowerSource]]]

@@ -9,7 +9,6 @@ import pytest
 from plants.random_plants import ALL_PERIODS, ODD, RATE, N, nonlinear, record_of
 
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.frf.distortion import detection_lines, interpolated
 from elastid.frf.estimate import estimate
 
 
@@ -76,15 +75,6 @@ def test_one_realisation_of_an_odd_random_grid_shows_its_total_variance() -> Non
     assert np.mean(predicted) == pytest.approx(np.mean(scatter), rel=0.15)
     noise = np.mean([each.noise.variance for each in single if each.noise is not None])
     assert noise < 0.5 * np.mean(scatter)
-
-
-def test_detection_lines_are_those_between_odd_lines() -> None:
-    """None where even lines were excited, or in half-wave records."""
-    assert detection_lines(np.array([3, 5, 9]), False).tolist() == [4, 6, 7, 8]
-    assert detection_lines(np.array([3, 4, 9]), False).size == 0
-    assert detection_lines(np.array([3, 5, 9]), True).size == 0
-    G = np.array([1.0, 3.0, 5.0])[:, None, None] + 0j
-    np.testing.assert_allclose(interpolated(np.array([4, 6]), np.array([3, 5, 9]), G)[:, 0, 0], [2, 3.5])
 
 
 def test_noise_of_the_input_is_told_at_the_resonance_itself() -> None:

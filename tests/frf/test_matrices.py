@@ -86,13 +86,6 @@ def test_the_positive_part_keeps_positive_eigenvalues_alone(n: int, lines_are_la
     np.testing.assert_array_less(np.abs(found - expected), 1e-13 * size + 1e-300 + 0 * found.real)
 
 
-def test_values_in_parts_are_those_of_all_lines() -> None:
-    """Where the last part is incomplete, and where there is one only."""
-    for F in (3, matrices.LINES_AT_ONCE, 2 * matrices.LINES_AT_ONCE + 1):
-        A = circular(np.random.default_rng(F), (F, 2, 3))
-        np.testing.assert_array_equal(matrices.in_parts(F, A.__getitem__), A)
-
-
 def test_the_kernels_refuse_numbers_of_another_size() -> None:
     """They would be read beyond their end."""
     if not is_compiled():

@@ -9,7 +9,7 @@ import pytest
 from plants.linkages import LEVER, LOWER, linkage
 
 from elastid.base.errors import StudyError
-from elastid.linear.equilibrium import equilibrium, rigid_posture
+from elastid.linear.equilibrium import equilibrium
 from elastid.model.closed_posture import assembled, followed, rates
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
@@ -17,19 +17,6 @@ from elastid.robot import Joint, Motor, Robot, Rod, Spring
 
 PARALLELOGRAM = linkage(Rod(LOWER, 6.2, 0.52, 0.64))
 FOUR_BAR = linkage(Rod(0.86, 6.2, 0.4, 0.5), crank=0.33)
-
-
-def test_a_parallelogram_keeps_the_direction_of_its_upper_arm() -> None:
-    """The crank drives the absolute angle: the elbow turns by q3 - q2."""
-    robot = PARALLELOGRAM
-    model = formulate(robot)
-    for angles in ((0.0, 0.0), (0.3, -0.2), (-0.5, 0.1)):
-        at = Configuration("c", angles)
-        q = model.index("joint elbow")
-        posture = rigid_posture(model, at)
-        assert posture[q] == pytest.approx(at.angles[1] - at.angles[0], abs=1e-9)
-        T = rates(robot, posture[None, : len(robot.joints)])[0]
-        np.testing.assert_allclose(T[q], [-1, 1], atol=1e-9)
 
 
 def test_the_start_decides_how_a_loop_is_put_together_and_it_stays_so() -> None:

@@ -147,18 +147,6 @@ def test_motors_placed_as_on_an_abb_arm_give_the_pattern_of_the_thesis():
     np.testing.assert_allclose(np.abs(extreme[0, 3:]), J_eta, rtol=1e-12)
 
 
-@given(seed=seeds)
-@settings(deadline=None, max_examples=10)
-def test_coupling_is_strictly_upper_triangular_where_each_motor_rides_on_the_link_before(seed):
-    """And not where one rides on its own link, about an axis that its joint turns."""
-    rng = np.random.default_rng(seed)
-    before = [(BASE, "z"), *[(f"link{i}", str(rng.choice(list("xyz")))) for i in range(1, 6)]]
-    q = rng.normal(size=6)
-    assert not np.tril(coupling(six_axes(before), q)).any()
-    own = [*before[:2], ("link3", "y"), *before[3:]]
-    assert coupling(six_axes(own), q)[2, 2] == pytest.approx(0.1)
-
-
 @pytest.mark.parametrize(
     ("on", "axis", "says"),
     [

@@ -44,20 +44,6 @@ def test_coordinates_are_joints_then_motors_of_elastic_gears():
     assert model.n_c == 0
 
 
-def test_gear_spring_drives_the_arm_and_holds_the_motor_back():
-    """tau_a = K (q_m - q_a) + D (q_m' - q_a') on the arm, minus that on the motor; an elastic joint goes back to 0."""
-    model = serial(robot().with_parameters({"f_1": 0.0, "fm_1": 0.0, "m_a": 0.0, "m_b": 0.0}))
-    q, v = np.array([0.1, 0.05, 0, 0, 0.3]), np.array([1.0, 0.2, 0, 0, 3.0])
-    inertial = serial(
-        robot().with_parameters(
-            {name: 0.0 for name in robot().parameters() if name[0] in "mdf"} | {"k_1": 1e-300, "k_1x": 1e-300}
-        )
-    )
-    f = (model.force(q, v, model.theta) - inertial.force(q, v, inertial.theta)).full()[:, 0]
-    tau_a = 5e4 * (0.3 - 0.1) + 40 * (3.0 - 1.0)
-    np.testing.assert_allclose(f, [-tau_a, 2e5 * 0.05 + 90 * 0.2, 0, 0, tau_a], rtol=1e-12)
-
-
 def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
     """Wrist axes 4 and 6 in line, no mass between them: their turns cannot be distinguished. Bent, the robot stands."""
     elastic = [Joint(name, axis, Spring(1e4), MOTOR) for name, axis in (("4", "z"), ("5", "y"), ("6", "z"))]

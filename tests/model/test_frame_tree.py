@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.model.frame_tree import between, last_common, position, seat, tree, turns
+from elastid.model.frame_tree import between, position, seat, tree, turns
 from elastid.model.kinematics import skeleton
 from elastid.robot import Body, Joint, Motor, Payload, Placement, Robot
 
@@ -53,13 +53,3 @@ def test_points_are_where_rotation_matrices_put_them(angles, second, third):
     assert length == pytest.approx(float(np.linalg.norm(expected["c"] - expected["b"])), abs=1e-14)
     # Only the joints between them are in the expression: 3 and 4, not the trunk's.
     assert not ca.depends_on(vector, q[:2])
-
-
-def test_last_common_frame():
-    """A body and its carrier, two arms, the base."""
-    robot = forked()
-    layout = tree(robot)
-    a, b, c, base = (seat(robot, layout, name).frame for name in ("a", "b", "c", "base"))
-    assert last_common(layout, b, c) == last_common(layout, a, b) == last_common(layout, b, a) == a
-    assert last_common(layout, base, c) == last_common(layout, c, base) == -1
-    assert last_common(layout, c, c) == c

@@ -12,7 +12,6 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation, linearise
-from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
@@ -29,26 +28,6 @@ def linear(robot: Robot):
 
 def links_inertia(robot: Robot) -> np.ndarray:
     return linear(robot).M[:3, :3]
-
-
-def test_gear_matrix_and_its_sides():
-    """eta[motor, joint], from the link side to the motors; torques by its transpose: one power on either side."""
-    eta = wrist().eta
-    np.testing.assert_allclose(eta, [[-99, 0, 0], [12, 79.2, 0], [-8, 25, 60]])
-    rng = np.random.default_rng(0)
-    rate, torque = rng.normal(size=(2, 3))
-    assert (eta @ rate) @ torque == pytest.approx(rate @ (eta.T @ torque))
-
-
-def test_springs_after_the_gears_leave_the_stiffness_diagonal():
-    """Motor-side formulation with springs at the links: equal modes, K_a diagonal."""
-    robot = wrist(shafts=False, links=True)
-    model, eta = linear(robot), robot.eta
-    np.testing.assert_allclose(model.K[3:, 3:], np.diag([7e3, 14e3, 21e3]))
-    Z = np.hstack([-np.eye(3), np.linalg.inv(eta)])
-    M = scipy.linalg.block_diag(links_inertia(robot), np.diag(J))
-    hz = np.sqrt(np.abs(scipy.linalg.eigh(Z.T @ model.K[3:, 3:] @ Z, M, eigvals_only=True)[3:])) / (2 * np.pi)
-    np.testing.assert_allclose(modes(replace(model, D=0 * model.D), model.theta_ref).freq_hz, hz, rtol=1e-9)
 
 
 def test_responses_change_side_by_the_gear_matrix():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
@@ -40,15 +39,6 @@ def test_a_driven_slide_is_the_chain_of_three_masses_that_it_looks_like():
         "k_x": "N/m", "d_x": "N*s/m", "f_x": "N*s/m", "Jm_x": "kg*m^2", "fm_x": "N*m*s/rad",
         "k_e": "N/m", "d_e": "N*s/m", "f_e": "N*s/m",
     }  # fmt: skip
-
-
-def test_a_slide_that_stands_upright_holds_its_weight():
-    """u = m g in N, and the spring deflects by m g / k; the load by its own."""
-    upright = slide(gravity=(-9.81, 0, 0))
-    model = serial(upright)
-    point = equilibrium(model, model.theta, Configuration("c", [0.2]))
-    assert point.u[0] == pytest.approx(65 * 9.81, rel=1e-12)
-    np.testing.assert_allclose(point.q, [0.2 - 65 * 9.81 / 5e6, -25 * 9.81 / 8e5, 0.2], rtol=1e-9)
 
 
 def test_a_bead_on_a_turning_rod_feels_coriolis_and_centrifugal_forces():

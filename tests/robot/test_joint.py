@@ -80,8 +80,3 @@ def test_a_robot_file_keeps_every_effect(tmp_path: Path) -> None:
     assert load_robot(path).driven[0].gear == FULL
     path.write_text(text.replace("amplitude: 2e-05", "amplitude: 10 arcsec"))
     assert load_robot(path).driven[0].gear.error[0].amplitude == pytest.approx(4.8481368e-5)
-
-
-def test_optional_terms_have_names_only_where_they_are_given() -> None:
-    assert set(Spring(1.0).numbers("1")) == {"k_1", "d_1"}
-    assert set(Spring(1.0, backlash=0.1).numbers("1")) == {"k_1", "d_1", "b_1", "ki_1", "e_1"}

@@ -35,16 +35,6 @@ from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import FIFTH_ORDER, contacts
 
 
-def test_gravity_is_held_from_the_start() -> None:
-    """Started in its equilibrium with its holding torque the arm does not move, second after second."""
-    model = serial(arm(damping=20.0))
-    point = equilibrium(model, model.theta, Configuration("c", np.array([0.3, -0.8])))
-    commands = quiet(model, point.q, 2500)
-    np.testing.assert_allclose(commands.torque[0], point.u, rtol=1e-9)
-    run = simulate(loop(model), tune(model, point.q, 1.5, 0.8), commands, point.q)
-    np.testing.assert_allclose(run.q, np.tile(point.q, (2500, 1)), atol=1e-10)
-
-
 def test_the_loop_is_that_of_a_plain_python_loop() -> None:
     """Sample by sample with the controller written out, across the border of two chunks."""
     model, n = serial(arm(damping=20.0)), CHUNK_SAMPLES + 50

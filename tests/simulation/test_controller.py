@@ -117,10 +117,6 @@ def test_states_have_the_response() -> None:
     assert [part.shape for part in alone] == [(0, 0), (0, 2), (2, 0), (2, 2)]
 
 
-def test_a_controller_without_filters_has_none() -> None:
-    assert filters_of(("1", "2"), ControllerSpec(), RATE_HZ) is None
-
-
 def test_the_simulated_loop_filters_and_delays_its_feedback() -> None:
     """As SciPy filters the same errors, a sample later, sample by sample; what is injected passes at once."""
     model, n = serial(arm(damping=20.0)), 300

@@ -8,11 +8,6 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from plants.two_links import (
-    arm,
-    loop,
-    quiet,
-)
 from plants.two_mass_gear import RATIO, Gear, robot
 
 from elastid.base.arrays import FloatArray
@@ -20,25 +15,12 @@ from elastid.friction.dynamic import Bristle, Stop
 from elastid.friction.operators import Path, bristle, stop
 from elastid.friction.robot_friction import frictions
 from elastid.friction.static import Curve
-from elastid.model.formulation import formulate, serial
+from elastid.model.formulation import formulate
 from elastid.robot import Friction, GearRipple, Joint, Robot, TransmissionError
 from elastid.robot import Gear as GearSection
 from elastid.robot.simplified import with_joints
-from elastid.simulation.closed_loop import simulate
-from elastid.simulation.controller import tune
 from elastid.simulation.drives import Drives, Lag, Ripple, gear_forces
 from elastid.simulation.dynamics import contacts, free_acceleration
-
-
-def test_encoders_count() -> None:
-    """Readings are whole counts, at most half a count from the angle."""
-    model, count, q0 = serial(arm(damping=20.0)), 3e-5, np.zeros(4)
-    torque = 80 * np.sin(np.arange(400) / 10)[:, None] * [1, -1]
-    run = simulate(loop(model, count=count), tune(model, q0, 3.0, 0.8), quiet(model, q0, 400, torque), q0)
-    counts = run.reading / count
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
-    assert np.abs(run.reading - run.q[:, 2:]).max() <= count / 2 * (1 + 1e-9)
-    assert len(np.unique(np.round(counts))) > 10
 
 
 def test_ripple_is_a_sine_of_the_angle_with_its_phase() -> None:

@@ -91,17 +91,6 @@ def test_a_stiffness_two_percent_too_high_shifts_the_modelled_peaks_by_one_perce
         assert worst.input == "motor 1"
 
 
-def test_a_delay_that_the_model_lacks_colours_the_residual():
-    """A smooth phase error of a few sigma is no white one; the true model is white."""
-    rng = np.random.default_rng(6)
-    G, _, _ = two_mass(FREQ_HZ)
-    std = 0.01 * np.abs(G)
-    measured = response(G + std * circular(rng, G.shape), std)
-    delayed = agreement(measured, response(G * np.exp(-2j * np.pi * FREQ_HZ * 5e-5)[:, None, None]))
-    assert not delayed.is_white
-    assert agreement(measured, response(G)).is_white
-
-
 def test_an_element_that_the_model_decouples_has_a_finite_error():
     """A modelled zero counts as sigma: 20 dB for a measurement ten sigma high."""
     judged = agreement(response(np.full((240, 1, 1), 1.0 + 0j), std=0.1), response(np.zeros((240, 1, 1))))

@@ -180,14 +180,6 @@ def test_the_acceleration_of_a_point_holds_the_images_that_its_record_states() -
     assert np.abs(frequency_response(linear, theta, freq_hz) / G - 1)[:, 1].max() > 7e-4
 
 
-def test_under_gravity_with_noise_the_response_is_that_of_the_linearised_robot() -> None:
-    """At a small amplitude the nonlinear robot with encoders and noise shows its linearisation to 4 %."""
-    simulated = three_axes(SimulatedSpec(noise=NOISE), rms=200.0)
-    G, record = measured_response(simulated)
-    hold = record.hold_response(simulated.plan.freq_hz)[:, None]
-    assert error(G / hold, continuous_response(simulated)) < 0.04
-
-
 def test_the_truth_replaces_numbers_of_the_robot() -> None:
     """The response is that of the true robot, not of the study's."""
     truth = {"k_2": "400 kN*m/rad", "k_3x": 3e5}

@@ -21,11 +21,6 @@ def test_exactly_one_rig_with_its_kind() -> None:
         ExperimentSpec()
 
 
-def test_one_period_shows_no_noise() -> None:
-    with pytest.raises(ValueError, match="periods is 1; it must be at least 2"):
-        ExperimentSpec(simulated=SimulatedSpec(), periods=1)
-
-
 @pytest.mark.parametrize("name", ["stiffness", "damping"])
 def test_a_drive_that_pushes_away_is_refused(name: str) -> None:
     """A sign that was turned would make an unstable robot, whose response has no error that shows it."""

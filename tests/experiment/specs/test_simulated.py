@@ -28,8 +28,3 @@ def test_colored_noise_has_its_power_over_the_band_and_falls_behind_its_corner()
     assert np.mean(variance) == pytest.approx(0.25)
     assert 10 * np.log10(variance[-1] / variance[999]) == pytest.approx(-20.0, abs=0.2)
     assert not noise.variances("angle", freq_hz, 100.0).any()
-
-
-def test_negative_levels_are_refused() -> None:
-    with pytest.raises(ValueError, match="must not be negative"):
-        NoiseSpec(angle_std=-1.0)

@@ -8,7 +8,7 @@ from plants import local_plants as study
 from scipy.stats import kstest
 
 from elastid.frf.local import least_squares
-from elastid.frf.local.least_squares import WindowTerms, fit_ladder, fitted_transient, window_power, windows
+from elastid.frf.local.least_squares import WindowTerms, fit_ladder, fitted_transient, windows
 from elastid.frf.local.response import local_response
 
 
@@ -99,13 +99,3 @@ def test_a_response_of_as_many_poles_is_reproduced_and_its_poles_have_a_covarian
     assert noisy.A_cov.shape == (len(k), poles, poles)
     variance = np.einsum("fpp->fp", noisy.A_cov).real
     assert np.all((variance > 0) & (variance < 1e-3))
-
-
-def test_the_power_of_a_window_is_the_mean_over_its_lines_of_all_experiments() -> None:
-    """Also in windows of one line, and those at the ends."""
-    rng = np.random.default_rng(6)
-    R = rng.normal(size=(3, 20, 2)) + 1j * rng.normal(size=(3, 20, 2))
-    for n_w in (1, 5):
-        where = windows(np.arange(20), np.arange(20), n_w)
-        direct = [np.einsum("ebu,ebv->uv", R[:, index], R[:, index].conj()) / n_w for index in where.index]
-        np.testing.assert_allclose(window_power(R, where), direct)
