@@ -351,7 +351,7 @@ def test_the_friction_taken_out_comes_back_to_the_last_bit(tmp_path, shapes) -> 
 
 
 def test_covariances_of_a_large_file_stay_in_it_and_go_to_workers_by_their_place(tmp_path, monkeypatch):
-    """Tasks of a configuration and of a search are smaller by its covariances, and bits are the same."""
+    """A task of one configuration is smaller by its covariances, a search takes none along, and bits are the same."""
     rng, model = np.random.default_rng(0), plant((0, 1, 2))
     bare = measured(model, noise_of("relative", model), rng)
     root = np.sqrt(bare.noise.variance[:, :, 0])[:, :, None] * rng.standard_normal((3, 9)) / 3
@@ -375,7 +375,7 @@ def test_covariances_of_a_large_file_stay_in_it_and_go_to_workers_by_their_place
     assert type(2 * far.noise.matrix) is type(np.abs(far.noise.matrix)) is np.ndarray
     assert ends[0] == ends[1]
     assert len(tasks[1]) < len(tasks[0]) - 0.95 * matrix.nbytes
-    assert len(problems[1]) < len(problems[0]) - 0.95 * matrix.nbytes
+    assert abs(len(problems[0]) - len(problems[1])) < 1000  # the folder
     assert pickle.loads(pickle.dumps(far.noise.matrix[3:5])).tobytes() == matrix[3:5].tobytes()
     with pytest.raises(ValueError, match="read-only"):
         far.noise.matrix[0, 0, 0] = 1.0
