@@ -197,38 +197,9 @@ def _end(
     return float(x[place]) + float(brentq(excess, 0.0, far, xtol=1e-3 * abs(far)))
 
 
-MAX_PROFILES = 6  # each costs some ten to twenty evaluations
-
-
-def interval_errors(
-    problem: LeastSquares, x: FloatArray, variance: FloatArray, execution: Execution | None = None
-) -> FloatArray:
-    """The error of the ends of each symmetric interval (n_x,) as a share of it, V not being quadratic; 0 without one.
-
-    At an end dx from the optimum a quadratic V has risen by g^T dx / 2, g being its gradient there: the share by which
-    it has not, which is b t / a for V = a t^2 / 2 + b t^3.  variance (n_x,): as the fit states it.
-    """
-    best = problem.evaluate(x)
-    A_inverse = np.linalg.pinv(best.hessian / 2, hermitian=True)
-    curvature = np.diag(A_inverse)
-    known = np.flatnonzero(np.isfinite(variance) & (variance > 0) & (curvature > 0))
-    half = [QUANTILE_95 * np.sqrt(variance[i]) * A_inverse[:, i] / curvature[i] for i in known]
-    errors = np.zeros(len(x))
-    errors[known] = (execution or Execution()).ordered(partial(_error_of_ends, problem, x, best.cost), half)
-    return errors
-
-
-def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: FloatArray) -> float:
-    """Of the interval x -+ half (n_x,), V at x being `cost`."""
-    worst = 0.0
-    for step in (-half, half):
-        end = np.clip(x + step, *problem.parameters.x_bounds)
-        ending, gradient = problem.slope(end)
-        rise = ending - cost
-        if not (rise > 0 and np.isfinite(rise)):
-            return np.inf
-        worst = max(worst, abs(1 - 0.5 * float(gradient @ (end - x)) / rise))
-    return worst
+# Of ln p, beyond which an end of the symmetric interval errs by a tenth of it where the response is linear in p:
+# 1 - t e^t / (e^t - 1), t = 1.96 std.  At most so many are profiled, each with ten to twenty evaluations.
+ROUGH_STD, MAX_PROFILES = 0.1, 6
 
 
 def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, execution: Execution) -> Result:
@@ -236,8 +207,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
-        with optimum.fit.evaluated_by(execution.quiet) as alone:
-            names, left = choose_profiles(problem, x, variance, alone)
+        names, left = choose_profiles(problem.parameters, variance)
         text = (
             f"{', '.join(names)}: the cost is not quadratic over the symmetric interval (in the logarithm, of a "
             "positive parameter); the interval is by profile likelihood"
@@ -263,16 +233,13 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     return replace(result, notes=tuple(notes))
 
 
-def choose_profiles(
-    problem: LeastSquares, x: FloatArray, variance: FloatArray, execution: Execution | None = None
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Parameters of which V not being quadratic moves an end by a tenth: those to profile, and beyond the limit."""
-    free, wanted = problem.parameters.free_names, len(problem.parameters.asked)
-    asked = np.where(np.arange(len(x)) < wanted, variance, np.nan)
-    off = interval_errors(problem, x, asked, execution)
-    worst = sorted(np.flatnonzero(off > 0.1), key=lambda i: -off[i])
+def choose_profiles(parameters: Parameters, variance: FloatArray) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Positive parameters known so roughly that a symmetric interval errs: those to profile, and beyond the limit."""
+    std = np.sqrt(variance)
+    rough = [i for i, p in enumerate(parameters.asked) if p.log and ROUGH_STD < std[i] < math.inf]
+    worst = sorted(rough, key=lambda i: -float(std[i]))
     chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
-    return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
+    return tuple(parameters.free_names[i] for i in chosen), tuple(parameters.free_names[i] for i in left)
 
 
 def match_names(patterns: Sequence[str], parameters: Parameters) -> tuple[str, ...]:

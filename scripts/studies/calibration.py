@@ -95,7 +95,7 @@ class DataSets:
 def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> BoolArray:
     """Whether each interval (n_x,) holds x, as a fit states it: by profile likelihood where V is not quadratic."""
     problem, there, variance = optimum.fit.problem, optimum.end.x, np.diag(sure.covariance)
-    names, _ = choose_profiles(problem, there, variance)
+    names, _ = choose_profiles(problem.parameters, variance)
     low, high = profile_ends(problem, there, variance, names).T
     reach = QUANTILE_95 * np.sqrt(variance)
     return np.where(np.isnan(low), np.abs(there - x) < reach, (low < x) & (x < high))

@@ -71,7 +71,9 @@ class HeldModel:
         for extended, rigid in (_with_torsions(robot), (robot, {})):
             with suppress(ElastidError, ValueError):
                 held = cls(Linearisation.of_robot(extended, assembly.model, (*places, *channels)), rigid)
-                held.at(assembly.parameters, fitted, assembly.parameters.x)
+                theta = held.theta(assembly.parameters, assembly.parameters.x, fitted.configuration.name)
+                own = theta[: len(held.linearisation.model.parameters)]
+                held.linearisation.at(fitted.configuration, own, places_of(fitted), fitted.quantity)
                 return replace(held, loads=_loads(assembly))
         return cls(Linearisation.of_robot(robot, assembly.model, (*known, *channels)), {}, _loads(assembly))
 
