@@ -1,10 +1,14 @@
-"""The study of two axes, whose responses are not there yet, and one of an arm that has been fitted."""
+"""The study of two axes, whose responses are not there yet, one joint that was run, and an arm that was fitted."""
 
 from pathlib import Path
 
 import pytest
 from plants.arm_study import STUDY, command
 from plants.two_axes import study as study
+
+from elastid.app.console import Console
+from elastid.app.run import Run, run_all
+from elastid.study import load
 
 
 @pytest.fixture(scope="session")
@@ -15,3 +19,13 @@ def fitted_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "move.csv").write_text("1 deg,2 deg\n-10,30\n25,10\n", encoding="utf-8")
     assert command("run", folder / "study.yml", "design", "measure", "estimate", "fit") in (0, 3)
     return folder / "study.yml"
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> Path:
+    """The folder of the tiny study that was run: study.yml, robot.yml, run/."""
+    folder = tmp_path_factory.mktemp("finished")
+    for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
+        (folder / name).write_text(text)
+    run_all(Run(load(folder / "study.yml"), folder / "run", 1, Console(-1)))
+    return folder

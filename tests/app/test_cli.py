@@ -19,7 +19,6 @@ from elastid.app import cli
 from elastid.app import run as running
 from elastid.app.cli import insisting, run_command
 from elastid.app.stage_table import SIMULATED, stages_of
-from elastid.base.execution import ordered
 
 
 def chatter(item: object) -> str:
@@ -40,11 +39,6 @@ def test_a_library_does_not_write_on_the_terminal_of_a_command(
         assert run_command(["inspect", "log.csv"]) == 0
         assert (warnings.showwarning, list(logging.getLogger().handlers)) == before
     assert capfd.readouterr() == ("log.csv\n", "")
-
-
-def test_nor_on_that_of_its_workers(capfd: pytest.CaptureFixture[str]) -> None:
-    assert ordered(chatter, [1, 2, 3], 2) == ["1", "2", "3"]
-    assert capfd.readouterr() == ("", "")
 
 
 STAGES = ["design", "measure", "estimate", "fit", "validate", "report"]
@@ -77,22 +71,6 @@ def test_demo_is_a_study_of_ones_own_and_one_call(here: Path, monkeypatch: pytes
     (run,), _ = run_all.call_args
     assert (run.folder, run.loaded.path) == (Path("runs/demo"), Path("runs/demo/study.yml"))
     assert study.read_text().startswith("# mine")
-
-
-def test_help_lists_the_commands_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
-    """Each with its whole first sentence; every command but the schema's is in one of four groups."""
-    assert cli.run_command(["--help"]) == 0
-    groups = capsys.readouterr().out.split("\n\n")[3:]
-    heads = [group.split(":\n")[0].strip() for group in groups]
-    assert heads == ["Start", "Look", "Use", "Campaign"]
-    names = [line.split()[0] for group in groups for line in group.splitlines()[1:] if line[2:3].strip()]
-    assert names[:4] == ["demo", "new", "check", "run"]
-    assert sorted([*names, "schema"]) == sorted(cli.cli.commands)
-    assert len(names) <= 14
-    said = (
-        "Show all errors of a study with file, line and column, its logs opened; else a summary of it and its stages."
-    )
-    assert said in " ".join(" ".join(groups).split())
 
 
 # --- new, check, inspect, schema ----------------------------------------------------------------------------------

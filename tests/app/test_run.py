@@ -36,16 +36,6 @@ def run_of(study: Path, folder: Path, *overrides: str, jobs: int = 1) -> Run:
     return Run(load(study, overrides), folder, jobs, Console(-1))
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> Path:
-    """The folder of a study that was run: study.yml, robot.yml, run/."""
-    folder = tmp_path_factory.mktemp("finished")
-    for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
-        (folder / name).write_text(text)
-    run_all(run_of(folder / "study.yml", folder / "run"))
-    return folder
-
-
 @pytest.fixture
 def copy(finished: Path, tmp_path: Path) -> Path:
     """A copy of it to spoil."""

@@ -70,10 +70,9 @@ def test_no_design_exceeds_the_certified_bound(seed: int, letter: Letter, guesse
     assert found.gap <= 1e-3
 
 
-@pytest.mark.parametrize("rank", [3, 12])
-def test_size_of_the_published_study_is_certified_to_a_thousandth_and_rounded_to_97_percent(rank: int) -> None:
+def test_size_of_the_published_study_is_certified_to_a_thousandth_and_rounded_to_97_percent() -> None:
     """7920 candidates, 12 parameters, 15 whole experiments."""
-    H = random_information(0, Q=7920, d=12, rank=rank)
+    H = random_information(0, Q=7920, d=12, rank=3)
     criterion = DesignCriterion("D", np.eye(12))
     found = relaxed_design(H, criterion)
     assert found.excess <= 1e-3

@@ -139,10 +139,9 @@ def _monte_carlo(
     return np.mean(true, axis=0), np.mean(noise, axis=0), np.mean(total, axis=0)
 
 
-@pytest.mark.parametrize(("n_y", "n_u"), [(3, 3), (2, 1)])
-def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo(n_y: int, n_u: int) -> None:
+def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo() -> None:
     """Noise on inputs and outputs: variances within 5 %, the whole matrix within 5 % of its diagonal."""
-    true, noise, total = _monte_carlo(n_y, n_u, runs=150)
+    true, noise, total = _monte_carlo(3, 3, runs=150)
     scale = np.sqrt(np.outer(np.diag(true).real, np.diag(true).real))
     np.testing.assert_allclose(np.diag(noise).real, np.diag(true).real, rtol=0.05)
     assert np.max(np.abs(noise - true) / scale) < 0.05
@@ -175,16 +174,6 @@ def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale: tupl
     true, noise, total = _monte_carlo(3, 2, runs, distortion=0.3, scale=scale)
     np.testing.assert_allclose(np.diag(total).real, np.diag(true).real, rtol=0.06)
     assert np.all(np.diag(noise).real < 0.5 * np.diag(true).real)
-
-
-def test_noise_variance_has_the_closed_form_of_white_noise() -> None:
-    """var G_ij = (4 s^2 / N) / (P M n_u a^2): E|dG|^2 of the complex number, not of one of its parts."""
-    rng, lines, N, P, M, s = np.random.default_rng(0), np.arange(5, 120), 256, 8, 4, 0.3
-    records = _experiments(_plant(len(lines), 2, 2), lines, M, rng, P=P, noise=(rng, np.zeros((2, 2)), s * np.eye(2)))
-    response = estimate(records, ALL_PERIODS, lines)
-    assert response.noise is not None
-    assert response.noise.dof == M * 2 * (P - 1)
-    np.testing.assert_allclose(response.noise.variance.mean(axis=0), 4 * s**2 / N / (P * M * 2), rtol=0.05)
 
 
 def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_weighs() -> None:

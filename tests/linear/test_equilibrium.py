@@ -9,8 +9,6 @@ from hypothesis import strategies as st
 from plants.refusals import refused
 
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linearise import linearise
-from elastid.linear.modes import modes
 from elastid.model.formulation import formulate, serial
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
@@ -57,21 +55,6 @@ def test_pendulum_on_a_spring_bends_by_its_weight(angle):
     assert q_m == angle
     assert 5e3 * (q_a - q_m) == pytest.approx(M * G * L * np.sin(q_a), abs=1e-9)
     assert point.u[0] == pytest.approx(-M * G * L * np.sin(q_a), abs=1e-8)
-
-
-def test_hanging_pendulum_swings_at_its_gravity_frequency():
-    """Rigid drive of small inertia: one mode at sqrt(m g l / (J + m l^2 + eta^2 J_m)) / 2 pi, unstable if upright."""
-    joint = Joint("1", "y", motor=Motor(1e-4, 10))
-    robot = Robot("p", (Body("rod", joints=(joint,), mass=M, center_of_mass=(0, 0, -L), inertia=0.5),))
-    model = serial(robot)
-    hanging, upright = (
-        modes(linearise(model, Configuration("c", (a,)), model.theta, ("motor 1",), "position"), [*model.theta, 0])
-        for a in (0.0, np.pi)
-    )
-    omega = np.sqrt(M * G * L / (0.5 + M * L**2 + 1e-4 * 100))
-    assert hanging.freq_hz == pytest.approx([omega / (2 * np.pi)], rel=1e-12)
-    np.testing.assert_allclose(hanging.zeta, 0, atol=1e-12)
-    assert sorted(upright.real_poles) == pytest.approx([-omega, omega], rel=1e-9)
 
 
 @given(angles=st.tuples(st.floats(-3, 3), st.floats(-3, 3)))

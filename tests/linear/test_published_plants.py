@@ -85,16 +85,3 @@ def test_four_mass_benchmark_equals_published_numbers(k1, resonances, zeta, zero
     np.testing.assert_allclose(found.zeta, zeta, rtol=0, atol=6e-4)
     locked, _ = antiresonances(model, "motor 1", "motor 1")
     np.testing.assert_allclose(locked, zeros, rtol=0, atol=6e-4)
-
-
-def test_position_and_velocity_are_integrals_of_acceleration():
-    """G_acc = s G_vel = s^2 G_pos."""
-    freq_hz = np.linspace(1, 30, 5)
-    position, velocity, acceleration = (
-        frequency_response(model, model.theta_ref, freq_hz)[:, 0, 0]
-        for quantity in ("position", "velocity", "acceleration")
-        for model in [linear(three_mass(), quantity=quantity)]
-    )
-    s = 2j * np.pi * freq_hz
-    np.testing.assert_allclose(velocity, s * position, rtol=1e-12)
-    np.testing.assert_allclose(acceleration, s * velocity, rtol=1e-12)

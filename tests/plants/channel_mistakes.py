@@ -10,8 +10,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.robot import Robot
 from elastid.study import load_with_logs
+from elastid.study.robots import yaml_text
 from plants.clean_logs import RATIO, Kind
 
 ARM_RATIO = (100.0, 80.0)
@@ -124,7 +124,7 @@ OF_RESPONSES = (
     Mistake("sign of an angle, alone", POSITION, POSITION.replace("unit: deg", "sign: -1, unit: deg")),
     Mistake("degrees as radians, alone", POSITION, POSITION.replace(", unit: deg", "")),
     Mistake("position as velocity, alone", POSITION, "quantity: velocity, unit: deg/s, side: motor}"),
-    Mistake("file of no numbers", "path: log.h5", "path: robot.yml"),
+    Mistake("file of no numbers", "path: log.h5", "path: study.yml"),
 )
 
 
@@ -237,25 +237,5 @@ def write_response(folder: Path, kind: Kind) -> tuple[Mistake, ...]:
     angles = ", ".join(f"{angle:.6g}" for angle in kind.configurations[log.configuration])
     end = "    files:\n      - {path: log.h5, configuration: c}\n"
     (folder / "study.yml").write_text(RESPONSE % angles + "\n".join(channels) + "\n" + end)
-    (folder / "robot.yml").write_text(robot_file(kind.robot))
+    (folder / "robot.yml").write_text(yaml_text(kind.robot))
     return OF_RESPONSES
-
-
-def robot_file(robot: Robot) -> str:
-    """A robot of clean_logs.py as a file."""
-    lines = [f"name: rig\ngravity: {list(robot.gravity)}\nbodies:"]
-    for body in robot.bodies:
-        (joint,) = body.joints
-        assert joint.motor is not None
-        assert joint.spring is not None
-        lines += [
-            f"  - name: {body.name}",
-            *([f"    parent: {body.parent}"] if body.parent != "base" else []),
-            f"    placement: {{xyz: {list(body.placement.xyz)}}}",
-            f"    joints: [{{name: '{joint.name}', axis: {joint.axis}, "
-            f"motor: {{inertia: {joint.motor.inertia:.6g}, ratio: {joint.motor.ratio:g}}}, "
-            f"spring: {{stiffness: {joint.spring.stiffness:.6g}, damping: {joint.spring.damping:.6g}}}}}]",
-            f"    mass: {body.mass:.6g}\n    center_of_mass: {list(body.center_of_mass)}",
-            f"    inertia: {list(body.inertia)[:3]}",
-        ]
-    return "\n".join(lines) + "\n"

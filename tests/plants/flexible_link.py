@@ -1,4 +1,4 @@
-r"""A motor and a link with two bending modes, free or under a speed controller, and its records of sine sweeps.
+r"""A motor and a link with two bending modes under a speed controller, and its records of sine sweeps.
 
 .. math:: [M s^2 + D s + K]\, q = b_u u + b_d d, \qquad u = r - c\, s q_1
 
@@ -6,8 +6,6 @@ with the records of band-limited signals: exact whatever the rate.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import chirp
@@ -21,13 +19,6 @@ INERTIA, SPRINGS = (2e-3, 1e-3, 0.5e-3), (8.0, 20.0)
 FRICTION, DAMPING = 0.02, (2e-3, 3e-3)
 SPEED_GAIN = 0.05
 TORQUE, TORQUE_NOISE, SPEED_NOISE, TIP_NOISE, DISTURBANCE = 1.0, 1e-3, 0.02, 2.0, 0.02
-
-
-@dataclass(frozen=True)
-class Link:
-    """controlled: by the gain SPEED_GAIN on the motor's speed, while torque disturbs the motor."""
-
-    controlled: bool
 
 
 def _matrices() -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -54,16 +45,11 @@ def peaks_hz() -> FloatArray:
     return np.sort(np.abs(poles[poles.imag > 1])) / (2 * np.pi)
 
 
-def sweep(link: Link, band_hz: tuple[float, float], rng: np.random.Generator) -> FloatArray:
+def sweep(band_hz: tuple[float, float], rng: np.random.Generator) -> FloatArray:
     """reference, torque, speed of the motor, acceleration of the tip (n, 4) of one sweep from rest, with noise."""
     t = np.arange(round(RATE_HZ * DURATION)) / RATE_HZ
-    return driven(link, TORQUE * chirp(t, band_hz[0], DURATION, band_hz[1], phi=-90), rng)
-
-
-def driven(link: Link, reference: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """The same signals (n, 4) from rest under any torque (n,) that stays within the band."""
-    n = len(reference)
-    disturbance = DISTURBANCE * rng.standard_normal(n) * link.controlled
+    reference, n = TORQUE * chirp(t, band_hz[0], DURATION, band_hz[1], phi=-90), len(t)
+    disturbance = DISTURBANCE * rng.standard_normal(n)
     # As long again of rest, in which the motion dies out, so that the spectra are those of the motion from rest.
     R, E = (np.fft.rfft(x, 2 * n) for x in (reference, disturbance))
     freq_hz = np.fft.rfftfreq(2 * n, 1 / RATE_HZ)
@@ -72,8 +58,7 @@ def driven(link: Link, reference: FloatArray, rng: np.random.Generator) -> Float
     G[1:] = response(freq_hz[1:])[:, :, 0]
     speed = np.full(len(s), 1 / FRICTION, complex)
     speed[1:] = G[1:, 0] / s[1:]
-    gain = SPEED_GAIN * link.controlled
-    U = (R - gain * speed * E) / (1 + gain * speed)
+    U = (R - SPEED_GAIN * speed * E) / (1 + SPEED_GAIN * speed)
     spectra = (R, U, speed * (U + E), G[:, 1] * (U + E))
     clean = np.stack([np.fft.irfft(X)[:n] for X in spectra], axis=1)
     return clean + [0, TORQUE_NOISE, SPEED_NOISE, TIP_NOISE] * rng.standard_normal(clean.shape)

@@ -19,12 +19,13 @@ LENGTH, TOOL, GRAVITY = 0.8, 0.6, 9.81
 STD = 0.02  # relative, of each stiffness and damping
 
 
-def robot() -> Robot:
-    """Two links with a tool at the end of the second."""
-    joints = [Joint(str(i + 1), "y", Spring(STIFFNESS[i], DAMPING[i]), Motor(2e-3, 80.0)) for i in range(2)]
+def robot(damping: tuple[float, float] = DAMPING, gravity: float = GRAVITY) -> Robot:
+    """Two links with a tool at the end of the second: modes at about 5 and 17 Hz."""
+    joints = [Joint(str(i + 1), "y", Spring(STIFFNESS[i], damping[i]), Motor(2e-3, 80.0)) for i in range(2)]
     upper = Body("upper", joints=(joints[0],), mass=MASS[0], center_of_mass=(OFFSET[0], 0, 0), inertia=INERTIA[0])
     fore = Body("fore", "upper", Placement((LENGTH, 0, 0)), (joints[1],), MASS[1], (OFFSET[1], 0, 0), INERTIA[1])
-    return Robot("arm", (upper, fore), frames=(Frame("tool", "fore", Placement((TOOL, 0, 0))),))
+    frames = (Frame("tool", "fore", Placement((TOOL, 0, 0))),)
+    return Robot("arm", (upper, fore), gravity=(0.0, 0.0, -gravity), frames=frames)
 
 
 @cache

@@ -9,29 +9,21 @@ import numpy as np
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.friction.static import Tustin
 from elastid.model.elastic import ElasticModel
-from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot, Spring
+from elastid.robot import Body, Friction, Joint, Motor, Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop
 from elastid.simulation.controller import feed_forward
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import Contacts, contacts
 from plants.integration import acceleration, runge_kutta
+from plants.predicted_arm import LENGTH, MASS, OFFSET, STIFFNESS, robot
 
 FREE = np.array([[-np.inf, np.inf]] * 2)
-LENGTH, MASS, OFFSET = 0.8, (30.0, 20.0), (0.4, 0.35)
-STIFFNESS, NO_FRICTION = (4e4, 2e4), np.zeros(2)
+NO_FRICTION = np.zeros(2)
 
 
 def arm(damping: float = 0.0, gravity: float = -9.81) -> Robot:
-    """Two links in a vertical plane, both joints elastic: modes at about 5 and 17 Hz."""
-    joints = [Joint(str(i + 1), "y", Spring(STIFFNESS[i], damping), Motor(2e-3, 80.0)) for i in range(2)]
-    return Robot(
-        "arm",
-        (
-            Body("upper", joints=(joints[0],), mass=MASS[0], center_of_mass=(OFFSET[0], 0, 0), inertia=1.5),
-            Body("fore", "upper", Placement((LENGTH, 0, 0)), (joints[1],), MASS[1], (OFFSET[1], 0, 0), 1.0),
-        ),
-        gravity=(0.0, 0.0, gravity),
-    )
+    """Two links in a vertical plane, both joints elastic."""
+    return robot((damping, damping), -gravity)
 
 
 def motor(inertia: float = 2e-3) -> Robot:

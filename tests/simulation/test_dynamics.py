@@ -68,7 +68,7 @@ def test_poles_are_friction_at_standstill_and_modes() -> None:
     """F_c / (v_s J) for a motor with friction; sqrt(k (1/J_m + 1/J)) for an elastic joint."""
     alone, robot = serial(motor()), arm(gravity=0.0)
     np.testing.assert_allclose(poles(alone, rough(alone, 10.0), np.zeros(1)).real.min(), -10 / (SLIDING_VELOCITY * 20))
-    single = serial(replace(robot, bodies=robot.bodies[:1]))
+    single = serial(replace(robot, bodies=robot.bodies[:1], frames=()))
     np.testing.assert_allclose(poles(single, rough(single, 0.0), np.zeros(2)).imag.max(), OMEGA)
 
 

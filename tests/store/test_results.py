@@ -1,6 +1,5 @@
 """Fits and comparisons come back to the last bit; a comparison only for its own responses."""
 
-import dataclasses
 import json
 import math
 from dataclasses import replace
@@ -25,28 +24,6 @@ from elastid.store.results import (
 from elastid.validation.comparison import ComparedModel, Comparison, Trial
 
 
-@pytest.mark.parametrize("n_starts", [0, 2])
-def test_a_fit_comes_back_to_the_last_bit(tmp_path, n_starts):
-    """Ties, priors, infinite bounds and variances, every start."""
-    write_fit(tmp_path / "fit.h5", some_fit(n_starts), STAMP)
-    assert same(read_fit(tmp_path / "fit.h5"), some_fit(n_starts))
-
-
-def test_intervals_and_information_come_back_to_the_last_bit(tmp_path):
-    """With them or without any of them."""
-    pairs = np.array([[1.0, math.inf], [math.nan, math.nan]])
-    full = dataclasses.replace(
-        some_fit(),
-        profile95=pairs,
-        bootstrap95=2 * pairs,
-        configurations=("b", "a"),
-        share=np.array([[0.25, 0.5], [0.75, 0.5]]),
-        informing_hz=3 * pairs,
-    )
-    write_fit(tmp_path / "fit.h5", full)
-    assert same(read_fit(tmp_path / "fit.h5"), full)
-
-
 def test_readers_of_hdf5_alone_find_the_parts_of_each_deviation(tmp_path):
     """One number that was asked for, whose variance is by noise to 0.64 and by the file to 0.36."""
     fit = some_fit()
@@ -65,29 +42,41 @@ def test_readers_of_hdf5_alone_find_the_parts_of_each_deviation(tmp_path):
     assert parts == pytest.approx([std, 0.8 * std, 0.6 * std])
 
 
-def test_linear_models_come_back_to_the_last_bit(tmp_path):
-    """Slopes of some matrices only, elements of the chain of either kind, a torque that is held."""
-    chain = (LagElement("sensor_lag", (1.0, 0.5)), DifferenceElement("differentiator"))
-    one = LinearModel(
-        configuration=Configuration("a/b", np.array([0.1, 0.2])),
-        parameters=("k_1", "d_1", "delay"),
-        theta_ref=np.array([1.0, 2.0, 0.0]),
-        M=np.eye(2),
-        D=2 * np.eye(2),
-        K=3 * np.eye(2),
-        slopes={"d_1": Slope(D=np.ones((2, 2))), "k_1": Slope(K=np.ones((2, 2)), C=np.ones((1, 2)))},
-        B=np.ones((2, 1)),
-        C=np.ones((1, 2)),
-        inputs=("motor 1",),
-        outputs=("motor 1",),
-        quantity="acceleration",
-        chain=chain,
-        hold=HeldTorque((500.0,), (True,)),
-    )
-    full = dataclasses.replace(some_fit(), linear=(one, dataclasses.replace(one, chain=(), hold=None, slopes={})))
-    write_fit(tmp_path / "fit.h5", full)
-    assert same(read_fit(tmp_path / "fit.h5"), full)
-    assert list(read_fit(tmp_path / "fit.h5").linear[0].slopes) == ["d_1", "k_1"]
+PAIRS = np.array([[1.0, math.inf], [math.nan, math.nan]])
+LINEAR = LinearModel(
+    configuration=Configuration("a/b", np.array([0.1, 0.2])),
+    parameters=("k_1", "d_1", "delay"),
+    theta_ref=np.array([1.0, 2.0, 0.0]),
+    M=np.eye(2),
+    D=2 * np.eye(2),
+    K=3 * np.eye(2),
+    slopes={"d_1": Slope(D=np.ones((2, 2))), "k_1": Slope(K=np.ones((2, 2)), C=np.ones((1, 2)))},
+    B=np.ones((2, 1)),
+    C=np.ones((1, 2)),
+    inputs=("motor 1",),
+    outputs=("motor 1",),
+    quantity="acceleration",
+    chain=(LagElement("sensor_lag", (1.0, 0.5)), DifferenceElement("differentiator")),
+    hold=HeldTorque((500.0,), (True,)),
+)
+FULL = replace(
+    some_fit(),
+    profile95=PAIRS,
+    bootstrap95=2 * PAIRS,
+    configurations=("b", "a"),
+    share=np.array([[0.25, 0.5], [0.75, 0.5]]),
+    informing_hz=3 * PAIRS,
+    linear=(LINEAR, replace(LINEAR, chain=(), hold=None, slopes={})),
+)
+
+
+@pytest.mark.parametrize("fit", [some_fit(0), FULL], ids=["bare", "full"])
+def test_a_fit_comes_back_to_the_last_bit(tmp_path, fit):
+    """Ties, priors, infinite bounds and variances, starts; intervals, information and linear models or none of them."""
+    write_fit(tmp_path / "fit.h5", fit, STAMP)
+    found = read_fit(tmp_path / "fit.h5")
+    assert same(found, fit)
+    assert [list(one.slopes) for one in found.linear] == [list(one.slopes) for one in fit.linear]
 
 
 MODELS = (

@@ -97,7 +97,7 @@ def test_a_periodic_record_of_the_model_itself_is_replayed_exactly(half_wave):
     assert found.band_hz == (2.5 if half_wave else 2.0, 80.0 - half_wave * 0.5)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_one_period_that_does_not_go_round_is_replayed_with_its_ends(seed):
     """Drifting noise as torque, from a state that is not rest: more than 99.9 %."""
     model, rng = two_axes(), np.random.default_rng(seed)

@@ -18,27 +18,25 @@ def run_of(study, folder, *overrides):
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory, tiny_texts):
+def validated(tmp_path_factory, finished):
     """The folder of a study that was run, with configurations left out in turn."""
-    folder = tmp_path_factory.mktemp("validated")
-    for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
-        (folder / name).write_text(text)
+    folder = Path(shutil.copytree(finished, tmp_path_factory.mktemp("validated") / "study"))
     run_all(run_of(folder / "study.yml", folder / "run", "validation.folds=2"))
     return folder
 
 
-def test_the_records_of_every_configuration_are_replayed(finished):
+def test_the_records_of_every_configuration_are_replayed(validated):
     """A simulated joint with little noise: more than 95 % of its acceleration, and the page says so."""
-    found = read_validation(finished / "run" / "validation.h5")
+    found = read_validation(validated / "run" / "validation.h5")
     assert [each.configuration for each in found.replays] == ["a", "b"]
     assert all(each.worst > 95 for each in found.replays)
     assert all(np.isfinite(each.reachable_percent).all() for each in found.replays)
-    assert found.replayed in (finished / "run" / "report.html").read_text("utf-8")
+    assert found.replayed in (validated / "run" / "report.html").read_text("utf-8")
 
 
-def test_configurations_are_left_out_in_turn(finished):
+def test_configurations_are_left_out_in_turn(validated):
     """Two folds of two configurations: each predicted about as well as it is fitted."""
-    found = read_validation(finished / "run" / "validation.h5")
+    found = read_validation(validated / "run" / "validation.h5")
     assert [fold.configuration for fold in found.folds] == ["a", "b"]
     errors = {a.configuration: a.overall_rms_log_db for a in found.configurations}
     for fold in found.folds:
@@ -46,13 +44,13 @@ def test_configurations_are_left_out_in_turn(finished):
     assert "do not depend on single configurations" in found.folded
 
 
-def test_validation_json_says_what_validation_h5_holds(finished):
+def test_validation_json_says_what_validation_h5_holds(validated):
     """Replay in percent, errors of configurations left out in turn, errors of the fit; every number the same."""
-    found = read_validation(finished / "run" / "validation.h5")
-    summary_json = json.loads((finished / "run" / "validation.json").read_text())
+    found = read_validation(validated / "run" / "validation.h5")
+    summary_json = json.loads((validated / "run" / "validation.json").read_text())
     assert (summary_json["schema"], summary_json["study"], summary_json["verdict"]) == (1, "tiny", found.verdict)
     assert [(c["configuration"], c["left_out"]) for c in summary_json["configurations"]] == [("a", False), ("b", False)]
-    summary = json.loads((finished / "run" / "summary.json").read_text())
+    summary = json.loads((validated / "run" / "summary.json").read_text())
     keys = ("configuration", "rms_log_db", "phase_rms_deg", "inside_2sigma")
     assert [{key: c[key] for key in keys} for c in summary_json["configurations"]] == summary["frf_error"]
     assert [r["fit_percent"] for r in summary_json["replays"]] == [r.fit_percent.tolist() for r in found.replays]
@@ -65,9 +63,9 @@ def test_validation_json_says_what_validation_h5_holds(finished):
 
 
 @pytest.mark.slow
-def test_a_validation_is_whole_and_never_that_of_another_fit(finished, tmp_path):
+def test_a_validation_is_whole_and_never_that_of_another_fit(validated, tmp_path):
     """Without its JSON file it is done again; a fit to other data takes the old one away, the same fit keeps it."""
-    folder = Path(shutil.copytree(finished, tmp_path / "copy"))
+    folder = Path(shutil.copytree(validated, tmp_path / "copy"))
     run = run_of(folder / "study.yml", folder / "run", "validation.folds=2")
     assert run.is_current("validate")
     summary_json = (folder / "run" / "validation.json").read_bytes()

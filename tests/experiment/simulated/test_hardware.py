@@ -124,12 +124,11 @@ def moved(friction: Friction, torque: np.ndarray, step: float) -> np.ndarray:
     return walk(0, 0, np.zeros(sliding.n_states), torque[None])[1].full()[0]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_rotor_with_bristles_moves_as_radau_says(seed: int) -> None:
+def test_a_rotor_with_bristles_moves_as_radau_says() -> None:
     """Over pushes that stick, slip and turn back the velocity is right to 1e-3 of its peak; finer steps, better."""
     law, J = LUGRE.lugre, 20.0
     assert law is not None
-    pushes = np.random.default_rng(seed).normal(0, 80, 20)
+    pushes = np.random.default_rng(1).normal(0, 80, 20)
 
     def rate(t: float, x: np.ndarray) -> list[float]:
         v, z = x

@@ -49,6 +49,20 @@ def test_coherence_of_white_noise_is_the_clean_power_over_the_power(method: Meth
     np.testing.assert_allclose(quality.singular_values[:, 0], np.abs(response.G[:, 0, 0]))
 
 
+def test_coherences_of_two_inputs_are_their_shares() -> None:
+    """Independent inputs of one power: |G_ij|^2 / S_yy each, their sum for both; condition near 1."""
+    response = estimate([noise_record(8192, 1, noise=NOISE)], replace(SPEC, method="local_rational"))
+    quality = response.quality
+    assert quality is not None
+    shares = np.abs(truth(response.freq_hz)) ** 2
+    power = shares.sum(axis=2) + NOISE**2
+    np.testing.assert_allclose(quality.multiple_coherence.mean(axis=0), (1 - NOISE**2 / power).mean(axis=0), atol=0.02)
+    # Inputs correlate by chance in a window of 20 lines, by 1/20 in power.
+    np.testing.assert_allclose(quality.coherence.mean(axis=0), (shares / power[:, :, None]).mean(axis=0), atol=0.07)
+    assert np.median(quality.condition) < 2
+    np.testing.assert_allclose(quality.singular_values, np.linalg.svd(response.G, compute_uv=False))
+
+
 def test_noise_alone_has_no_coherence() -> None:
     """An output that no input moves: unknowns over equations, half of the lines' power, do not count as explained."""
     record = noise_record(8192, 2, n=1)

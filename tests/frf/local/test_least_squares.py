@@ -81,21 +81,3 @@ def test_a_transient_of_two_poles_is_recovered_at_the_lines_from_the_bins_betwee
     np.testing.assert_allclose(fit.T[:, 0], transient(lines), rtol=1e-9)
     assert fitted_transient(transient(rest[:5]), rest[:5], lines, n_y=1) is None
     assert fitted_transient(transient(rest[:6]), rest[:6], lines, n_y=1) is not None
-
-
-@pytest.mark.parametrize("poles", [0, 1, 2])
-def test_a_response_of_as_many_poles_is_reproduced_and_its_poles_have_a_covariance(poles: int) -> None:
-    """B(0) at each line, no residual; for noise of 1e-6 cov(A) is positive, and small."""
-    rng, k = np.random.default_rng(5), np.arange(40)
-    G = (1 + 0.02 * k) / (1 + 1j * k[:, None] / [30.0, 25.0]).prod(axis=1, where=np.arange(2) < poles)
-    R = np.exp(2j * np.pi * rng.random((2, len(k), 1)))
-    terms = WindowTerms(1, 2, poles, transient=False)
-    where = windows(k, k, 12)
-    exact, noisy = (
-        fit_ladder(R * G[:, None] + std * rng.normal(size=R.shape), R, where, [terms]).chosen for std in (0.0, 1e-6)
-    )
-    np.testing.assert_allclose(exact.B[:, 0, 0], G, rtol=1e-9)
-    assert np.abs(exact.scatter).max() < 1e-18
-    assert noisy.A_cov.shape == (len(k), poles, poles)
-    variance = np.einsum("fpp->fp", noisy.A_cov).real
-    assert np.all((variance > 0) & (variance < 1e-3))

@@ -13,6 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from plants.lab_logs import RATIO, ROBOT
 from plants.notes import said
 from plants.refusals import refused
 from scipy.io import loadmat, savemat
@@ -27,18 +28,10 @@ from elastid.experiment.specs.recorded import ResponseColumnsSpec, ResponseFileS
 from elastid.record import Configuration, Motion
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Covariance, Response, in_quantity
-from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.store.measured import read_responses
 from elastid.study import load
 
-RATIO, CONSTANT, DELAY = -50.0, 0.5, 2e-3
-ROBOT = Robot(
-    "two axes",
-    (
-        Body("turret", joints=(Joint("1", motor=Motor(1e-3, RATIO), spring=Spring(1e5)),), inertia=1.0),
-        Body("arm", "turret", joints=(Joint("2", "y", Spring(1e5), Motor(1e-3)),), inertia=1.0),
-    ),
-)
+CONSTANT, DELAY = 0.5, 2e-3
 HOME = Configuration("home", np.zeros(2))
 FREQ_HZ = np.array([2.0, 3.0, 5.0, 7.5, 11.0, 20.0])
 # Current of motor 1 in mA and motor side, torque of motor 2 turned round; speed of motor 1 in rpm, angle of joint 2.
