@@ -41,16 +41,6 @@ class Chunk:
                 V, g, A = V + sum(costs), g + T.T @ sum(gradients), A + T.T @ sum(normals) @ T
         return V, g, A
 
-    def slopes(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """V and J^T r (n_x,) alone."""
-        V, g = 0.0, np.zeros(len(x))
-        with np.errstate(all="ignore"):
-            for group in self._groups:
-                theta, T = group[0].theta(self.parameters, x), group[0].chain(self.parameters, x)
-                costs, gradients = zip(*(part.normal.slope(theta) for part in group), strict=True)
-                V, g = V + sum(costs), g + T.T @ sum(gradients)
-        return V, g
-
     @cached_property
     def _groups(self) -> tuple[tuple[Part, ...], ...]:
         """The parts in groups with the same theta and the same wanted parameters at any x."""

@@ -73,7 +73,9 @@ class Full:
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
         """The sums of a block of lines; precision: of the moments."""
         R, slope = self.R[part.block], e.slope
-        cost, weight = self.weight(part, e)
+        r = e.q if e.G is None else e.q - _times(R, e.G[:, :, None])[:, :, 0]
+        weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
+        weight = weight if slope is None else weight * slope
         U = part.columns(scale, precision)
         if slope is not None:
             U *= slope[:, :, None]
@@ -82,14 +84,7 @@ class Full:
         powers = (part.omega ** np.arange(5)[:, None]).astype(V.real.dtype)
         sums = (powers @ gram.reshape(len(V), -1).view(powers.dtype)).view(V.dtype).reshape(5, *gram.shape[1:])
         moments = np.stack([m.imag if p % 2 else m.real for p, m in enumerate(sums)]).astype(np.float64)
-        return LineSums(cost, weight, part.pull(weight), moments)
-
-    def weight(self, part: Sensitivity, e: LineResiduals) -> tuple[float, ComplexArray]:
-        """cost and weight (F, n_e) of `LineSums` alone."""
-        R = self.R[part.block]
-        r = e.q if e.G is None else e.q - _times(R, e.G[:, :, None])[:, :, 0]
-        weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
-        return float(np.vdot(r, r).real), weight if e.slope is None else weight * e.slope
+        return LineSums(float(np.vdot(r, r).real), weight, part.pull(weight), moments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,15 +121,6 @@ class Packed:
         call(name, *sizes, *columns, *residuals, *weights, cost, weight, pulled, between, moments)
         pulled[:, n_1 : n_1 + n_2] = part.pulled_by(between)
         return LineSums(float(cost[0]), weight.T, pulled, moments)
-
-    def weight(self, part: Sensitivity, e: LineResiduals) -> tuple[float, ComplexArray]:
-        """As `Full.weight`: the sums of a single column of zeros."""
-        single = replace(
-            part, left=part.left[:, :, :0], right=part.right[:, :, :0], sign=part.sign[:0], S=part.S[:, :0, :0, :0],
-            whole=np.zeros((*part.G.shape, 1), complex),
-        )  # fmt: skip
-        sums = self.sums(single, e, np.ones(1), np.float64)
-        return sums.cost, sums.weight
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
@@ -316,20 +302,6 @@ class NormalEquations:
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
         A = sign * moments.take(places)
         return V, pieces.sigma.T @ g - self._of_images(held, weights), sigma.T @ A @ sigma
-
-    def slope(self, theta: FloatArray) -> tuple[float, FloatArray]:
-        """V and J^T r (P,) of `at` alone."""
-        pieces, highest = self.columns.pieces, self.columns.omega_0**self.columns.pieces.power
-        V, pull, weights = 0.0, np.zeros((3, pieces.base.max(initial=-1) + 1), complex), []
-        held = self.columns.images_at(theta)
-        for part in self.columns.at(theta, held):
-            constant, e = self.residuals.at(part.block, part.G)
-            cost, weight = self.residuals.compressed.R.weight(part, e)
-            V, pull = V + (constant + cost), pull + part.pull(weight)
-            weights.append(weight)
-        release(self.residuals.compressed.R.R)
-        g = highest * pull[pieces.power, pieces.base].real
-        return V, pieces.sigma.T @ g - self._of_images(held, weights)
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:

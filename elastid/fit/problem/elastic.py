@@ -83,8 +83,7 @@ class ElasticFit:
     def problem(self) -> LeastSquares:
         """The problem of a solver."""
         border = partial(border_metric, self.inertias, self.parameters) if self.inertias else None
-        rough = _Rough(self)
-        return LeastSquares(self.parameters, self.n_residuals, rough, border, rough.slope)
+        return LeastSquares(self.parameters, self.n_residuals, _Rough(self), border)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
@@ -94,15 +93,6 @@ class ElasticFit:
         except np.linalg.LinAlgError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
         return Evaluation(V + besides.cost, 2 * g + besides.gradient, 2 * A + besides.hessian)
-
-    def slope(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """V and its gradient of `evaluate` alone."""
-        try:
-            V, g = self._added(partial(Chunk.slopes, x=x))
-        except np.linalg.LinAlgError:
-            return math.inf, np.zeros(len(x))
-        besides = self.besides(x)
-        return V + besides.cost, 2 * g + besides.gradient
 
     def rough(self, x: FloatArray) -> Evaluation:
         """The same with J^T J from single precision, enough to step."""
@@ -178,10 +168,6 @@ class _Rough:
 
     def __call__(self, x: FloatArray) -> Evaluation:
         return self.fit.rough(x)
-
-    def slope(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """V and its gradient alone."""
-        return self.fit.slope(x)
 
     def __reduce__(self) -> tuple[type[_Rough], tuple[ElasticFit]]:
         return _Rough, (replace(self.fit, parts=tuple(part.for_sums for part in self.fit.parts)),)

@@ -39,7 +39,6 @@ class Evaluation:
 class LeastSquares:
     """parameters: names, scale, bounds, start.  evaluate(x): all that Gauss-Newton needs, the Jacobian never stacked.
 
-    gradient(x): V and its gradient alone, in less time; None where that saves none.
     border(x): D (n_x, n_x) such that V is finite at x + s for s^T D s < 1, to first order; None without a barrier in V.
     """
 
@@ -47,14 +46,6 @@ class LeastSquares:
     n_residuals: int
     evaluate: Callable[[FloatArray], Evaluation]
     border: Callable[[FloatArray], FloatArray] | None = None
-    gradient: Callable[[FloatArray], tuple[float, FloatArray]] | None = None
-
-    def slope(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """V and its gradient (n_x,) at x."""
-        if self.gradient is not None:
-            return self.gradient(x)
-        evaluation = self.evaluate(x)
-        return evaluation.cost, evaluation.gradient
 
     @property
     def dof(self) -> int:

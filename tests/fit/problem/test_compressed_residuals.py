@@ -90,9 +90,6 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     tolerance = 0.005 if rate_hz else 1e-12
     expected = 2 * J.T @ J / np.outer(scale, scale)
     np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=tolerance)
-    cost, gradient = fit.slope(x)
-    assert cost == pytest.approx(here.cost, rel=1e-12)
-    np.testing.assert_allclose(gradient / scale, here.gradient / scale, atol=1e-12 * np.linalg.norm(r))
     assert fit.parts[0].normal.columns.is_symmetric == (outputs == ("motor 1", "motor 2"))
 
 
