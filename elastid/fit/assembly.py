@@ -142,7 +142,7 @@ class Assembly:
         """The problem of the search: the fit as linearised, or linearised at every x where it is local."""
         if not self.is_local:
             return fit.problem
-        return replace(fit.problem, evaluate=partial(self._relinearised, fit, criterion), gradient=None)
+        return replace(fit.problem, evaluate=partial(self._relinearised, fit, criterion))
 
     def _relinearised(self, first: ElasticFit, criterion: ResidualKind, x: FloatArray) -> Evaluation:
         """V, its gradient and 2 J^T J of the fit linearised at x; V is infinite, and no error, where no robot stands.
