@@ -168,9 +168,8 @@ def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[st
     if not rows:
         return {}
     sample = _columns(robot, body.joints, rows, log).reshape(-1, len(body.columns))
-    size = np.linalg.norm(sample, axis=0)
-    lacking = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0) > MAX_UNIDENTIFIED * size
-    lacking &= size > 1e-9 * size.max()  # below, a column is zero but for rounding
+    left = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0)
+    lacking = left / _sizes(sample) > MAX_UNIDENTIFIED
     if lacking.any():
         first = ", ".join(body.columns[i] for i in np.flatnonzero(lacking)[:3])
         raise DataError(
@@ -196,12 +195,18 @@ def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLo
     All columns: rigid body (10 n_l), rotors (m) and offsets (m).
     """
     sample = np.concatenate([_columns(robot, joints, joints, each) for each in logs]).reshape(-1, _count(robot, joints))
-    size = np.maximum(np.linalg.norm(sample, axis=0), 1e-300)
+    size = _sizes(sample)
     _, R, order = qr(sample / size, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))
     chosen = np.sort(order[: int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0]))]).astype(np.int64)
     regrouped = np.linalg.lstsq(sample[:, chosen] / size[chosen], sample, rcond=None)[0] / size[chosen, None]
     return chosen, np.asarray(regrouped)
+
+
+def _sizes(sample: FloatArray) -> FloatArray:
+    """Norms (n_c,) of columns; infinite of one that is zero but for rounding, whose number no motion shows."""
+    size = np.linalg.norm(sample, axis=0)
+    return np.where(size > 1e-9 * size.max(), size, np.inf)
 
 
 def _count(robot: Robot, joints: Sequence[str]) -> int:
