@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from textwrap import indent
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from elastid.model.formulation import serial
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
 from elastid.store.measured import read_responses
 from elastid.study import load
+from elastid.study.robots import yaml_text
 
 
 def two_axes() -> Robot:
@@ -36,27 +38,7 @@ def two_axes() -> Robot:
     )
 
 
-ROBOT = """
-robot:
-  name: two axes
-  bodies:
-    - name: upper
-      joints:
-        - {name: 1, axis: z, spring: {stiffness: 2e5, damping: 120}, motor: {inertia: 5e-3, ratio: 100, viscous: 2e-3}}
-        - {name: 1x, axis: x, spring: {stiffness: 4e5, damping: 200}}
-      mass: 60
-      center_of_mass: [0.1, 0, 0.2]
-      inertia: [3, 3, 4]
-    - name: fore
-      parent: upper
-      placement: {xyz: [0.3, 0, 0.5]}
-      joints:
-        - {name: 2, axis: y, spring: {stiffness: 6e4, damping: 50}, motor: {inertia: 3e-3, ratio: 80, viscous: 2e-3}}
-      mass: 25
-      center_of_mass: [0.4, 0.02, 0.05]
-      inertia: [0.4, 2, 2]
-  frames: [{name: tool, body: fore, placement: {xyz: [0.8, 0.1, 0.05], rpy: [0.3, -0.2, 0.4]}}]
-"""
+ROBOT = "robot:\n" + indent(yaml_text(two_axes()), "  ")
 STUDY = (
     """
 name: points

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.notes import said
+from plants.planar_arm import TWO_FILE
 
 from elastid.app.console import Console
 from elastid.app.overview import overview
@@ -13,33 +14,6 @@ from elastid.store.measured import read_forecast, read_plan, read_responses
 from elastid.store.results import read_fit
 from elastid.study import load
 
-ROBOT = """\
-name: two elastic axes
-gravity: [0, 0, 0]
-bodies:
-  - name: upper
-    joints:
-      - name: 1
-        axis: z
-        motor: {inertia: 1e-3, ratio: 30, viscous: 1e-3}
-        spring: {stiffness: 2000, damping: 5}
-        limits: {angle: [-90 deg, 90 deg]}
-    mass: 5
-    center_of_mass: [0.2, 0, 0]
-    inertia: 0.1
-  - name: fore
-    parent: upper
-    placement: {xyz: [0.4, 0, 0]}
-    joints:
-      - name: 2
-        axis: z
-        motor: {inertia: 4e-4, ratio: 30, viscous: 1e-3}
-        spring: {stiffness: 800, damping: 3}
-        limits: {angle: [-90 deg, 90 deg]}
-    mass: 3
-    center_of_mass: [0.2, 0, 0]
-    inertia: 0.05
-"""
 STUDY = """\
 name: one of two
 robot: robot.yml
@@ -69,7 +43,7 @@ fit:
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
     """The path of the study."""
-    (tmp_path / "robot.yml").write_text(ROBOT)
+    (tmp_path / "robot.yml").write_text(TWO_FILE)
     (tmp_path / "study.yml").write_text(STUDY)
     return tmp_path / "study.yml"
 

@@ -13,6 +13,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.robot import Body, Joint, Motor, Robot
+from elastid.study.robots import yaml_text
 
 RATE, RATIO, TORQUE_CONSTANT = 500.0, 100.0, 0.5
 # Link side: Coulomb and viscous friction, rotor and arm, gravity, ripple of a motor turn, offset.
@@ -76,16 +77,6 @@ def logs(*files: FileSpec, channels: tuple[ChannelSpec, ...] = CHANNELS, **chang
 
 
 # The same as a study, of files that a user has.
-ROBOT_FILE = """
-name: one axis
-gravity: [0, 0, -9.81]
-bodies:
-  - name: arm
-    joints: [{name: 1, axis: y, motor: {inertia: 1e-3, ratio: 100}}]
-    mass: 10
-    center_of_mass: [0.3058, 0, 0]
-    inertia: 4.065
-"""
 STUDY = """
 name: axis
 robot: robot.yml
@@ -115,6 +106,6 @@ def write_study(folder: Path, entries: Sequence[str] = ("{path: log.csv}",), **k
         "thermometer": "",
         "files": "\n".join(f"      - {log}" for log in entries),
     }
-    (folder / "robot.yml").write_text(ROBOT_FILE)
+    (folder / "robot.yml").write_text(yaml_text(ROBOT))
     (folder / "study.yml").write_text(STUDY.format(**(defaults | keys)))
     return folder / "study.yml"

@@ -10,51 +10,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants.planar_arm import TWO_FILE
 
 from elastid.app.cli import run_command
 from elastid.store.measured import read_responses
 from elastid.store.results import read_fit
 
-ROBOT = """\
-name: two elastic joints
-gravity: [0, 0, 0]
-bodies:
-  - name: upper
-    joints:
-      - name: 1
-        axis: z
-        motor: {inertia: 1e-3, ratio: 1, viscous: 1e-3}
-        spring: {stiffness: 80, damping: 0.02}
-        limits: {angle: [-90 deg, 90 deg]}
-    mass: 0.5
-    center_of_mass: [0.05, 0, 0]
-    inertia: 1e-3
-  - name: fore
-    parent: upper
-    placement: {xyz: [0.1, 0, 0]}
-    joints:
-      - name: 2
-        axis: z
-        motor: {inertia: 5e-4, ratio: 1, viscous: 1e-3}
-        spring: {stiffness: 30, damping: 0.01}
-        limits: {angle: [-90 deg, 90 deg]}
-    mass: 0.3
-    center_of_mass: [0.05, 0, 0]
-    inertia: 5e-4
-"""
 STUDY = """\
 name: two joints
 robot: robot.yml
 seed: 1
-excitation: {rate_hz: 500, period: 1 s, band_hz: [5, 100], torque_rms: 0.1}
+excitation: {rate_hz: 500, period: 1 s, band_hz: [5, 100], torque_rms: [10, 5]}
 experiment:
   configurations:
     folded: [0, 60 deg]
     stretched: [30 deg, 0]
   realisations: 2
   simulated:
-    truth: {k_1: 90, k_2: 27}
-    noise: {torque_std: 1e-3, angle_std: 1e-6}
+    truth: {k_1: 2400, k_2: 700}
+    noise: {torque_std: 0.1, angle_std: 1e-6}
 fit: {starts: 1, parameters: {k_*: {}, d_*: {}}}
 report: {formats: []}
 """
@@ -85,7 +59,7 @@ DRAWN = """
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """All results of the study, and its parameters as CSV."""
     where = tmp_path_factory.mktemp("study")
-    (where / "robot.yml").write_text(ROBOT)
+    (where / "robot.yml").write_text(TWO_FILE)
     (where / "study.yml").write_text(STUDY)
     study, run = str(where / "study.yml"), str(where / "run")
     assert run_command(["run", study, "--run", run, "--jobs", "1", "-q"]) == 0
