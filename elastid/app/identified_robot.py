@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Literal
 
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.fitted_robot import robots_by_group
+from elastid.fit.release import remaining_tolerances
 from elastid.fit.result import Result
-from elastid.fit.tolerances import remaining_tolerances
 from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.friction import FrictionTakenOut, friction_rows
 from elastid.nonlinear.gear_result import GearResult

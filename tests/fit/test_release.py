@@ -14,9 +14,9 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.release import release
 from elastid.fit.result import Result
 from elastid.fit.spec import WeightSpec
-from elastid.fit.tolerances import release
 from elastid.robot import Tolerances
 
 STIFF = ("k_1", "k_2", "d_1", "d_2")
