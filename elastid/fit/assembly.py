@@ -1,4 +1,4 @@
-r"""Assembly: responses, weights and model of a fit, to be linearised at any x; frequency bands.
+r"""Assembly: responses, weights and model of a fit, to be linearised at any x; frequency bands, robust weights.
 
 Where a linearisation holds near its point only, the search linearises at every x:
 
@@ -24,6 +24,7 @@ from elastid.base.errors import FitError, Note, StudyError
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import (
+    RESIDUALS,
     Evaluation,
     LeastSquares,
     LocalOptimum,
@@ -48,6 +49,10 @@ from elastid.record import Configuration
 from elastid.response import Response
 from elastid.robot import Robot
 
+# Standard deviations of real and imaginary part beyond which an element is an outlier: all but 5 % of good data count
+# with their square.
+OUTLIER_STDS = 2.0
+RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
 # Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
 # near enough at this distance, in standard deviations by the residuals.
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
@@ -58,7 +63,6 @@ DISTORTED = 4.0
 AT_REST_SHARES = (1 / 3, 1.0)
 # Of the way back from where the robot does not stand to the start.
 HALVINGS = 8
-ROUNDS = 10  # of linearisations, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +188,14 @@ class Assembly:
             notes += spring_notes(model, theta, rests)
         return tuple(notes)
 
+    def reweighted(self, x: FloatArray) -> Assembly:
+        """The same with the weights of the robust loss at x."""
+        if self.spec.weights.loss == "square":
+            return self
+        factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x)
+        weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
+        return replace(self, weights=tuple(weights))
+
     def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> Assembly:
         """The same, of measured systematic errors, with these as the model of a fit has them at x (n_x,)."""
         modelled = (part.kernel.response(fit.theta(part, x)) for part in fit.parts)
@@ -273,19 +285,21 @@ def floor_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> floa
 def relinearise(
     assembly: Assembly, start: LocalOptimum, criterion: ResidualKind, first: ElasticFit | None = None
 ) -> RelinearisedOptimum:
-    """Linearise at the result, with its systematic errors, and solve again until x stays.
+    """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
 
-    Until it moves by less than 1e-3 standard deviations: each round gains a decimal or two, and of a quiet rig whose
-    file is off the first moves by 1e5.
+    Until it moves by less than 1e-3 standard deviations, for 10 rounds at most, 30 with a robust loss: each gains a
+    decimal or two, and of a quiet rig whose file is off the first moves by 1e5.
     first: the fit by this criterion as the assembly has it elsewhere.
     """
+    is_square = assembly.spec.weights.loss == "square"
+    rounds = 10 if is_square else 30
     end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
     known, moved, is_settled = assembly, math.inf, False
-    for i in range(ROUNDS):
+    for i in range(rounds):
         try:
             if i < len(AT_REST_SHARES):
                 rested = assembly.at_rest(end.x, AT_REST_SHARES[i])
-            current, models = rested, rested.models(end.x)
+            current, models = rested.reweighted(end.x), rested.models(end.x)
             if len(c):
                 current = current.with_modelled_bias(current.of_models(models, criterion), end.x)
                 c = next_factors(current.unbiased(c).of_models(models, criterion), current.responses, end.x, c)
@@ -293,14 +307,14 @@ def relinearise(
             # A logarithm counts other elements at each x.
             if first is not None and current is known and criterion == "complex":
                 fit = fit.with_residuals_of(first)
-            elif not len(c):
+            elif is_square and not len(c):
                 first, known = fit, current
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.rough(end.x), fit.problem.dof)
-        rests = i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
+        rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
         is_whole = i > 0 or rested is assembly
         is_settled = is_whole and (moved < 1e-3 or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
         if is_settled:
@@ -311,8 +325,8 @@ def relinearise(
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
     text = (
-        f"the operating point under gravity still moves: round {ROUNDS} of {ROUNDS} changed the estimate by "
-        f"{moved:.2g} standard deviations"
+        "the operating point under gravity, or the weights of fit.weights.loss, still move: "
+        f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
     notes = () if is_settled else (Note("fit/posture-moved", text),)
     return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)
@@ -338,3 +352,16 @@ def _where_it_stands(
         end = replace(end, x=x, cost=fit.evaluate(x).cost, converged=False, message=str(no_rest))
         return RelinearisedOptimum(end, fit, assembly.responses, assembly.weights)
     raise no_rest
+
+
+def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -> tuple[FloatArray, ...]:
+    """Weights w (F, n_y, n_u) of the robust loss in each configuration at x (n_x,), 1 where an element is left out."""
+    distances = []
+    for part, weight in zip(fit.parts, weights, strict=True):
+        e, _ = RESIDUALS[part.criterion](part.measured, part.kernel.response(fit.theta(part, x)))
+        used = part.gain > 0
+        gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
+        distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))
+    every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
+    reach = OUTLIER_STDS * max(1.0, float(np.median(every)) / RAYLEIGH_MEDIAN)
+    return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.errors import check_kind
 from elastid.base.names import FileName, PartName
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, Quantity
 from elastid.parameters import Tie
+
+Loss: TypeAlias = Literal["square", "huber"]
 
 
 def check_band(band_hz: tuple[float, float] | None) -> None:
@@ -83,6 +85,10 @@ class WeightSpec:
         "parameters scatter more where outputs share their noise.")] = "auto"
     factors: Annotated[tuple[FactorSpec, ...], Key("Further factors of the weights of some elements.", "where one "
         "deserves less trust than its variance says; 0.1 to 10, and 0 for none at all.")] = ()
+    loss: Annotated[Loss, Key("Loss of a residual: `huber` gives outliers less influence than their "
+        "square, in iteratively reweighted least squares: for single lines that are wrong by factors.", "for single "
+        "lines that are wrong by factors; good data lose a little of their precision. Whole bands or channels that are "
+        "wrong need a factor of 0.")] = "square"
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -8,6 +8,7 @@ import pytest
 from plants.refusals import refused
 from plants.three_mass import FREQ, NO_FLOOR, circular, fit_of, measured, noise_of, parameters, plant
 
+from elastid.fit.assembly import robust_factors
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.weights import check_factors, weigh
@@ -173,3 +174,24 @@ def test_unequal_factors_keep_honest_intervals():
         std_x = np.sqrt(np.diag(estimate_uncertainty(fit, [response], [weights], end.x).covariance))
         inside.append(np.abs(end.x - parameters().x) < 1.96 * std_x)
     assert np.mean(inside) > 0.9
+
+
+def test_a_robust_loss_shrugs_off_outliers():
+    """One line in twenty is off by half of G: least squares goes astray, the robust estimate stays ten times nearer."""
+    model, rng = plant((0, 2)), np.random.default_rng(7)
+    response = measured(model, noise_of("relative", model) / 5, rng)
+    spoilt = rng.random(response.G.shape) < 0.05
+    response = replace(response, G=response.G * np.where(spoilt, 1.5 * np.exp(0.5j), 1.0))
+    spec = WeightSpec(floor=0.0, loss="huber")
+    weights = weigh(response, FitSpec(weights=spec))
+    x = parameters().x
+    errors = []
+    for _ in range(15):
+        fit = elastic_fit([response], [model], [weights], parameters(), "complex")
+        x = solve(fit.problem, x).x
+        errors.append(np.abs(x - parameters().x).max())
+        plain = weigh(response, FitSpec(weights=spec))
+        factor = robust_factors(elastic_fit([response], [model], [plain], parameters(), "complex"), [plain], x)
+        weights = replace(plain, factor=factor[0])
+    assert errors[-1] < errors[0] / 5
+    assert np.median(weights.factor[spoilt]) < 0.2 < 0.8 < np.median(weights.factor[~spoilt])
