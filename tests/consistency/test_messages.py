@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import click
@@ -25,8 +25,10 @@ OPTIONS = {
 OTHERS = {"--extra", "--reinstall-package", "--group", "--help"}
 
 
-def messages() -> Iterator[tuple[str, str]]:
+@cache
+def messages() -> tuple[tuple[str, str], ...]:
     """Module and text of each string with blanks that is no docstring; its holes are ‹›."""
+    found = []
     for path in sorted(PACKAGE.rglob("*.py")):
         nodes = [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
         apart = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
@@ -38,7 +40,8 @@ def messages() -> Iterator[tuple[str, str]]:
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):
                 text = node.value
             if " " in text.strip() and id(node) not in apart:
-                yield path.relative_to(PACKAGE).as_posix(), text
+                found.append((path.relative_to(PACKAGE).as_posix(), text))
+    return tuple(found)
 
 
 def test_commands_and_options_that_messages_name_exist() -> None:

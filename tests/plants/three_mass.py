@@ -17,6 +17,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, Parameters
 from elastid.record import Configuration
 from elastid.response import Covariance, Response
+from plants.two_mass import circular as circular
 
 TRUTH = {"k_g": 20.59269827430799, "d_g": 0.06241814047290, "k_a": 20.23072060978318, "d_a": 0.00987527995798}
 FREQ = np.arange(1, 40.01, 0.2)
@@ -53,11 +54,6 @@ def parameters(off: float = 1.0, **changes: Parameter) -> Parameters:
     free = {name: Parameter(name, v * off, "1", v / 1e3, v * 1e3, log=True) for name, v in TRUTH.items()}
     free["delay"] = Parameter("delay", 0.0, "s", free=False)
     return Parameters(tuple((free | changes).values()))
-
-
-def circular(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Complex noise of unit variance."""
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
 def measured(model: LinearModel, std: FloatArray, rng=None, dof: float = np.inf) -> Response:

@@ -9,14 +9,10 @@ import pytest
 from elastid.app.console import Console
 from elastid.app.run import Run
 from elastid.base.arrays import FloatArray
-from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import formulate
-from elastid.record import Configuration
-from elastid.response import Covariance
 from elastid.robot import Robot
 from elastid.store.measured import write_responses
 from elastid.study import load
+from plants.measured_robots import responses_of
 
 ROBOT = """\
 name: two axes
@@ -82,13 +78,10 @@ def measured(
 ) -> Run:
     """A run whose frf.h5 holds what `truth` does, with 2 % noise."""
     run = Run(load(study, overrides), study.parent / folder, jobs, Console(-1))
-    rng, model, responses = np.random.default_rng(seed), formulate(truth), []
-    linearisation = Linearisation.of(model)
-    for name, angles in run.study.experiment.configurations.items():
-        linear = linearisation.at(Configuration(name, angles), model.theta, truth.motor_locations, "acceleration")
-        exact = to_response(linear, np.append(model.theta, 0.0), freq_hz)
-        std = noise * np.abs(exact.G) + 1e-3 * np.abs(exact.G).max(axis=0)
-        drawn = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
-        responses.append(replace(exact, G=exact.G + drawn, total=Covariance(std**2, np.inf)))
+    postures, rng = run.study.experiment.configurations, np.random.default_rng(seed)
+    responses = [
+        replace(response, noise=None, total=response.noise)
+        for response in responses_of(truth, postures, rng, freq_hz, noise, 1e-3)
+    ]
     write_responses(run.path("estimate"), responses, run.stamps["estimate"])
     return run

@@ -6,15 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.measured_robots import responses_of
 from plants.two_axes import ROBOT
 
 from elastid.fit.parameter_choice import choose
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
-from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import EXACT, formulate
-from elastid.record import Configuration
-from elastid.response import Covariance, Response
+from elastid.model.formulation import EXACT
+from elastid.response import Response
 from elastid.robot import Robot
 from elastid.study import load_robot
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit
@@ -97,15 +95,8 @@ def test_parameters_that_a_model_lacks_are_fixed_at_their_starts(robot: Robot) -
 @pytest.fixture(scope="module")
 def responses(robot: Robot) -> list[Response]:
     """Of the robot in three configurations, with 2 % noise."""
-    rng, model, found = np.random.default_rng(0), formulate(robot), []
-    linearisation = Linearisation.of(model)
-    for name, angles in (("a", (0.0, 0.2)), ("b", (0.5, 0.9)), ("c", (-0.4, -0.7))):
-        linear = linearisation.at(Configuration(name, angles), model.theta, robot.motor_locations, "acceleration")
-        exact = to_response(linear, np.append(model.theta, 0.0), np.linspace(2, 50, 30))
-        std = 0.02 * np.abs(exact.G) + 1e-3 * np.abs(exact.G).max(axis=0)
-        drawn = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
-        found.append(replace(exact, G=exact.G + drawn, total=Covariance(std**2, np.inf)))
-    return found
+    postures = {"a": (0.0, 0.2), "b": (0.5, 0.9), "c": (-0.4, -0.7)}
+    return responses_of(robot, postures, np.random.default_rng(0), np.linspace(2, 50, 30), added=1e-3)
 
 
 SPEC = FitSpec(starts=1, parameters={"k_2x": ParameterSpec()}, weights=WeightSpec(floor=0.0))
