@@ -9,9 +9,19 @@ import pytest
 from plants.refusals import refused
 from plants.steady_record import AUTO, LINES, RATE, N, periods_of, steady_record
 
+from elastid.base.arrays import IntArray
 from elastid.frf.estimate import estimate
 from elastid.frf.spectra import RecordSpectra, reference_spectrum, single_logs, whole_logs
 from elastid.record import MOTION_ORDER, Motion
+
+
+@pytest.mark.parametrize("lines", [LINES, np.array([1, 2, 7, N // 8 - 1]), np.array([3, N // 2 - 1])])
+def test_amplitudes_are_those_of_the_transform_of_each_period(lines: IntArray) -> None:
+    """Also of low lines alone, whose transform is one of every fourth sample."""
+    record = steady_record(3)
+    record = replace(record, u=np.random.default_rng(0).standard_normal(record.u.shape))
+    expected = np.fft.rfft(record.u.reshape(3, N, -1), axis=1)[:, lines] * 2 / N
+    np.testing.assert_allclose(RecordSpectra(record).amplitudes("u", lines), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("measured", ["position", "velocity", "acceleration"])
