@@ -144,23 +144,18 @@ class RecordSpectra:
     def _put_dft_at(self, role: Role, wanted: slice | IntArray, dft: ComplexArray) -> None:
         """Puts the DFT of all periods into found (P, c, F); half periods share their mean.
 
-        Of some lines one array holds the whole spectrum of one period after the other and stays in the cache.  Of low
-        lines it is four short ones, of every fourth sample each, turned and added as in the first step of an FFT.
+        Of some lines one array holds the whole spectrum of one period after the other and stays in the cache.
         """
         record, L = self.record, self.record.repeat_samples
         if record.half_wave or (role == self.driver_role and self.driver is not None):
             dft[:] = self.dft(role)[:, wanted].swapaxes(1, 2)
             return
         signals, is_whole = getattr(record, role), dft.shape[2] == L // 2 + 1
-        lines = np.arange(L // 2 + 1)[wanted]
-        Q = 4 if L % 4 == 0 and lines.size and lines[-1] < L // 8 else 1
-        turns = np.exp(-2j * np.pi / L * np.arange(Q)[:, None] * lines)[:, None]
-        spectrum = np.empty((Q * dft.shape[1], 0 if is_whole else L // Q // 2 + 1), np.complex128)
+        spectrum = np.empty((dft.shape[1], 0 if is_whole else L // 2 + 1), np.complex128)
         for p, of_period in enumerate(dft):
-            period = signals[p * L : (p + 1) * L].reshape(L // Q, -1)
-            rfft(period, axis=0, out=(of_period if is_whole else spectrum).T)
+            rfft(signals[p * L : (p + 1) * L], axis=0, out=(of_period if is_whole else spectrum).T)
             if not is_whole:
-                (spectrum[:, wanted].reshape(Q, *of_period.shape) * turns).sum(axis=0, out=of_period)
+                of_period[:] = spectrum[:, wanted]
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
         """Complex amplitudes (P, F, c) of a signal at lines (F,)."""

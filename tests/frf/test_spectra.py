@@ -17,7 +17,6 @@ from elastid.record import MOTION_ORDER, Motion
 
 @pytest.mark.parametrize("lines", [LINES, np.array([1, 2, 7, N // 8 - 1]), np.array([3, N // 2 - 1])])
 def test_amplitudes_are_those_of_the_transform_of_each_period(lines: IntArray) -> None:
-    """Also of low lines alone, whose transform is one of every fourth sample."""
     record = steady_record(3)
     record = replace(record, u=np.random.default_rng(0).standard_normal(record.u.shape))
     expected = np.fft.rfft(record.u.reshape(3, N, -1), axis=1)[:, lines] * 2 / N
