@@ -54,7 +54,7 @@ from elastid.response import Response
 
 WELCH = ("h1", "h2")
 LOCAL = ("local_polynomial", "local_rational")
-LEVEL_LINES, LEVEL_ROWS = 1024, 64  # and experiments or periods, of which `level_lines` are found, at most
+LEVEL_LINES = 1024  # of which `level_lines` are found
 
 
 def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None) -> Response:
@@ -275,8 +275,5 @@ def _with_covariances(
 def _level_lines(Z: Sequence[ComplexArray], G: ComplexArray) -> float:
     """`level_lines` of Y - G U, Z (K, F, n_y + n_u) of some experiments or periods; 1 without any."""
     n_y, few = G.shape[1], slice(LEVEL_LINES)
-    if not Z:
-        return 1.0
-    z = np.concatenate([part[:, few] for part in Z])
-    z = z[:: -(-len(z) // LEVEL_ROWS)]
-    return level_lines(z[..., :n_y] - np.einsum("fyu,kfu->kfy", G[few], z[..., n_y:]), G[few])
+    V = [z[:, few, :n_y] - np.einsum("fyu,kfu->kfy", G[few], z[:, few, n_y:]) for z in Z]
+    return level_lines(np.concatenate(V), G[few]) if V else 1.0
