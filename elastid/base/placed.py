@@ -27,7 +27,7 @@ class Placed:
     """Items at workers as long as something holds this, which goes to another process as None."""
 
     def __init__(self, items: Sequence[Any], execution: Execution) -> None:
-        """Each goes to its worker by itself, neighbours to the same one."""
+        """Items go to their workers one by one, neighbours to the same one."""
         self._items, address = list(items), SCHEDULER.get()
         self._home: _Processes | _Cluster = _Cluster(address) if address else _Processes(execution.jobs)
         self._close = finalize(self, self._home.close)
@@ -45,7 +45,7 @@ class Placed:
         return [value for worker in range(len(self._shares)) for value in answered[worker]]
 
     def change(self, items: Sequence[Any], functions: Sequence[Function]) -> None:
-        """Each item replaced by another, which is what a function makes of it: fewer bytes."""
+        """Items are replaced by what a function makes of them: fewer bytes."""
         self._items = list(items)
         self._asked({worker: functions[share] for worker, share in enumerate(self._shares)}, self._home.change)
 
@@ -95,7 +95,7 @@ def _replace(functions: Sequence[Function], items: list[Any]) -> None:
 
 
 class _Processes:
-    """At processes of this machine, which end with it."""
+    """Workers that are processes of this machine, which end with it."""
 
     def __init__(self, count: int) -> None:
         self.count, self._workers = count, dict[int, Worker]()
@@ -124,7 +124,7 @@ class _Processes:
 
 
 class _Cluster:
-    """At the workers of a Dask cluster; a task for each worker and question."""
+    """Workers of a Dask cluster; a task for each worker and question."""
 
     def __init__(self, address: str) -> None:
         self._stack, self._at = ExitStack(), dict[int, str]()

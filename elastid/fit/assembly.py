@@ -101,14 +101,14 @@ class Assembly:
         return replace(assembly, linearisation=Linearisation.of(linearisation.model, follows=True))
 
     def only(self, of_tool: bool) -> Assembly:
-        """The same with the responses at the tool alone, or with those of the motors alone, and without load tests."""
+        """Assembly with the responses at the tool alone, or those of the motors alone, and without load tests."""
         pairs = zip(self.responses, self.weights, strict=True)
         kept = [(G, weights) for G, weights in pairs if is_at_tool(G) == of_tool]
         responses, weights = zip(*kept, strict=True) if kept else ((), ())
         return replace(self, responses=responses, weights=weights, loads=None)
 
     def with_floor(self, floor: float | None) -> Assembly:
-        """The same with the weights of a floor."""
+        """Assembly with the weights of a floor."""
         spec, pairs = with_floor(self.spec, floor), zip(self.responses, self.weights, strict=True)
         return replace(self, spec=spec, weights=tuple(weigh(G, spec, weights.noise) for G, weights in pairs))
 
@@ -159,7 +159,7 @@ class Assembly:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
     def at_rest(self, x: FloatArray, share: float = 1.0) -> Assembly:
-        """The same without what the motion of the measurements adds to their responses at x (n_x,).
+        """Assembly without what the motion of the measurements adds to their responses at x (n_x,).
 
         share: of the lines on which that is worked out.
         """
@@ -189,7 +189,7 @@ class Assembly:
         return tuple(notes)
 
     def reweighted(self, x: FloatArray) -> Assembly:
-        """The same with the weights of the robust loss at x."""
+        """Assembly with the weights of the robust loss at x."""
         if self.spec.weights.loss == "square":
             return self
         factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x)
@@ -197,12 +197,12 @@ class Assembly:
         return replace(self, weights=tuple(weights))
 
     def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> Assembly:
-        """The same, of measured systematic errors, with these as the model of a fit has them at x (n_x,)."""
+        """Assembly with measured systematic errors as the model of a fit has them at x (n_x,)."""
         modelled = (part.kernel.response(fit.theta(part, x)) for part in fit.parts)
         return replace(self, responses=tuple(map(with_modelled_bias, self.responses, modelled)))
 
     def unbiased(self, c: FloatArray) -> Assembly:
-        """The same without the systematic errors of its responses, for their factors c (n_b,)."""
+        """Assembly without the systematic errors of its responses, for their factors c (n_b,)."""
         if not c.any():
             return self
         factors = find_factors(self.responses)

@@ -102,7 +102,7 @@ class FittedRobot:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Those of the fit that count here: not those of other groups, nor those which this group has of its own."""
+        """Parameters that count here: not those of other groups, nor those which this group has of its own."""
         return parameters_of(self.result, self.measured[0].configuration.name)
 
     @property
@@ -148,7 +148,7 @@ def _fitted(
 
 
 def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:
-    """Those of a fit that count in a configuration: not those of other groups, nor those which its own stand in for."""
+    """Parameters that count in a configuration: not those of other groups, nor those that its own replace."""
     local = result.parameters.configuration_of_its_own(configuration)
     own = [p.stands_for for p in result.parameters if local in p.only]
     return tuple(p for p in result.parameters if local in p.only or not (p.only or p.name in own))

@@ -124,7 +124,7 @@ def fit_parameters(
     model: ModelSpec = EXACT,
     loads: Sequence[PlacedTest] = (),
 ) -> Result:
-    """The same without further intervals and causes that take longer than the fit, for many fits that are compared."""
+    """Result without the intervals and causes that take longer than the fit, for many fits that are compared."""
     bare = replace(spec, profile=(), bootstrap=0)
     return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS, loads=loads)
 
@@ -183,7 +183,7 @@ def _at_start(assembly: Assembly, robot: Robot, execution: Execution) -> Elastic
 def _from_all_starts(
     assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution
 ) -> tuple[tuple[LocalOptimum, ...], int]:
-    """Where all starts ended, best first, and how many reached the best; fit: at the start of the parameters."""
+    """Ends of all starts, best first, and how many reached the best; fit: at the start of the parameters."""
     parameters = fit.parameters
     problems = [assembly.search_problem(fit, spec.criterion)]
     if spec.criterion == "complex":

@@ -131,7 +131,7 @@ MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
 
 @dataclass(frozen=True)
 class Profile:
-    """Of one parameter: the interval in x, infinite where the data give no bound."""
+    """Profile of one parameter: the interval in x, infinite where the data give no bound."""
 
     name: str
     interval: tuple[float, float]
@@ -167,7 +167,7 @@ def _profile(
 def _end(
     problem: LeastSquares, x: FloatArray, least: float, tangent: FloatArray, level: float, place: int, reach: float
 ) -> float:
-    """Where sqrt(V_p - V) crosses its level, sought from x + reach on; infinite where it does not before a bound."""
+    """End where sqrt(V_p - V) crosses its level, sought from x + reach on; infinite without one before a bound."""
     from scipy.optimize import brentq  # slow to load, and seldom needed
 
     bounds, last = problem.parameters.x_bounds, x
@@ -209,8 +209,8 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     if spec.profile == "auto":
         names, left = choose_profiles(problem.parameters, variance)
         text = (
-            f"{', '.join(names)}: the cost is not quadratic over the symmetric interval (in the logarithm, of a "
-            "positive parameter); the interval is by profile likelihood"
+            f"{', '.join(names)}: known to 10 % or worse, over which the cost is not quadratic; the interval is by "
+            "profile likelihood"
         )
         text += (
             f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile" if left else ""

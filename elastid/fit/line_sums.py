@@ -42,7 +42,7 @@ from elastid.response import Response
 
 @dataclass(frozen=True)
 class LineSums:
-    """Of one configuration, n_x variables and F lines; small, since there may be a thousand of them.
+    """Sums of one configuration, n_x variables and F lines; small, since there may be a thousand of them.
 
     rows (n_x, n_x): a triangle with the J^T J of its part.  power (F, n_p): of each line, what it contributes to the
     variances of the n_p parameters: [A^-1 A_k A^-1]_ii, A_k = J_k^T J_k.  autocovariance (F,): Re sum r_k^* r_{k+l} of
@@ -222,7 +222,7 @@ def bands(n_lines: int, length: float) -> tuple[slice, ...]:
 def sum_blocks(
     pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length: float
 ) -> tuple[FloatArray, FloatArray | None, tuple[float, int]]:
-    """Of one configuration: pulls g_b (B, n_x), the sum of their S_b, and sum g_b^T S_b^+ g_b with the ranks of S_b.
+    """Sums of one configuration: pulls g_b (B, n_x), the S_b, and sum g_b^T S_b^+ g_b with the ranks of S_b.
 
     pull (n_x, F): J_k^T r_k of each line.  J (F, m, n_x), S (F, m, m): derivatives and covariance of its whitened
     residuals.  length: their correlation length, in lines.

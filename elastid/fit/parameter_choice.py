@@ -125,7 +125,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
 
 
 def _chosen(spec: FitSpec, robot: Robot, configurations: Sequence[str]) -> Parameters:
-    """The same; ValueError for what no set of parameters can be."""
+    """Parameters of `choose`; ValueError for what no set of parameters can be."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
     table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
     shared = {key: asked for key, asked in spec.parameters.items() if not is_group_key(key)}
@@ -223,7 +223,7 @@ def _default(robot: Robot) -> dict[str, ParameterSpec]:
 
 
 def _friction_starts(robot: Robot) -> dict[str, float]:
-    """Where a search begins for motor friction of which the file has none: that which stops the rotor within 1 s."""
+    """Starts of motor friction of which the file has none: that which stops the rotor within 1 s."""
     motors = {joint.name: joint.motor for joint in robot.driven if joint.motor is not None}
     return {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
 

@@ -77,7 +77,7 @@ class Family:
         cls, robot: Robot, spec: ModelSpec, parameters: Parameters, x: FloatArray, covariance: FloatArray,
         asked: Asked, where: str = "", doubts: tuple[Doubt, ...] = (),
     ) -> Family:  # fmt: skip
-        """Of a fit; StudyError for places that the robot lacks.  where: the configuration whose parameters count."""
+        """Family of a fit; StudyError for places that the robot lacks.  where: configuration whose parameters count."""
         robot, frame = _with_frames(robot, asked)
         held = replace(robot, payload=asked.payload) if isinstance(asked.payload, Payload) else robot
         members = (name for doubt in doubts for name in doubt.members)
@@ -112,7 +112,7 @@ class Family:
 
     @property
     def quantity(self) -> Motion:
-        """Of all outputs: accelerations where an accelerometer is among them, else positions unless asked otherwise."""
+        """Quantity of all outputs: accelerations with an accelerometer among them, else positions unless asked."""
         if not _accelerometers(self.outputs):
             return self.asked.quantity or "position"
         if self.asked.quantity not in (None, "acceleration"):
@@ -146,7 +146,7 @@ class Family:
         motors = [place for place in self.inputs if place.startswith("motor ")]
 
         def row(place: str) -> FloatArray:
-            """Of a place, as a sum of `places`."""
+            """Row of a place, as a sum of `places`."""
             weights = np.zeros(len(rows))
             kind, _, rest = place.partition(" ")
             if kind in ("motor", "joint", "body") or self.asked.axes == "own":

@@ -76,7 +76,7 @@ def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[ElasticFit, Loca
 
 
 def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | None:
-    """Of the robot with the estimates of a fit: by body, what the data have left of its tolerances.
+    """Tolerances of the robot with the estimates of a fit: by body, what the data have left of them.
 
     The widest coordinate counts for all of a body.  As they are where the file is exact.
     """

@@ -286,7 +286,7 @@ class Result:
 
     @property
     def model_error(self) -> float:
-        """The same, at least 1."""
+        """Model error, at least 1."""
         return max(1.0, self.residual_ratio)
 
     @property
@@ -295,7 +295,7 @@ class Result:
         return self.parameters.expand(self.x)
 
     def theta_of(self, configuration: str) -> FloatArray:
-        """The same in one configuration, where it has parameters of its own."""
+        """Numbers theta in one configuration, where it has parameters of its own."""
         return self.parameters.expand(self.x, configuration)
 
     @property
@@ -454,7 +454,7 @@ class Result:
         return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
 
     def family(self, asked: Asked, where: str = "") -> Family:
-        """The same for many postures; where: the configuration whose parameters count, of those with their own."""
+        """Family of many postures; where: the configuration whose parameters count, of those with their own."""
         if self.robot is None:
             raise StudyError(
                 "fit/no-robot",
@@ -466,7 +466,7 @@ class Result:
         return Family.of(self.robot, spec, *known, asked, where, self.doubts)
 
     def with_parameters(self, *unnamed: object, **values: float) -> Result:
-        """The same robot with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
+        """Result with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
 
         They count as exact, all others keep their values and covariances.  UnknownNameError for a name that is none,
         TypeError for what is no number with a name, ValueError for a tied number and one that is out of range.
@@ -511,7 +511,7 @@ class Result:
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
-        """Where the model is wrong, the numbers that would explain it, as errors of `DOUBT` of their steps."""
+        """Numbers that would explain where the model is wrong, as errors of `DOUBT` of their steps."""
         if not self.exceeds_noise:
             return ()
         # A step is the whole of what would explain the misfit: 95 % of such errors contain it with a sixth to spare.

@@ -119,7 +119,7 @@ class PriorSpec:
 
 @section
 class TieSpec:
-    """This parameter is factor times the parameter `to`, and times the ratio `by` if one is named."""
+    """Tie: factor times the parameter `to`, and times the ratio `by` if one is named."""
 
     # fmt: off
     to: Annotated[str, Key("Name of the other parameter; a * stands for what the * of the key stands for (d_*: {tie: "
@@ -138,7 +138,7 @@ class TieSpec:
             raise ValueError(f"at_hz is {self.at_hz:g}; it must be positive")
 
     def tie(self) -> Tie:
-        """As the parameter set wants it."""
+        """Tie as the parameter set wants it."""
         omega = 1.0 if self.at_hz is None else 2 * math.pi * self.at_hz
         return Tie(self.to, self.factor / omega, self.by)
 

@@ -27,7 +27,7 @@ MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against a
 
 
 def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Parameters:
-    """The same with the numbers that it holds free within robot.tolerances; unchanged where all are exact.
+    """Parameters with held numbers free within robot.tolerances; unchanged where all are exact.
 
     What spec.parameters frees, ties or fixes stays as it is.  Coordinates that are zero stay, but for centres of mass:
     an offset of an axis acts in second order.
@@ -63,7 +63,7 @@ def _within(held: Parameter, std: float) -> Parameter:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Of a number: the body, loop or payload that owns it, its kind, std; the common factor of an inertia's entries."""
+    """Tolerance of a number: body, loop or payload that owns it, kind, std; factor of an inertia's entries."""
 
     name: str
     owner: str
@@ -73,7 +73,7 @@ class Tolerance:
 
 
 def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
-    """Of every number of the robot's file that is not exact."""
+    """Tolerances of every number of the robot's file that is not exact."""
     if not isinstance(robot.tolerances, Tolerances):
         return
     values = robot.parameters()
@@ -97,7 +97,7 @@ def _turns_all(robot: Robot, path: Path) -> bool:
 
 
 def ratio_within(response: Response, robot: Robot) -> Response:
-    """The same with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
+    """Response with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
     within = robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
     return replace(response, ratio_std=within * response.ratio_std)
 

@@ -302,7 +302,7 @@ class Track:
 
 
 def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> Estimate:
-    """At rest at an angle, the spring bent by the load, the bristle anywhere, friction within PRIOR of the joint's."""
+    """Estimate at rest at an angle, spring bent by the load, bristle anywhere, friction within PRIOR."""
     names = joint.states
     bend = joint.coulomb / joint.bristle_stiffness
     start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.is_elastic else 0.0)}
@@ -361,7 +361,7 @@ FILTER = FilterThresholds()
 
 @frozen_value
 class Consistency:
-    """Of the samples after a filter has settled at which the joint moves (Track.moves).
+    """Consistency of the samples after a filter has settled at which the joint moves (Track.moves).
 
     nis: mean.  autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
     restless: followed numbers that move by more than their bands hold.
@@ -383,7 +383,7 @@ class Consistency:
 
 
 def consistency(track: Track, settled_s: float) -> Consistency:
-    """Of a track after settled_s."""
+    """Consistency of a track after settled_s."""
     first = round(settled_s * track.rate_hz)
     # At standstill the error of a rounded angle is constant, and no noise.
     moves = most(track.moves[first:])

@@ -102,7 +102,7 @@ class FollowedFriction:
 
     @property
     def verdict(self) -> str:
-        """If the bands are to be believed."""
+        """Verdict whether the bands are to be believed."""
         if self.consistency.is_honest:
             return "no test doubts the bands"
         return "the bands are too narrow, as the warnings say"
@@ -179,7 +179,7 @@ def _at_start(joint: FollowedJoint, samples: JointSamples) -> Estimate:
 
 
 def _track(kalman: KalmanFilter, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
-    """Over all motions, one after the other."""
+    """Track over all motions, one after the other."""
     tracks = [kalman.run(motions[0], noise, _at_start(kalman.joint, motions[0]))]
     for motion in motions[1:]:
         pause_s = max(0.0, motion.start_s - float(tracks[-1].time_s[-1]))
@@ -192,7 +192,7 @@ def _track(kalman: KalmanFilter, motions: Sequence[JointSamples], noise: FilterN
 def _resumed(
     joint: FollowedJoint, last: Estimate, motion: JointSamples, noise: FilterNoise, pause_s: float
 ) -> Estimate:
-    """At rest where the motion begins, friction as it was, less certain by the drift of the pause."""
+    """Estimate at rest where the motion begins, friction as it was, less certain by the pause's drift."""
     p, n = len(joint.followed), len(joint.states)
     begun = _at_start(joint, motion)
     x, P = begun.x.copy(), begun.P.copy()

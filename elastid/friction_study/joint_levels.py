@@ -69,7 +69,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
 
 
 def _turn(joint: Joint) -> float:
-    """Of the joint for one of its motor; 0 without a motor."""
+    """Turn of the joint for one of its motor; 0 without a motor."""
     return 0.0 if joint.motor is None else 2 * np.pi / abs(joint.motor.ratio)
 
 
@@ -95,7 +95,7 @@ def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Of one joint: the regression (None where its logs cannot identify it), the passes in its logs, and notes."""
+    """Motion of one joint: the regression (None where its logs cannot identify it), passes, and notes."""
 
     friction: MotionFriction | None
     passes: tuple[FrictionRecord, ...]

@@ -64,7 +64,7 @@ class CurveFit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """In the order of the covariance."""
+        """Names in the order of the covariance."""
         return (*self.terms.linear, *self.terms.searched)
 
     def torque(self, conditions: Conditions) -> FloatArray:
@@ -73,7 +73,7 @@ class CurveFit:
         return np.asarray(columns(conditions, self.terms.linear, self.values, self.T_0) @ linear)
 
     def torque_std(self, conditions: Conditions) -> FloatArray:
-        """Its std (n,), to first order."""
+        """Std (n,) of the torque, to first order."""
         J = derivative(conditions, self.terms, self.values, self.T_0)
         return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
 
@@ -245,12 +245,12 @@ class StaticLaw:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the numbers (n, n)."""
+        """Covariance (n, n) of the numbers."""
         return np.asarray(self._sum @ self.fit.covariance @ self._sum.T)
 
     @property
     def intervals(self) -> dict[str, tuple[float, float, float, float]]:
-        """Of each number by name value, std, and the ends of its 95 % interval; without those that are extrapolated."""
+        """Value, std and ends of the 95 % interval by name; without numbers that are extrapolated."""
         reach, stds = self.fit.reach, np.sqrt(np.diag(self.covariance)).tolist()
         unseen = STRIBECK_NUMBERS if any(part.part == "stribeck" for part in self.held) else ()
         numbers = zip(self.values.items(), stds, strict=True)
@@ -388,7 +388,7 @@ def above_stribeck(lowest: float, nu_s: float) -> str:
 
 
 def _with_other_curves(levels: Levels, fit: CurveFit, stribeck: _Part, spec: LawSpec) -> CurveFit:
-    """With the difference to other Stribeck curves in the covariance, of those that the levels do not exclude.
+    """Fit with the difference to other Stribeck curves that levels do not exclude in its covariance.
 
     These are of another exponent where it is held, and, where there is none, below the lowest speed.
     """

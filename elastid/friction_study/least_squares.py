@@ -60,11 +60,11 @@ class Optimum:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of x (n, n), for residuals of variance 1, or as much larger as they scatter."""
+        """Covariance of x (n, n), for residuals of variance 1, or as much larger as they scatter."""
         return inverse_normal(self.J) * max(1.0, self.cost / max(1, self.dof))
 
     def scattered_covariance(self, correlated: FloatArray, least: FloatArray) -> FloatArray:
-        r"""Of x (n, n), whatever the variances of the residuals: each correlated with c (m,), of v (m,) at least.
+        r"""Covariance of x (n, n), residuals correlated with c (m,), of variance v (m,) at least.
 
         .. math:: A^{-1} J^T \mathrm{diag}\left(\max\left(\frac{c\, r^2}{(1 - h)^2}, v\right)\right) J A^{-1},
                   \quad A = J^T J, \quad h = \mathrm{diag}(J A^{-1} J^T)
@@ -111,7 +111,7 @@ def chance_of_terms(narrow: float, wide: float, added: int, dof: int) -> float:
 
 @frozen_value
 class Equations:
-    """Of one log at n instants: friction X (n, m, n_x), all else R (n, m, n_r), torque y (n, m).
+    """Equations of one log at n instants: friction X (n, m, n_x), all else R (n, m, n_r), torque y (n, m).
 
     Rows that are not used are zero.  states (n, n_s): with which errors of the model may repeat; none of them: (n, 0).
     """
@@ -241,7 +241,7 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> tuple[Fl
 def _expected(
     of_errors: Sequence[FloatArray], explained: Sequence[FloatArray], terms: Sequence[int]
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Of the variances (n_x,) by cosines: their mean over the truth, and 2 (E V)^2 / var V, of errors that are white.
+    r"""Mean of variances (n_x,) by cosines over the truth, and 2 (E V)^2 / var V, of errors that are white.
 
     of_errors (n, m, n_x): of each log, the parts that its errors have in those of the numbers.  explained (n, m, r):
     orthonormal columns of all numbers, which the residuals lack, so that these are smaller than the errors, above all

@@ -122,7 +122,7 @@ class PassRegression:
         return replace(self, A=np.column_stack([self.A, *columns]), shared=(*self.shared, *names))
 
     def _autocovariance(self, left: FloatArray) -> FloatArray:
-        """Of the residuals of all passes, by lag in rows, up to the first that is not above chance."""
+        """Autocovariance of all passes' residuals, by lag in rows, up to the first not above chance."""
         values = [float(left @ left / len(left))]
         for lag in range(1, min(201, len(left))):
             together = self.of_pass[lag:] == self.of_pass[:-lag]
@@ -313,7 +313,7 @@ def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[Float
 def _levels(
     passes: Sequence[Pass], conditions: FloatArray, g: FloatArray, std: FloatArray, uneven: FloatArray
 ) -> Levels:
-    """By direction where the directions differ, else their means."""
+    """Levels by direction where the directions differ, else their means."""
     signs = (1.0, -1.0) if uneven.any() else (0.0,)
     speed, load, temperature = np.tile(conditions.T, len(signs))
     torque = np.concatenate([g + s * uneven for s in signs])

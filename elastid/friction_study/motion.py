@@ -92,7 +92,7 @@ class RigidBody:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the base parameters, those of their columns."""
+        """Names of the base parameters, those of their columns."""
         return tuple(self.columns[i] for i in self.chosen)
 
 
@@ -119,7 +119,7 @@ class MotionFriction:
 
     @classmethod
     def of(cls, signals: Sequence[MotionSignals], chosen: Regression, terms: MotionTerms) -> MotionFriction:
-        """Without its judgement; DataError where friction supplies power at every speed."""
+        """Friction of a motion without its judgement; DataError where friction supplies power at every speed."""
         first = signals[0]
         if chosen["coulomb"] < 0 and chosen["viscous"] <= 0:
             raise DataError(
@@ -139,7 +139,7 @@ class MotionFriction:
 
     @property
     def seconds_words(self) -> str:
-        """Of each second of the logs, if it is in the regression, and why not."""
+        """Words on each second of the logs: in the regression or why not."""
         rest = [f"{seconds:.3g} s {name}" for name, seconds in self.seconds.items() if name != "used" and seconds > 0]
         total, used = sum(self.seconds.values()), self.seconds.get("used", 0.0)
         return f"{used:.3g} of {total:.3g} s in the regression{', not ' if rest else ''}{', '.join(rest)}"
@@ -177,7 +177,7 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
 
 
 def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
-    """On dry friction that changes with the position."""
+    """Notes on dry friction that changes with the position."""
     if not fit.terms.angles:
         return ()
     parts = [0.0, *(fit.chosen[name] for name in ANGLE)]
@@ -208,7 +208,7 @@ def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Hel
 
 
 def _judged(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFriction:
-    """With the reason of a misfit, and the errors of the model that show between bands in the intervals."""
+    """Friction with the reason of a misfit; errors of the model that show between bands are in the intervals."""
     bands, terms = both_bands([MotionLog({"": each}) for each in signals], LIMITS.narrow), fit.terms
     wide, slow = ([log.first for log in band] for band in bands or ([], []))
     moved: dict[str, tuple[float, float]] = {}
@@ -244,7 +244,7 @@ def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: Motion
 def moved_numbers(
     names: Sequence[tuple[str, str]], shift: FloatArray, std: FloatArray
 ) -> dict[tuple[str, str], tuple[float, float]]:
-    """Of those that are compared between both bands by joint and name: the shift (n,) and its std (n,)."""
+    """Shift (n,) and std (n,) of numbers that both bands share, by joint and name."""
     pairs = zip(shift.tolist(), np.maximum(std, 1e-300).tolist(), strict=True)
     return {name: pair for name, pair in zip(names, pairs, strict=True) if name[1] in JUDGED}
 

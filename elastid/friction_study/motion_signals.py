@@ -87,7 +87,7 @@ def _runs(samples: BoolArray) -> list[tuple[int, int]]:
 
 
 def alike_speeds(speeds: FloatArray) -> FloatArray:
-    """Each speed (n,) as the mean of those that are the same."""
+    """Speeds (n,), each the mean of those that are the same."""
     groups = np.array(distinct_speeds(speeds))
     return groups[np.argmin(np.abs(speeds[:, None] - groups), axis=1)] if len(groups) else speeds
 
@@ -125,7 +125,7 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
 
 
 def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
-    """In their order; of a log with a speed those at it alone."""
+    """Plateaus in their order; of a log with a speed those at it alone."""
     position, velocity, acceleration = smoothed(record, PASSES.steady_hz)
     of_ways = [_plateau_of_way(position, *way, record.rate_hz) for way in _ways(position)]
     ways = [plateau for plateau in of_ways if plateau is not None]
@@ -185,7 +185,7 @@ def _plateau_of_way(position: FloatArray, start: int, stop: int, rate_hz: float)
 
 
 def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: bool) -> list[tuple[Plateau, Plateau]]:
-    """Each plateau with the next one back at the same speed, each used once."""
+    """Pairs of each plateau with the next one back at the same speed, each used once."""
 
     def is_way_back(first: Plateau, other: Plateau) -> bool:
         limit = PASSES.steady_share * abs(first.velocity)
@@ -284,7 +284,7 @@ class MotionSignals:
 
     @classmethod
     def of(cls, motion: Motion, passband_hz: float) -> MotionSignals:
-        """Those of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
+        """Signals of a motion; DataError where it is too short, or sampled too slowly, for the passband."""
         rate = motion.rate_hz
         spoilt = round(6.0 / passband_hz * rate)  # samples at either end, six periods of the passband
         if not passband_hz < rate / 4 or len(motion.position) < 4 * spoilt:
@@ -324,13 +324,13 @@ class MotionSignals:
 
     @property
     def rests(self) -> BoolArray:
-        """At full rate (n,), true at rest."""
+        """Flags at full rate (n,), true at rest."""
         speed = np.abs(self.velocity)
         return np.asarray(speed < PASSES.rest_share * speed.max())
 
     @cached_property
     def slides(self) -> BoolArray:
-        """At full rate (n,), true where neither rest nor a reversal is within the filter."""
+        """Flags at full rate (n,), true where neither rest nor a reversal is within the filter."""
         sign = np.sign(self.velocity)
         turns = np.append(False, sign[1:] != sign[:-1])
         # The derivatives of a spline reach 4 samples.
@@ -338,7 +338,7 @@ class MotionSignals:
 
     @cached_property
     def used(self) -> BoolArray:
-        """Of the samples that are kept (k,), those that slide; all, where hardly any does."""
+        """Flags of the samples that are kept (k,), those that slide; all, where hardly any does."""
         slides = self.slides[self.kept]
         # All are used where fewer than a fifth slide clear of reversals.
         return slides if slides.mean() > 0.2 else np.ones_like(slides)
@@ -359,7 +359,7 @@ class MotionSignals:
 
     @property
     def plateaus(self) -> tuple[Plateau, ...]:
-        """Where it slides steadily."""
+        """Plateaus where it slides steadily."""
         return find_plateaus(self.velocity, self.acceleration, self.motion.rate_hz)
 
     def moves(self, direction: int) -> bool:
@@ -404,12 +404,12 @@ class MotionLog:
 
     @classmethod
     def of(cls, motions: Mapping[str, Motion], resting: Mapping[str, float], passband_hz: float) -> MotionLog:
-        """Those of motions by joint; DataError as of `MotionSignals`."""
+        """Log of motions by joint; DataError as of `MotionSignals`."""
         return cls({joint: MotionSignals.of(each, passband_hz) for joint, each in motions.items()}, resting)
 
     @property
     def first(self) -> MotionSignals:
-        """Of one of its joints, which all have its times."""
+        """Signals of one of its joints, which all have its times."""
         return next(iter(self.of_joints.values()))
 
 

@@ -70,11 +70,11 @@ class MotionTerms:
         return stribeck | ({"temperature.decay": self.decay} if self.is_decay_free else {})
 
     def at(self, numbers: Regression) -> MotionTerms:
-        """With the nonlinear numbers of a regression with these parts, which has searched for its own."""
+        """Terms with the nonlinear numbers of a regression with these parts, which has searched for its own."""
         return self.moved({name: numbers[name] for name in self.searched if name in numbers.names})
 
     def moved(self, ends: Mapping[str, float]) -> MotionTerms:
-        """With other nonlinear numbers."""
+        """Terms with other nonlinear numbers."""
         velocity = ends.get("stribeck_velocity", self.stribeck_velocity)
         return replace(self, stribeck_velocity=velocity, decay=ends.get("temperature.decay", self.decay))
 
@@ -97,7 +97,7 @@ def shown_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
 
 
 def _by_angle(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """With dry friction over the angle, if a Legendre polynomial shows, and all change it enough to matter."""
+    """Terms with dry friction over the angle, if a Legendre polynomial shows, and all change it enough."""
     ends = min(float(each.position.min()) for each in signals), max(float(each.position.max()) for each in signals)
     wider = replace(terms, angles=ends)
     fit = regressed(signals, wider)
@@ -108,7 +108,7 @@ def _by_angle(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTer
 
 
 def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """With quadratic friction, which brakes, a Stribeck effect or both, beginning with the one that explains more."""
+    """Terms with quadratic friction, which brakes, a Stribeck effect or both, the better one first."""
     for _ in range(2):
         curves = {}
         if not terms.stribeck_velocity and (velocity := _stribeck_velocity(signals, terms)):
@@ -129,7 +129,7 @@ def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
 
 
 def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> Regression:
-    """With the change to other curves over speed in the covariance, of those that are not excluded.
+    """Regression with the change to other curves over speed that are not excluded in its covariance.
 
     They are of other exponents of a Stribeck effect, and of one that shows, but not beyond chance.
     """
@@ -152,7 +152,7 @@ def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit:
 
 
 def change_of(fit: Regression, other: Regression) -> FloatArray:
-    """Of the numbers (n_x,) in the other regression."""
+    """Change of the numbers (n_x,) in the other regression."""
     return np.array([other[name] - fit[name] if name in other.names else 0.0 for name in fit.names])
 
 
@@ -163,7 +163,7 @@ def _independent(signals: Sequence[MotionSignals], fit: Regression) -> float:
 
 
 def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """With the numbers of heat if one shows: without the other it would take that one's part."""
+    """Terms with the numbers of heat if one shows: without the other it would take that one's part."""
     degc = [each.motion.temperature for each in signals if each.motion.temperature is not None]
     if len(degc) < len(signals):
         return terms
@@ -200,7 +200,7 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
 
 
 def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocities: FloatArray) -> float:
-    """Of velocities (m,), that whose fall of stiction explains most of what a regression without it leaves."""
+    """Velocity (of m) whose fall of stiction explains most of what a regression without it leaves."""
     _, logs = equations_of(signals, terms)
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
     falls = [each.direction[:, None] * np.exp(-((each.velocity[:, None] / velocities) ** 2)) for each in signals]
@@ -263,7 +263,7 @@ def joint_equations(
     rigid: FloatArray | None = None,
     sliding: bool = True,
 ) -> Equations:
-    """Each joint has columns (k,) of its own by name; rigid: those (n, m, n_r) of all joints at full rate.
+    """Equations in which each joint has columns (k,) by name; rigid: those (n, m, n_r) of all at full rate.
 
     sliding: of samples that are clear of reversals alone.
     """
@@ -279,7 +279,7 @@ def joint_equations(
 
 
 def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> dict[str, FloatArray]:
-    """Behind the filter; derivatives of the position as it was logged, whose filter reaches no further.
+    """Columns behind the filter; derivatives of the logged position, whose filter reaches no further.
 
     The column of a delay is the rate of the torque as the other columns have it: that of the torque itself has the
     errors of the model in it, and makes all numbers wrong.
@@ -323,7 +323,7 @@ def full_rate_columns(
 
 
 def _columns_of_law(signals: MotionSignals, terms: MotionTerms, about: Regression | None) -> dict[str, FloatArray]:
-    """Those of steady sliding, stiction instead of its excess; a log without temperature is at T_0."""
+    """Columns of steady sliding, stiction instead of its excess; a log without temperature is at T_0."""
     v, s, motion, T_0 = signals.velocity, signals.direction[:, None], signals.motion, terms.reference
     degc = np.full_like(v, np.nan) if motion.temperature is None else motion.temperature
     # A speed above 0 has a logarithm.

@@ -70,7 +70,7 @@ class Elements:
         return np.asarray(states @ self.stiffness + self.offset)
 
     def to_maxwell_slip(self) -> MaxwellSlip:
-        """As a robot's file has it."""
+        """Maxwell slip as a robot's file has it."""
         used = self.stiffness > 0
         k, D = self.stiffness[used], self.threshold[used]
         shares = k * D / float(k @ D)
@@ -255,7 +255,7 @@ class _Model:
 
     @property
     def damping_unit(self) -> float:
-        """Of sigma_1 in x: about the stiffness over the angular frequency in the middle of the band."""
+        """Unit of sigma_1 in x: about the stiffness over the angular frequency in the middle of the band."""
         first = self.responses[0]
         middle = len(first.freq_hz) // 2
         return float(1 / np.abs(first.G[middle]) / (2 * np.pi * first.freq_hz[middle]))
@@ -268,7 +268,7 @@ class _Model:
         return np.asarray(1 / (bristles + 1j * omega * self.viscous + self.reaction(x, omega)))
 
     def start(self) -> FloatArray:
-        """From the smallest amplitude by linear regression of 1 / G."""
+        """Start from the smallest amplitude by linear regression of 1 / G."""
         first = self.responses[0]
         omega = 2 * np.pi * first.freq_hz
         is_rigid, of_file = self.joint is None, np.zeros(self.n_common)
@@ -283,7 +283,7 @@ class _Model:
         return np.array([*common, np.log(sigma_0), 0.1, sigma_1 / self.damping_unit])
 
     def covariance(self, fit: Optimum) -> FloatArray:
-        """Of x, whatever the variances of the residuals; those of the file's numbers are as stated."""
+        """Covariance of x, whatever the variances of the residuals; those of the file's numbers are as stated."""
         n_file = len(fit.r) - sum(2 * len(each.G) for each in self.responses)
         expansion = [np.tile(each.expansion_variance / each.total_variance, 2) for each in self.responses]
         correlated = [np.full(2 * len(each.G), each.correlated_lines) for each in self.responses]
@@ -291,7 +291,7 @@ class _Model:
         return fit.scattered_covariance(np.concatenate([*correlated, np.zeros(n_file)]), least)
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """Of the responses and of the file's numbers of an elastic joint, of variance 1."""
+        """Residual of the responses and of the file's numbers of an elastic joint, of variance 1."""
         of_file, left = x[:0] if self.joint is None else x[: self.n_common] / OF_FILE, list[FloatArray]()
         for response in self.responses:
             error = (response.G - self.receptance(x, response)) / np.sqrt(response.total_variance / 2)
@@ -323,17 +323,17 @@ class RestResponse:
 
     @property
     def expansion_variance(self) -> FloatArray:
-        """Of G (F,) by the expansion over amplitude."""
+        """Variance of G (F,) by the expansion over amplitude."""
         return (REST.expansion_error * np.abs(self.G)) ** 2
 
     @property
     def total_variance(self) -> FloatArray:
-        """Of G (F,) by noise and expansion."""
+        """Variance of G (F,) by noise and expansion."""
         return self.variance + self.expansion_variance
 
     @classmethod
     def of(cls, records: Sequence[FrictionRecord]) -> RestResponse:
-        """From the records of one amplitude, each a realisation; of noise the lines on which there is torque.
+        """Response from the records of one amplitude, each a realisation; of noise the lines on which there is torque.
 
         DataError for motion of less than a few counts of the encoder, and as `estimate`.
         """
@@ -384,7 +384,7 @@ def _as_record(record: FrictionRecord, realisation: int, posture: Configuration)
 
 
 def _estimator(records: Sequence[Record]) -> EstimatorSpec:
-    """Of a multisine the default; of noise Welch's method, where the torque has a hundredth of its highest power."""
+    """Estimator of a multisine: the default; of noise Welch's, where torque has a hundredth of its highest power."""
     if records[0].is_periodic:
         return EstimatorSpec(quantity="position", friction="none")
     n, rate_hz = min(len(record.u) for record in records), records[0].rate_hz

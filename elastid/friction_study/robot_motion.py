@@ -123,7 +123,7 @@ def _solved(logs: Sequence[MotionLog], rigid: Sequence[FloatArray], apart: Seque
 
 
 def _equations(log: MotionLog, rigid: FloatArray, apart: Sequence[str], sliding: bool = True) -> Equations:
-    """Each joint has viscous and Coulomb friction, and what is viscous in one direction more."""
+    """Equations of joints with viscous and Coulomb friction, and what is viscous in one direction more."""
     columns = {joint: columns_of(each, MotionTerms(joint in apart)) for joint, each in log.of_joints.items()}
     own = {joint: {name: each[name] for name in _OF_JOINT if name in each} for joint, each in columns.items()}
     return joint_equations(log, own, rigid, sliding)
@@ -141,7 +141,7 @@ def _states(robot: Robot, log: MotionLog) -> FloatArray:
 
 
 def _without(log: MotionLog, torque: FloatArray) -> dict[str, MotionSignals]:
-    """By joint, less a torque (n, m)."""
+    """Signals by joint, less a torque (n, m)."""
     pairs = zip(log.of_joints.items(), torque.T, strict=True)
     return {
         joint: replace(each, motion=replace(each.motion, torque=each.motion.torque - own))

@@ -207,7 +207,7 @@ class FrictionSpec:
 
     @property
     def designed_passes(self) -> PassesSpec:
-        """Those of a design, all by default where none are given."""
+        """Passes of a design, all by default where none are given."""
         return self.passes if isinstance(self.passes, PassesSpec) else PassesSpec()
 
 
@@ -247,5 +247,5 @@ class FilterSpec:
 
     @property
     def drift_rates(self) -> dict[str, float]:
-        """Of each followed logarithm, in a root second; of the offset in parts of F_c."""
+        """Drift rate of each followed logarithm, in a root second; of the offset in parts of F_c."""
         return dict.fromkeys(self.states, self.drift / 1200.0**0.5)

@@ -106,7 +106,7 @@ class _Problem:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the unknowns."""
+        """Names of the unknowns."""
         shares = {"share": self.is_kelvin, "level_share": self.has_series}
         second = ("ratio", *(name for name, is_there in shares.items() if is_there))
         return ("constant", *(second if self.nodes == 2 else ()), *(("h", "start") if self.is_kelvin else ()))
@@ -122,7 +122,7 @@ class _Problem:
         return constants, own, levels, math.exp(value.get("h", 0.0)), start
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """Of readings, levels and the start, of variance 1."""
+        """Residual of readings, levels and the start, of variance 1."""
         warm_up, (constants, shares, level_shares, h, start) = self.warm_up, self.parts(x)
         parts = []
         if self.is_kelvin:
@@ -136,7 +136,7 @@ class _Problem:
 
     @property
     def level_std(self) -> FloatArray:
-        """Of the levels (m,), with what a parabola over the heat may miss."""
+        """Std of the levels (m,), with what a parabola over the heat may miss."""
         return np.hypot(self.warm_up.level_std, PARABOLA * self.warm_up.level)
 
     def series(self, constants: FloatArray, shares: FloatArray) -> FloatArray:

@@ -276,7 +276,7 @@ class Evidence:
 
     @property
     def best_drop(self) -> float:
-        """Its drop of V, 0 where no cause is known."""
+        """Drop of V by the best cause, 0 where none is known."""
         return next((index.drop for index in self.result.indices), 0.0)
 
 

@@ -173,7 +173,7 @@ def _held_numbers(
 
 
 def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
-    """Each number alone, then common factors of several, then what one cause changes together.
+    """Candidates: each number alone, then common factors of several, then what one cause changes together.
 
     A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.  A
     payload changes mass, centre and inertia of a body; the angle of an axis may be off in every posture.

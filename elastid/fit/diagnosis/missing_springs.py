@@ -109,7 +109,7 @@ def _models(evidence: Evidence, held: HeldModel, responses: Sequence[Response]) 
 
 
 def _minima(costs: FloatArray, depth: float) -> BoolArray:
-    """Where V (n_k,) by growing stiffness is below its neighbours and, by so much, below V of a stiffer spring."""
+    """Flags where V (n_k,) by growing stiffness is below its neighbours and, by so much, a stiffer spring's."""
     stiffer = np.maximum.accumulate(costs[::-1])[::-1]
     lower = costs <= np.concatenate([[math.inf], costs[:-1]])
     return np.asarray(lower & (costs <= np.append(costs[1:], -math.inf)) & (costs < stiffer - depth))

@@ -55,7 +55,7 @@ class SecondSource:
 
     @classmethod
     def of(cls, alone: Result, residuals: Residuals, n_residuals: int) -> SecondSource:
-        """Beside `alone`, the fit to the motors' responses."""
+        """Source beside `alone`, the fit to the motors' responses."""
         C = alone.covariance.copy()
         unknown = ~np.isfinite(np.diag(C))
         C[unknown] = C[:, unknown] = 0.0

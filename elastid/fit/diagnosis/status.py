@@ -49,7 +49,7 @@ def at_bound(parameters: Parameters, x: FloatArray) -> BoolArray:
 
 
 def bound_notes(result: Result) -> Iterator[Note]:
-    """On parameters that ended at a bound."""
+    """Notes on parameters that ended at a bound."""
     for i in np.flatnonzero(result.at_bound):
         parameter, x = result.parameters.free[i], float(result.x[i])
         low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
@@ -122,7 +122,7 @@ def _bent_gears(evidence: Evidence) -> list[Note]:
 
 
 def _verdicts(evidence: Evidence) -> tuple[str, ...]:
-    """On each parameter that was asked for: good, depends on the file, at its bound, or not to be believed and why."""
+    """Verdict on each parameter asked for: good, depends on the file, at its bound, or not believed and why."""
     result, n = evidence.result, len(evidence.result.parameters.asked)
     index = decisive_index(result, evidence.uncertainty, result.indices)
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
@@ -322,7 +322,7 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
 
 
 def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
-    """On parameters, pairs of them and the combination that the data constrain too little."""
+    """Notes on parameters, pairs of them and the combination that the data constrain too little."""
     names, values = result.parameters.free_names, result.singular_values
     correlation = correlation_of(result.covariance_by_noise)  # a file that is off moves all alike
     if unreached.any():

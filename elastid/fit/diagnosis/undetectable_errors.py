@@ -55,7 +55,7 @@ class UndetectableError:
 
 
 def undetectable_errors(result: Result, scores: Scores) -> Iterator[UndetectableError]:
-    r"""Of every held number, alone or with all of its kind by one factor, whose error moves a parameter.
+    r"""Errors of held numbers, alone or with all of their kind by one factor, that move a parameter.
 
     A gear ratio that is wrong by a little changes the response as stiffness and damping do: free parameters take it up.
     Of a number h, with S and the effects of the score test and the standard deviations of x,

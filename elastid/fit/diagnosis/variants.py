@@ -164,7 +164,7 @@ def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
 
 
 def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
-    """The same with tolerances about other numbers."""
+    """Parameters with tolerances about other numbers."""
 
     def moved(p: Parameter) -> Parameter:
         if p.name not in numbers or not (p.tolerated or p.tie is not None or not p.free):
@@ -180,7 +180,7 @@ def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
 
 
 def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """By a load on the body where it explains most, fitted from there with its mass, place and inertia free.
+    """Load on the body where it explains most, fitted from there with its mass, place and inertia free.
 
     Resonances move farther with it than they are wide, so that its linear step is only a start.
     """

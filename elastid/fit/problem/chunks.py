@@ -52,12 +52,12 @@ class Chunk:
 
     @property
     def bare(self) -> Chunk:
-        """The same without what is worked out again where it goes."""
+        """Chunk without what is worked out again where it goes."""
         parts = (replace(part, kernel=replace(part.kernel), compressed=None) for part in self.parts)
         return Chunk(self.parameters, tuple(parts))
 
     def with_models(self, parameters: Parameters, kernels: Sequence[Kernel]) -> Chunk:
-        """The same data and weights by other models."""
+        """Chunk with data and weights by other models."""
         pairs = zip(self.parts, kernels, strict=True)
         parts = (replace(part, kernel=kernel, compressed=part.normal.residuals) for part, kernel in pairs)
         return Chunk(parameters, tuple(parts))

@@ -50,7 +50,7 @@ class LineResiduals(NamedTuple):
 
 
 class LineSums(NamedTuple):
-    """Of a block of lines, with columns U (F, n_e, n_b), s = j omega and the residuals r = q - R g of its elements.
+    """Sums of a block of lines, columns U (F, n_e, n_b), s = j omega, residuals r = q - R g of its elements.
 
     cost: sum |r|^2.  weight (F, n_e): r^H R diag(slope).
     pulled (3, n_b): sum over lines of s^p weight U, p = 0, 1, 2.
@@ -95,7 +95,7 @@ class Packed:
 
     @classmethod
     def of(cls, R: ComplexArray | FloatArray) -> Packed:
-        """Of R (F, n_e, n_e) or its diagonal (F, n_e)."""
+        """Packed form of R (F, n_e, n_e) or its diagonal (F, n_e)."""
         rows = R if R.ndim == 2 else R[:, *np.triu_indices(R.shape[1])]
         F, n_r = rows.shape
         filled = np.zeros((-(-F // BATCH) * BATCH, n_r), complex)
@@ -104,7 +104,7 @@ class Packed:
         return cls(np.ascontiguousarray(parts.transpose(0, 2, 3, 1)))
 
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
-        """As `Full.sums`; callable only where the kernels are built."""
+        """Sums as of `Full.sums`; callable only where the kernels are built."""
         (F, n_y, _), n_u, (n_b, n_e) = part.left.shape, part.right.shape[1], (len(scale), len(part.outputs))
         n_1, (_, n_2, r, _) = len(part.sign), part.S.shape
         sign = np.ones(n_b)
@@ -148,7 +148,7 @@ class CompressedResiduals:
     known: Compressed | None = None
 
     def __reduce__(self) -> tuple[type[CompressedResiduals], tuple[object, ...]]:
-        """To other processes without what is worked out again there."""
+        """Pickled form without what other processes work out again."""
         return CompressedResiduals, tuple(getattr(self, f.name) for f in fields(self))
 
     def has_data_of(self, other: CompressedResiduals) -> bool:
@@ -211,7 +211,7 @@ class CompressedResiduals:
 
     @cached_property
     def _places(self) -> tuple[IntArray, IntArray]:
-        """Where in a line, row by row, each element and its mirror image are."""
+        """Places in a line, row by row, of each element and its mirror image."""
         (rows, columns), n_u = self.elements, self.measured.shape[2]
         return rows * n_u + columns, columns * n_u + rows if self.is_symmetric else rows * n_u + columns
 

@@ -1,4 +1,4 @@
-r"""Where the wings meet: measured responses and linear models of all configurations as one LeastSquares.
+r"""Meeting place of the wings: responses and linear models of all configurations as one LeastSquares.
 
 .. math:: V(x) = \sum_i \sum_k \sum_{ab} 2 \frac{|e^{(i)}_{ab}(k; \theta(x))|^2}{\sigma^{(i)}_{ab}(k)^2}
           + \text{priors}
@@ -49,7 +49,7 @@ class ElasticFit:
     placed: PlacedChunks | None = None
 
     def with_residuals_of(self, other: ElasticFit) -> ElasticFit:
-        """The same with what another fit of the same data and weights has worked out of them, here or at workers."""
+        """Fit with what another one of the same data and weights has worked out of them, here or at workers."""
         fit = replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
         if other.placed is None:
             return fit
@@ -57,7 +57,7 @@ class ElasticFit:
         return replace(fit, placed=other.placed)
 
     def at_workers(self, execution: Execution) -> ElasticFit:
-        """The same with its configurations at workers, if there are any and the configurations are many."""
+        """Fit with its configurations at workers, if there are any and the configurations are many."""
         is_large = sum(len(part.measured) for part in self.parts) >= MIN_LINES
         is_large &= len(self.chunks) >= 2 * execution.jobs  # else starts are shared more evenly
         if not (is_large and execution.is_shared):
@@ -95,7 +95,7 @@ class ElasticFit:
         return Evaluation(V + besides.cost, 2 * g + besides.gradient, 2 * A + besides.hessian)
 
     def rough(self, x: FloatArray) -> Evaluation:
-        """The same with J^T J from single precision, enough to step."""
+        """Evaluation with J^T J from single precision, enough to step."""
         return self.evaluate(x, np.float32)
 
     def _added(self, sums: Callable[[Chunk], tuple[Any, ...]]) -> list[Any]:
@@ -106,7 +106,7 @@ class ElasticFit:
 
     @cached_property
     def chunks(self) -> tuple[Chunk, ...]:
-        """Its configurations, so many neighbours at a time."""
+        """Configurations, so many neighbours at a time."""
         return chunked(self.parameters, self.parts)
 
     def besides(self, x: FloatArray) -> Evaluation:
@@ -139,7 +139,7 @@ class ElasticFit:
         return (self.block(part, x, part.mixing) for part in self.parts)
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
-        """The same of one part; mixing: `Part.mixing`, for whoever needs it again."""
+        """Residuals and slopes of one part; mixing: `Part.mixing`, for whoever needs it again."""
         G, dG = part.kernel.evaluate(self.theta(part, x))
         dr = part.slopes(G, dG, mixing)
         return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)

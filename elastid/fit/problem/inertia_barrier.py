@@ -90,7 +90,7 @@ def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, .
 
 
 def impossible_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> list[BodyInertia]:
-    """Those that are physically impossible at x (n_x,), beyond the rounding of a plate's moments."""
+    """Inertias that are physically impossible at x (n_x,), beyond the rounding of a plate's moments."""
     return [body for body in inertias if body.roundness(body.theta(parameters, x)) < -1e-9]
 
 

@@ -77,7 +77,7 @@ class Part:
         return replace(self, whitening=residuals.whitening, compressed=residuals)
 
     def with_residuals_of(self, other: Part) -> Part:
-        """The same with data and weights of another part, and what has been worked out of them."""
+        """Part with data and weights of another one, and what has been worked out of them."""
         known = other.normal.residuals
         return replace(self, measured=other.measured, gain=other.gain, whitening=other.whitening, compressed=known)
 

@@ -76,7 +76,7 @@ def bias_of(response: Response, factors: Sequence[Factor]) -> ComplexArray:
 
 
 def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
-    """The same with the systematic errors that the response G (F, n_y, n_u) of a model would have.
+    """Response with the systematic errors that the response G (F, n_y, n_u) of a model would have.
 
     Measured with fewer outputs than inputs it keeps those that it has.
     """

@@ -66,7 +66,7 @@ class NoiseShapes:
         return cls(own, np.stack(torque), G)
 
     def on(self, lines: BoolArray) -> NoiseShapes:
-        """The same on some of the lines."""
+        """Shapes on some of the lines."""
         return NoiseShapes(self.own[:, lines], self.torque[:, lines], self.G[lines])
 
 

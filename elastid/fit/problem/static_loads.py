@@ -63,7 +63,7 @@ class StaticLoads:
 
     @classmethod
     def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> StaticLoads:
-        """Of a robot at the start of the parameters; StudyError for an unknown frame, or a posture without rest."""
+        """Loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
         loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
         blocks = [np.linalg.inv(np.linalg.cholesky(each.test.error_covariance)) for each in tests]
         measured = np.concatenate([each.test.measured for each in tests])
@@ -96,7 +96,7 @@ class StaticLoads:
         return self.whitening @ (self.measured - y), -self.whitening @ slopes
 
     def drawn(self, predicted: FloatArray, rng: np.random.Generator) -> StaticLoads:
-        """The same with readings (n,) about those of a model."""
+        """Loads with readings (n,) about those of a model."""
         error = np.linalg.solve(self.whitening, rng.standard_normal(len(predicted)))
         return replace(self, measured=predicted + error)
 

@@ -59,7 +59,7 @@ class Whitening:
         return np.asarray(np.linalg.cholesky(relative))
 
     def lines(self, keep: BoolArray | slice) -> Whitening:
-        """The same on some lines."""
+        """Whitening on some lines."""
         mask = np.zeros(len(self.sigma), dtype=np.bool_)
         mask[keep] = True
         phase = self.phase if len(self.phase) == 1 else self.phase[keep]
@@ -219,12 +219,12 @@ def _of_response(weights: Weights, response: Response) -> Weights:
 
 
 def with_floor(spec: FitSpec, floor: float | None) -> FitSpec:
-    """The same with a floor."""
+    """Spec with a floor."""
     return replace(spec, weights=replace(spec.weights, floor=floor))
 
 
 def with_diagonal_weights(spec: FitSpec) -> FitSpec:
-    """The same with weights element by element."""
+    """Spec with weights element by element."""
     return replace(spec, weights=replace(spec.weights, covariance="diagonal"))
 
 
@@ -250,7 +250,7 @@ def _factors(response: Response, factors: Sequence[FactorSpec]) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _ones(shape: tuple[int, ...]) -> FloatArray:
-    """The same array for all configurations."""
+    """Ones, the same array for all configurations."""
     return frozen(np.ones(shape))
 
 

@@ -34,7 +34,7 @@ _OPTIONS: dict[str, Any] = {
 def ipopt(
     problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float, max_iterations: int
 ) -> Ending:
-    """Where IPOPT ends from x0 (n_x,), within its bounds; beginning: the problem there.
+    """End of IPOPT from x0 (n_x,), within its bounds; beginning: the problem there.
 
     Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.
     """
@@ -93,7 +93,7 @@ class _ScaledProblem:
         return self._cache[1]
 
     def guarded(self, z: ca.DM) -> Evaluation:
-        """The same for a callback, whose exceptions CasADi would swallow: the first is kept in `error`.
+        """Evaluation for a callback, whose exceptions CasADi would swallow: the first is kept in `error`.
 
         From then on the solver sees a flat function, with which it ends at once and silently.
         """

@@ -75,7 +75,7 @@ def trust_region(
     max_iterations: int,
     fixed: BoolArray | None = None,
 ) -> Ending:
-    """Where the steps from x0 (n_x,), within its bounds, end; beginning: the problem there.
+    """End of the steps from x0 (n_x,), within its bounds; beginning: the problem there.
 
     An iteration is one evaluation.  fixed (n_x,): variables that stay.
     """
@@ -313,7 +313,7 @@ def multistart(
 
 
 def _leaders(problem: LeastSquares, rough: Sequence[LocalOptimum], hopeful: Sequence[int]) -> dict[int, int]:
-    """For each hopeful start the lowest one that ended in the same place, so that one of them is solved finely."""
+    """Lowest start that ended in the same place, of each hopeful one, so that one of them is solved finely."""
     lowest = min(hopeful, key=lambda i: rough[i].cost)
     metric, leader = problem.evaluate(rough[lowest].x), dict[int, int]()
     for i in sorted(hopeful, key=lambda i: rough[i].cost):
@@ -324,7 +324,7 @@ def _leaders(problem: LeastSquares, rough: Sequence[LocalOptimum], hopeful: Sequ
 
 
 def _deviation(cost: float, problem: LeastSquares) -> float:
-    """By how much V rises at one standard deviation from its minimum."""
+    """Rise of V at one standard deviation from its minimum."""
     return max(1.0, cost / max(problem.dof, 1))
 
 
