@@ -31,9 +31,8 @@ Signal = TypeVar("Signal", FloatArray, BoolArray)
 
 def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     """tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
-    after = following(v)
-    means = sliding_means(np.stack([v, after], axis=1), [(Shape("", "sign", scale), 1.0)])[:, 0]
-    step, phi = after - v, np.tanh(v / scale) if scale else np.sign(v)
+    means = sliding_means(np.append(v, v[0])[None], [(Shape("", "sign", scale), 1.0)])[0]
+    step, phi = following(v) - v, np.tanh(v / scale) if scale else np.sign(v)
     slope = np.divide(following(phi) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
     return points_of_means(means), (slope + np.concatenate([slope[-1:], slope[:-1]])) / 2
 

@@ -116,23 +116,25 @@ def find_levels(
     rounds: int = _ROUNDS,
     settled: float = MOVE,
     held: Collection[GearEffect] = (),
+    wanted: float = np.inf,
 ) -> Levels:
     """Parameters and levels of the effects from those of others, or of none (`start_levels`); 0 of those it has not.
 
-    settled: move below which no further round is taken.  held: effects whose scales stay.
+    settled: move below which no further round is taken.  held: effects whose scales stay.  wanted: a lack that no
+    further round is taken to reach where the last one brought less than is missing.
     """
     parameters, x, n_x, n_f = start.parameters, start.x, len(start.x), len(effects)
     levels = start.levels_of(effects)
     scales = [own for own in scales_of(effects) if not any(effects[i] in held for i in own)]
     estimates = start.estimates_of(effects, sum(len(own) for own in scales))
     effects = _rescaled(effects, scales, np.zeros(len(scales)))
-    covariance, std = np.zeros((0, 0)), np.zeros(n_x + n_f)
+    covariance, std, lack = np.zeros((0, 0)), np.zeros(n_x + n_f), np.inf
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
     for count in range(1, rounds + 1):
         drives = data.drives(parameters, x)
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
-        near = 1e-5 if settled <= MOVE else 1e-4  # error of the motion
+        near = 1e-5 if settled <= MOVE else 1e-3  # error of the motion
         for _ in range(1 if start.effects or count > 1 else 2):
             estimates = data.motions(drives, every, with_edges, estimates, near)
         sums = normal_equations(data.lines, drives, estimates, n_x, with_edges)
@@ -149,8 +151,9 @@ def find_levels(
         x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_SMALLER, _LARGER)), step[:n_x])
         levels = levels + step[n_x : n_x + n_f]
         effects = _rescaled(effects, scales, step[n_x + n_f :])
-        if move < settled:
+        if move < settled or (count > 2 and sums.lack - wanted > lack - sums.lack):
             break
+        lack = sums.lack
     scale_std = np.zeros(n_f)
     for own, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[own] = [relative * effects[i].scale for i in own]
@@ -250,7 +253,7 @@ def normal_equations(
         S = smoothed_covariance(r, lines, drive)[used]
         lack += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
         white = np.linalg.inv(np.linalg.cholesky(S / 2))
-        J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, levels, n_x)[used])
+        J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, levels, n_x, used))
         e = white @ r[used]
         for i in np.searchsorted(realisations, np.unique(lines.realisation)):
             own = lines.realisation == realisations[i]
@@ -271,28 +274,23 @@ def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, F
     return A, b
 
 
-def _jacobian(lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels: FloatArray, n_x: int) -> ComplexArray:
-    """- dr / d(x, f) (F, n_u, M, n_x + n_f), the motion held."""
-    F, n_u, M = lines.Y.shape
-    J = np.zeros((F, n_u, M, n_x + len(levels)), complex)
-    order = MOTION_ORDER[drive.model.quantity]
-    dG = drive.kernel.evaluate(drive.theta)[1] / lines.s[:, None, None] ** order
-    CH = drive.C @ drive.H
-    q = drive.H @ np.tensordot(estimate.Phi, levels, axes=1)
+def _jacobian(
+    lines: PeriodLines, drive: DriveLines, estimate: Estimate, levels: FloatArray, n_x: int, used: slice
+) -> ComplexArray:
+    """- dr / d(x, f) (K, n_u, M, n_x + n_f) at used lines (K,), the motion held."""
+    s, U, Phi = lines.s[used, None, None], lines.U[used], estimate.Phi[used]
+    H, sensor = drive.H[used], drive.sensor[used, :, None]
+    J = np.zeros((*U.shape, n_x + len(levels)), complex)
+    dG = drive.kernel.evaluate(drive.theta)[1][:, used] / s ** MOTION_ORDER[drive.model.quantity]
+    CH = drive.C @ H
+    q = H @ np.tensordot(Phi, levels, axes=1)
     for row, name, of_line in zip(drive.chain, drive.kernel.wanted, dG, strict=True):
-        slope = of_line @ lines.U
+        slope = of_line @ U
         own = drive.model.slopes.get(name)
         if own is not None:
-            dZ = sum(
-                (
-                    part * lines.s[:, None, None] ** power
-                    for power, part in enumerate((own.K, own.D, own.M))
-                    if part is not None
-                ),
-                start=np.zeros((F, drive.model.n, drive.model.n), complex),
-            )
-            slope = slope + drive.sensor[:, :, None] * (CH @ (dZ @ q))
+            parts = [part * s**power for power, part in enumerate((own.K, own.D, own.M)) if part is not None]
+            slope = slope + sensor * (CH @ (sum(parts) @ q))
         J[..., :n_x] += slope[..., None] * row
-    moved = np.einsum("fan,fnmi->fami", CH, estimate.Phi) + estimate.folded
-    J[..., n_x:] = -drive.sensor[:, :, None, None] * moved
+    moved = np.einsum("fan,fnmi->fami", CH, Phi) + estimate.folded[used]
+    J[..., n_x:] = -sensor[..., None] * moved
     return J

@@ -140,6 +140,7 @@ def estimate_motion(
         base = base - drive.H @ (drive.places["link"].T @ lines.arm[1:])
     after, unknowns = Estimate.start(lines, drive, len(effects)), []
     problem = _Problem(lines, drive, tuple(effects), levels, of_force, before.loads, near)
+    last = (drive.C @ drive.H[-1]).T * lines.sampled  # sampled motion by force at the last line
     for m in range(lines.U.shape[2]):
         q, x, force = problem.solve(base[:, :, m], m, before)
         unknowns.append(x)
@@ -151,8 +152,9 @@ def estimate_motion(
             j = drive.joints.index(effect.joint)
             acting = forces(effect, motions[effect.joint])
             rows, phi = np.array([drive.directions(place, j) for place, _ in acting]), np.array([x for _, x in acting])
-            after.Phi[:, :, m, i] = lines.amplitudes(phi).T @ rows
-            after.folded[:, :, m, i] = lines.folded(phi).T @ rows @ (drive.C @ drive.H[-1]).T * lines.sampled
+            amplitudes, folded = lines.folded(phi)
+            after.Phi[:, :, m, i] = amplitudes.T @ rows
+            after.folded[:, :, m, i] = folded.T @ (rows @ last)
     return replace(after, unknowns=tuple(unknowns), signals=tuple(problem.signals))
 
 
@@ -294,7 +296,9 @@ def newton(
     x: FloatArray,
     near: float = 1e-4,
 ) -> tuple[FloatArray, FloatArray]:
-    """x (n_x, n) of x + linear(law(x)) = x_0, from x or x_0, and the force there; law gives force and slope by points.
+    """x (n_x, n) of x + linear(law(x)) = x_0, and the force there; law gives force and slope by points.
+
+    From x, or from x_0 where that is nearer than an x whose error is more than its size.
 
     near: error at which it ends, over the size of x.
     Steps are halved until the error falls; where none does, the last x, whose error the residuals then show.
@@ -308,7 +312,7 @@ def newton(
         return float(np.sqrt(np.mean(e**2))), e, slope, force
 
     now = error(x)
-    if (at_0 := error(x_0))[0] < now[0]:
+    if now[0] > 1 and (at_0 := error(x_0))[0] < now[0]:
         x, now = x_0, at_0
     for _ in range(_STEPS):
         if now[0] < near:

@@ -203,15 +203,19 @@ class PeriodLines:
         """Amplitudes (..., F) of signals (..., n) on the fine grid."""
         return np.asarray(rfft(x)[..., 1 : len(self.U) + 1] * (2 / x.shape[-1]))
 
-    def folded(self, x: FloatArray) -> ComplexArray:
-        """Aliases (..., F) in samples of the motion of an inertia by forces (..., n) beyond half the rate.
+    def folded(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Amplitudes (..., F) of forces (..., n), and aliases (..., F) in samples of an inertia's motion beyond them.
 
-        Over the motion by a force of 1 at the last line.
+        Over the motion by a force of 1 at the last line: line k + m N is sampled as k, m N - k as its conjugate.
         """
-        X, F = rfft(x), len(self.U)
-        beyond = np.arange(F + 1, X.shape[-1])
-        X[..., : F + 1], X[..., F + 1 :] = 0, X[..., F + 1 :] * (F / beyond) ** 2
-        return np.asarray(rfft(irfft(X)[..., :: self.cells])[..., 1 : F + 1] * (2 / self.samples))
+        X, F, k = rfft(x) * (2 / x.shape[-1]), len(self.U), np.arange(1, len(self.U) + 1)
+        aliases = np.zeros((*X.shape[:-1], F), complex)
+        for m in range(1, self.cells // 2 + 1):
+            above, below = k + m * self.samples, m * self.samples - k
+            if above[-1] < X.shape[-1]:
+                aliases += X[..., above] * (F / above) ** 2
+            aliases += X[..., below].conj() * (F / below) ** 2
+        return np.asarray(X[..., 1 : F + 1]), aliases
 
 
 def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:

@@ -49,7 +49,7 @@ def test_motion_beyond_half_the_rate_is_folded_into_samples() -> None:
     F, force = N // 2 - 1, np.cos(2 * np.pi * (N - 3) * np.arange(lines.points) / lines.points)
     expected = np.zeros(F)
     expected[2] = (F / (N - 3)) ** 2
-    assert lines.folded(force[None])[0] == pytest.approx(expected, abs=1e-12)
+    assert lines.folded(force[None])[1][0] == pytest.approx(expected, abs=1e-12)
 
 
 def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
