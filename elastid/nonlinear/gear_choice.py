@@ -172,22 +172,21 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: tuple[Kind, .
 
     tie = sum(lines.Y.size for lines in data.lines)
 
-    def tried(before: Levels, effects: tuple[GearEffect, ...], wanted: float) -> Levels:
-        return _pruned(data, find_levels(data, before, effects, LIMITS.rounds, _ROUGH, kept, wanted))
+    def tried(before: Levels, effects: tuple[GearEffect, ...]) -> Levels:
+        return _pruned(data, find_levels(data, before, effects, LIMITS.rounds, _ROUGH, kept, cost(found)))
 
     trials = [found]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             start = _PARTS[kind][len(_PARTS[kind]) // 2] * deflection
-            wanted = cost(found) + tie * (kind == "range")
-            trials.append(tried(found, (*kept, GearEffect(kind, joint, start)), wanted))
+            trials.append(tried(found, (*kept, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.lack < ranged.lack < best.lack + tie:
         # One range explains a little less than a law of another kind, and two may explain much more.
         (first,) = springs_of(ranged)
         second = replace(first, scale=_APART * first.scale)
-        best = min(best, tried(ranged, (*ranged.effects, second), cost(best)), key=cost)
+        best = min(best, tried(ranged, (*ranged.effects, second)), key=cost)
     if best is not found:  # scales of the other effects stayed
         best = find_levels(data, best, best.effects, settled=_ROUGH)
     return _named(data, best, joint)

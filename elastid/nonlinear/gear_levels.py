@@ -134,9 +134,8 @@ def find_levels(
         drives = data.drives(parameters, x)
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
-        near = 1e-5 if settled <= MOVE else 1e-3  # error of the motion
         for _ in range(1 if start.effects or count > 1 else 2):
-            estimates = data.motions(drives, every, with_edges, estimates, near)
+            estimates = data.motions(drives, every, with_edges, estimates, settled / 500)
         sums = normal_equations(data.lines, drives, estimates, n_x, with_edges)
         T = _by_scales(effects, levels, scales, n_x)
         A, b = T.T @ sums.A.sum(axis=0) @ T, T.T @ sums.b.sum(axis=0)

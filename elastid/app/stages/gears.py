@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +104,8 @@ def on_straight_springs(
             f"fit.parameters frees {', '.join(terms)}, and gears finds the law of a spring from the records; leave out "
             f"{', '.join(terms)}, or the section gears",
         )
-    start = identify(responses, straight, spec, model=model, execution=execution.quiet, hypotheses=WITHOUT_OTHER_ROBOTS)
+    bare = replace(spec, profile=(), bootstrap=0)
+    start = identify(responses, straight, bare, model=model, execution=execution.quiet, hypotheses=WITHOUT_OTHER_ROBOTS)
     return start, straight
 
 
