@@ -41,8 +41,6 @@ from elastid.record import MOTION_ORDER, Configuration
 from elastid.response import Response
 from elastid.robot import Joint, Robot
 
-# Points of a period over the highest line of the motion: products of three of them are not folded onto lines.
-POINTS = 8
 REACH = 2  # times the highest line of the motion, up to which the torques are kept
 # Parameters of torques that are no arm's: springs, dampers and friction of joints and motors.
 ELASTIC = ("k_", "d_", "fm_", "f_")
@@ -266,9 +264,13 @@ class _RigidArm:
 
 
 def _signals(X: ComplexArray) -> FloatArray:
-    """Signals (n, N M), N = POINTS (F + 1), of amplitudes (F, n, M) of lines 1 to F."""
+    """Signals (n, N M) of amplitudes (F, n, M) of lines 1 to F.
+
+    N = 8 (F + 1): products of three of them are not folded onto these lines.
+    """
     F, n, M = X.shape
-    padded = np.zeros((POINTS * (F + 1) // 2 + 1, n, M), complex)
+    N = 8 * (F + 1)
+    padded = np.zeros((N // 2 + 1, n, M), complex)
     padded[1 : F + 1] = X
-    x = irfft(padded, POINTS * (F + 1), axis=0) * (POINTS * (F + 1) / 2)
+    x = irfft(padded, N, axis=0) * (N / 2)
     return np.asarray(x.swapaxes(0, 1).reshape(n, -1))

@@ -18,6 +18,7 @@ from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.friction import FrictionTakenOut, Shape
 from elastid.nonlinear.levels import (
     LIMITS,
+    SIGN_ERROR,
     Choice,
     NormalEquations,
     by_unknown_shapes,
@@ -92,7 +93,7 @@ def _found(
         between = found.with_ladder(ladder, gathered(measured[:few], ladder.shapes, found.result))
         pairs = [[each.result.sliding_level(place)[0] for each in (between, found)] for place in places]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
-        is_near = all(abs(level - other) <= LIMITS.sign_error * level for level, other in pairs)
+        is_near = all(abs(level - other) <= SIGN_ERROR * level for level, other in pairs)
         if few >= len(measured) or not is_near:
             found, friction = between, found.result
     found = replace(found, data=[*found.data, *gathered(measured[few:], found.choice.shapes, friction)])

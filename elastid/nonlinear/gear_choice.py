@@ -24,9 +24,18 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.statistics import ONE_SIDED_95
 from elastid.fit.covariance import taken_out_error
 from elastid.nonlinear.drives import elastic_joints
-from elastid.nonlinear.effects import GearEffect, Kind
-from elastid.nonlinear.gear_levels import SEEN, GearData, Levels, NormalEquations, find_levels, start_levels
-from elastid.nonlinear.levels import greedy, held_out, inverse
+from elastid.nonlinear.effects import APART, SCALES, GearEffect, Kind
+from elastid.nonlinear.gear_levels import (
+    MOVE,
+    ROUNDS,
+    SEEN,
+    GearData,
+    Levels,
+    NormalEquations,
+    find_levels,
+    start_levels,
+)
+from elastid.nonlinear.levels import SIGN_ERROR, greedy, held_out, inverse
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
@@ -42,7 +51,6 @@ class Limits:
     gain: float = 12.0  # of V of realisations that the levels were not fitted to, by which a group must lower it
     share: float = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
     trifle: float = 0.02  # of the largest torque of the joint's effects: shapes are not known better
-    rounds: int = 8  # of the search, and of a law that is compared: one that is wrong may never end
     period: float = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
 
 
@@ -51,15 +59,7 @@ _LOST = 10.0  # times smaller than the start
 SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
 _LOOPS: tuple[Kind, ...] = ("stop", "bristle")
 _RIVALS: tuple[tuple[Kind, ...], ...] = (SPRINGS, ("friction",), ("load",), ("behind",), _LOOPS)
-# Scales that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the middle one.
-_PARTS: dict[Kind, tuple[float, ...]] = {
-    "friction": (0.01, 0.08), "load": (0.01,), "behind": (0.01,), "cubic": (0.0,), "progressive": (0.0,),
-    "range": (0.5, 1.0, 1.5), "gap": (0.1, 0.3), "stop": (0.03, 0.1, 0.3, 1.0), "bristle": (0.03, 0.1, 0.3, 1.0),
-}  # fmt: skip
-_APART = 1.5  # between the scales of two ranges or two elements of hysteresis of one gear, at least, and at the start
-_ROUGH = 0.5  # move below which effects are compared; what is chosen is then found to the end
-_LEVEL_ERROR = 4e-3  # of a level: std of what its shape is not known by, levels within 1 %
-_LOOSE = 2.0  # times as stiff as within it is a gear beyond a gap
+_ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then found to the end
 
 
 def candidate_groups(data: GearData, found: Levels, bent: Collection[str], orders: Sequence[float]) -> list[Group]:
@@ -71,7 +71,7 @@ def candidate_groups(data: GearData, found: Levels, bent: Collection[str], order
     elastic = elastic_joints(data.linearisation)
     for j, joint in enumerate(data.joints):
         speed, deflection = _sizes(data, found, j)
-        for kind, parts in _PARTS.items():
+        for kind, parts in SCALES.items():
             if kind == "friction" or (joint in elastic and (kind not in SPRINGS or joint in bent)):
                 size = deflection if kind in (*SPRINGS, *_LOOPS) else speed
                 groups += [(GearEffect(kind, joint, part * size),) for part in parts]
@@ -119,7 +119,7 @@ def choose_effects(
     lost = np.array([p.log for p in parameters.free], bool) & (x < parameters.x - np.log(_LOST))
     found = start_levels(data, parameters, np.where(lost, parameters.x, x))
     groups = candidate_groups(data, found, bent, orders)
-    for _ in range(LIMITS.rounds):
+    for _ in range(ROUNDS):
         further = [group for group in groups if not _stands(group[0], found.effects)]
         added = _added(data, found, further)
         if not added:
@@ -136,7 +136,7 @@ def choose_effects(
     found = _on_grid(_settled(replace(data, lines=fine), _on_grid(found, fine)), data.lines)
     if not found.effects:
         return found
-    unseen = np.concatenate([taken_out_error(found.parameters), _LEVEL_ERROR * found.levels])
+    unseen = np.concatenate([taken_out_error(found.parameters), SIGN_ERROR * found.levels])
     return replace(found, covariance=found.covariance + np.diag(unseen**2))
 
 
@@ -173,19 +173,19 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: tuple[Kind, .
     tie = sum(lines.Y.size for lines in data.lines)
 
     def tried(before: Levels, effects: tuple[GearEffect, ...]) -> Levels:
-        return _pruned(data, find_levels(data, before, effects, LIMITS.rounds, _ROUGH, kept, cost(found)))
+        return _pruned(data, find_levels(data, before, effects, _ROUGH, kept, cost(found)))
 
     trials = [found]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
-            start = _PARTS[kind][len(_PARTS[kind]) // 2] * deflection
+            start = SCALES[kind][len(SCALES[kind]) // 2] * deflection
             trials.append(tried(found, (*kept, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.lack < ranged.lack < best.lack + tie:
         # One range explains a little less than a law of another kind, and two may explain much more.
         (first,) = springs_of(ranged)
-        second = replace(first, scale=_APART * first.scale)
+        second = replace(first, scale=APART * first.scale)
         best = min(best, tried(ranged, (*ranged.effects, second)), key=cost)
     if best is not found:  # scales of the other effects stayed
         best = find_levels(data, best, best.effects, settled=_ROUGH)
@@ -204,7 +204,7 @@ def _named(data: GearData, found: Levels, joint: str) -> Levels:
     (i,), place = springs, names.index(f"k_{joint}")
     effect, f, k = found.effects[i], float(found.levels[i]), found.parameters.as_dict(found.x)[f"k_{joint}"]
     inner, outer = (k, k + f) if effect.kind == "range" else (k - f, k)
-    kind: Kind = "gap" if outer > _LOOSE * inner else "range"
+    kind: Kind = "gap" if outer > APART * inner else "range"
     if kind == effect.kind or not inner > 0:
         return found
     x = found.x.copy()
@@ -223,7 +223,7 @@ def _stands(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = F
     near = [other for other in others if other.joint == effect.joint and other.kind in rivals]
     # K1 K2 K3, and elements of a loop
     if not alone and effect.kind in ("range", *_LOOPS) and all(other.kind == effect.kind for other in near):
-        return any(abs(np.log(other.scale / effect.scale)) < np.log(_APART) for other in near)
+        return any(abs(np.log(other.scale / effect.scale)) < np.log(APART) for other in near)
     return effect in others or bool(near)
 
 

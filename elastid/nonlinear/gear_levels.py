@@ -28,10 +28,8 @@ from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
-_ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation, and
-_OF_SCALES = 10.0  # times it a scale, which levels hardly follow
-_STEP = 0.3  # of a scale, at most
-_SMALLER, _LARGER = 0.75, 1.0  # parts of itself by which a number falls or grows at once, at most
+ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation
+_STEP = 0.5  # of itself, by which a positive number or a scale falls or grows at once, at most
 SEEN = 3.0  # standard deviations of a level, from which on its scale moves, and below which it is left out at the end
 
 
@@ -113,7 +111,6 @@ def find_levels(
     data: GearData,
     start: Levels,
     effects: Sequence[GearEffect],
-    rounds: int = _ROUNDS,
     settled: float = MOVE,
     held: Collection[GearEffect] = (),
     wanted: float = np.inf,
@@ -130,7 +127,7 @@ def find_levels(
     effects = _rescaled(effects, scales, np.zeros(len(scales)))
     covariance, std, lack = np.zeros((0, 0)), np.zeros(n_x + n_f), np.inf
     is_log = np.array([parameter.log for parameter in parameters.free], bool)
-    for count in range(1, rounds + 1):
+    for count in range(1, ROUNDS + 1):
         drives = data.drives(parameters, x)
         every = [*effects, *(edge for own in scales for i in own if (edge := effects[i].edge) is not None)]
         with_edges = np.concatenate([levels, np.zeros(len(every) - n_f)])
@@ -144,10 +141,10 @@ def find_levels(
         covariance = inverse(A + of_priors)
         step = covariance @ (b + pull)
         std = np.sqrt(np.diag(covariance))
-        parts = np.abs(step) / np.where(std > 0, std, np.inf)
-        move = float(np.max(np.append(parts[: n_x + n_f], parts[n_x + n_f :] / _OF_SCALES)))
+        # A scale, which levels hardly follow, comes to rest with them.
+        move = float(np.max((np.abs(step) / np.where(std > 0, std, np.inf))[: n_x + n_f]))
         # The response is nearly linear in the number itself, of which the logarithm is to be found.
-        x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_SMALLER, _LARGER)), step[:n_x])
+        x = x + np.where(is_log, np.log1p(np.clip(step[:n_x], -_STEP, _STEP)), step[:n_x])
         levels = levels + step[n_x : n_x + n_f]
         effects = _rescaled(effects, scales, step[n_x + n_f :])
         if move < settled or (count > 2 and sums.lack - wanted > lack - sums.lack):

@@ -39,20 +39,16 @@ from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED, Response
 from elastid.robot import Robot
 
 _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
-# Of the rms deflection of a gear at the excited lines, above which noise of its motor's angle hides the effects, or a
-# count of its encoder moves the numbers: k of a motor and link was 2.1 and 4.2 std off with counts of 1/16 of the
-# deflection, 0.5 and 2.4 with 1/32, 1.1 and 1.3 with 1/65.
-COARSE, COUNT = 0.1, 0.025
-# Of the motion, by which periods differ above which nothing is looked for. Below, it counts as noise: of motor and
-# link, unsettled by 1.7 to 7.5 %, k was at most 0.05 % and 1.7 std off, levels 1.2 std; of 23 clean sets, which wander
-# by up to 6.6 % (scripts/studies/results.csv), none had a wrong effect.
-UNSETTLED = 0.1
+# Of the motion what does not repeat, and of the rms deflection of a gear at the excited lines noise of the motor's
+# angle, above which nothing is looked for. Below, it counts as noise: of motor and link, unsettled by 1.7 to 7.5 %, k was at
+# most 0.05 % and 1.7 std off; of 23 clean sets, which wander by up to 6.6 % (scripts/studies/results.csv), none had a
+# wrong effect. A count moves numbers sooner: k was 2.1 and 4.2 std off with counts of 1/16 of the deflection, 0.5 and
+# 2.4 with 1/32, 1.1 and 1.3 with 1/65.
+HIDDEN, COUNT = 0.1, 0.025
 # Names of modification indices that make a channel late.
 _LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
 LOST = "stiffness, damping and friction stay those of the linear fit"
 HYSTERESIS = ("stop", "bristle")
-_POINTS = 400  # of a loop
-_FREE = 0.02  # of k, at least, is the slope by which a torsion is known: within a gap a torque says nothing of it
 
 
 def open_gears(
@@ -133,7 +129,7 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
             f"or free the delay; {LOST}"
         )
     apart = {lines.configuration.name: difference(lines) for lines in data.lines}
-    if moving := [name for name, share in apart.items() if share > UNSETTLED]:
+    if moving := [name for name, share in apart.items() if share > HIDDEN]:
         return (
             f"the records of {', '.join(moving)} are not settled, or disturbed: their periods differ by up to "
             f"{100 * max(apart.values()):.2g} % of the motion, and effects of gears are found between the excited "
@@ -174,7 +170,7 @@ def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -
             noise.append(np.sum(lines.scatter[on] @ row**2))
             counts.append(np.abs(row) @ lines.count)
         size, error, count = np.sqrt(np.mean(bent) / 2), np.sqrt(np.mean(noise) / 2), max(counts)
-        if error > COARSE * size or count > COUNT * size:
+        if error > HIDDEN * size or count > COUNT * size:
             text = (
                 f"its angle has {error:.2g} rad of noise at the excited lines and counts of {count:.2g} rad, and its "
                 f"gear bends by {size:.2g} rad: effects of this gear are hidden, and its numbers may be off by more "
@@ -292,13 +288,14 @@ def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -
         if each.kind == "torque" and math.isfinite(rated) else each
         for each in numbers
     ]  # fmt: skip
-    delta = reach * np.concatenate([np.linspace(-1, 1, _POINTS // 2), np.linspace(1, -1, _POINTS // 2)])
+    way = reach * np.linspace(-1, 1, 200)
+    delta = np.concatenate([way, -way])
     tau, rows = gear.torque(delta, hysteresis=True)
-    slope = np.gradient(gear.torque(delta[: _POINTS // 2], hysteresis=False)[0], delta[: _POINTS // 2])
-    slope = np.maximum(slope, _FREE * gear.parameter(f"k_{gear.joint}")[0])
+    slope = np.maximum(np.gradient(gear.torque(way, hysteresis=False)[0], way), 1e-300)
     std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.found.covariance, rows), 0.0))
     ordered = sorted(numbers, key=lambda each: _ORDER.index(each.name.partition("_")[0].rstrip("0123456789.")))
-    torsion_std = std / np.concatenate([slope, slope[::-1]])
+    # Within a gap a torque says nothing of the torsion.
+    torsion_std = np.minimum(std / np.concatenate([slope, slope[::-1]]), reach)
     return GearSheet(gear.joint, tuple(ordered), gear.peak, tau, delta, torsion_std)
 
 

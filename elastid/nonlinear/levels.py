@@ -146,18 +146,11 @@ class Limits:
     part_of_sign: float = 0.14
     shape_gain: float = 0.02  # of the power left in other realisations, by which a further shape must lower it
     left_share: float = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
-    near: float = 1.1  # over and below the speed at which the chosen signs turn in the mean
-    # Steps of near^2 down from there, of a turn that the samples blurred: to an eighth.
-    ladder: int = 11
     # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.25 of a motor that never
     # sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes levels right in
     # scripts/studies/outside_coverage.py, at rest and on a carrier.
     blur: float = 2.0
-    spread: float = 2.1  # of the speeds of chosen signs; further apart, friction turns over more than one speed
-    # Std of a motor's levels, all as one factor, by what no shape has.  Calibrated, not derived, on one outside rig of
-    # two motors with F_c of a sixth of the rms torque: of signs alone F_c was up to 1 % off where noise says 0.4 %, and
-    # with curves or bristles among them up to 2.5 %; two draws of an outside rig have up to 0.3 and 0.9 %.
-    sign_error: float = 0.005
+    # Of a motor's levels with curves or bristles among its shapes, in place of SIGN_ERROR: up to 2.5 % off there.
     shape_error: float = 0.015
     # Chance at which friction of one level is said to differ between configurations, of normal levels.
     dependence_by_chance: float = 1e-5
@@ -167,6 +160,9 @@ class Limits:
 
 
 LIMITS = Limits()
+# Of a level, all of a motor as one factor: std of what its shape is not known by, levels within 1 %.  Calibrated, not
+# derived: of signs alone F_c was up to 1 % off on one outside rig where noise says 0.4 %, and up to 0.3 % on another.
+SIGN_ERROR = 4e-3
 
 
 @dataclass(frozen=True)
@@ -216,6 +212,8 @@ _TURNING = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
 _FALLING = tuple(0.1 * 2 ** (i / 2) for i in range(8))
 # About the chosen one: F_c is up to 2 % off where its velocity is that of a neighbour of the above.
 _FALLING_NEAR = tuple(2 ** (i / 6) for i in range(-3, 4))
+# Over the speed at which the chosen signs turn in the mean: to an eighth of it, since the samples blurred the turn.
+_LADDER = tuple(1.1 ** (1 - 2 * i) for i in range(11, -1, -1))
 # Distances over which a bristle bends, over the median distance between reversals. A much longer one is a spring, which
 # is part of the response. Steps of 2 instead of its root leave k up to four times as far off under LuGre.
 _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
@@ -337,11 +335,10 @@ def refined(choice: Choice, levels: FloatArray, places: Sequence[str]) -> Choice
 def _near(signs: list[tuple[float, float]], place: str) -> list[Shape]:
     """Signs up to the mean speed of those that were found (speed, level); none where they are far from each other."""
     gradual = [speed for speed, _ in signs if speed > 0]
-    if not gradual or max(gradual) > LIMITS.spread * min(gradual):
+    if not gradual or max(gradual) > _LADDER[-1] * 2 * min(gradual):  # of two candidates that are not next to another
         return []
-    fastest = LIMITS.near * sum(speed * level for speed, level in signs) / sum(level for _, level in signs)
-    slower = (fastest / LIMITS.near ** (2 * i) for i in range(LIMITS.ladder, -1, -1))
-    return [Shape(place, "sign"), *(Shape(place, "sign", speed) for speed in slower)]
+    mean = sum(speed * level for speed, level in signs) / sum(level for _, level in signs)
+    return [Shape(place, "sign"), *(Shape(place, "sign", part * mean) for part in _LADDER)]
 
 
 def narrowed(choice: Choice, levels: FloatArray, velocity_noise: FloatArray) -> tuple[Choice, IntArray]:
@@ -351,7 +348,7 @@ def narrowed(choice: Choice, levels: FloatArray, velocity_noise: FloatArray) -> 
     velocity_noise: along a noisy motion friction that jumps seems to turn, and its level in sliding is too large.
     """
     kept = np.ones(len(choice.shapes), dtype=np.bool_)
-    refined_from = {"sign": LIMITS.ladder + 1, "stribeck": 2}
+    refined_from = {"sign": len(_LADDER), "stribeck": 2}
     for motor, kind in product(np.unique(choice.motor_of), refined_from):
         same = [i for i in range(len(kept)) if choice.motor_of[i] == motor and choice.shapes[i].kind == kind]
         if len(same) >= refined_from[kind]:
@@ -370,5 +367,5 @@ def by_unknown_shapes(choice: Choice, levels: FloatArray) -> FloatArray:
     """Covariance (n_f, n_f) of levels (n_f,) by what no shape has: those of a motor are off by one factor."""
     others = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (levels > 0)
     with_others = np.isin(choice.motor_of, choice.motor_of[others])
-    error = np.where(with_others, LIMITS.shape_error, LIMITS.sign_error) * levels
+    error = np.where(with_others, LIMITS.shape_error, SIGN_ERROR) * levels
     return np.where(choice.motor_of[:, None] == choice.motor_of, np.outer(error, error), 0.0)

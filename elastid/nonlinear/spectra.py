@@ -21,7 +21,7 @@ from elastid.nonlinear.friction import FrictionTakenOut, Shape, amplitudes
 from elastid.nonlinear.motion import CELLS, motion_of
 from elastid.record import Configuration, Motion, Record
 
-_MIN_SINGULAR = 1e-9  # of the torques, over the largest singular value
+_MIN_SINGULAR = float(np.sqrt(np.finfo(float).eps))  # of the torques, over the largest singular value
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from elastid.frf.distortion import interpolated
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.nonlinear.drives import geometric_torques
-from elastid.nonlinear.effects import GearEffect, Kind, implicit_law
+from elastid.nonlinear.effects import APART, SCALES, GearEffect, Kind, implicit_law
 from elastid.nonlinear.levels import solve, weights
 from elastid.nonlinear.motion import NEIGHBOURS
 from elastid.nonlinear.spectra import PeriodLines, gather_lines, some
@@ -45,10 +45,8 @@ class Limits:
 
 
 LIMITS = Limits()
-_TURN = 0.1  # of the RMS speed or torque, over which a sign turns
-_LOOP = 0.3  # of the RMS torque or angle, over which a loop bends
+_TURN, _LOOP = SCALES["friction"][-1], SCALES["stop"][2]  # of the RMS, over which a sign turns, and a loop bends
 _SHOWN = 1e-3  # of the RMS torque, that a shape must have beyond a straight line
-_NEAR = 2.0  # factor by which a compliance is off that of the robot's file, at most
 
 
 @dataclass(frozen=True)
@@ -277,7 +275,7 @@ def _compliance(s2X: ComplexArray, s: ComplexArray, of_file: FloatArray) -> Floa
     """1 / k (n,) of s^2 X_ii = 1 / m + s^2 / k, of the robot's file where modes of the arm bend that line."""
     columns = np.stack([np.ones(len(s)), (s**2).real], axis=1)
     found = np.linalg.lstsq(columns, np.einsum("kii->ki", s2X).real, rcond=None)[0][1]
-    is_near = (found > of_file / _NEAR) & (found < of_file * _NEAR)
+    is_near = (found > of_file / APART) & (found < of_file * APART)
     return np.asarray(np.where(is_near, found, of_file))
 
 
