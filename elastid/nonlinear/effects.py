@@ -73,7 +73,7 @@ SCALES: dict[Kind, tuple[float, ...]] = {
     "friction": (0.01, 0.08), "load": (0.01,), "behind": (0.01,), "cubic": (0.0,), "progressive": (0.0,),
     "range": (0.5, 1.0, 1.5), "gap": (0.1, 0.3), "stop": (0.03, 0.1, 0.3, 1.0), "bristle": (0.03, 0.1, 0.3, 1.0),
 }  # fmt: skip
-APART = 2.0  # factor from which on two scales, or stiffnesses, are told apart
+APART = 1.5  # factor from which on two scales, or stiffnesses, are told apart
 
 
 @dataclass(frozen=True)
