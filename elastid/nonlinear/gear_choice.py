@@ -193,7 +193,7 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: tuple[Kind, .
 
 
 def _named(data: GearData, found: Levels, joint: str) -> Levels:
-    """The only range as a gap where the stiffness beyond it is more than twice as large, and such a gap as a range.
+    """The only range as a gap where it is far stiffer beyond, and a gap that is not as a range.
 
     Both are one law, of which k is the stiffness without load, but of a gap that of its flanks.
     """
@@ -204,7 +204,7 @@ def _named(data: GearData, found: Levels, joint: str) -> Levels:
     (i,), place = springs, names.index(f"k_{joint}")
     effect, f, k = found.effects[i], float(found.levels[i]), found.parameters.as_dict(found.x)[f"k_{joint}"]
     inner, outer = (k, k + f) if effect.kind == "range" else (k - f, k)
-    kind: Kind = "gap" if outer > APART * inner else "range"
+    kind: Kind = "gap" if outer > APART**2 * inner else "range"
     if kind == effect.kind or not inner > 0:
         return found
     x = found.x.copy()
