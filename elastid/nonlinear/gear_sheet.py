@@ -39,10 +39,10 @@ from elastid.response import BENT, NOT_STRAIGHT, UNEXPLAINED, Response
 from elastid.robot import Robot
 
 _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
-# Of the motion what does not repeat, and of a gear's rms deflection at the excited lines noise of its motor's angle, above
-# which nothing is looked for. Below it counts as noise: k of sets unsettled by 1.7 to 7.5 % was at most 0.05 % and 1.7
-# std off; of 23 clean sets, which wander by up to 6.6 % (scripts/studies/results.csv), none had a wrong effect. A count
-# moves numbers sooner: k was 2.1 and 4.2 std off with counts of 1/16 of the deflection, 1.1 and 1.3 with 1/65.
+# Of the motion what does not repeat, and of a gear's rms deflection at the excited lines noise of its motor's angle,
+# above which nothing is looked for. Below it counts as noise: k of sets unsettled by 1.7 to 7.5 % was at most 0.05 %
+# and 1.7 std off; of 23 clean sets, which wander by up to 6.6 % (scripts/studies/results.csv), none had a wrong effect.
+# A count moves numbers sooner: k was 2.1 and 4.2 std off with counts of 1/16 of the deflection, 1.1 and 1.3 with 1/65.
 HIDDEN, COUNT = 0.1, 0.025
 # Names of modification indices that make a channel late.
 _LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
