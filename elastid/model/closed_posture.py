@@ -109,6 +109,14 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
     return _moved(parts, q if near is None else _moved(parts, q, near[None]), angles)
 
 
+def open_loops(robot: Robot, angles: FloatArray) -> float:
+    """The largest gap (m) of loops at the driven joints' angles (Q, n_u), 0 where all close."""
+    if not robot.loops:
+        return 0.0
+    gap = float(np.abs(mechanism(robot).rows(followed(robot, angles, angles[0]))[0]).max(initial=0.0))
+    return gap if gap > LIMITS.gap else 0.0
+
+
 def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
     """True (Q,) of joints q (Q, n_l) with closed loops that are not about to fold over: what `assembled` accepts."""
     if not robot.loops:
