@@ -60,18 +60,63 @@ Kind: TypeAlias = Literal[
     "error sine", "error cosine", "ripple sine", "ripple cosine",
 ]  # fmt: skip
 Place: TypeAlias = Literal["motor", "gear", "link"]
-
-# Of the level of each kind where it is no torque; N and m where a joint slides.
-_UNITS: dict[Kind, str] = {
-    "load": "1", "cubic": "N*m/rad^3", "progressive": "N*m/rad^2", "range": "N*m/rad", "gap": "N*m/rad",
-    "error sine": "rad", "error cosine": "rad",
-}  # fmt: skip
+SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
+LOOPS: tuple[Kind, ...] = ("stop", "bristle")
 
 
-# Scales that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the middle one.
-SCALES: dict[Kind, tuple[float, ...]] = {
-    "friction": (0.01, 0.08), "load": (0.01,), "behind": (0.01,), "cubic": (0.0,), "progressive": (0.0,),
-    "range": (0.5, 1.0, 1.5), "gap": (0.1, 0.3), "stop": (0.03, 0.1, 0.3, 1.0), "bristle": (0.03, 0.1, 0.3, 1.0),
+@dataclass(frozen=True)
+class SheetNumber:
+    """Number of a maker's sheet that effects of one or several kinds make: prefix of its name, meaning, kind, unit."""
+
+    prefix: str
+    meaning: str
+    kind: str
+    unit: str
+
+
+STIFFENING = SheetNumber("h_", "stiffening up to the largest torque, of the secant", "share", "1")
+LOST_MOTION = SheetNumber("lost_", "lost motion", "angle", "rad")
+HYSTERESIS = SheetNumber("H_", "hysteresis, torque to either side", "torque", "N*m")
+ERROR = SheetNumber("e", "transmission error", "error", "rad")
+RIPPLE = SheetNumber("r", "ripple and cogging of the torque", "torque", "N*m")
+
+
+@dataclass(frozen=True)
+class Row:
+    """What all effects of a kind have in common.
+
+    place: of an implicit effect and of the motion that it is a function of: of a gear its deflection.  number: of the
+    sheet.  scales: that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the
+    middle one; without any an effect has an order and is not implicit.  rivals: of which a joint has one, it apart.
+    brakes: its level cannot be negative: it takes energy, or is missing within a gap.  unit: of its level, link side;
+    N and m where a joint slides.
+    """
+
+    place: Place
+    number: SheetNumber
+    scales: tuple[float, ...] = ()
+    rivals: tuple[Kind, ...] = ()
+    brakes: bool = False
+    unit: str = "N*m"
+
+
+KINDS: dict[Kind, Row] = {
+    "friction": Row("motor", SheetNumber("Fc_m", "running torque before the gear", "torque", "N*m"), (0.01, 0.08),
+                    ("friction",), True),
+    "load": Row("motor", SheetNumber("Fcl_m", "friction by load, of the gear's torque", "share", "1"), (0.01,),
+                ("load",), True, "1"),
+    "behind": Row("link", SheetNumber("Fb_", "running torque behind the gear", "torque", "N*m"), (0.01,),
+                  ("behind",), True),
+    "cubic": Row("gear", STIFFENING, (0.0,), SPRINGS, unit="N*m/rad^3"),
+    "progressive": Row("gear", STIFFENING, (0.0,), SPRINGS, unit="N*m/rad^2"),
+    "range": Row("gear", STIFFENING, (0.5, 1.0, 1.5), SPRINGS, unit="N*m/rad"),
+    "gap": Row("gear", LOST_MOTION, (0.1, 0.3), SPRINGS, True, "N*m/rad"),
+    "stop": Row("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
+    "bristle": Row("gear", HYSTERESIS, (0.03, 0.1, 0.3, 1.0), LOOPS, True),
+    "error sine": Row("gear", ERROR, unit="rad"),
+    "error cosine": Row("gear", ERROR, unit="rad"),
+    "ripple sine": Row("motor", RIPPLE),
+    "ripple cosine": Row("motor", RIPPLE),
 }  # fmt: skip
 APART = 1.5  # factor from which on two scales, or stiffnesses, are told apart
 
@@ -94,34 +139,34 @@ class GearEffect:
     is_edge: bool = False
 
     @property
+    def row(self) -> Row:
+        """What it has in common with its kind."""
+        return KINDS[self.kind]
+
+    @property
+    def place(self) -> Place:
+        """Place of its motion."""
+        return self.row.place
+
+    @property
     def is_implicit(self) -> bool:
         """True if its force follows a motion that it moves: behind the gear, or at a reversal between samples."""
-        return self.kind in ("friction", "load", "behind", "cubic", "progressive", "range", "gap", "stop", "bristle")
+        return bool(self.row.scales)
 
     @property
     def edge(self) -> GearEffect | None:
         """Change of the effect with its scale, of level f ds if that is wrong by ds; None where none is to be found."""
-        return replace(self, is_edge=True) if self.scale and self.kind.split()[0] not in ("error", "ripple") else None
+        return replace(self, is_edge=True) if self.scale and self.is_implicit else None
 
     @property
     def unit(self) -> str:
-        """Unit of the level, link side."""
-        return _UNITS.get(self.kind, "N*m")
+        """Unit of the level."""
+        return self.row.unit
 
     @property
-    def family(self) -> tuple[str, str, float]:
-        """Key that a sine shares with its cosine."""
-        return self.kind.split()[0], self.joint, self.scale
-
-    @property
-    def brakes(self) -> bool:
-        """True if its level cannot be negative: it takes energy, or is missing within a gap."""
-        return self.kind in ("friction", "load", "behind", "stop", "bristle", "gap")
-
-    @property
-    def place(self) -> Place:
-        """Place of an implicit effect and of the motion that it is a function of: of a gear its deflection."""
-        return "motor" if self.kind in ("friction", "load") else "link" if self.kind == "behind" else "gear"
+    def order(self) -> float:
+        """Order of what is periodic, in turns of the motor; 0 of the others."""
+        return 0.0 if self.is_implicit else self.scale
 
 
 @dataclass(frozen=True, eq=False)

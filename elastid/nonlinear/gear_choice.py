@@ -24,7 +24,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.statistics import ONE_SIDED_95
 from elastid.fit.covariance import taken_out_error
 from elastid.nonlinear.drives import elastic_joints
-from elastid.nonlinear.effects import APART, SCALES, GearEffect, Kind
+from elastid.nonlinear.effects import APART, KINDS, LOOPS, SPRINGS, GearEffect, Kind, SheetNumber
 from elastid.nonlinear.gear_levels import (
     MOVE,
     ROUNDS,
@@ -56,9 +56,6 @@ class Limits:
 
 LIMITS = Limits()
 _LOST = 10.0  # times smaller than the start
-SPRINGS: tuple[Kind, ...] = ("cubic", "progressive", "range", "gap")
-_LOOPS: tuple[Kind, ...] = ("stop", "bristle")
-_RIVALS: tuple[tuple[Kind, ...], ...] = (SPRINGS, ("friction",), ("load",), ("behind",), _LOOPS)
 _ROUGH = 10 * MOVE  # below which effects are compared; what is chosen is then found to the end
 
 
@@ -71,10 +68,10 @@ def candidate_groups(data: GearData, found: Levels, bent: Collection[str], order
     elastic = elastic_joints(data.linearisation)
     for j, joint in enumerate(data.joints):
         speed, deflection = _sizes(data, found, j)
-        for kind, parts in SCALES.items():
+        for kind, row in KINDS.items():
             if kind == "friction" or (joint in elastic and (kind not in SPRINGS or joint in bent)):
-                size = deflection if kind in (*SPRINGS, *_LOOPS) else speed
-                groups += [(GearEffect(kind, joint, part * size),) for part in parts]
+                size = deflection if row.place == "gear" else speed
+                groups += [(GearEffect(kind, joint, part * size),) for part in row.scales]
         if joint not in elastic:
             continue
         turns = travelled_turns(data, found, j)
@@ -126,7 +123,7 @@ def choose_effects(
             break
         before = _kinds(found.effects)
         found = _pruned(data, find_levels(data, found, (*found.effects, *added), settled=_ROUGH))
-        for family in (SPRINGS, _LOOPS):
+        for family in (SPRINGS, LOOPS):
             for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
                 found = _best_shape(data, found, joint, family)
         if _kinds(found.effects) == before:  # none of those that were added stays
@@ -178,7 +175,7 @@ def _best_shape(data: GearData, found: Levels, joint: str, family: tuple[Kind, .
     trials = [found]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
-            start = SCALES[kind][len(SCALES[kind]) // 2] * deflection
+            start = KINDS[kind].scales[len(KINDS[kind].scales) // 2] * deflection
             trials.append(tried(found, (*kept, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
@@ -219,10 +216,9 @@ def _stands(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = F
     alone: no second range or element of a hysteresis, either: two that are added at once may end at one scale, where
     neither has a level.
     """
-    rivals = next((family for family in _RIVALS if effect.kind in family), ())
-    near = [other for other in others if other.joint == effect.joint and other.kind in rivals]
+    near = [other for other in others if other.joint == effect.joint and other.kind in effect.row.rivals]
     # K1 K2 K3, and elements of a loop
-    if not alone and effect.kind in ("range", *_LOOPS) and all(other.kind == effect.kind for other in near):
+    if not alone and effect.kind in ("range", *LOOPS) and all(other.kind == effect.kind for other in near):
         return any(abs(np.log(other.scale / effect.scale)) < np.log(APART) for other in near)
     return effect in others or bool(near)
 
@@ -234,12 +230,12 @@ def _pruned(data: GearData, found: Levels) -> Levels:
     """
     size = found.levels / np.maximum(found.std, 1e-300)
     power = sum(np.sum(np.abs(e.Phi) ** 2, axis=(0, 1, 2)) for e in found.estimates) * found.levels**2
-    families = [effect.family for effect in found.effects]
-    seen, powers = dict[tuple[str, str, float], float](), dict.fromkeys(families, 0.0)
-    for effect, z, P in zip(found.effects, size.tolist(), power.tolist(), strict=True):
-        seen[effect.family] = max(seen.get(effect.family, -np.inf), z if effect.brakes else abs(z))
-        powers[effect.family] += P
-    largest = {joint: max(P for (_, other, _), P in powers.items() if other == joint) for _, joint, _ in families}
+    families = [(*family_of(effect), effect.scale) for effect in found.effects]
+    seen, powers = dict.fromkeys(families, -np.inf), dict.fromkeys(families, 0.0)
+    for family, effect, z, P in zip(families, found.effects, size.tolist(), power.tolist(), strict=True):
+        seen[family] = max(seen[family], z if effect.row.brakes else abs(z))
+        powers[family] += P
+    largest = {joint: max(P for family, P in powers.items() if family[1] == joint) for _, joint, *_ in families}
     keep = [seen[family] >= SEEN and powers[family] > LIMITS.trifle**2 * largest[family[1]] for family in families]
     if all(keep):
         return found
@@ -287,15 +283,9 @@ def bent_gears(data: GearData, robot: Robot) -> set[str]:
     return {bend.joint for lines, G in pairs for bend in find_bends(lines, G.inputs, robot)}
 
 
-# Of kinds that are one effect in several shapes.
-_FAMILIES = {"progressive": "cubic", "range": "cubic", "bristle": "stop"}
-
-
-def family_of(effect: GearEffect) -> tuple[str, str, float]:
-    """Kind in general, joint, and order of what is periodic: shapes of one effect have the same."""
-    word = effect.kind.split()[0]
-    order = effect.scale if word in ("error", "ripple") else 0.0
-    return _FAMILIES.get(word, word), effect.joint, order
+def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
+    """Number of the sheet, joint, and order of what is periodic: shapes of one effect have the same."""
+    return effect.row.number, effect.joint, effect.order
 
 
 def level_bounds(data: GearData, found: Levels, orders: Iterable[float]) -> dict[Group, float]:
@@ -314,7 +304,7 @@ def level_bounds(data: GearData, found: Levels, orders: Iterable[float]) -> dict
         chosen = [*range(n), *range(first, first + len(group))]
         covariance = inverse(A[np.ix_(chosen, chosen)])
         step = (covariance @ b[chosen])[n:]
-        size = float(max(step[0], 0.0) if group[0].brakes else np.hypot.reduce(step))
+        size = float(max(step[0], 0.0) if group[0].row.brakes else np.hypot.reduce(step))
         bounds[group] = size + ONE_SIDED_95 * float(np.sqrt(np.diag(covariance)[n:].max()))
         first += len(group)
     return bounds

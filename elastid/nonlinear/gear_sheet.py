@@ -27,8 +27,17 @@ from elastid.linear.modes import modes
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.drives import DriveLines, elastic_joints, without_arm
-from elastid.nonlinear.effects import GearEffect, implicit_law
-from elastid.nonlinear.gear_choice import SPRINGS, Group, bent_gears, choose_effects, family_of, level_bounds
+from elastid.nonlinear.effects import (
+    HYSTERESIS,
+    LOOPS,
+    LOST_MOTION,
+    SPRINGS,
+    STIFFENING,
+    GearEffect,
+    SheetNumber,
+    implicit_law,
+)
+from elastid.nonlinear.gear_choice import Group, bent_gears, choose_effects, level_bounds
 from elastid.nonlinear.gear_levels import GearData, Levels
 from elastid.nonlinear.gear_motion import Estimate, residuals
 from elastid.nonlinear.gear_result import BENT_STILL, GearNumber, GearResult, GearSheet
@@ -47,7 +56,6 @@ HIDDEN, COUNT = 0.1, 0.025
 # Names of modification indices that make a channel late.
 _LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
 LOST = "stiffness, damping and friction stay those of the linear fit"
-HYSTERESIS = ("stop", "bristle")
 
 
 def open_gears(
@@ -196,7 +204,7 @@ def rigid_gears(joints: Sequence[str]) -> list[Note]:
 
 def bent_notes(data: GearData, found: Levels) -> list[Note]:
     """Gears that are no straight springs, of which neither law, hysteresis nor transmission error was found."""
-    kinds = (*SPRINGS, *HYSTERESIS, "error sine", "error cosine")
+    kinds = (*SPRINGS, *LOOPS, "error sine", "error cosine")
     laws = {effect.joint for effect in found.effects if effect.kind in kinds}
     every = (note.text for G in data.responses for note in G.notes if note.code == NOT_STRAIGHT)
     bent = dict.fromkeys(text.removeprefix(BENT).partition(" is ")[0].strip() for text in every)
@@ -229,19 +237,32 @@ class JointLevels:
         pairs = enumerate(zip(self.found.effects, self.found.levels.tolist(), strict=True))
         return [(i, effect, f) for i, (effect, f) in pairs if effect.joint == self.joint]
 
-    def parameter(self, name: str) -> tuple[float, FloatArray]:
-        """A parameter of the model, and its row."""
+    @property
+    def is_linear(self) -> bool:
+        """One stiffness at every torque."""
+        return not any(effect.kind in SPRINGS for _, effect, _ in self.effects)
+
+    def parameter(self, letter: str) -> tuple[float, FloatArray]:
+        """Stiffness k or damping d of the joint, and its row."""
         found, row = self.found, np.zeros(len(self.found.covariance))
-        place = found.parameters.names.index(name)
+        place = found.parameters.names.index(f"{letter}_{self.joint}")
         row[: len(found.x)] = found.parameters.jacobian(found.x)[place]
         return float(found.parameters.expand(found.x)[place]), row
 
-    def level_row(self, weights: Mapping[int, float]) -> FloatArray:
-        """The row of a sum of levels by place."""
+    def levels(self, weights: Mapping[int, float]) -> tuple[float, FloatArray]:
+        """Sum of levels, each by its weight, and its row."""
         row = np.zeros(len(self.found.covariance))
-        for i, weight in weights.items():
-            row[len(self.found.x) + i] = weight
-        return row
+        row[[len(self.found.x) + i for i in weights]] = [*weights.values()]
+        return float(row[len(self.found.x) :] @ self.found.levels), row
+
+    def over_k(self, value: float, row: FloatArray) -> tuple[float, FloatArray]:
+        """A value over the stiffness."""
+        k, of_k = self.parameter("k")
+        return value / k, (row - value / k * of_k) / k
+
+    def number(self, what: SheetNumber, value: float, row: FloatArray, **further: float) -> GearNumber:
+        """A number of the sheet with its standard deviation."""
+        return _named(what, self.joint, value=value, std=self.std(row), **further)
 
     def std(self, row: FloatArray) -> float:
         """Standard deviation of a value by its row."""
@@ -249,24 +270,18 @@ class JointLevels:
 
     def torque(self, delta: FloatArray, hysteresis: bool) -> tuple[FloatArray, FloatArray]:
         """tau (n,) over a closed path of delta (n,), and its rows (n, n_x + n_f); hysteresis: with it."""
-        k, row = self.parameter(f"k_{self.joint}")
+        k, row = self.parameter("k")
         tau, rows = k * delta, delta[:, None] * row
         for i, effect, f in self.effects:
-            if effect.is_implicit and effect.place == "gear" and (hysteresis or effect.kind not in HYSTERESIS):
+            if effect.kind in SPRINGS or (hysteresis and effect.kind in LOOPS):
                 phi = implicit_law(effect, delta)[0]
                 tau = tau + f * phi
-                rows = rows + phi[:, None] * self.level_row({i: 1.0})
+                rows = rows + phi[:, None] * self.levels({i: 1.0})[1]
         return tau, rows
-
-    @property
-    def is_linear(self) -> bool:
-        """One stiffness at every torque."""
-        kinds = [e.kind for _, e, _ in self.effects if e.is_implicit and e.place == "gear"]
-        return not any(kind not in HYSTERESIS for kind in kinds)
 
     def largest(self) -> float:
         """Deflection at the largest torque of the records."""
-        reach = self.peak / self.parameter(f"k_{self.joint}")[0]
+        reach = self.peak / self.parameter("k")[0]
         for _ in range(40):
             tau = float(self.torque(np.array([0.0, reach]), hysteresis=False)[0][1])
             # A spring that softens may not bear that torque at all.
@@ -278,8 +293,7 @@ def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -
     """The numbers of a gear, those of the linear fit beside them, and its torsion; bounds: of groups of effects."""
     reach = gear.largest()
     rated = next(each.limits.torque for each in gear.robot.driven if each.name == gear.joint)
-    numbers = [*_springs(gear, result, reach), *_lost_motion(gear), *_loop_numbers(gear, reach)]
-    numbers += [*_frictions(gear), *_periodic(gear)]
+    numbers = [*_springs(gear, result, reach), *_levels(gear, reach), *_periodic(gear)]
     seen = {each.name for each in numbers}
     numbers += [each for each in _unseen(gear, bounds, reach) if each.name not in seen]
     numbers = [
@@ -298,130 +312,95 @@ def sheet_of(gear: JointLevels, result: Result, bounds: Mapping[Group, float]) -
     return GearSheet(gear.joint, tuple(ordered), gear.peak, tau, delta, torsion_std)
 
 
-_WIDTH = "hysteresis, width of the loop"
 # Letters of names in the order of a sheet.
 _ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
+_WIDTH = SheetNumber("Hw_", "hysteresis, width of the loop", "angle", "rad")
+
+
+def _named(what: SheetNumber, joint: str, order: float = 0.0, **further: float) -> GearNumber:
+    """A number of a joint; order: of what is periodic, in turns of its motor."""
+    if not order:
+        return GearNumber(f"{what.prefix}{joint}", what.meaning, what.kind, what.unit, **further)
+    times = {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
+    name, meaning = f"{what.prefix}{order:g}_{joint}", f"{what.meaning}, {times}"
+    return GearNumber(name, meaning, what.kind, what.unit, order=order, **further)
 
 
 def _springs(gear: JointLevels, result: Result, reach: float) -> list[GearNumber]:
     """Stiffness at zero torque and by range, and damping."""
-    joint, numbers = gear.joint, []
     has_gap = any(effect.kind == "gap" for _, effect, _ in gear.effects)
     spring = "stiffness beyond the gap" if has_gap else "stiffness at zero torque"
-    words = {"k": (spring, "stiffness", "N*m/rad"), "d": ("damping", "damping", "N*m*s/rad")}
-    slides = gear.robot.slides(f"motor {joint}")
-    for letter, (meaning, kind, unit) in words.items():
-        value, row = gear.parameter(f"{letter}_{joint}")
-        own = result.parameters.expand(result.x)[result.parameters.names.index(f"{letter}_{joint}")]
-        unit = unit.replace("N*m", "N").replace("rad", "m") if slides else unit
-        numbers.append(GearNumber(f"{letter}_{joint}", meaning, kind, unit, value, gear.std(row), linear=float(own)))
+    per = ("N", "m") if gear.robot.slides(f"motor {gear.joint}") else ("N*m", "rad")
+    stiffness, damping = f"{per[0]}/{per[1]}", f"{per[0]}*s/{per[1]}"
+    numbers = [
+        gear.number(SheetNumber(f"{letter}_", meaning, kind, unit), *gear.parameter(letter),
+                    linear=float(result.values[f"{letter}_{gear.joint}"]))
+        for letter, meaning, kind, unit in (("k", spring, "stiffness", stiffness), ("d", "damping", "damping", damping))
+    ]  # fmt: skip
     if gear.is_linear:
         return numbers
     delta = np.linspace(0, reach, 601)
-    tau, rows = gear.torque(np.concatenate([delta, delta[::-1]]), hysteresis=False)
-    ends = np.searchsorted(tau[:601], gear.peak * np.arange(4) / 3).clip(0, 600)
+    tau, rows = gear.torque(delta, hysteresis=False)
+    ends = np.searchsorted(tau, gear.peak * np.arange(4) / 3).clip(0, 600)
     for i, (low, high) in enumerate(pairwise(ends.tolist()), start=1):
-        if high == low:
-            continue
-        width = delta[high] - delta[low]
-        meaning = f"stiffness from {tau[low]:.3g} to {tau[high]:.3g} Nm"
-        value, row = (tau[high] - tau[low]) / width, (rows[high] - rows[low]) / width
-        numbers.append(GearNumber(f"K{i}_{joint}", meaning, "stiffness", "N*m/rad", float(value), gear.std(row)))
-    if has_gap:  # a secant is softer than k, beyond the gap
-        return numbers
-    peak, row = gear.torque(np.array([0.0, reach]), hysteresis=False)
-    k, of_k = gear.parameter(f"k_{joint}")
-    share = peak[1] / (k * reach) - 1
-    of_share = (row[1] - (1 + share) * reach * of_k) / (k * reach)
-    meaning = f"stiffening up to {gear.peak:.3g} Nm, of the secant"
-    numbers.append(GearNumber(f"h_{joint}", meaning, "share", "1", float(share), gear.std(of_share)))
+        if high > low:
+            meaning = f"stiffness from {tau[low]:.3g} to {tau[high]:.3g} Nm"
+            secant, row = ((x[high] - x[low]) / (delta[high] - delta[low]) for x in (tau, rows))
+            numbers.append(gear.number(SheetNumber(f"K{i}_", meaning, "stiffness", "N*m/rad"), float(secant), row))
+    if not has_gap:  # a secant is softer than k, beyond the gap
+        share, row = gear.over_k(float(tau[600]) / reach, rows[600] / reach)
+        meaning = f"stiffening up to {gear.peak:.3g} Nm, of the secant"
+        numbers.append(gear.number(replace(STIFFENING, meaning=meaning), share - 1, row))
     return numbers
 
 
-def _lost_motion(gear: JointLevels) -> list[GearNumber]:
-    """2 f b / k: the way between the lines of the two flanks at zero torque, all of the gap where it is free."""
-    own = {i: 2 * effect.scale for i, effect, _ in gear.effects if effect.kind == "gap"}
-    if not own:
-        return []
-    k, of_k = gear.parameter(f"k_{gear.joint}")
-    value = sum(own[i] * f for i, _, f in gear.effects if i in own) / k
-    row = (gear.level_row(own) - value * of_k) / k
-    of_ends = [2 * f * gear.found.scale_std[i] / k for i, _, f in gear.effects if i in own]
-    std = math.hypot(gear.std(row), *of_ends)
-    return [GearNumber(f"lost_{gear.joint}", *_WORDS["gap"][1:], value, std)]
+def _levels(gear: JointLevels, reach: float) -> list[GearNumber]:
+    """Levels of friction; hysteresis: half the difference of torque, and the width of the loop in torsion, at zero.
 
-
-def _loop_numbers(gear: JointLevels, reach: float) -> list[GearNumber]:
-    """Hysteresis: half the difference of torque, and the width of the loop in torsion, at zero."""
-    own = [(i, effect, f) for i, effect, f in gear.effects if effect.kind in HYSTERESIS]
-    if not own:
-        return []
-    path = reach * np.concatenate([np.linspace(-1, 1, 201), np.linspace(1, -1, 201)])
-    weights = {}
-    for i, effect, _ in own:
-        phi = implicit_law(effect, path)[0]
-        weights[i] = float(phi[100] - phi[301]) / 2
-    value = sum(f * weights[i] for i, _, f in own)
-    row, (k, of_k) = gear.level_row(weights), gear.parameter(f"k_{gear.joint}")
-    width, of_width = 2 * value / k, (2 * row - 2 * value / k * of_k) / k
-    return [
-        GearNumber(f"H_{gear.joint}", *_WORDS["stop"][1:], value, gear.std(row)),
-        GearNumber(f"Hw_{gear.joint}", _WIDTH, "angle", "rad", width, gear.std(of_width)),
-    ]
-
-
-# Prefix of the name, meaning, kind and unit of the number of each family of effects.
-_WORDS = {
-    "friction": ("Fc_m", "running torque before the gear", "torque", "N*m"),
-    "behind": ("Fb_", "running torque behind the gear", "torque", "N*m"),
-    "load": ("Fcl_m", "friction by load, of the gear's torque", "share", "1"),
-    "stop": ("H_", "hysteresis, torque to either side", "torque", "N*m"),
-    "gap": ("lost_", "lost motion", "angle", "rad"),
-    "cubic": ("h_", "stiffening up to the largest torque, of the secant", "share", "1"),
-    "error": ("e", "transmission error", "error", "rad"),
-    "ripple": ("r", "ripple and cogging of the torque", "torque", "N*m"),
-}
-
-
-def _frictions(gear: JointLevels) -> list[GearNumber]:
-    """Levels of friction."""
+    Lost motion 2 f b / k: the way between the lines of the two flanks at zero torque, all of the gap where it is free.
+    """
     numbers = []
-    for kind in ("friction", "behind", "load"):
-        prefix, meaning, what, unit = _WORDS[kind]
-        own = {i: 1.0 for i, effect, _ in gear.effects if effect.kind == kind}
-        if own:
-            row, value = gear.level_row(own), sum(f for i, _, f in gear.effects if i in own)
-            numbers.append(GearNumber(f"{prefix}{gear.joint}", meaning, what, unit, value, gear.std(row)))
+    path = reach * np.concatenate([np.linspace(-1, 1, 201), np.linspace(1, -1, 201)])
+    weights: dict[SheetNumber, dict[int, float]] = {}
+    for i, effect, _ in gear.effects:
+        what, weight = effect.row.number, 1.0
+        if what == HYSTERESIS:
+            phi = implicit_law(effect, path)[0]
+            weight = float(phi[100] - phi[301]) / 2
+        elif what == LOST_MOTION:
+            weight = 2 * effect.scale
+        if what in (HYSTERESIS, LOST_MOTION) or (effect.place != "gear" and not effect.order):
+            weights.setdefault(what, {})[i] = weight
+    for what, own in weights.items():
+        value, row = gear.levels(own)
+        if what == LOST_MOTION:
+            of_ends = [2 * f * gear.found.scale_std[i] / gear.parameter("k")[0] for i, _, f in gear.effects if i in own]
+            number = gear.number(what, *gear.over_k(value, row))
+            numbers.append(replace(number, std=math.hypot(number.std, *of_ends)))
+        else:
+            numbers.append(gear.number(what, value, row))
+        if what == HYSTERESIS:
+            numbers.append(gear.number(_WIDTH, *gear.over_k(2 * value, 2 * row)))
     return numbers
 
 
 def _periodic(gear: JointLevels) -> list[GearNumber]:
     """Amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
     numbers = []
-    for word in ("error", "ripple"):
-        letter, meaning, what, unit = _WORDS[word]
-        for order in dict.fromkeys(e.scale for _, e, _ in gear.effects if e.kind.split()[0] == word):
-            a, b = ({i: f for i, e, f in gear.effects if e.kind == f"{word} {part}" and e.scale == order}
-                    for part in ("sine", "cosine"))  # fmt: skip
-            x, y = sum(a.values()), sum(b.values())
-            size = math.hypot(x, y)
-            row = gear.level_row(dict.fromkeys(a, x / size) | dict.fromkeys(b, y / size))
-            turn = gear.level_row(dict.fromkeys(a, -y / size**2) | dict.fromkeys(b, x / size**2))
-            numbers.append(GearNumber(
-                f"{letter}{order:g}_{gear.joint}", f"{meaning}, {_times(order)}", what, unit, size, gear.std(row),
-                order=order, phase=math.atan2(y, x), phase_std=gear.std(turn),
-            ))  # fmt: skip
+    for what, order in dict.fromkeys((e.row.number, e.order) for _, e, _ in gear.effects if e.order):
+        own = {e.kind.split()[1]: i for i, e, _ in gear.effects if (e.row.number, e.order) == (what, order)}
+        (x, of_x), (y, of_y) = (gear.levels({own[part]: 1.0} if part in own else {}) for part in ("sine", "cosine"))
+        size = math.hypot(x, y)
+        phase_std = gear.std((x * of_y - y * of_x) / size**2)
+        row = (x * of_x + y * of_y) / size
+        numbers.append(gear.number(what, size, row, order=order, phase=math.atan2(y, x), phase_std=phase_std))
     return numbers
-
-
-def _times(order: float) -> str:
-    return {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
 
 
 def _unseen(gear: JointLevels, bounds: Mapping[Group, float], reach: float) -> list[GearNumber]:
     """Bounds of what was looked for and not found, of several shapes the largest."""
     largest: dict[str, GearNumber] = {}
-    k = gear.parameter(f"k_{gear.joint}")[0]
+    k = gear.parameter("k")[0]
     for (effect, *_), bound in bounds.items():
         for number in _bounded(effect, bound, k, reach) if effect.joint == gear.joint else ():
             if number.name not in largest or largest[number.name].bound < number.bound:
@@ -430,22 +409,15 @@ def _unseen(gear: JointLevels, bounds: Mapping[Group, float], reach: float) -> l
 
 
 def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[GearNumber]:
-    word, joint, order = family_of(effect)
-    prefix, meaning, kind, unit = _WORDS[word]
-    if order:
-        name = f"{prefix}{order:g}_{joint}"
-        return [GearNumber(name, f"{meaning}, {_times(order)}", kind, unit, bound=bound, order=order)]
-    if (
-        word == "stop"
-    ):  # within the records it does not reach its level where it bends over more than they bend the gear
-        bound *= min(1.0, reach / effect.scale)
-    if word == "gap":
-        if bound > k:  # of a gear that never crosses it
-            return []
-        bound *= 2 * effect.scale / k
-    if word == "cubic":
+    """Numbers of an effect whose level has a bound."""
+    what, joint = effect.row.number, effect.joint
+    if what == LOST_MOTION:
+        # None of a gear that never crosses it.
+        return [_named(what, joint, bound=bound * 2 * effect.scale / k)] if bound <= k else []
+    if what == STIFFENING:
         bound *= abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) / (k * reach)
-    numbers = [GearNumber(f"{prefix}{joint}", meaning, kind, unit, bound=bound)]
-    if word == "stop":
-        numbers.append(GearNumber(f"Hw_{joint}", _WIDTH, "angle", "rad", bound=2 * bound / k))
-    return numbers
+    if what != HYSTERESIS:
+        return [_named(what, joint, effect.order, bound=bound)]
+    # Within the records it does not reach its level where it bends over more than they bend the gear.
+    bound *= min(1.0, reach / effect.scale)
+    return [_named(what, joint, bound=bound), _named(_WIDTH, joint, bound=2 * bound / k)]

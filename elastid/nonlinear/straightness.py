@@ -27,7 +27,7 @@ from elastid.frf.distortion import interpolated
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.nonlinear.drives import geometric_torques
-from elastid.nonlinear.effects import APART, SCALES, GearEffect, Kind, implicit_law
+from elastid.nonlinear.effects import APART, KINDS, GearEffect, Kind, implicit_law
 from elastid.nonlinear.levels import solve, weights
 from elastid.nonlinear.motion import NEIGHBOURS
 from elastid.nonlinear.spectra import PeriodLines, gather_lines, some
@@ -45,7 +45,8 @@ class Limits:
 
 
 LIMITS = Limits()
-_TURN, _LOOP = SCALES["friction"][-1], SCALES["stop"][2]  # of the RMS, over which a sign turns, and a loop bends
+# Of the RMS: over which a sign turns, and a loop bends.
+_TURN, _LOOP = KINDS["friction"].scales[-1], KINDS["stop"].scales[2]
 _SHOWN = 1e-3  # of the RMS torque, that a shape must have beyond a straight line
 
 
