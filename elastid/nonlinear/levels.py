@@ -275,19 +275,15 @@ def choose_shapes(
     def pays(before: float, after: float, _: list[int]) -> bool:
         return after < (1 - LIMITS.shape_gain) * before  # not where no line shows any power
 
+    def larger(chosen: list[int]) -> list[list[int]]:
+        has_its_rival = not chosen or bool(np.isin(chosen, rivals).any())
+        barred = {*chosen, *(rivals.tolist() if has_its_rival else ())}
+        return [[*chosen, i] for i in candidates.tolist() if i not in barred]
+
     total = power([])
-    chosen, left = greedy(lambda own: _larger(own, candidates.tolist(), rivals.tolist()), power, pays)
+    chosen, left = greedy(larger, power, pays)
     share = left / total if total > 0 else 1.0
     return _without_needless(equations, motor, np.array(sorted(chosen), dtype=np.int64), rivals, left), share
-
-
-def _larger(chosen: list[int], candidates: list[int], rivals: list[int]) -> list[list[int]]:
-    """The sets with one shape more, their rival exchanged or not, and those with another rival alone exchanged."""
-    rest, others = [i for i in chosen if i not in rivals], [i for i in candidates if i in rivals]
-    further = [i for i in candidates if i not in chosen and i not in rivals]
-    exchanged = [[*rest, i] for i in others if rest and i not in chosen]
-    bases = [chosen, *exchanged] if len(rest) < len(chosen) else [chosen]
-    return [*exchanged, *([*base, i] for base in bases for i in further)]
 
 
 def _without_needless(
@@ -295,16 +291,10 @@ def _without_needless(
 ) -> IntArray:
     """Shapes without those that others have made needless."""
     for i in chosen.tolist():
-        rest = chosen[chosen != i]
-        if _is_friction(rest, rivals) and kept_power(equations, motor, rest) <= (1 + LIMITS.shape_gain / 2) * left:
+        rest, most = chosen[chosen != i], (1 + LIMITS.shape_gain / 2) * left
+        if not np.isin(rest, rivals).all() and kept_power(equations, motor, rest) <= most:
             return _without_needless(equations, motor, rest, rivals, left)
     return chosen
-
-
-def _is_friction(members: Sequence[int] | IntArray, rivals: IntArray) -> bool:
-    """True for a set with one of the rivals at most, and with another shape."""
-    of_rivals = int(np.isin(members, rivals).sum())
-    return of_rivals <= 1 and len(members) > of_rivals
 
 
 def shares(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:

@@ -204,7 +204,7 @@ def test_what_no_shape_has_is_smaller_where_signs_are_all() -> None:
     of_curves, of_signs = np.array([3.0, 1.0]) * LIMITS.shape_error, 2.0 * SIGN_ERROR
     np.testing.assert_allclose(C[:2, :2], np.outer(of_curves, of_curves))
     np.testing.assert_allclose(C[2], [0, 0, of_signs**2])
-    assert SIGN_ERROR < LIMITS.shape_error
+    assert LIMITS.shape_error > SIGN_ERROR
 
 
 def test_shapes_that_are_alike_share_a_level() -> None:
