@@ -31,11 +31,10 @@ from elastid.nonlinear.levels import (
     refined,
     shares,
 )
-from elastid.nonlinear.motion import motion_of
+from elastid.nonlinear.motion import VELOCITY_NOISE, motion_of
 from elastid.nonlinear.spectra import ConfigurationSpectra, gather_configuration, taken, unsuited
 from elastid.record import MOTION_ORDER, Record
 
-VELOCITY_NOISE = 0.04  # over the RMS of a velocity, above which its sign is noise
 # Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
 # in all.
 _CHOICE_RECORDS = 24

@@ -35,7 +35,7 @@ from elastid.nonlinear.gear_levels import (
     find_levels,
     start_levels,
 )
-from elastid.nonlinear.levels import SIGN_ERROR, greedy, held_out, inverse
+from elastid.nonlinear.levels import SIGN_ERROR, SLIGHT, greedy, held_out, inverse
 from elastid.nonlinear.spectra import PeriodLines
 from elastid.nonlinear.straightness import find_bends
 from elastid.parameters import Parameters
@@ -50,7 +50,6 @@ class Limits:
 
     gain: float = 12.0  # of V of realisations that the levels were not fitted to, by which a group must lower it
     share: float = 0.005  # and so much of V: what the model does not explain otherwise is never quite white
-    trifle: float = 0.02  # of the largest torque of the joint's effects: shapes are not known better
     period: float = 0.5  # of an error or a ripple, that a motor must travel for it to be seen
 
 
@@ -236,7 +235,7 @@ def _pruned(data: GearData, found: Levels) -> Levels:
         seen[family] = max(seen[family], z if effect.row.brakes else abs(z))
         powers[family] += P
     largest = {joint: max(P for family, P in powers.items() if family[1] == joint) for _, joint, *_ in families}
-    keep = [seen[family] >= SEEN and powers[family] > LIMITS.trifle**2 * largest[family[1]] for family in families]
+    keep = [seen[family] >= SEEN and powers[family] > SLIGHT**2 * largest[family[1]] for family in families]
     if all(keep):
         return found
     effects = tuple(effect for effect, kept in zip(found.effects, keep, strict=True) if kept)

@@ -144,7 +144,6 @@ class Limits:
     # Of what a sign has, the share of a shape's power that is not linear, at least: a sign in a multisine has 0.36 to
     # 0.6, beside slow lines of great power, such as those of a carrier, 0.02 and less; a stop longer than the motion 0.
     part_of_sign: float = 0.14
-    shape_gain: float = 0.02  # of the power left in other realisations, by which a further shape must lower it
     left_share: float = 0.5  # of the power left in other realisations, at most, for friction to be taken out of a motor
     # Speed over which the sign of a motion seems to turn, over the noise of its velocity: 1.25 of a motor that never
     # sticks, whose sign is erf(v / (sqrt(2) sigma)) in the mean.  Calibrated for those that do: 2 makes levels right in
@@ -160,6 +159,7 @@ class Limits:
 
 
 LIMITS = Limits()
+SLIGHT = 0.02  # of a power, V or torque: shapes are not known so well that less of it shows a further one
 # Of a level, all of a motor as one factor: std of what its shape is not known by, levels within 1 %.  Calibrated, not
 # derived: of signs alone F_c was up to 1 % off on one outside rig where noise says 0.4 %, and up to 0.3 % on another.
 SIGN_ERROR = 4e-3
@@ -273,7 +273,7 @@ def choose_shapes(
         return kept_power(equations, motor, np.array(members, dtype=np.int64))
 
     def pays(before: float, after: float, _: list[int]) -> bool:
-        return after < (1 - LIMITS.shape_gain) * before  # not where no line shows any power
+        return after < (1 - SLIGHT) * before  # not where no line shows any power
 
     def larger(chosen: list[int]) -> list[list[int]]:
         has_its_rival = not chosen or bool(np.isin(chosen, rivals).any())
@@ -291,7 +291,7 @@ def _without_needless(
 ) -> IntArray:
     """Shapes without those that others have made needless."""
     for i in chosen.tolist():
-        rest, most = chosen[chosen != i], (1 + LIMITS.shape_gain / 2) * left
+        rest, most = chosen[chosen != i], (1 + SLIGHT / 2) * left
         if not np.isin(rest, rivals).all() and kept_power(equations, motor, rest) <= most:
             return _without_needless(equations, motor, rest, rivals, left)
     return chosen

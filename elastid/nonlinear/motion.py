@@ -15,9 +15,10 @@ from elastid.record import MOTION_ORDER, Record
 
 # Cells of the fine grid in a sample, since reversals of friction fall between samples.
 CELLS = 4
-# Lines of the period are kept as they are unless the velocity has more noise than this part of its RMS, since friction
-# moves the motor a little at all of them. All others are filtered.
-_NOISY = 0.01
+# Noise over the RMS of a velocity, above which its sign is noise.
+VELOCITY_NOISE = 0.04
+# Above which lines of the period are filtered as others are: below, friction moves the motor a little at all of them.
+_NOISY = VELOCITY_NOISE / 4
 NEIGHBOURS = 9  # lines over which powers are averaged
 
 

@@ -28,23 +28,14 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.nonlinear.drives import geometric_torques
 from elastid.nonlinear.effects import APART, KINDS, GearEffect, Kind, implicit_law
-from elastid.nonlinear.levels import solve, weights
+from elastid.nonlinear.levels import SLIGHT, solve, weights
 from elastid.nonlinear.motion import NEIGHBOURS
 from elastid.nonlinear.spectra import PeriodLines, gather_lines, some
 from elastid.record import Configuration, Record
 from elastid.response import BENT, NOT_STRAIGHT
 from elastid.robot import Robot
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Thresholds of a spring that is not straight."""
-
-    drop: float = 60.0  # of V, by one shape, and
-    share: float = 0.02  # so much of V
-
-
-LIMITS = Limits()
+_DROP = 60.0  # of V, by the shape of a spring that is not straight, at least
 # Of the RMS: over which a sign turns, and a loop bends.
 _TURN, _LOOP = KINDS["friction"].scales[-1], KINDS["stop"].scales[2]
 _SHOWN = 1e-3  # of the RMS torque, that a shape must have beyond a straight line
@@ -226,7 +217,7 @@ class _Problem:
         trials = {m: _solve(A[:, [*range(R), R + m]], b, R + (m == 0)) for m in known}
         best = min(trials, key=lambda m: trials[m][1])
         level, drop = float(trials[best][0][-1]), V - trials[best][1]
-        if not drop > max(LIMITS.drop, LIMITS.share * V):
+        if not drop > max(_DROP, SLIGHT * V):
             return None
         return Bend(joint, list(shapes)[best], drop, size, level * gains[best] / self.compliance[i])
 
