@@ -18,8 +18,9 @@ residuals of a real axis are not white; the covariance of `least_squares.solve` 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.polynomial.legendre import legval
@@ -36,13 +37,13 @@ from elastid.friction_study.laws import (
     above_stribeck,
     extrapolates,
 )
-from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
+from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, shift_between, solve
 from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, Plateau, both_bands, distinct_speeds
 from elastid.friction_study.motion_terms import (
     ANGLE,
     MotionTerms,
+    axis_equations,
     change_of,
-    equations_of,
     regressed,
     shown_terms,
     with_other_curves,
@@ -209,17 +210,12 @@ def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Hel
 
 def _judged(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFriction:
     """Friction with the reason of a misfit; errors of the model that show between bands are in the intervals."""
-    bands, terms = both_bands([MotionLog({"": each}) for each in signals], LIMITS.narrow), fit.terms
-    wide, slow = ([log.first for log in band] for band in bands or ([], []))
-    moved: dict[str, tuple[float, float]] = {}
+    terms, bands = fit.terms, both_bands([MotionLog({"": each}) for each in signals], LIMITS.narrow)
+    moved = moved_numbers(bands, lambda log: axis_equations(log.first, terms))
+    advice = "the law lacks a part; measure passes, which show it"
+    chosen, misfit = judged(fit.chosen, "", moved, fit.passband_hz, advice)
     if bands:
-        names = [name for name in fit.chosen.names if name not in terms.searched]  # held in both
-        whole, part = (solve(equations_of(each, terms)[1], signals[0].kept_hz) for each in (wide, slow))
-        shift = shift_between(whole, part, signals[0].kept_hz)
-        moved = {name: own for (_, name), own in moved_numbers([("", name) for name in names], *shift).items()}
-    chosen, misfit = judged(fit.chosen, moved, fit.passband_hz, "the law lacks a part; measure passes, which show it")
-    if bands:
-        change, spring = _by_spring(fit.chosen, slow, terms)
+        change, spring = _by_spring(fit.chosen, [log.first for log in bands[1]], terms)
         chosen = replace(chosen, covariance=chosen.covariance + np.outer(change, change))
         misfit = "; ".join(filter(None, (spring, misfit)))
     return replace(fit, chosen=chosen, misfit=misfit)
@@ -241,20 +237,23 @@ def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: Motion
     return change, text if stds > LIMITS.spring_shift else ""
 
 
-def moved_numbers(
-    names: Sequence[tuple[str, str]], shift: FloatArray, std: FloatArray
-) -> dict[tuple[str, str], tuple[float, float]]:
-    """Shift (n,) and std (n,) of numbers that both bands share, by joint and name."""
-    pairs = zip(shift.tolist(), np.maximum(std, 1e-300).tolist(), strict=True)
-    return {name: pair for name, pair in zip(names, pairs, strict=True) if name[1] in JUDGED}
+Moved: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
 
 
-def judged(
-    numbers: Regression, moved: Mapping[str, tuple[float, float]], passband_hz: float, advice: str
-) -> tuple[Regression, str]:
+def moved_numbers(bands: Sequence[Sequence[MotionLog]], equations: Callable[[MotionLog], Equations]) -> Moved:
+    """Shift between both bands, and its std, of numbers by joint and name; empty without bands."""
+    if not bands:
+        return {}
+    rate_hz = bands[0][0].first.kept_hz
+    wide, slow = (solve([equations(log) for log in band], rate_hz) for band in bands)
+    return shift_between(wide, slow, rate_hz)
+
+
+def judged(numbers: Regression, joint: str, moved: Moved, passband_hz: float, advice: str) -> tuple[Regression, str]:
     """Numbers with their change between bands in the intervals where it is beyond chance, and a misfit's reason."""
-    shift = np.array([moved.get(name, (0.0, 1.0))[0] for name in numbers.names])
-    stds, worst = max(((abs(change) / std, name) for name, (change, std) in moved.items()), default=(0.0, ""))
+    own = {name: change for (of, name), change in moved.items() if of == joint and name in JUDGED}
+    shift = np.array([own.get(name, (0.0, 1.0))[0] for name in numbers.names])
+    stds, worst = max(((abs(change) / std, name) for name, (change, std) in own.items()), default=(0.0, ""))
     texts = []
     if stds > LIMITS.max_shift:
         numbers = replace(numbers, covariance=numbers.covariance + np.outer(shift, shift))

@@ -38,7 +38,8 @@ class MotionTerms:
 
     stribeck_velocity: 0 without a Stribeck effect, of an exponent.  waves: of `turn_waves`.  heat: of HEAT,
     about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  angles: ends of
-    those over which dry friction changes, empty where it does not.  spring: between motor and link.
+    those over which dry friction changes, empty where it does not.  spring: between motor and link.  friction_only: the
+    rigid body is taken out of the torque, or has columns of its own.
     """
 
     apart: bool = True
@@ -55,6 +56,7 @@ class MotionTerms:
     quadratic: bool = False
     angles: tuple[float, ...] = ()
     spring: bool = False
+    friction_only: bool = False
 
     @property
     def law(self) -> tuple[str, ...]:
@@ -82,7 +84,7 @@ class MotionTerms:
 def shown_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
     """The parts that the data show beyond chance, one after the other."""
     if signals[0].motion.is_run_down:
-        return _curve(signals, MotionTerms(apart=False))
+        return _curve(signals, MotionTerms(apart=False, friction_only=True))
     terms = MotionTerms(load=len({each.motion.load for each in signals}) > 1)
     if terms.load:
         terms = replace(terms, load=regressed(signals, terms).chance("load.coulomb", 1) < FALSE_ALARM)
@@ -201,7 +203,7 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
 
 def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocities: FloatArray) -> float:
     """Velocity (of m) whose fall of stiction explains most of what a regression without it leaves."""
-    _, logs = equations_of(signals, terms)
+    logs = [axis_equations(each, terms) for each in signals]
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
     falls = [each.direction[:, None] * np.exp(-((each.velocity[:, None] / velocities) ** 2)) for each in signals]
     filtered = [each.filtered(fall) * each.used[:, None] for each, fall in zip(signals, falls, strict=True)]
@@ -244,38 +246,36 @@ def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int =
 
 def _solved(signals: Sequence[MotionSignals], terms: MotionTerms, about: Regression | None = None) -> Regression:
     """about: the last numbers, where nonlinear ones are searched for, whose steps are then among the numbers."""
-    names, logs = equations_of(signals, terms, about)
-    return solve(logs, signals[0].kept_hz).of_joint(0, range(len(names)), names)
+    return solve([axis_equations(each, terms, about) for each in signals], signals[0].kept_hz).at("")
+
+
+def axis_equations(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> Equations:
+    """Equations of an axis that moves alone."""
+    return equations_of(MotionLog({"": signals}), {"": terms}, about=about)
 
 
 def equations_of(
-    signals: Sequence[MotionSignals], terms: MotionTerms, about: Regression | None = None
-) -> tuple[tuple[str, ...], list[Equations]]:
-    """The names of the numbers of one axis, and the equations of each log."""
-    columns = [columns_of(each, terms, about) for each in signals]
-    pairs = zip(signals, columns, strict=True)
-    return tuple(columns[0]), [joint_equations(MotionLog({"": each}), {"": own}) for each, own in pairs]
-
-
-def joint_equations(
     log: MotionLog,
-    columns: Mapping[str, Mapping[str, FloatArray]],
+    terms: Mapping[str, MotionTerms],
     rigid: FloatArray | None = None,
     sliding: bool = True,
+    about: Regression | None = None,
 ) -> Equations:
-    """Equations in which each joint has columns (k,) by name; rigid: those (n, m, n_r) of all at full rate.
+    """Equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all at full rate.
 
     sliding: of samples that are clear of reversals alone.
     """
+    columns = [columns_of(each, terms[joint], about) for joint, each in log.of_joints.items()]
+    names = [(i, joint, name) for i, joint in enumerate(log.of_joints) for name in columns[i]]
     used = np.stack([each.used | (not sliding) for each in log.of_joints.values()], axis=1)
-    (n, m), widths = used.shape, [len(own) for own in columns.values()]
-    X = np.zeros((n, m, sum(widths)))
-    for i, own in enumerate(columns.values()):
-        X[:, i, sum(widths[:i]) : sum(widths[: i + 1])] = np.stack(list(own.values()), axis=1)
-    R = np.zeros((n, m, 0)) if rigid is None else log.first.filtered(rigid)
+    X = np.zeros((*used.shape, len(names)))
+    for k, (i, _, name) in enumerate(names):
+        X[:, i, k] = columns[i][name]
+    R = np.zeros((*used.shape, 0)) if rigid is None else log.first.filtered(rigid)
     y = np.stack([each.filtered(each.motion.torque) for each in log.of_joints.values()], axis=1)
     states = [each.filtered(state) for each in log.of_joints.values() for state in (each.position, each.velocity)]
-    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1))
+    numbers = tuple((joint, name) for _, joint, name in names)
+    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1), numbers)
 
 
 def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> dict[str, FloatArray]:
@@ -303,7 +303,7 @@ def full_rate_columns(
     """The columns (n,) by the names of their numbers; about: numbers where those of nonlinear ones are derivatives."""
     v, s, q, motion = signals.velocity, signals.direction, signals.position, signals.motion
     columns = _columns_of_law(signals, terms, about)
-    if motion.is_run_down:
+    if terms.friction_only:
         return columns
     columns = {"inertia": signals.acceleration} | columns
     if motion.payload_torque is not None:

@@ -26,20 +26,20 @@ from elastid.friction_study.least_squares import (
     Equations,
     Regression,
     Solution,
-    shift_between,
     solve,
 )
 from elastid.friction_study.motion import (
     LIMITS,
     ONE_LOAD,
     MotionFriction,
+    Moved,
     RigidBody,
     judged,
     moved_numbers,
     too_few_speeds,
 )
 from elastid.friction_study.motion_signals import MotionLog, MotionSignals, both_bands
-from elastid.friction_study.motion_terms import MotionTerms, columns_of, joint_equations
+from elastid.friction_study.motion_terms import MotionTerms, equations_of
 from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
 
@@ -57,10 +57,6 @@ ALONE = "joints that move together are regressed without; record this joint alon
 GRAVITY_HIDES = "Coulomb friction that differs between the directions cannot be distinguished from offset and gravity"
 
 
-# Numbers of the friction of a joint that moves with others.
-_OF_JOINT = ("viscous", "coulomb", "directions.viscous")
-
-
 def regress_robot_motion(
     robot: Robot, logs: Sequence[MotionLog]
 ) -> tuple[dict[str, MotionFriction], list[dict[str, MotionSignals]]]:
@@ -72,26 +68,30 @@ def regress_robot_motion(
     joints = tuple(logs[0].of_joints)
     chosen, regrouped = _base_columns(robot, joints, logs)
     rigid = [_columns(robot, joints, joints, each, chosen) for each in logs]
-    apart = tuple(
-        joint for joint, fit in _by_joint(_solved(logs, rigid, joints), joints, joints).items()
-        if fit.chance("directions.viscous", 0) < FALSE_ALARM
-    )  # fmt: skip
-    least, rate_hz = _solved(logs, rigid, apart), logs[0].first.kept_hz
-    moved = dict[tuple[str, str], tuple[float, float]]()
-    if bands := both_bands(logs, LIMITS.narrow):
-        of_bands = [[_columns(robot, joints, joints, each, chosen) for each in band] for band in bands]
-        wide, slow = (_solved(band, columns, apart) for band, columns in zip(bands, of_bands, strict=True))
-        moved = moved_numbers(_names(joints, apart), *shift_between(wide, slow, rate_hz))
+
+    def equations(terms: Mapping[str, MotionTerms], sliding: bool = True) -> list[Equations]:
+        return [equations_of(log, terms, own, sliding) for log, own in zip(logs, rigid, strict=True)]
+
+    terms, rate_hz = dict.fromkeys(joints, MotionTerms(friction_only=True)), logs[0].first.kept_hz
+    every = solve(equations(terms), rate_hz)
+    terms = {
+        joint: replace(own, apart=every.at(joint).chance("directions.viscous", 0) < FALSE_ALARM)
+        for joint, own in terms.items()
+    }
+    least = solve(equations(terms), rate_hz)
+    moved = moved_numbers(
+        both_bands(logs, LIMITS.narrow),
+        lambda log: equations_of(log, terms, _columns(robot, joints, joints, log, chosen)),
+    )
     names, units = zip(*_numbers(robot, joints), strict=True)
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
-    equations = [_equations(each, columns, apart, False) for each, columns in zip(logs, rigid, strict=True)]
-    shrunk, own = (_rigid_numbers(equations, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
+    shrunk, own = (_rigid_numbers(equations(terms, False), least, ridges) for ridges in (RIDGES, RIDGES[:1]))
     of_base = tuple(units[i] for i in chosen)
     body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
     alone = [_without(each, columns @ own) for each, columns in zip(logs, rigid, strict=True)]
     friction = {
-        joint: replace(_of_joint([each[joint] for each in alone], fit, moved, joint), rigid_body=body)
-        for joint, fit in _by_joint(least, joints, apart).items()
+        joint: replace(_of_joint([each[joint] for each in alone], least.at(joint), own, moved, joint), rigid_body=body)
+        for joint, own in terms.items()
     }
     return friction, alone
 
@@ -100,33 +100,6 @@ def _refuse_loops(robot: Robot) -> None:
     if robot.loops:
         text = "it has loops, and the rigid body along a log is known of open chains; record one joint there and back"
         raise DataError("friction/rigid-body", text, f"robot {robot.name}")
-
-
-def _names(joints: Sequence[str], apart: Sequence[str]) -> list[tuple[str, str]]:
-    """Joint and name of each number of friction; apart: joints whose directions differ."""
-    return [(joint, name) for joint in joints for name in (_OF_JOINT if joint in apart else _OF_JOINT[:2])]
-
-
-def _by_joint(solution: Solution, joints: Sequence[str], apart: Sequence[str]) -> dict[str, Regression]:
-    """The numbers of each joint."""
-    names = _names(joints, apart)
-    places = {joint: [k for k, (own, _) in enumerate(names) if own == joint] for joint in joints}
-    return {
-        joint: solution.of_joint(i, places[joint], [names[k][1] for k in places[joint]])
-        for i, joint in enumerate(joints)
-    }
-
-
-def _solved(logs: Sequence[MotionLog], rigid: Sequence[FloatArray], apart: Sequence[str]) -> Solution:
-    pairs = zip(logs, rigid, strict=True)
-    return solve([_equations(log, columns, apart) for log, columns in pairs], logs[0].first.kept_hz)
-
-
-def _equations(log: MotionLog, rigid: FloatArray, apart: Sequence[str], sliding: bool = True) -> Equations:
-    """Equations of joints with viscous and Coulomb friction, and what is viscous in one direction more."""
-    columns = {joint: columns_of(each, MotionTerms(joint in apart)) for joint, each in log.of_joints.items()}
-    own = {joint: {name: each[name] for name in _OF_JOINT if name in each} for joint, each in columns.items()}
-    return joint_equations(log, own, rigid, sliding)
 
 
 def _states(robot: Robot, log: MotionLog) -> FloatArray:
@@ -194,7 +167,7 @@ def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLo
 
     All columns: rigid body (10 n_l), rotors (m) and offsets (m).
     """
-    sample = np.concatenate([_columns(robot, joints, joints, each) for each in logs]).reshape(-1, _count(robot, joints))
+    sample = np.vstack([column for each in logs for column in _columns(robot, joints, joints, each)])
     size = _sizes(sample)
     _, R, order = qr(sample / size, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))
@@ -209,17 +182,13 @@ def _sizes(sample: FloatArray) -> FloatArray:
     return np.where(size > 1e-9 * size.max(), size, np.inf)
 
 
-def _count(robot: Robot, joints: Sequence[str]) -> int:
-    return 10 * len(robot.joints) + 2 * len(joints)
-
-
 def _columns(
     robot: Robot, joints: Sequence[str], rows: Sequence[str], log: MotionLog, chosen: IntArray | None = None
 ) -> FloatArray:
     """Chosen columns of all but friction (n, m, n_b), m the joints of `rows`; all for None, at some 500 instants."""
     names, state = [joint.name for joint in robot.joints], _states(robot, log)
     if chosen is None:
-        chosen, state = np.arange(_count(robot, joints)), state[:, :, :: max(1, state.shape[2] // 500)]
+        chosen, state = np.arange(10 * len(names) + 2 * len(joints)), state[:, :, :: max(1, state.shape[2] // 500)]
     n, n_l, places, m = state.shape[2], len(names), [names.index(joint) for joint in rows], len(joints)
     q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
     of_frames = chosen[chosen < 10 * n_l].tolist()
@@ -260,25 +229,18 @@ def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequen
 
 
 def _of_joint(
-    signals: Sequence[MotionSignals],
-    regression: Regression,
-    moved: Mapping[tuple[str, str], tuple[float, float]],
-    joint: str,
+    signals: Sequence[MotionSignals], regression: Regression, terms: MotionTerms, moved: Moved, joint: str
 ) -> MotionFriction:
     """A joint's numbers, judged; signals: of its motions without the rigid body."""
     advice = (
         "the rigid body and its friction do not explain the torque; measure passes of this joint alone, which do not "
         "depend on the rigid body"
     )
-    fit, motion = (
-        MotionFriction.of(signals, regression, MotionTerms(_OF_JOINT[2] in regression.names)),
-        signals[0].motion,
-    )
+    fit, motion = MotionFriction.of(signals, regression, terms), signals[0].motion
     reasons = {"stribeck": too_few_speeds(fit.plateaus), "temperature": ALONE}
     held = [Held(part, reason) for part, reason in reasons.items() if reason]
     held += [ONE_LOAD, Held("directions.coulomb", GRAVITY_HIDES)]
-    own = {name: change for (owner, name), change in moved.items() if owner == joint}
-    chosen, misfit = judged(regression, own, fit.passband_hz, advice)
+    chosen, misfit = judged(regression, joint, moved, fit.passband_hz, advice)
     notes = (_rigid_body_note(motion.place, signals, regression),)
     return replace(fit, chosen=chosen, misfit=misfit, held=tuple(held), notes=notes)
 
