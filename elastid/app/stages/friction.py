@@ -26,8 +26,14 @@ from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction.robot_friction import PlacedLaw, frictions
-from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
-from elastid.friction_study.follow import FollowedFriction, follow, with_tolerances
+from elastid.friction_study.extended_kalman_filter import (
+    FilterNoise,
+    FollowedFriction,
+    FollowedJoint,
+    JointSamples,
+    follow,
+    with_tolerances,
+)
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointFriction, JointLevels, held_spring, identify_friction
