@@ -61,7 +61,7 @@ class MotionTerms:
     @property
     def law(self) -> tuple[str, ...]:
         """Linear numbers of friction, as `static.columns` has them."""
-        shows = {"excess": self.stribeck_velocity > 0, "load.coulomb": self.load, "quadratic": self.quadratic}
+        shows = {"stiction": self.stribeck_velocity > 0, "load.coulomb": self.load, "quadratic": self.quadratic}
         shown = [name for name, is_shown in shows.items() if is_shown]
         return ("coulomb", "viscous", *shown, *self.heat, *(("directions.viscous",) if self.apart else ()))
 
@@ -323,18 +323,14 @@ def full_rate_columns(
 
 
 def _columns_of_law(signals: MotionSignals, terms: MotionTerms, about: Regression | None) -> dict[str, FloatArray]:
-    """Columns of steady sliding, stiction instead of its excess; a log without temperature is at T_0."""
+    """Columns of steady sliding; a log without temperature is at T_0."""
     v, s, motion, T_0 = signals.velocity, signals.direction[:, None], signals.motion, terms.reference
     degc = np.full_like(v, np.nan) if motion.temperature is None else motion.temperature
     # A speed above 0 has a logarithm.
     sliding = Conditions(np.maximum(np.abs(v), 1e-30), np.sign(v), np.full_like(v, motion.load), degc)
     eta = {"exponent": terms.exponent, "temperature.decay": terms.decay} | terms.searched
     columns = dict(zip(terms.law, (s * table(sliding, terms.law, eta, T_0)).T, strict=True))
-    if terms.stribeck_velocity:
-        columns["stiction"] = columns.pop("excess")
-        columns["coulomb"] = columns["coulomb"] - columns["stiction"]
     if about is not None and (names := tuple(terms.searched)):
         linear = {name: about[name] for name in about.names}
-        linear["excess"] = linear.get("stiction", 0.0) - linear["coulomb"]
         columns |= dict(zip(names, (s * slopes(sliding, linear, names, eta, T_0)).T, strict=True))
     return columns

@@ -167,11 +167,11 @@ RIGID_TERMS = {
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the static law, and of each direction where they differ."""
-    levels, values = law.levels, np.array(list(law.values.values()))
+    levels, values = law.levels, np.array([law.values[name] for name in law.names])
     unit = motion_unit("velocity", levels.slides)
     learnt = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
     known = dict.fromkeys(law.intervals, learnt)
-    yield from _table(joint, levels.slides, known, law.names, values, law.covariance, truth, law.fit.reach)
+    yield from _table(joint, levels.slides, known, law.names, values, law.covariance, truth, law.reach)
 
 
 def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Iterator[FrictionNumber]:
