@@ -10,9 +10,9 @@ The friction of a simulated robot stands beside the numbers, at the conditions a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Literal, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -170,22 +170,8 @@ def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[Frictio
     levels, values = law.levels, np.array([law.values[name] for name in law.names])
     unit = motion_unit("velocity", levels.slides)
     learnt = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
-    known = dict.fromkeys(law.intervals, learnt)
-    yield from _table(joint, levels.slides, known, law.names, values, law.covariance, truth, law.reach)
-
-
-def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Iterator[FrictionNumber]:
-    """Numbers of the regression of a motion, without ripple."""
-    fit, learnt = motion.chosen, f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
-    known = dict.fromkeys(motion.known, learnt)
-    yield from _table(joint, motion.motion.slides, known, fit.names, fit.values, fit.covariance, truth)
-
-
-def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
-    """Stiffness and damping of the bristles."""
-    values, learnt = np.array([rest.sigma_0, rest.sigma_1]), f"responses at rest, {rest.amplitudes} amplitudes"
-    known = dict.fromkeys(("lugre.stiffness", "lugre.damping"), learnt)
-    yield from _table(joint, slides, known, tuple(known), values, rest.covariance, truth)
+    known = tuple(law.intervals)
+    yield from _table(joint, levels.slides, learnt, known, law.names, values, law.covariance, truth, law.reach)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
@@ -209,21 +195,22 @@ def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterato
 def _table(
     joint: str,
     slides: bool,
-    learnt: Mapping[str, str],
+    learnt: str,
+    known: Sequence[str],
     names: Sequence[str],
     values: FloatArray,
     covariance: FloatArray,
     truth: Truth,
     reach: float = QUANTILE_95,
 ) -> Iterator[FrictionNumber]:
-    """Numbers that were learnt, by name, and Coulomb and viscous friction forwards and backwards where they differ.
+    """Numbers that are known, by name, and Coulomb and viscous friction forwards and backwards where they differ.
 
     The latter are mean and half difference, summed and subtracted.
     """
     terms = TERMS | RIGID_TERMS
-    rows = [(terms[name], "", "", [i]) for i, name in enumerate(names) if name in terms and name in learnt]
+    rows = [(terms[name], "", "", [i]) for i, name in enumerate(names) if name in terms and name in known]
     for name in ("coulomb", "viscous"):
-        if name in names and f"directions.{name}" in names:
+        if name in known and f"directions.{name}" in names:
             pair = [names.index(name), names.index(f"directions.{name}")]
             rows += [(terms[name], mark, word, pair) for mark, word in (("+", " forwards"), ("-", " backwards"))]
     for term, mark, word, places in rows:
@@ -233,7 +220,7 @@ def _table(
         name = gain_name("u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
             name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - reach * std,
-            value + reach * std, learnt[term.path], truth.get(name),
+            value + reach * std, learnt, truth.get(name),
         )  # fmt: skip
 
 
@@ -286,20 +273,37 @@ def _joint(
         if len({record.load for record in measured.of(name, "passes")}) <= 1:  # it changes along the paths with speed
             curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
         static = StaticLaw.of(curve, spec.law)
-    loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
-    at_rest, notes = _at_rest(robot, rest, static)
-    presliding, of_loops = _presliding(loops, at_rest, spec)
-    warm_up, thermal, of_heat = _heat(name, measured)
+    notes = list(levels.notes)
+    at_rest = _noted(notes, "friction/at-rest", _at_rest, robot, measured.of(name, "at_rest"), static)
+    presliding = _noted(notes, "friction/presliding", _presliding, measured.of(name, "loops"), at_rest, spec)
+    warmed = _noted(notes, "friction/warm-up", _heat, name, measured)
     friction, viscous, refused = _law(levels, static, presliding, at_rest, spec.law)
     true = {} if truth is None else true_numbers(truth, name, static)
     numbers = {each.name: each for each in _numbers(levels, None if refused else static, at_rest, true)}
-    if warm_up is not None and thermal is not None:
-        numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
+    if warmed is not None:
+        numbers |= {each.name: each for each in numbers_of_heat(name, *warmed)}
+        notes += warm_up_note(*warmed, f"warm-up of joint {name}")
+    notes += () if at_rest is None else at_rest.notes
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     return JointFriction(
-        name, levels.slides, levels.levels, levels.motion, static, presliding, at_rest, thermal, friction, viscous,
-        tuple(numbers.values()), held, (*levels.notes, *notes, *of_loops, *of_heat, *refused),
+        name, levels.slides, levels.levels, levels.motion, static, presliding, at_rest, None if warmed is None else
+        warmed[0], friction, viscous, tuple(numbers.values()), held, (*notes, *refused),
     )  # fmt: skip
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def _noted(
+    notes: list[Note], code: str, identify: Callable[P, T | None], *args: P.args, **kwargs: P.kwargs
+) -> T | None:
+    """A part of the friction; None, and the note on why, where the data do not identify it."""
+    try:
+        return identify(*args, **kwargs)
+    except (DataError, FitError) as error:
+        notes.append(Note(code, error.text, error.place))
+        return None
 
 
 def _law(
@@ -323,24 +327,23 @@ def _numbers(
     if static is not None:
         yield from numbers_of_law(levels.joint, static, truth)
     if levels.motion is not None:
-        for number in numbers_of_motion(levels.joint, levels.motion, truth):
-            if static is None or number.symbol in ("J", "o", "g", "G", "H"):
-                yield number
+        motion, fit = levels.motion, levels.motion.chosen
+        learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
+        known = motion.known if static is None else ("inertia", "offset", "gain", "gravity.cos", "gravity.sin")
+        yield from _table(levels.joint, levels.slides, learnt, known, fit.names, fit.values, fit.covariance, truth)
     if at_rest is not None:
-        yield from numbers_at_rest(levels.joint, at_rest, levels.slides, truth)
+        learnt, names = f"responses at rest, {at_rest.amplitudes} amplitudes", ("lugre.stiffness", "lugre.damping")
+        values = np.array([at_rest.sigma_0, at_rest.sigma_1])
+        yield from _table(levels.joint, levels.slides, learnt, names, names, values, at_rest.covariance, truth)
 
 
-def _heat(joint: str, measured: FrictionRecords) -> tuple[WarmUp | None, ThermalModel | None, tuple[Note, ...]]:
-    """The joint's warm-up with its thermal model, or the note on why there is none."""
+def _heat(joint: str, measured: FrictionRecords) -> tuple[ThermalModel, WarmUp] | None:
+    """The thermal model of a joint, with its warm-up; None without one."""
     log = next((log for log in measured.warm_ups if log.joint == joint), None)
     if log is None:
-        return None, None, ()
-    try:
-        warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
-        thermal = fit_warm_up(warm_up)
-        return warm_up, thermal, warm_up_note(thermal, warm_up, f"warm-up of joint {joint}")
-    except (DataError, FitError) as error:
-        return None, None, (Note("friction/warm-up", str(error), f"warm-up of joint {joint}"),)
+        return None
+    warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
+    return fit_warm_up(warm_up), warm_up
 
 
 # Codes of notes that say why a part of the friction was not identified.
@@ -392,40 +395,29 @@ def _lugre(rest: AtRest | None, coulomb: float) -> LuGre | None:
     return LuGre(stiffness, damping, falling)
 
 
-def _presliding(
-    loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: FrictionSpec
-) -> tuple[Elements | None, tuple[Note, ...]]:
-    """Elements from the loops of one joint, or the note on why there are none."""
+def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: FrictionSpec) -> Elements | None:
+    """Elements from the loops of one joint."""
     if not loops or spec.law.presliding == "no" or (spec.law.presliding == "lugre" and at_rest is not None):
-        return None, ()
-    try:
-        if spec.law.presliding == "lugre":
-            raise DataError(
-                "friction/presliding",
-                "loops do not show the damping of bristles; give responses at rest, or law.presliding: maxwell_slip",
-            )
-        hz = None if spec.presliding is None else spec.presliding.frequency_hz
-        return fit_presliding(loops[0], hz, spec.law.elements), ()
-    except DataError as error:
-        return None, (Note("friction/presliding", str(error), f"record {loops[0].name}"),)
+        return None
+    if spec.law.presliding == "lugre":
+        raise DataError(
+            "friction/presliding",
+            "loops do not show the damping of bristles; give responses at rest, or law.presliding: maxwell_slip",
+            f"record {loops[0].name}",
+        )
+    hz = None if spec.presliding is None else spec.presliding.frequency_hz
+    return fit_presliding(loops[0], hz, spec.law.elements)
 
 
-def _at_rest(
-    robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None
-) -> tuple[AtRest | None, tuple[Note, ...]]:
-    """Bristles from responses of one joint at rest, or the note on why there are none; static: of its passes."""
+def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None) -> AtRest | None:
+    """Bristles from responses of one joint at rest; static: of its passes."""
     if not records:
-        return None, ()
+        return None
     viscous = (0.0, 0.0)
     if static is not None and "viscous" in static.names:
-        i = static.names.index("viscous")
-        viscous = static.viscous, float(np.sqrt(static.covariance[i, i]))
-    try:
-        spring = held_spring(robot, records[0])
-        found = fit_at_rest(f"joint {records[0].joint}", rest_responses(records), spring, viscous)
-    except (DataError, FitError) as error:
-        return None, (Note("friction/at-rest", str(error), f"record {records[0].name}"),)
-    return found, found.notes
+        viscous = static.viscous, static.known("viscous")[1]
+    spring = held_spring(robot, records[0])
+    return fit_at_rest(f"joint {records[0].joint}", rest_responses(records), spring, viscous)
 
 
 def held_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
