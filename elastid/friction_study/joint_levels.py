@@ -25,11 +25,18 @@ from elastid.base.errors import DataError, Note
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.levels import levels_of_records
-from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, motion_parts, regress_motion
+from elastid.friction_study.motion import (
+    PASSBAND_HZ,
+    ROBOT_PASSBAND_HZ,
+    MotionFriction,
+    motion_parts,
+    regress_motion,
+    regress_robot_motion,
+    torques_in_file,
+)
 from elastid.friction_study.motion_signals import PASSES, Motion, MotionLog, MotionSignals, detect_passes
 from elastid.friction_study.motion_terms import full_rate_columns
 from elastid.friction_study.result import JointLevels
-from elastid.friction_study.robot_motion import ROBOT_PASSBAND_HZ, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot

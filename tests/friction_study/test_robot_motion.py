@@ -10,8 +10,8 @@ from plants.moving_arm import COULOMB, RATE, VISCOUS, motion, two_axes
 from plants.refusals import refused
 
 from elastid.friction_study.joint_levels import check_torques
+from elastid.friction_study.motion import regress_robot_motion, rigid_body_torques, torques_in_file
 from elastid.friction_study.motion_signals import MotionLog
-from elastid.friction_study.robot_motion import regress_robot_motion, rigid_body_torques, torques_in_file
 
 
 def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
