@@ -252,8 +252,11 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
     regressed too; 0 for none.  DataError where a pair has one direction only, or no pair slides.
     """
-    used, notes = usable_passes(passes)
-    pairs = _pairs(used)
+    used, notes = _sliding(passes)
+    pairs = {each.pair: [other for other in used if other.pair == each.pair] for each in used}
+    for name, members in pairs.items():
+        if len(ways := {each.direction for each in members}) < 2:
+            raise DataError("friction/levels", f"it has {one_way(ways)}", f"pass {name} of {members[0].place}")
     design = PassRegression.of(used, has_gravity, turn)
     values, covariance = design.solve()
     n_k = len(pairs)
@@ -277,17 +280,28 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     shared = {
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
-    levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
-    return replace(levels, shared=shared, notes=tuple(notes))
+    # By direction where the directions differ, else their means.
+    signs = (1.0, -1.0) if uneven[known].any() else (0.0,)
+    speed, load, temperature = np.tile(conditions[known].T, len(signs))
+    torque = np.concatenate([g[known] + s * uneven[known] for s in signs])
+    std = np.tile(std[known] * np.sqrt(len(signs)), len(signs))
+    return Levels(
+        used[0].place, speed, np.repeat(signs, known.sum()), torque, std, load, temperature, used[0].slides, shared,
+        tuple(notes),
+    )  # fmt: skip
 
 
-def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
-    pairs = {each.pair: [other for other in passes if other.pair == each.pair] for each in passes}
-    for name, members in pairs.items():
-        directions = {each.direction for each in members}
-        if len(directions) < 2:
-            raise DataError("friction/levels", f"it has {one_way(directions)}", f"pass {name} of {members[0].place}")
-    return pairs
+def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
+    """The passes that slide all the time, and notes on the others, whole pairs; DataError where none is."""
+    sticks = dict.fromkeys(each.pair for each in passes if np.any(each.velocity * each.direction <= 0))
+    text = (
+        "the joint stands or turns back within the pass: it sticks and slips at this speed, and its level does not "
+        "count; raise the bandwidth of the controller, or measure faster"
+    )
+    used = [each for each in passes if each.pair not in sticks]
+    if not used:
+        raise DataError("friction/passes", f"in none it slides all the time: {text}", f"passes of {passes[0].place}")
+    return used, [Note("friction/passes", text, f"pass {name}") for name in sticks]
 
 
 def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
@@ -308,34 +322,3 @@ def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[Float
         if chance_of_terms(cost, less, 1, dof - 1) <= FALSE_ALARM:
             (mean, covariance, cost), dof, slope = (line, of_line, less), dof - 1, float(line[1])
     return slope * v, (float(mean[0]), float(np.sqrt(max(1.0, cost / max(1, dof)) * covariance[0, 0])))
-
-
-def _levels(
-    passes: Sequence[Pass], conditions: FloatArray, g: FloatArray, std: FloatArray, uneven: FloatArray
-) -> Levels:
-    """Levels by direction where the directions differ, else their means."""
-    signs = (1.0, -1.0) if uneven.any() else (0.0,)
-    speed, load, temperature = np.tile(conditions.T, len(signs))
-    torque = np.concatenate([g + s * uneven for s in signs])
-    std = np.tile(std * np.sqrt(len(signs)), len(signs))
-    direction = np.repeat(signs, len(g))
-    return Levels(passes[0].place, speed, direction, torque, std, load, temperature, passes[0].slides)
-
-
-def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> Levels:
-    """The levels of all passes of a joint under all loads, as `find_levels`."""
-    return find_levels([each for record in records for each in passes_of(record)], has_gravity, turn)
-
-
-def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
-    """The passes that slide all the time, and notes on the others, whole pairs; DataError where none is."""
-    sticks = dict.fromkeys(each.pair for each in passes if np.any(each.velocity * each.direction <= 0))
-    text = (
-        "the joint stands or turns back within the pass: it sticks and slips at this speed, and its level does not "
-        "count; raise the bandwidth of the controller, or measure faster"
-    )
-    used = [each for each in passes if each.pair not in sticks]
-    if not used:
-        place = passes[0].place if passes else "the joint"
-        raise DataError("friction/passes", f"in none it slides all the time: {text}", f"passes of {place}")
-    return used, [Note("friction/passes", text, f"pass {name}") for name in sticks]

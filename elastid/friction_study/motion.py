@@ -224,13 +224,13 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
         )
         friction = float(np.linalg.norm(fit.chosen["viscous"] * v + fit.chosen["coulomb"] * s))
         share = float(np.sqrt(fit.chosen.sum_of_squares)) / max(friction, 1e-300)
-        text = (
-            f"{fit.chosen.relative_error:.1%} of its torque is left by rigid body and friction, {share:.0%} of what "
-            "friction takes: above 10 % the error of the rigid-body model (counterbalance, springs, couplings of gears) "
-            "is larger than noise, and the numbers of friction hold only together with it; passes of this joint alone "
-            "do not depend on it"
+        dominates = share > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
+        text = f"{fit.chosen.relative_error:.1%} of its torque is left by rigid body and friction, {share:.0%} of what "
+        text += "friction takes" + dominates * (
+            ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, "
+            "and the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
         )
-        yield Note("friction/rigid-body", text, place, "warning" if share > 0.1 else "information")
+        yield Note("friction/rigid-body", text, place, "warning" if dominates else "information")
 
 
 def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Held]:

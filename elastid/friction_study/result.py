@@ -274,9 +274,9 @@ def _joint(
             curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
         static = StaticLaw.of(curve, spec.law)
     notes = list(levels.notes)
-    at_rest = _noted(notes, "friction/at-rest", _at_rest, robot, measured.of(name, "at_rest"), static)
-    presliding = _noted(notes, "friction/presliding", _presliding, measured.of(name, "loops"), at_rest, spec)
-    warmed = _noted(notes, "friction/warm-up", _heat, name, measured)
+    at_rest = noted(notes, "friction/at-rest", _at_rest, robot, measured.of(name, "at_rest"), static)
+    presliding = noted(notes, "friction/presliding", _presliding, measured.of(name, "loops"), at_rest, spec)
+    warmed = noted(notes, "friction/warm-up", _heat, name, measured)
     friction, viscous, refused = _law(levels, static, presliding, at_rest, spec.law)
     true = {} if truth is None else true_numbers(truth, name, static)
     numbers = {each.name: each for each in _numbers(levels, None if refused else static, at_rest, true)}
@@ -295,9 +295,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def _noted(
-    notes: list[Note], code: str, identify: Callable[P, T | None], *args: P.args, **kwargs: P.kwargs
-) -> T | None:
+def noted(notes: list[Note], code: str, identify: Callable[P, T | None], *args: P.args, **kwargs: P.kwargs) -> T | None:
     """A part of the friction; None, and the note on why, where the data do not identify it."""
     try:
         return identify(*args, **kwargs)
