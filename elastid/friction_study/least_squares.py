@@ -126,7 +126,7 @@ class Equations:
 
 @dataclass(frozen=True)
 class Regression:
-    """Numbers by name, their covariance, norm of residual over torque; correlation: of a residual with the next.
+    """Numbers by name, their covariance, norm of residual over torque; independent: residuals that correlation leaves.
 
     dof (n_x,): of their variances.  widening: of the most widened std by errors of the model that repeat with a state.
     """
@@ -136,7 +136,7 @@ class Regression:
     covariance: FloatArray
     relative_error: float
     sum_of_squares: float
-    correlation: float
+    independent: float
     dof: FloatArray
     widening: float
 
@@ -172,7 +172,7 @@ class Solution:
     covariance: FloatArray
     relative_error: FloatArray
     sum_of_squares: FloatArray
-    correlation: FloatArray
+    independent: FloatArray
     dof: FloatArray
     widening: FloatArray
     influences: tuple[FloatArray, ...]
@@ -180,10 +180,10 @@ class Solution:
     def at(self, joint: str) -> Regression:
         """The numbers of a joint."""
         own, i = [name[0] == joint for name in self.names], [*dict(self.names)].index(joint)
-        error, squares, correlation = self.relative_error[i], self.sum_of_squares[i], self.correlation[i]
+        error, squares, independent = self.relative_error[i], self.sum_of_squares[i], self.independent[i]
         return Regression(
             tuple(name for of, name in self.names if of == joint), self.beta[own], self.covariance[np.ix_(own, own)],
-            float(error), float(squares), float(correlation), self.dof[own], float(self.widening[own].max()),
+            float(error), float(squares), float(independent), self.dof[own], float(self.widening[own].max()),
         )  # fmt: skip
 
 
@@ -217,17 +217,17 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     wider = np.minimum(widening * np.sqrt(_student(dof)) / size, 1e100)
     covariance *= np.outer(wider, wider)
     correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
-    # Degrees of freedom that the numbers take from the independent residuals.
-    independent = float(np.sum(used * (1 - correlation) / (1 + correlation)))
+    independent = used * (1 - correlation) / (1 + correlation)
     size_R = np.maximum(np.linalg.norm(flat_R, axis=0), 1e-300)
     pi = np.linalg.lstsq(flat_R / size_R, flat_y - flat_X @ beta, rcond=RANK_TOLERANCE)[0] / size_R
     normal = inverse_normal(np.hstack([flat_X, flat_R]))[n_x:, n_x:]
-    pi_std = np.sqrt(np.diag(normal) * n * m / max(1.0, independent - n_x - basis.shape[1]))
+    # The numbers take degrees of freedom from the independent residuals.
+    pi_std = np.sqrt(np.diag(normal) * n * m / max(1.0, float(independent.sum()) - n_x - basis.shape[1]))
     squares = np.sum((y - X @ beta - R @ pi) ** 2, axis=0)
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
     influences = tuple(part @ bread / size for part in parts)
     return Solution(
-        logs[0].names, beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation, dof, widening,
+        logs[0].names, beta, pi, pi_std, np.asarray(covariance), relative, squares, independent, dof, widening,
         influences,
     )  # fmt: skip
 

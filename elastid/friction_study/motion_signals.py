@@ -314,8 +314,12 @@ class MotionSignals:
         return cls(motion, position, velocity[::finer], acceleration, derivatives, direction, taps, kept, passband_hz)
 
     def filtered(self, column: FloatArray) -> FloatArray:
-        """A side of the equation (n, ...) behind the filter, at the samples that are kept."""
-        return filtered(column, self.taps, self.kept)
+        """A side of the equation (n, ...) behind the filter, at the samples that are kept, away from the ends."""
+        kept, h = self.kept, len(self.taps) // 2
+        before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
+        sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
+        first = (before + h) // kept.step
+        return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
 
     @property
     def kept_hz(self) -> float:
@@ -334,7 +338,8 @@ class MotionSignals:
         sign = np.sign(self.velocity)
         turns = np.append(False, sign[1:] != sign[:-1])
         # The derivatives of a spline reach 4 samples.
-        return ~within(self.rests | turns, len(self.taps) // 2 + 4)
+        width = 2 * (len(self.taps) // 2 + 4) + 1
+        return np.asarray(maximum_filter1d((self.rests | turns).astype(np.uint8), width, mode="constant") == 0)
 
     @cached_property
     def used(self) -> BoolArray:
@@ -379,20 +384,6 @@ def b_spline_taps(rate_hz: float, passband_hz: float) -> FloatArray:
     spline = BSpline.basis_element(np.linspace(-half, half, _BOXES + 1), extrapolate=False)
     taps = np.nan_to_num(spline(np.arange(-h, h + 1)))
     return np.asarray(taps / taps.sum())
-
-
-def filtered(column: FloatArray, taps: FloatArray, kept: slice) -> FloatArray:
-    """The samples of a slice, further than half the filter from the ends, of a column (n, ...) along its first axis."""
-    h = len(taps) // 2
-    before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
-    sums = upfirdn(taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
-    first = (before + h) // kept.step
-    return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
-
-
-def within(samples: BoolArray, reach: int) -> BoolArray:
-    """True for each sample (n,) with one of the given ones at most `reach` samples away."""
-    return np.asarray(maximum_filter1d(samples.astype(np.uint8), 2 * reach + 1, mode="constant") > 0)
 
 
 @dataclass(frozen=True)

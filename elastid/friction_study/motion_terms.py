@@ -126,7 +126,7 @@ def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     fits = {a: regressed(signals, replace(terms, exponent=a)) for a in EXPONENTS}
     best = min(EXPONENTS, key=lambda a: fits[a].sum_of_squares)
     held = fits[EXPONENTS[-1]]
-    is_other = held.sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / _independent(signals, held))
+    is_other = held.sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / held.independent)
     return replace(terms, exponent=best).at(fits[best]) if is_other else terms.at(held)
 
 
@@ -135,33 +135,24 @@ def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit:
 
     They are of other exponents of a Stribeck effect, and of one that shows, but not beyond chance.
     """
-    change, place, own_terms = np.zeros(len(fit.names)), fit.names.index("coulomb"), terms.at(fit)
-    others = [replace(own_terms, exponent=exponent) for exponent in EXPONENTS if terms.stribeck_velocity]
-    if not terms.stribeck_velocity:
+    own, place, changes = terms.at(fit), fit.names.index("coulomb"), [np.zeros(len(fit.names))]
+    limit = 1 + MAX_COST / fit.independent
+    if terms.stribeck_velocity:
+        others = [regressed(signals, replace(own, exponent=exponent)) for exponent in EXPONENTS]
+        changes += [change_of(fit, each) for each in others if each.sum_of_squares < limit * fit.sum_of_squares]
+    else:
         fastest = max(float(np.abs(each.velocity).max()) for each in signals)
-        velocity = _best_velocity(signals, own_terms, _VELOCITIES * fastest)
-        unseen = regressed(signals, replace(own_terms, stribeck_velocity=velocity), steps=0)
-        shows = unseen.sum_of_squares * (1 + MAX_COST / _independent(signals, fit)) < fit.sum_of_squares
-        if unseen["stiction"] > unseen["coulomb"] and shows:
-            change = change_of(fit, unseen)
-    limit = fit.sum_of_squares * (1 + MAX_COST / _independent(signals, fit))
-    for curve in others:
-        other = regressed(signals, curve)
-        own = change_of(fit, other)
-        if other.sum_of_squares < limit and abs(own[place]) > abs(change[place]):
-            change = own
+        velocity = _best_velocity(signals, own, _VELOCITIES * fastest)
+        unseen = regressed(signals, replace(own, stribeck_velocity=velocity), steps=0)
+        if unseen["stiction"] > unseen["coulomb"] and unseen.sum_of_squares * limit < fit.sum_of_squares:
+            changes.append(change_of(fit, unseen))
+    change = max(changes, key=lambda each: float(abs(each[place])))
     return replace(fit, covariance=fit.covariance + np.outer(change, change))
 
 
 def change_of(fit: Regression, other: Regression) -> FloatArray:
     """Change of the numbers (n_x,) in the other regression."""
     return np.array([other[name] - fit[name] if name in other.names else 0.0 for name in fit.names])
-
-
-def _independent(signals: Sequence[MotionSignals], fit: Regression) -> float:
-    """Independent residuals that their correlation leaves."""
-    n = sum(int(each.used.sum()) for each in signals)
-    return n * (1 - fit.correlation) / (1 + fit.correlation)
 
 
 def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
@@ -189,9 +180,8 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
     fastest = max(float(np.abs(each.velocity).max()) for each in signals)
     best = replace(terms, stribeck_velocity=_best_velocity(signals, terms, _VELOCITIES * fastest))
     without, fit = regressed(signals, terms), regressed(signals, best, steps=0)
-    n_independent = _independent(signals, without)
     drop = without.sum_of_squares - fit.sum_of_squares
-    chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, n_independent - len(fit.names)))
+    chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, without.independent - len(fit.names)))
     change = np.array([float(name == "stiction") - float(name == "coulomb") for name in fit.names])
     values, variance = np.array([change @ fit.values]), np.array([[change @ fit.covariance @ change]])
     # Few moments at low speed have few degrees of freedom; that they are no chance is the other test's to show.
