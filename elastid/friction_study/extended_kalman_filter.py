@@ -103,20 +103,15 @@ class FollowedJoint:
     tolerances: Mapping[str, float] = field(default_factory=lambda: TOLERANCES)
 
     @property
-    def is_elastic(self) -> bool:
-        """True if a spring is between motor and link."""
-        return self.stiffness > 0
-
-    @property
     def states(self) -> tuple[str, ...]:
         """The names of the states x, in order: angles, velocities, bristle, correlated noise, followed numbers."""
-        mechanical = ("q_m", "q_l", "v_m", "v_l", "z") if self.is_elastic else ("q_m", "v_m", "z")
+        mechanical = ("q_m", "q_l", "v_m", "v_l", "z") if self.stiffness > 0 else ("q_m", "v_m", "z")
         return (*mechanical, *(("w",) if self.correlation_s > 0 else ()), *self.followed)
 
     @property
     def held(self) -> tuple[str, ...]:
         """The numbers that the filter holds, with a tolerance, in order."""
-        absent = (() if self.is_elastic else ("stiffness",)) + (() if self.stribeck_velocity > 0 else WEIGHED)
+        absent = (() if self.stiffness > 0 else ("stiffness",)) + (() if self.stribeck_velocity > 0 else WEIGHED)
         return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and name not in absent)
 
     def step(self, rate_hz: float) -> ca.Function:
@@ -129,17 +124,20 @@ class FollowedJoint:
         c = ca.SX.sym("c", len(self.held))
         factor = dict.fromkeys(TOLERANCES, ca.SX(1.0)) | {name: 1 + c[i] for i, name in enumerate(self.held)}
         state = dict(zip(names, ca.vertsplit(x), strict=True))
-        n_q = 2 if self.is_elastic else 1
+        n_q = 2 if self.stiffness > 0 else 1
         coulomb = ca.exp(state["Fc"]) if "Fc" in state else self.coulomb
         inverse = 1 / (self.stribeck_velocity * factor["stribeck_velocity"]) if self.stribeck_velocity > 0 else 0.0
         curve = Curve(coulomb, self.stiction_ratio * factor["stiction_ratio"] * coulomb, inverse)
         law = Bristle(self.bristle_stiffness, self.bristle_damping)
         noise, inertia = state.get("w", 0.0), factor["inertia"]
+        ways = ("f", "f") if "f" in state else ("f+", "f-")
+        forwards, backwards = (ca.exp(state[name]) if name in state else self.viscous for name in ways)
 
         def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
-            motor = torque + noise - law.torque(v[0], z, curve) - self._viscous(state, v[0])
+            viscous = forwards * ca.fmax(v[0], 0) + backwards * ca.fmin(v[0], 0)
+            motor = torque + noise - law.torque(v[0], z, curve) - viscous
             load = g * factor["gravity"] + state.get("offset", 0.0)
-            if not self.is_elastic:
+            if not self.stiffness > 0:
                 return (motor - load) / (self.motor_inertia * inertia)
             spring = self.stiffness * factor["stiffness"] * (q[0] - q[1]) + self.damping * (v[0] - v[1])
             inertias = ca.vertcat(self.motor_inertia, self.link_inertia) * inertia
@@ -153,13 +151,6 @@ class FollowedJoint:
         faded = [state["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in state else []
         following = ca.vertcat(q, v, z, *faded, *(state[name] for name in self.followed))
         return ca.Function("step", [x, c, u, g], [following], ["x", "c", "u", "g"], ["next"])
-
-    def _viscous(self, state: dict[str, ca.SX], v: ca.SX) -> ca.SX:
-        """f v, or f+ and f- of the two directions."""
-        if "f" in state:
-            return ca.exp(state["f"]) * v
-        forwards, backwards = (ca.exp(state[name]) if name in state else self.viscous for name in ("f+", "f-"))
-        return forwards * ca.fmax(v, 0) + backwards * ca.fmin(v, 0)
 
 
 @dataclass(frozen=True)
@@ -308,7 +299,7 @@ def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> tup
     """x and P of `filter_step` at rest at an angle, spring bent by the load, bristle anywhere, friction by PRIOR."""
     names = joint.states
     bend = joint.coulomb / joint.bristle_stiffness
-    start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.is_elastic else 0.0)}
+    start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.stiffness > 0 else 0.0)}
     std = {"q_m": bend, "q_l": 2 * bend, "v_m": 1e-2, "v_l": 1e-2, "z": bend / 2, "w": 0.1 * joint.coulomb}
     for name in joint.followed:
         start[name] = 0.0 if name == "offset" else float(np.log(joint.coulomb if name == "Fc" else joint.viscous))
@@ -550,7 +541,7 @@ def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> Followed
         value, std = shared["inertia"]
         own = joint.motor_inertia + joint.link_inertia
         # Inertias and the spring of a robot's file are usual ones; an identified inertia may also contradict them.
-        known["inertia"] = float(np.hypot(known["inertia"], own / value - 1)) if joint.is_elastic else std / value
+        known["inertia"] = float(np.hypot(known["inertia"], own / value - 1)) if joint.stiffness > 0 else std / value
     gravity = np.array([shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared])
     if gravity.size:
         size, std = np.linalg.norm(gravity, axis=0).tolist()

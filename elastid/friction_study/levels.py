@@ -88,9 +88,11 @@ class PassRegression:
         rows, torques, waves = [], [], []
         for each in passes:
             q, s, one = each.position, each.direction, np.ones(len(each.position))
+            about, mean = np.abs(each.velocity) - abs(each.velocity.mean()), abs(each.velocity.mean())
+            about[np.abs(about) < 1e-9 * mean] = 0.0  # rounding is all that a constant speed leaves
             own = [float(pair == each.pair) * one for pair in pairs]
             carried = [float(load == each.load_name) * wave for load in loads for wave in (np.cos(q), np.sin(q))]
-            shared = [each.acceleration, s * about_mean(np.abs(each.velocity)), *carried]
+            shared = [each.acceleration, s * about, *carried]
             rows.append(_means(np.stack([*(s * column for column in own), *own, *shared], axis=1), step))
             torques.append(_means(each.torque, step))
             waves.append(_means(turn_waves(q, s, turn, searched), step))
@@ -131,12 +133,6 @@ class PassRegression:
                 break
             values.append(total / count)
         return np.array(values)
-
-
-def about_mean(speed: FloatArray) -> FloatArray:
-    """A positive speed (n,) less its mean; rounding, all that a constant one leaves, is none."""
-    about = speed - speed.mean()
-    return np.where(np.abs(about) < 1e-9 * speed.mean(), 0.0, about)
 
 
 def harmonic_peaks(left: FloatArray, waves: ComplexArray) -> BoolArray:

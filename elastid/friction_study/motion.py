@@ -157,11 +157,6 @@ class MotionFriction:
         return replace(fit, held=tuple(_held(fit, signals)), notes=tuple(_notes(fit, signals)))
 
     @property
-    def are_apart(self) -> bool:
-        """True if the directions differ beyond chance."""
-        return "directions.viscous" in self.chosen.names
-
-    @property
     def seconds_words(self) -> str:
         """Words on each second of the logs: in the regression or why not."""
         rest = [f"{seconds:.3g} s {name}" for name, seconds in self.seconds.items() if name != "used" and seconds > 0]
@@ -240,8 +235,13 @@ def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Hel
     terms, low, high = fit.terms, *(fit.terms.measured or (0.0, 0.0))
     speed = np.concatenate([np.abs(each.filtered(each.velocity))[each.used] for each in signals])
     lowest = float(np.quantile(speed, _SLOWEST_SHARE))
-    if not terms.stribeck_velocity and (reason := too_few_speeds(fit.plateaus)):
-        yield Held("stribeck", f"{reason}; {extrapolates(lowest)}")
+    speeds = len(distinct_speeds(plateau.velocity for plateau in fit.plateaus))
+    if not terms.stribeck_velocity and speeds < MIN_SPEEDS:
+        text = (
+            f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} are needed, the lowest below a third of the "
+            f"Stribeck velocity; measure passes at more speeds; {extrapolates(lowest)}"
+        )
+        yield Held("stribeck", text)
     if terms.stribeck_velocity and lowest > LOWEST_SPEED * terms.stribeck_velocity:
         yield Held("stribeck", above_stribeck(lowest, terms.stribeck_velocity))
     if terms.friction_only:
@@ -327,16 +327,6 @@ def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict
     return parts
 
 
-def too_few_speeds(plateaus: Sequence[Plateau]) -> str:
-    """The reason why a motion with these plateaus cannot identify a Stribeck effect; empty without one."""
-    speeds = len(distinct_speeds(plateau.velocity for plateau in plateaus))
-    text = (
-        f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} are needed, the lowest below a third of the Stribeck "
-        "velocity; measure passes at more speeds"
-    )
-    return "" if speeds >= MIN_SPEEDS else text
-
-
 # Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.
 ROBOT_PASSBAND_HZ = 10.0
 # Numbers of a joint's frame in the order of the regressor's columns, with their units.
@@ -382,7 +372,13 @@ def regress_robot_motion(
     shrunk, own = (_rigid_numbers(equations(terms, False), least, ridges) for ridges in (RIDGES, RIDGES[:1]))
     of_base = tuple(units[i] for i in chosen)
     body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
-    alone = [_without(each, columns @ own) for each, columns in zip(logs, rigid, strict=True)]
+    alone = [
+        {
+            joint: replace(each, motion=replace(each.motion, torque=each.motion.torque - torque))
+            for (joint, each), torque in zip(log.of_joints.items(), (columns @ own).T, strict=True)
+        }
+        for log, columns in zip(logs, rigid, strict=True)
+    ]
     friction = {
         joint: MotionFriction.of([each[joint] for each in alone], least.at(joint), own) for joint, own in terms.items()
     }
@@ -404,15 +400,6 @@ def _states(robot: Robot, log: MotionLog) -> FloatArray:
     for joint, each in log.of_joints.items():
         state[:, names.index(joint)] = each.position, each.velocity, each.acceleration
     return state
-
-
-def _without(log: MotionLog, torque: FloatArray) -> dict[str, MotionSignals]:
-    """Signals by joint, less a torque (n, m)."""
-    pairs = zip(log.of_joints.items(), torque.T, strict=True)
-    return {
-        joint: replace(each, motion=replace(each.motion, torque=each.motion.torque - own))
-        for (joint, each), own in pairs
-    }
 
 
 def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:

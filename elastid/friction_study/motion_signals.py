@@ -220,15 +220,14 @@ def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> 
 
 
 def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
-    where = f"{record.place}: joint {record.joint}, passes at {record.speed:.4g} {record.unit}/s"
     ways = {float(np.sign(plateau.velocity)) for plateau in plateaus}
-    if len(ways) == 1:
-        return f"{where}: they have {one_way(ways)}"
-    return (
-        f"{where}: of {len(plateaus)} plateaus none is there and back at one speed, within {PASSES.steady_share:.0%}, "
-        "through common positions; record both directions through the same window, longer than ramps and settling, or "
-        "correct speed"
+    text = (
+        f"of {len(plateaus)} plateaus none is there and back at one speed, within {PASSES.steady_share:.0%}, through "
+        "common positions; record both directions through the same window, longer than ramps and settling, or correct "
+        "speed"
     )
+    text = f"they have {one_way(ways)}" if len(ways) == 1 else text
+    return f"{record.place}: joint {record.joint}, passes at {record.speed:.4g} {record.unit}/s: {text}"
 
 
 @frozen_value

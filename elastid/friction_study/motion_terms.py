@@ -292,7 +292,14 @@ def full_rate_columns(
 ) -> dict[str, FloatArray]:
     """The columns (n,) by the names of their numbers; about: numbers where those of nonlinear ones are derivatives."""
     v, s, q, motion = signals.velocity, signals.direction, signals.position, signals.motion
-    columns = _columns_of_law(signals, terms, about)
+    # A log without temperature is at T_0; a speed above 0 has a logarithm.
+    degc = np.full_like(v, np.nan) if motion.temperature is None else motion.temperature
+    sliding = Conditions(np.maximum(np.abs(v), 1e-30), np.sign(v), np.full_like(v, motion.load), degc)
+    eta, T_0 = {"exponent": terms.exponent, "temperature.decay": terms.decay} | terms.searched, terms.reference
+    columns = dict(zip(terms.law, (s[:, None] * table(sliding, terms.law, eta, T_0)).T, strict=True))
+    if about is not None and (names := tuple(terms.searched)):
+        linear = {name: about[name] for name in about.names}
+        columns |= dict(zip(names, (s[:, None] * slopes(sliding, linear, names, eta, T_0)).T, strict=True))
     if terms.friction_only:
         return columns
     columns = {"inertia": signals.acceleration} | columns
@@ -309,18 +316,4 @@ def full_rate_columns(
         columns |= {"gravity.cos": np.cos(q), "gravity.sin": np.sin(q)}
     for wave, column in zip(terms.waves, turn_waves(q, s, motion.turn, terms.waves).T, strict=True):
         columns |= dict(zip(wave_names(wave), (column.real, column.imag), strict=True))
-    return columns
-
-
-def _columns_of_law(signals: MotionSignals, terms: MotionTerms, about: Regression | None) -> dict[str, FloatArray]:
-    """Columns of steady sliding; a log without temperature is at T_0."""
-    v, s, motion, T_0 = signals.velocity, signals.direction[:, None], signals.motion, terms.reference
-    degc = np.full_like(v, np.nan) if motion.temperature is None else motion.temperature
-    # A speed above 0 has a logarithm.
-    sliding = Conditions(np.maximum(np.abs(v), 1e-30), np.sign(v), np.full_like(v, motion.load), degc)
-    eta = {"exponent": terms.exponent, "temperature.decay": terms.decay} | terms.searched
-    columns = dict(zip(terms.law, (s * table(sliding, terms.law, eta, T_0)).T, strict=True))
-    if about is not None and (names := tuple(terms.searched)):
-        linear = {name: about[name] for name in about.names}
-        columns |= dict(zip(names, (s * slopes(sliding, linear, names, eta, T_0)).T, strict=True))
     return columns

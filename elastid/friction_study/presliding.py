@@ -108,7 +108,13 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
         return _few(q, u, spectrum, elements, used)
     folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
     fits = [_few(q, u, spectrum, count, used) for count in range(1, MAX_ELEMENTS + 1)]
-    return fits[_fewest([[_missed(q, u, fit.threshold, used, fold) for fold in folds] for fit in fits])]
+    # Mean squares of what the rest of the log misses in each part of it; the best ones within one std.
+    errors = np.array([
+        [np.mean((u - _fit(q, u, fit.threshold, used & ~fold).torque(q))[fold] ** 2) for fold in folds] for fit in fits
+    ])  # fmt: skip
+    difference = errors - errors[np.argmin(errors.mean(axis=1))]
+    bound = np.std(difference, axis=1, ddof=1) / np.sqrt(len(folds))
+    return fits[int(np.argmax(difference.mean(axis=1) <= bound))]
 
 
 def _smoothed(loops: FrictionRecord, frequency_hz: float) -> Iterator[FloatArray]:
@@ -150,20 +156,6 @@ def _few(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: Boo
     # Steps of the thresholds are coarse: operators are piecewise linear in them.
     (end,) = minimise(residual, [within], bounds=(low, high), diff_step=1e-3, max_nfev=25)
     return _fit(q, u, np.sort(np.exp(end.x)), used)
-
-
-def _missed(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray, fold: BoolArray) -> float:
-    """Mean square of the residual in a part of the log, of elements fitted to the rest."""
-    return float(np.mean((u - _fit(q, u, thresholds, used & ~fold).torque(q))[fold] ** 2))
-
-
-def _fewest(missed: Sequence[Sequence[float]]) -> int:
-    """Place of the first whose errors in the folds are the best ones within one std."""
-    errors = np.array(missed)
-    best = int(np.argmin(errors.mean(axis=1)))
-    difference = errors - errors[best]
-    bound = np.std(difference, axis=1, ddof=1) / np.sqrt(errors.shape[1])
-    return int(np.flatnonzero(difference.mean(axis=1) <= bound)[0])
 
 
 @dataclass(frozen=True)

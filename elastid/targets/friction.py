@@ -65,7 +65,7 @@ def _functions(name: str, observer: Observer, step: ca.Function) -> str:
     x, P = first_estimate(observer.joint, 0.0)
     n, size = len(x), P.size
     angles = [i for i, state in enumerate(observer.joint.states) if state.startswith("q_")]
-    spring = f" - load / {observer.joint.stiffness!r}" if observer.joint.is_elastic else ""
+    spring = f" - load / {observer.joint.stiffness!r}" if observer.joint.stiffness > 0 else ""
     moved = "".join(f"  x[{i}] = angle{spring if observer.joint.states[i] == 'q_l' else ''};\n" for i in angles)
     return f"""
 void {name}_start(double x[{n}], double P[{size}], double angle, double load) {{

@@ -76,9 +76,9 @@ def test_errors_that_repeat_with_the_motors_angle_are_in_the_intervals(turn: flo
 
 
 def test_directions_are_told_apart_only_where_they_are() -> None:
-    assert not any(regress_motion(swing(seed)).are_apart for seed in range(10))
+    assert not any(regress_motion(swing(seed)).terms.apart for seed in range(10))
     fit = regress_motion(swing(1, uneven=6.0))
-    assert fit.are_apart
+    assert fit.terms.apart
     assert fit.chosen["directions.viscous"] == pytest.approx(6.0, rel=0.1)
 
 
@@ -140,7 +140,7 @@ def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction)
     for name, value in published.items():
         assert abs(fit[name] - value) < 1.96 * fit.std(name), name
     assert fit.std("inertia") < 0.5
-    assert axis.are_apart
+    assert axis.terms.apart
     assert not axis.misfit
     assert fit["directions.viscous"] == pytest.approx(-37, abs=3)
     assert fit["delay"] == pytest.approx(0.8e-3, abs=0.2e-3)
