@@ -193,7 +193,13 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     carried, added = F @ P[:, n:], by_held @ ca.diag(std)
     cross, mixed = carried + added, carried @ added.T
     spread = F @ _symmetric(P[:, :n]) @ F.T + mixed + mixed.T + added @ added.T
-    spread = _symmetric(spread + _process_noise(joint, rate_hz, predicted, x, u, noise))
+    state, by_u = dict(zip(joint.states, ca.vertsplit(x), strict=True)), ca.jacobian(predicted, u)
+    z_s = (ca.exp(state["Fc"]) if "Fc" in state else joint.coulomb) / joint.bristle_stiffness
+    slipped = ca.fabs(state["v_m"]) / rate_hz / z_s
+    own = {"z": noise[3] * z_s**2 * slipped * ca.exp(-slipped), "w": noise[2]}
+    own |= {name: noise[4 + i] for i, name in enumerate(joint.followed)}
+    Q = noise[1] * by_u @ by_u.T + ca.diag(ca.vertcat(*(own.get(name, 0.0) for name in joint.states)))
+    spread = _symmetric(spread + Q)
     ignored = cross[:, [i for i, name in enumerate(joint.held) if name not in WEIGHED]]
     towards = spread[:, 0] - ignored @ ignored[0, :].T
     S = towards[0] + noise[0]
@@ -206,21 +212,6 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
         "filter_step", [x, P, u, g, y, noise], [predicted + gain * e, ca.horzcat(joseph, left @ cross), e, S],
         ["x", "P", "u", "g", "y", "noise"], ["x_next", "P_next", "innovation", "variance"], {"cse": True},
     )  # fmt: skip
-
-
-def _process_noise(joint: FollowedJoint, rate_hz: float, predicted: ca.SX, x: ca.SX, u: ca.SX, noise: ca.SX) -> ca.SX:
-    names = joint.states
-    by_u = ca.jacobian(predicted, u)
-    coulomb = ca.exp(x[names.index("Fc")]) if "Fc" in names else joint.coulomb
-    z_s = coulomb / joint.bristle_stiffness
-    slipped = ca.fabs(x[names.index("v_m")]) / rate_hz / z_s
-    own = ca.SX.zeros(len(names))
-    own[names.index("z")] = noise[3] * z_s**2 * slipped * ca.exp(-slipped)
-    if "w" in names:
-        own[names.index("w")] = noise[2]
-    for i, name in enumerate(joint.followed):
-        own[names.index(name)] = noise[4 + i]
-    return noise[1] * by_u @ by_u.T + ca.diag(own)
 
 
 def _symmetric(A: ca.SX) -> ca.SX:

@@ -92,9 +92,8 @@ class StaticLaw:
         shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
         for name, reason in shown.items():
             if getattr(spec, name) == "yes":
-                raise FitError(
-                    "friction/law", f"law.{name} cannot be identified: {reason}", f"friction of {levels.place}"
-                )
+                text = f"law.{name} cannot be identified: {reason}"
+                raise FitError("friction/law", text, f"friction of {levels.place}")
         fit = _with_other_curves(levels, fit, parts[0], spec)
         return replace(fit, held=tuple(Held(name, reason) for name, reason in shown.items()))
 
@@ -157,12 +156,11 @@ def fit_curve(levels: Levels, terms: Terms) -> StaticLaw:
     """The law nearest to the levels in units of their std; FitError for too few levels, or searches without an end."""
     n_numbers = len(terms.linear) + len(terms.searched)
     if levels.n_levels <= n_numbers:
-        raise FitError(
-            "friction/law",
-            f"{levels.n_levels} levels for {n_numbers} numbers of its law "
-            f"({', '.join((*terms.linear, *terms.searched))}); measure more speeds, or leave out parts of the law",
-            f"friction of {levels.place}",
+        numbers = ", ".join((*terms.linear, *terms.searched))
+        text = (
+            f"{levels.n_levels} levels for {n_numbers} numbers of its law ({numbers}); measure more speeds, or leave "
         )
+        raise FitError("friction/law", f"{text}out parts of the law", f"friction of {levels.place}")
     known = levels.known_temperatures
     T_0 = float(known.mean()) if len(known) else 0.0
     search = _Search(levels, terms, T_0)

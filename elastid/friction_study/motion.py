@@ -2,7 +2,7 @@ r"""Inertia and friction of axes from any motion: torque regressed on accelerati
 
 .. math:: u = J \ddot q + (f \pm \delta_f) \dot q + (F_c \pm \delta_c)\, s + (F_s - F_c)\, s\, e^{-(\dot q / \nu_s)^2}
               + F_{cl} l s + F_{cT} \theta s + f_T (e^{-\theta / T_V} - 1) \dot q
-              + \alpha_3 \dot q |\dot q| + s \sum_k p_k P_k(q)
+              + s \sum_k p_k P_k(q)
               + G \cos q + H \sin q + o + \sum_h (a_h \cos h N q + b_h \sin h N q) + T \dot u
 
 with s = sgn q', Legendre polynomials P_k of the angle, the load l of a log, its temperature theta about the mean,
@@ -47,6 +47,7 @@ from elastid.friction_study.laws import (
     Held,
     above_stribeck,
     extrapolates,
+    friction_of,
 )
 from elastid.friction_study.least_squares import (
     FALSE_ALARM,
@@ -69,7 +70,7 @@ from elastid.friction_study.motion_terms import (
     with_other_curves,
 )
 from elastid.model.rigid_body import inverse_dynamics, regressor
-from elastid.robot import Robot
+from elastid.robot import Friction, MeasuredRange, Robot
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
@@ -168,6 +169,19 @@ class MotionFriction:
         """The numbers that are no extrapolations."""
         unseen = STRIBECK_NUMBERS if any(held.part == "stribeck" for held in self.held) else ()
         return tuple(name for name in self.chosen.names if not name.endswith(unseen))
+
+    @property
+    def viscous(self) -> float:
+        """The viscous friction that a robot's file has next to the law."""
+        return max(0.0, self.chosen["viscous"])
+
+    def to_friction(self) -> Friction:
+        """The law as a robot's file has it; its presliding is another's."""
+        fit, terms, speeds = self.chosen, self.terms, [abs(plateau.velocity) for plateau in self.plateaus]
+        measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
+        numbers = {"exponent": terms.exponent, "temperature.decay": terms.decay}
+        numbers |= dict(zip(fit.names, fit.values.tolist(), strict=True))
+        return friction_of(numbers, terms.reference, measured)
 
 
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
@@ -320,9 +334,16 @@ def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict
     parts = dict[str, FloatArray]()
     for name in (name for name in columns if name in numbers.names):
         kind = name.partition(".")[0]
-        is_viscous = kind == "quadratic" or name.endswith("viscous")
         is_rigid = kind in ("gravity", "gain", "offset") or (kind in ("ripple", "delay") and "offset" in columns)
-        part = kind if kind == "inertia" else "viscous" if is_viscous else "gravity" if is_rigid else "coulomb"
+        part = (
+            kind
+            if kind == "inertia"
+            else "viscous"
+            if name.endswith("viscous")
+            else "gravity"
+            if is_rigid
+            else "coulomb"
+        )
         parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
     return parts
 

@@ -350,16 +350,9 @@ class MotionSignals:
     @property
     def seconds(self) -> dict[str, float]:
         """Durations that add up to that of the log: in the regression, and why the others are not."""
-        inside = np.zeros(len(self.position), bool)
-        inside[self.kept.start : self.kept.stop] = True
-        slides = self.slides if not self.used.all() else inside
-        parts = {
-            "used": inside & slides,
-            "at rest": inside & ~slides & self.rests,
-            "near a reversal or rest": inside & ~slides & ~self.rests,
-            "ends of the log": ~inside,
-        }
-        return {name: float(part.sum()) / self.motion.rate_hz for name, part in parts.items()}
+        total, used = len(self.position) / self.motion.rate_hz, float(self.used.sum()) / self.kept_hz
+        rest = min(float(self.rests.mean()) * total, total - used)
+        return {"used": used, "at rest": rest, "near a reversal, rest or end": total - used - rest}
 
     @property
     def plateaus(self) -> tuple[Plateau, ...]:

@@ -53,7 +53,6 @@ class MotionTerms:
     decay: float = START_DECAY_K
     is_decay_free: bool = False
     exponent: float = EXPONENTS[-1]
-    quadratic: bool = False
     angles: tuple[float, ...] = ()
     spring: bool = False
     friction_only: bool = False
@@ -61,7 +60,7 @@ class MotionTerms:
     @property
     def law(self) -> tuple[str, ...]:
         """Linear numbers of friction, as `static.columns` has them."""
-        shows = {"stiction": self.stribeck_velocity > 0, "load.coulomb": self.load, "quadratic": self.quadratic}
+        shows = {"stiction": self.stribeck_velocity > 0, "load.coulomb": self.load}
         shown = [name for name, is_shown in shows.items() if is_shown]
         return ("coulomb", "viscous", *shown, *self.heat, *(("directions.viscous",) if self.apart else ()))
 
@@ -110,24 +109,16 @@ def _by_angle(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTer
 
 
 def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """Terms with quadratic friction, which brakes, a Stribeck effect or both, the better one first."""
-    for _ in range(2):
-        curves = {}
-        if not terms.stribeck_velocity and (velocity := _stribeck_velocity(signals, terms)):
-            falling = replace(terms, stribeck_velocity=velocity)
-            curves[falling] = regressed(signals, falling)
-        bent = replace(terms, quadratic=True)
-        fit = regressed(signals, bent)
-        if not terms.quadratic and fit.chance("quadratic", 1) < FALSE_ALARM:
-            curves[bent] = fit
-        terms = min(curves, key=lambda curve: curves[curve].sum_of_squares, default=terms)
-    if not terms.stribeck_velocity:
+    """Terms with a Stribeck effect, if one shows, of another exponent than 2 where that is excluded."""
+    velocity = _stribeck_velocity(signals, terms)
+    if not velocity:
         return terms
-    fits = {a: regressed(signals, replace(terms, exponent=a)) for a in EXPONENTS}
-    best = min(EXPONENTS, key=lambda a: fits[a].sum_of_squares)
-    held = fits[EXPONENTS[-1]]
-    is_other = held.sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / held.independent)
-    return replace(terms, exponent=best).at(fits[best]) if is_other else terms.at(held)
+    falling = [replace(terms, stribeck_velocity=velocity, exponent=exponent) for exponent in EXPONENTS]
+    fits = {each: regressed(signals, each) for each in falling}
+    best, held = min(falling, key=lambda each: fits[each].sum_of_squares), falling[-1]
+    is_other = fits[held].sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / fits[held].independent)
+    chosen = best if is_other else held
+    return chosen.at(fits[chosen])
 
 
 def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> Regression:

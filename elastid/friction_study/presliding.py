@@ -341,7 +341,7 @@ class RestResponse:
             raise DataError("friction/at-rest", text, place)
         # Above one and a half times the highest line, the noise of the encoder dominates.
         lowest_hz = 0.75 * first.rate_hz / periodic[0].period_samples if periodic[0].is_periodic else G.freq_hz[0] / 2
-        position, velocity = _motion(periodic, (lowest_hz, 1.5 * float(G.freq_hz[-1])), first.resolution)
+        position, velocity = _motion(periodic, (lowest_hz, min(1.5 * float(G.freq_hz[-1]), 0.45 * first.rate_hz)))
         if not 2 * position > PASSES.min_counts * first.resolution:
             text = (
                 f"it moves by {position:.3g} {first.unit} (rms), {position / first.resolution:.2g} counts of its "
@@ -390,16 +390,9 @@ def _estimator(records: Sequence[Record]) -> EstimatorSpec:
     )  # fmt: skip
 
 
-def _motion(records: Sequence[Record], band_hz: tuple[float, float], resolution: float) -> tuple[float, float]:
-    """Rms position and velocity in a band, less the power of an encoder's counts; without mean and drift."""
-    powers = []
-    for record in records:
-        q = record.y[record.period_samples if record.n_periods > 1 else 0 :, 0]
-        n = len(q)
-        freq_hz = np.fft.rfftfreq(n, 1 / record.rate_hz)
-        power = 2 * np.abs(np.fft.rfft(q * np.sqrt(2 / 3) * (1 - np.cos(2 * np.pi * np.arange(n) / n)))) ** 2 / n**2
-        inside = (freq_hz > band_hz[0]) & (freq_hz < band_hz[1])
-        power = power[inside] - resolution**2 / 6 / n
-        powers.append([power.sum(), np.sum((2 * np.pi * freq_hz[inside]) ** 2 * power)])
-    position, velocity = np.sqrt(np.maximum(np.mean(powers, axis=0), 1e-300))
-    return float(position), float(velocity)
+def _motion(records: Sequence[Record], band_hz: tuple[float, float]) -> tuple[float, float]:
+    """Rms position and velocity in a band, without mean and drift."""
+    band = butter(4, band_hz, "bandpass", fs=records[0].rate_hz, output="sos")
+    rest = records[0].period_samples if records[0].n_periods > 1 else 0
+    q = np.stack([sosfiltfilt(band, record.y[:, 0])[rest:] for record in records])
+    return float(np.std(q)), float(np.std(np.gradient(q, axis=1))) * records[0].rate_hz

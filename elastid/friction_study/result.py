@@ -21,7 +21,7 @@ from elastid.base.display import Display, as_html, as_text, digits, interval_of,
 from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
-from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw, friction_of
+from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.levels import Levels
 from elastid.friction_study.motion import MotionFriction, RigidBody
 from elastid.friction_study.presliding import AtRest, Elements, fit_at_rest, fit_presliding, rest_responses
@@ -29,7 +29,7 @@ from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.model.formulation import ElasticJoint, held_joint
 from elastid.record import FrictionRecord, FrictionRecords, motion_unit
-from elastid.robot import Friction, LuGre, MeasuredRange, Robot, gain_name
+from elastid.robot import Friction, LuGre, Robot, gain_name
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 
@@ -307,15 +307,24 @@ def noted(notes: list[Note], code: str, identify: Callable[P, T | None], *args: 
 def _law(
     levels: JointLevels, static: StaticLaw | None, presliding: Elements | None, at_rest: AtRest | None, spec: LawSpec
 ) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
-    """The law and its viscous friction; a note where the numbers are physically impossible."""
+    """The law and its viscous friction, link side; a note where the numbers are physically impossible."""
+    sliding = static if static is not None else levels.motion
+    if sliding is None:
+        return None, None, ()
     try:
-        law = joint_law(static, levels.motion, presliding, at_rest, spec)
-        if law is not None:
-            law[0].check_passive(law[1], levels.slides)
+        friction = sliding.to_friction()
+        if presliding is not None:
+            friction = replace(friction, maxwell_slip=presliding.to_maxwell_slip())
+        elif at_rest is not None and at_rest.sigma_0 > 0 and spec.presliding in ("auto", "lugre"):
+            damping = max(0.0, at_rest.sigma_1)
+            # Falls with velocity so that the law supplies no energy, nine tenths of the largest with which it does not.
+            falling = 0.9 * MAX_DAMPING_VELOCITY_RATIO * friction.coulomb / damping if damping > 0 else None
+            friction = replace(friction, lugre=LuGre(at_rest.sigma_0, damping, falling))
+        friction.check_passive(sliding.viscous, levels.slides)
     except ValueError as error:
         text = f"its numbers make no law for a robot's file: {error}; more or quieter levels narrow them"
         return None, None, (Note("friction/law", text, f"joint {levels.joint}"),)
-    return (*(law or (None, None)), ())
+    return friction, sliding.viscous, ()
 
 
 def _numbers(
@@ -351,46 +360,6 @@ _REASONS = ("friction/law", "friction/presliding", "friction/at-rest", "friction
 def _first_numbers(joint: JointFriction) -> str:
     numbers = ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
     return numbers or next((note.text for note in joint.notes if note.code in _REASONS), "nothing was found")
-
-
-def joint_law(
-    static: StaticLaw | None,
-    motion: MotionFriction | None,
-    presliding: Elements | None,
-    at_rest: AtRest | None,
-    spec: LawSpec,
-) -> tuple[Friction, float] | None:
-    """Friction and its viscous friction, link side; None where neither passes nor a motion identify it."""
-    if static is not None:
-        friction, viscous = static.to_friction(), static.viscous
-    elif motion is not None and motion.chosen["coulomb"] > 0:
-        friction, viscous = _of_motion(motion)
-    else:
-        return None
-    if presliding is not None:
-        friction = replace(friction, maxwell_slip=presliding.to_maxwell_slip())
-    elif spec.presliding in ("auto", "lugre"):
-        friction = replace(friction, lugre=_lugre(at_rest, friction.coulomb))
-    return friction, viscous
-
-
-def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
-    fit, terms = motion.chosen, motion.terms
-    speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
-    measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
-    held = {"exponent": terms.exponent, "temperature.decay": terms.decay}
-    numbers = held | dict(zip(fit.names, fit.values.tolist(), strict=True))
-    return friction_of(numbers, terms.reference, measured), max(0.0, fit["viscous"])
-
-
-def _lugre(rest: AtRest | None, coulomb: float) -> LuGre | None:
-    """sigma_0 and sigma_1, the damping falling with velocity so that the law supplies no energy."""
-    if rest is None or rest.sigma_0 <= 0:
-        return None
-    stiffness, damping = rest.sigma_0, max(0.0, rest.sigma_1)
-    # Nine tenths of the largest damping velocity with which a LuGre law is passive.
-    falling = 0.9 * MAX_DAMPING_VELOCITY_RATIO * coulomb / damping if damping > 0 else None
-    return LuGre(stiffness, damping, falling)
 
 
 def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: FrictionSpec) -> Elements | None:

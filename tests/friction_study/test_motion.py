@@ -14,8 +14,6 @@ from scipy.io import loadmat
 
 from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, distinct_speeds
-from elastid.friction_study.result import joint_law
-from elastid.friction_study.spec import LawSpec
 
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
 
@@ -248,11 +246,10 @@ def test_friction_that_changes_with_temperature_has_numbers_for_it() -> None:
     for name, value in truth.items():
         assert abs(fit.chosen[name] - value) < 3 * fit.chosen.std(name), name
     assert not held(fit, "temperature")
-    law = joint_law(None, fit, None, None, LawSpec())
-    assert law is not None
-    assert law[0].temperature is not None
-    assert law[0].temperature.coulomb == fit.chosen["temperature.coulomb"]
-    assert law[0].temperature.reference == pytest.approx(T_0)
+    by_heat = fit.to_friction().temperature
+    assert by_heat is not None
+    assert by_heat.coulomb == fit.chosen["temperature.coulomb"]
+    assert by_heat.reference == pytest.approx(T_0)
 
 
 def test_another_decay_than_that_assumed_is_found_where_temperatures_show_it() -> None:
