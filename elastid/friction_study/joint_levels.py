@@ -148,17 +148,12 @@ def _regressed(robot: Robot, joint: Joint, records: Sequence[FrictionRecord], ag
     """The regression of motions of one joint under their payloads."""
     motions = [_motion(record, against, _turn(joint)) for record in records]
     if len({record.payload for record in records}) > 1:
-        added = [_payload_torque(robot, record, record.payload - records[0].payload) for record in records]
-        motions = [replace(motion, payload_torque=own) for motion, own in zip(motions, added, strict=True)]
+        # The torque that a mass at the last frame adds, by the robot's geometry.
+        for i, (motion, record) in enumerate(zip(motions, records, strict=True)):
+            log, mass = motion_log(robot, {joint.name: record}, PASSBAND_HZ), record.payload - records[0].payload
+            loaded, empty = (torques_in_file(each, log)[joint.name] for each in (with_point_mass(robot, mass), robot))
+            motions[i] = replace(motion, payload_torque=loaded - empty)
     return regress_motion(*motions)
-
-
-def _payload_torque(robot: Robot, record: FrictionRecord, mass: float) -> FloatArray:
-    """The torque (n,) that a mass at the last frame adds to that of the joint of a record, by the robot's geometry."""
-    log = motion_log(robot, {record.joint: record}, PASSBAND_HZ)
-    robots = with_point_mass(robot, mass), robot
-    loaded, empty = (torques_in_file(each, log)[record.joint] for each in robots)
-    return loaded - empty
 
 
 def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dict[str, JointMotion]:

@@ -164,14 +164,21 @@ def fit_curve(levels: Levels, terms: Terms) -> StaticLaw:
     known = levels.known_temperatures
     T_0 = float(known.mean()) if len(known) else 0.0
     search = _Search(levels, terms, T_0)
-    ends = search.ends()
-    if not ends:
-        text = "no start of its Stribeck curve leads to an optimum; check its levels"
-        raise FitError("friction/law", text, f"friction of {levels.place}")
-    x, cost = min(ends, key=lambda end: end[1])
-    dof = levels.n_levels - n_numbers
+    starts, ranges = list(search.starts()), {"exponent": EXPONENT_RANGE, "temperature.decay": DECAY_RANGE_K}
+    x, slow, fast = starts[0], 0.05 * float(levels.speed.min()), 3.0 * float(levels.speed.max())
+    if terms.searched:
+        low, high = np.log([ranges.get(name, (slow, fast)) for name in terms.searched]).T
+        optima = minimise(
+            lambda x: search.project(search.eta(x))[1], starts,
+            jac="3-point", bounds=(low, high), x_scale=1.0, ftol=1e-12, xtol=1e-10,
+        )  # fmt: skip
+        if not optima:
+            text = "no start of its Stribeck curve leads to an optimum; check its levels"
+            raise FitError("friction/law", text, f"friction of {levels.place}")
+        x = min(optima, key=lambda end: end.cost).x
     eta = search.eta(x)
-    linear, _ = search.project(eta)
+    linear, left = search.project(eta)
+    cost, dof = float(left @ left), levels.n_levels - n_numbers
     values = dict(zip(terms.linear, linear.tolist(), strict=True)) | eta
     J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
     covariance = inverse_normal(J) * excess(cost, dof)
@@ -203,7 +210,8 @@ class _Search:
         eta = dict(self.terms.held) | dict(zip(self.terms.searched, np.exp(x).tolist(), strict=True))
         if "temperature.stribeck_velocity" in self.terms.searched:
             cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
-            low, high = self._ends
+            known = self.levels.known_temperatures - self.T_0
+            low, high = float(known.min()), float(known.max())
             eta["temperature.stribeck_velocity"] = (hot - cold) / (high - low)
             eta["stribeck_velocity"] = cold - low * (hot - cold) / (high - low)
         return eta
@@ -215,18 +223,6 @@ class _Search:
         y = W * self.levels.torque
         share = Q.T @ y
         return np.linalg.lstsq(R, share, rcond=None)[0], y - Q @ share
-
-    def ends(self) -> list[tuple[FloatArray, float]]:
-        """The ends of the searches from all starts, with their costs."""
-        starts = list(self.starts())
-        if not self.terms.searched:
-            _, left = self.project(self.eta(starts[0]))
-            return [(starts[0], float(left @ left))]
-        optima = minimise(
-            lambda x: self.project(self.eta(x))[1], starts,
-            jac="3-point", bounds=self._bounds, x_scale=1.0, ftol=1e-12, xtol=1e-10,
-        )  # fmt: skip
-        return [(end.x, end.cost) for end in optima]
 
     def starts(self) -> Iterator[FloatArray]:
         """Stribeck velocities over the speeds, exponents, one decay."""
@@ -243,19 +239,6 @@ class _Search:
             start = dict(zip(names, values, strict=True))
             start["temperature.stribeck_velocity"] = start.get("stribeck_velocity", 0.0)
             yield np.array([start[name] for name in self.terms.searched])
-
-    @property
-    def _bounds(self) -> tuple[FloatArray, FloatArray]:
-        slow, fast = 0.05 * self.levels.speed.min(), 3.0 * self.levels.speed.max()
-        ranges = {"exponent": EXPONENT_RANGE, "temperature.decay": DECAY_RANGE_K}
-        ends = [ranges.get(name, (slow, fast)) for name in self.terms.searched]
-        low, high = np.log(np.array(ends)).T
-        return low, high
-
-    @property
-    def _ends(self) -> tuple[float, float]:
-        known = self.levels.known_temperatures - self.T_0
-        return float(known.min()), float(known.max())
 
 
 def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> Friction:

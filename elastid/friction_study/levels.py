@@ -27,10 +27,10 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, f
 from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
-from elastid.friction_study.motion_signals import SMOOTHED_HZ, one_way, smoothed
-from elastid.record import FrictionRecord, motion_unit
+from elastid.friction_study.motion_signals import SMOOTHED_HZ, smoothed
+from elastid.record import FrictionRecord
 
-MAX_RELATIVE_STD = 0.2  # std over level, above which a level does not count
+MAX_RELATIVE_STD = 0.2  # std over level, above which it is not known
 # Ripple of a motor turn and of its half are always in the regression where passes cover a turn; further harmonics up to
 # this, and those of dry friction, are searched for in its residuals.
 MAX_HARMONIC = 24
@@ -172,26 +172,20 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     lag = samples + record.torque_delay_s * record.rate_hz
     motion = record.position, *smoothed(record, SMOOTHED_HZ)[1:]
     position, velocity, acceleration = (np.interp(lag, samples, x) for x in motion)
-    pair = f"{record.name}, load {record.load}" if record.load else record.name
-    return tuple(
-        Pass(
-            f"joint {record.joint}", pair, position[part], velocity[part], acceleration[part],
-            record.torque[part], record.load_torque, _mean_temperature(record, part), record.slides, record.load,
-        )
-        for part in (_inner(*window, record.rate_hz) for window in (record.there, record.back) if window is not None)
-    )  # fmt: skip
-
-
-def _inner(start: int, stop: int, rate_hz: float) -> slice:
-    """A plateau without its ends, into which the filter brings the ramps; of a short one at most a tenth each."""
-    margin = min(int(rate_hz / SMOOTHED_HZ) + 1, (stop - start) // 10)
-    return slice(start + margin, stop - margin)
-
-
-def _mean_temperature(record: FrictionRecord, part: slice) -> float:
-    known = np.zeros(0) if record.temperature is None else record.temperature[part]
-    known = known[np.isfinite(known)]
-    return float(known.mean()) if len(known) else float("nan")
+    pair, passes = f"{record.name}, load {record.load}" if record.load else record.name, list[Pass]()
+    for start, stop in (window for window in (record.there, record.back) if window is not None):
+        # Into the ends of a plateau the filter brings the ramps; of a short one at most a tenth each.
+        margin = min(int(record.rate_hz / SMOOTHED_HZ) + 1, (stop - start) // 10)
+        part = slice(start + margin, stop - margin)
+        degc = np.zeros(0) if record.temperature is None else record.temperature[part]
+        known = degc[np.isfinite(degc)]
+        passes.append(
+            Pass(
+                f"joint {record.joint}", pair, position[part], velocity[part], acceleration[part], record.torque[part],
+                record.load_torque, float(known.mean()) if len(known) else np.nan, record.slides, record.load,
+            )
+        )  # fmt: skip
+    return tuple(passes)
 
 
 @frozen_value
@@ -251,8 +245,12 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     used, notes = _sliding(passes)
     pairs = {each.pair: [other for other in used if other.pair == each.pair] for each in used}
     for name, members in pairs.items():
-        if len(ways := {each.direction for each in members}) < 2:
-            raise DataError("friction/levels", f"it has {one_way(ways)}", f"pass {name} of {members[0].place}")
+        if len({each.direction for each in members}) < 2:
+            text = (
+                "it has one direction only; friction cannot be distinguished from gravity and offset without the way "
+                "back; record both directions"
+            )
+            raise DataError("friction/levels", text, f"pass {name} of {members[0].place}")
     design = PassRegression.of(used, has_gravity, turn)
     values, covariance = design.solve()
     n_k = len(pairs)
@@ -262,27 +260,22 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     g, o = values[:n_k], values[n_k : 2 * n_k]
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
     std = np.sqrt(np.diag(covariance)[:n_k])
-    known = std < MAX_RELATIVE_STD * np.abs(g)
-    if not known.all():
-        weak, place = ", ".join(f"{v:.3g}" for v in speed[~known]), f"passes of {used[0].place}"
+    if not np.any(std < MAX_RELATIVE_STD * np.abs(g)):
         text = (
-            f"levels at {weak} {motion_unit('velocity', used[0].slides)} are not known to {MAX_RELATIVE_STD:.0%} and "
-            "do not count: gravity, ripple or noise are too large compared with them; repeat these passes, or make "
-            "them longer"
+            f"no level is known to {MAX_RELATIVE_STD:.0%}: gravity, ripple or noise are too large compared with them; "
+            "repeat the passes, or make them longer"
         )
-        if not known.any():
-            raise DataError("friction/levels", text, place)
-        notes.append(Note("friction/levels", text, place))
+        raise DataError("friction/levels", text, f"passes of {used[0].place}")
     shared = {
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
     # By direction where the directions differ, else their means.
-    signs = (1.0, -1.0) if uneven[known].any() else (0.0,)
-    speed, load, temperature = np.tile(conditions[known].T, len(signs))
-    torque = np.concatenate([g[known] + s * uneven[known] for s in signs])
-    std = np.tile(std[known] * np.sqrt(len(signs)), len(signs))
+    signs = (1.0, -1.0) if uneven.any() else (0.0,)
+    speed, load, temperature = np.tile(conditions.T, len(signs))
+    torque = np.concatenate([g + s * uneven for s in signs])
+    std = np.tile(std * np.sqrt(len(signs)), len(signs))
     return Levels(
-        used[0].place, speed, np.repeat(signs, known.sum()), torque, std, load, temperature, used[0].slides, shared,
+        used[0].place, speed, np.repeat(signs, n_k), torque, std, load, temperature, used[0].slides, shared,
         tuple(notes),
     )  # fmt: skip
 

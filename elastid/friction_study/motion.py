@@ -259,17 +259,17 @@ def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Hel
     if terms.stribeck_velocity and lowest > LOWEST_SPEED * terms.stribeck_velocity:
         yield Held("stribeck", above_stribeck(lowest, terms.stribeck_velocity))
     if terms.friction_only:
-        yield Held("temperature", ALONE)
+        text = "joints that move together are regressed without; record this joint alone, cold and warm"
+        yield Held("temperature", text)
     elif not terms.heat and high - low < TEMPERATURE_STEP_K:
         yield Held("temperature", "no temperature that varies was logged; log it, and record motions cold and warm")
     elif not terms.heat:
         yield Held("temperature", f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC")
     if not terms.load:
-        yield Held(
-            "load", "a regression of one load has none; record motions with other payloads, or in other postures"
-        )
+        yield Held("load", "one load shows none; record motions with other payloads, or in other postures")
     if terms.friction_only:
-        yield Held("directions.coulomb", GRAVITY_HIDES)
+        text = "Coulomb friction by direction cannot be distinguished from offset and gravity"
+        yield Held("directions.coulomb", text)
 
 
 def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: MotionTerms) -> tuple[FloatArray, str]:
@@ -358,8 +358,6 @@ MAX_UNIDENTIFIED = 1e-3
 # Of columns of unit length: numbers that logs barely excite are large, of either sign, and predict no other motion
 # (Hoerl and Kennard, Technometrics 12, 1970).
 RIDGES = (0.0, 0.03, 0.1, 0.3, 1.0)
-ALONE = "joints that move together are regressed without; record this joint alone, cold and warm"
-GRAVITY_HIDES = "Coulomb friction that differs between the directions cannot be distinguished from offset and gravity"
 
 
 def regress_robot_motion(
@@ -367,9 +365,8 @@ def regress_robot_motion(
 ) -> tuple[dict[str, MotionFriction], list[dict[str, MotionSignals]]]:
     """Friction of the joints that all logs move, and of each log their signals without the torque of the rigid body.
 
-    DataError for robots with loops, and friction that drives.
+    DataError for friction that drives.
     """
-    _refuse_loops(robot)
     joints = tuple(logs[0].of_joints)
     chosen, regrouped = _base_columns(robot, joints, logs)
     rigid = [_columns(robot, joints, joints, each, chosen) for each in logs]
@@ -406,12 +403,6 @@ def regress_robot_motion(
     return {joint: replace(judged(fit, joint, moved), rigid_body=body) for joint, fit in friction.items()}, alone
 
 
-def _refuse_loops(robot: Robot) -> None:
-    if robot.loops:
-        text = "it has loops, and the rigid body along a log is known of open chains; record one joint there and back"
-        raise DataError("friction/rigid-body", text, f"robot {robot.name}")
-
-
 def _states(robot: Robot, log: MotionLog) -> FloatArray:
     """q, v, a (3, n_l, n) of all joints of the robot."""
     names = [joint.name for joint in robot.joints]
@@ -425,7 +416,9 @@ def _states(robot: Robot, log: MotionLog) -> FloatArray:
 
 def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
     """The torque (n,) of rigid body and rotor by joint, with the masses of the robot's file; DataError with loops."""
-    _refuse_loops(robot)
+    if robot.loops:
+        text = "it has loops, and the rigid body along a log is known of open chains; record one joint there and back"
+        raise DataError("friction/rigid-body", text, f"robot {robot.name}")
     names, state = [joint.name for joint in robot.joints], _states(robot, log)
     theta = np.array([[value] for value, _ in robot.parameters().values()])
     tau = np.asarray(inverse_dynamics(robot)(*state, np.tile(theta, state.shape[2])).full())

@@ -13,7 +13,7 @@ velocity is steady.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -103,14 +103,6 @@ def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
     return tuple(float(np.mean(group)) for group in groups)
 
 
-def one_way(ways: Collection[float]) -> str:
-    """The end of a message about passes of one direction alone, 1 or -1."""
-    return (
-        f"{'positive' if 1.0 in ways else 'negative'} velocity only; friction cannot be distinguished from gravity and "
-        "offset without the way back; record both directions"
-    )
-
-
 def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
     """A record of passes for each pair of plateaus of a motion, named after it with a number; none where it has none.
 
@@ -120,7 +112,11 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
     plateaus = _plateaus(record)
     pairs = _pairs(record, plateaus, has_gravity)
     if record.speed is not None and not pairs:
-        raise DataError("friction/passes", _refusal(record, plateaus))
+        text = (
+            f"of {len(plateaus)} plateaus at {record.speed:.4g} {record.unit}/s none is there and back through common "
+            "positions; record both directions, longer than ramps and settling, or correct speed"
+        )
+        raise DataError("friction/passes", text, f"{record.place}: joint {record.joint}")
     return tuple(_cut(record, *pair, number) for number, pair in enumerate(pairs, start=1))
 
 
@@ -219,17 +215,6 @@ def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> 
     )  # fmt: skip
 
 
-def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
-    ways = {float(np.sign(plateau.velocity)) for plateau in plateaus}
-    text = (
-        f"of {len(plateaus)} plateaus none is there and back at one speed, within {PASSES.steady_share:.0%}, through "
-        "common positions; record both directions through the same window, longer than ramps and settling, or correct "
-        "speed"
-    )
-    text = f"they have {one_way(ways)}" if len(ways) == 1 else text
-    return f"{record.place}: joint {record.joint}, passes at {record.speed:.4g} {record.unit}/s: {text}"
-
-
 @frozen_value
 class Motion:
     """A log of one axis on one side: position (n,) in rad or m, torque (n,) in Nm or N, at rate_hz.
@@ -252,15 +237,6 @@ class Motion:
     torque_delay_s: float = 0.0
     payload_torque: FloatArray | None = None
     is_run_down: bool = False
-
-    @property
-    def acting_position(self) -> FloatArray:
-        """The position (n,) where the torque acts: a command that is held acts half a sample later."""
-        if self.torque_delay_s == 0:
-            return self.position
-        samples = np.arange(len(self.position))
-        lag = self.torque_delay_s * self.rate_hz
-        return np.asarray(make_interp_spline(samples, self.position, k=5)(samples + lag))
 
 
 @dataclass(frozen=True)
@@ -294,10 +270,12 @@ class MotionSignals:
                 f"motion of {motion.place}",
             )
         smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
-        acting = motion.acting_position
+        # The position where the torque acts: a command that is held acts half a sample later.
+        samples, acting = np.arange(len(motion.position)), motion.position
+        if motion.torque_delay_s:
+            acting = np.asarray(make_interp_spline(samples, acting, k=5)(samples + motion.torque_delay_s * rate))
         position = np.asarray(sosfiltfilt(smooth, acting))
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
-        samples = np.arange(len(position))
         spline = make_interp_spline(samples / rate, position, k=5)
         logged = make_interp_spline(samples / rate, acting, k=5)
         derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])

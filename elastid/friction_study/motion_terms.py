@@ -211,9 +211,13 @@ def _waves(signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, .
 
 def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int = 12) -> Regression:
     """steps: of the search for the Stribeck velocity, by its column in the Jacobian (Gauss and Newton)."""
-    fit = _solved(signals, terms)
+
+    def solved(about: Regression | None) -> Regression:
+        return solve([axis_equations(each, terms, about) for each in signals], signals[0].kept_hz).at("")
+
+    fit = solved(None)
     for _ in range(steps if terms.searched else 0):
-        fit = _solved(signals, terms, fit)
+        fit = solved(fit)
         start = terms.searched
         ends = {name: float(np.clip(x + fit[name], x / 2, 2 * x)) for name, x in start.items()}
         if "temperature.decay" in ends:
@@ -223,11 +227,6 @@ def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int =
         if all(abs(ends[name] - x) < 1e-3 * x for name, x in start.items()):
             break
     return fit
-
-
-def _solved(signals: Sequence[MotionSignals], terms: MotionTerms, about: Regression | None = None) -> Regression:
-    """about: the last numbers, where nonlinear ones are searched for, whose steps are then among the numbers."""
-    return solve([axis_equations(each, terms, about) for each in signals], signals[0].kept_hz).at("")
 
 
 def axis_equations(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> Equations:

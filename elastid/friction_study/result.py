@@ -353,13 +353,9 @@ def _heat(joint: str, measured: FrictionRecords) -> tuple[ThermalModel, WarmUp] 
     return fit_warm_up(warm_up), warm_up
 
 
-# Codes of notes that say why a part of the friction was not identified.
-_REASONS = ("friction/law", "friction/presliding", "friction/at-rest", "friction/warm-up", "friction/no-record")
-
-
 def _first_numbers(joint: JointFriction) -> str:
     numbers = ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
-    return numbers or next((note.text for note in joint.notes if note.code in _REASONS), "nothing was found")
+    return numbers or next((note.text for note in joint.notes if note.severity == "warning"), "nothing was found")
 
 
 def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: FrictionSpec) -> Elements | None:

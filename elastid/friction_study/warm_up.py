@@ -26,7 +26,7 @@ from scipy.linalg import solve_banded
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError, FitError, Note
-from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
+from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, minimise
 from elastid.friction_study.levels import PassRegression, passes_of
 from elastid.friction_study.motion_signals import alike_speeds
 from elastid.record import FrictionRecord, WarmUpLog
@@ -142,18 +142,6 @@ class _Problem:
 
     def fit(self, constant: float | None = None) -> ThermalModel:
         """The best of a few starts, constant: that of one node; FitError where none leads to an optimum."""
-        end = self._search(constant)
-        constants, shares, level_shares, h, _ = self.parts(end.x)
-        eliminated = self.series(constants, level_shares).shape[1] if self.has_series else 0
-        pick = np.array([[float(name == row) for name in self.names] for row in ("h", "constant", "ratio")])
-        pick[2] += pick[1]  # ln T_2 = ln T_1 + ln ratio
-        log_std = np.sqrt(np.diag(pick @ np.nan_to_num(end.covariance, posinf=1e12) @ pick.T))[: 1 + self.nodes]
-        return ThermalModel(
-            constants, shares if self.is_kelvin else level_shares, h if self.is_kelvin else math.nan, log_std,
-            end.cost, end.dof - eliminated,
-        )  # fmt: skip
-
-    def _search(self, constant: float | None) -> Optimum:
         log = self.warm_up.log
         span = float(log.time_s[-1] - log.time_s[0])
         lead = float(np.log(max(log.power.mean(), 1e-3) / 20.0))  # h such that the mean power warms by 20 K
@@ -172,7 +160,14 @@ class _Problem:
         if not ends:
             text = "no start leads to an optimum; check its levels and temperatures"
             raise FitError("friction/warm-up", text, "warm-up")
-        return min(ends, key=lambda end: end.cost)
+        end = min(ends, key=lambda end: end.cost)
+        constants, shares, level_shares, h, _ = self.parts(end.x)
+        eliminated = self.series(constants, level_shares).shape[1] if self.has_series else 0
+        pick = np.array([[float(name == row) for name in self.names] for row in ("h", "constant", "ratio")])
+        pick[2] += pick[1]  # ln T_2 = ln T_1 + ln ratio
+        log_std = np.sqrt(np.diag(pick @ np.nan_to_num(end.covariance, posinf=1e12) @ pick.T))[: 1 + self.nodes]
+        shares, h = (shares, h) if self.is_kelvin else (level_shares, math.nan)
+        return ThermalModel(constants, shares, h, log_std, end.cost, end.dof - eliminated)
 
 
 def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note, ...]:
