@@ -23,7 +23,7 @@ from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.recorded.responses.universal import geometry_of_files
+from elastid.recorded.responses.table import geometry_of_files
 from elastid.store.files import write_text
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses

@@ -31,9 +31,9 @@ from elastid.recorded.channel_guess import (
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
-from elastid.recorded.periodicity import find_period, repetition
+from elastid.recorded.repair.periodicity import find_period, repetition
 from elastid.recorded.repair.time_stamps import STAMPS, even_grid
-from elastid.recorded.responses.universal import is_universal_file, uff_places
+from elastid.recorded.responses.table import is_universal_file, uff_places
 from elastid.robot import Robot
 from elastid.study.checks.recorded import TIME_UNITS, is_time, time_of
 

@@ -22,8 +22,7 @@ from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.repair.time_stamps import TimeSteps, even_grid
 from elastid.recorded.responses.reading import contents_of
-from elastid.recorded.responses.table import HOW_TO_SAVE
-from elastid.recorded.responses.universal import is_universal_file
+from elastid.recorded.responses.table import HOW_TO_SAVE, is_universal_file
 from elastid.report.content import gear_line, gear_table
 from elastid.report.friction_content import refusals
 from elastid.store.artefacts import kind_of

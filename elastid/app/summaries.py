@@ -310,7 +310,7 @@ def _motion(motion: MotionFriction) -> dict[str, Any]:
     return {
         "misfit": motion.misfit,
         "seconds": json_value(motion.seconds),
-        "directions_apart": motion.are_apart,
+        "directions_apart": motion.terms.apart,
         "relative_error": json_value(motion.chosen.relative_error),
     }
 

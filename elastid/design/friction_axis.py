@@ -23,7 +23,7 @@ from elastid.record import Configuration, drive_unit
 from elastid.robot import Joint, Robot
 from elastid.simulation.controller import feed_forward, tune
 
-LINEAR, SEARCHED = ("coulomb", "excess", "viscous"), ("stribeck_velocity", "exponent")
+LINEAR, SEARCHED = ("coulomb", "stiction", "viscous"), ("stribeck_velocity", "exponent")
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
     """J^T J (n, d, d) of one level at each speed, by the numbers relative to themselves."""
     zeros = np.zeros_like(speeds)
     conditions = Conditions(speeds, zeros, zeros, np.full_like(speeds, np.nan))
-    linear = {"coulomb": guess.coulomb, "excess": guess.stiction - guess.coulomb, "viscous": guess.viscous}
+    linear = {"coulomb": guess.coulomb, "stiction": guess.stiction, "viscous": guess.viscous}
     eta = {"stribeck_velocity": guess.stribeck_velocity, "exponent": guess.exponent}
     J = np.hstack([columns(conditions, LINEAR, eta, 0.0), slopes(conditions, linear, SEARCHED, eta, 0.0)])
     J = J * np.array([*linear.values(), *eta.values()]) / guess.coulomb

@@ -15,8 +15,8 @@ g(v) instead of F_c and may grow with v |v|. As a sum of columns, linear in most
        + (\alpha + \delta_v s) v + \alpha_T (e^{-\theta / T_V} - 1) v + \alpha_3 v^2, \quad e(x) = e^{-|x|^a}
 
 with s the direction, v = |v|, L the load and theta = T - T_0 (Bittencourt, Wernholt, Sander-Tavallaey and Brogardh,
-LiTH-ISY-R-2948, IROS 2010, with its temperatures about T_0). Numbers are named as in a robot's file; `excess` is D_s
-and `load.excess` F_sl, the excess of stiction over Coulomb friction.
+LiTH-ISY-R-2948, IROS 2010, with its temperatures about T_0). Numbers are named as in a robot's file, in which stiction
+is F_c + D_s, and that by load F_cl + F_sl.
 """
 
 from __future__ import annotations
@@ -144,10 +144,14 @@ class Tustin:
 
 # Numbers of the law by their path in `robot.friction.Friction`: those that tau_f is linear in, and the others.
 LINEAR = (
-    *("coulomb", "excess", "viscous", "quadratic", "load.coulomb", "load.excess"),
+    *("coulomb", "stiction", "viscous", "quadratic", "load.coulomb", "load.stiction"),
     *("temperature.coulomb", "temperature.stiction", "temperature.viscous"),
     *("directions.coulomb", "directions.viscous"),
 )
+
+
+# Stiction falls to Coulomb friction.
+FALLING = {"stiction": "coulomb", "load.stiction": "load.coulomb"}
 
 
 @frozen_value
@@ -178,11 +182,14 @@ def columns(conditions: Conditions, names: tuple[str, ...], eta: Mapping[str, fl
     }
     if "stribeck_velocity" in eta:
         e = np.exp(-((v / _nu(eta, theta)) ** eta["exponent"]))
-        terms |= {"excess": e, "temperature.stiction": theta * e, "load.excess": L * e}
+        terms |= {"stiction": e, "temperature.stiction": theta * e, "load.stiction": L * e}
     if "load.stribeck_velocity" in eta:
-        terms["load.excess"] = L * np.exp(-((v / eta["load.stribeck_velocity"]) ** eta["exponent"]))
+        terms["load.stiction"] = L * np.exp(-((v / eta["load.stribeck_velocity"]) ** eta["exponent"]))
     if "temperature.decay" in eta:
         terms["temperature.viscous"] = v * np.expm1(-theta / eta["temperature.decay"])
+    for stiction, coulomb in FALLING.items():
+        if stiction in names:
+            terms[coulomb] = terms[coulomb] - terms[stiction]
     return np.stack([terms[name] for name in names], axis=1)
 
 
@@ -191,15 +198,15 @@ def slopes(
 ) -> FloatArray:
     """The derivative (n, len(names)) of s tau_f by each nonlinear number of `names`, at linear and eta."""
     v, L, theta = conditions.speed, conditions.load, _theta(conditions, T_0)
-    load_excess = linear.get("load.excess", 0.0) * L
+    excess, by_load = (linear[high] - linear.get(low, 0.0) if high in linear else 0.0 for high, low in FALLING.items())
     slopes: dict[str, FloatArray] = {"exponent": np.zeros_like(v)}
     if "stribeck_velocity" in eta:
-        falling = linear.get("excess", 0.0) + linear.get("temperature.stiction", 0.0) * theta
+        falling = excess + linear.get("temperature.stiction", 0.0) * theta
         if "load.stribeck_velocity" in eta:
             by_nu_l, by_a = _fall(v, np.full_like(v, eta["load.stribeck_velocity"]), eta["exponent"])
-            slopes |= {"load.stribeck_velocity": load_excess * by_nu_l, "exponent": load_excess * by_a}
+            slopes |= {"load.stribeck_velocity": by_load * L * by_nu_l, "exponent": by_load * L * by_a}
         else:
-            falling = falling + load_excess
+            falling = falling + by_load * L
         by_nu, by_a = _fall(v, _nu(eta, theta), eta["exponent"])
         slopes["stribeck_velocity"] = falling * by_nu
         slopes["temperature.stribeck_velocity"] = falling * by_nu * theta

@@ -1,4 +1,4 @@
-r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift.
+r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift, over its motions one after the other.
 
 .. math:: J_m \ddot q_m + f \dot q_m + \tau_f(\dot q_m, z) + k (q_m - q_l) + d (\dot q_m - \dot q_l) = u + w, \qquad
           J_l \ddot q_l + g + b = k (q_m - q_l) + d (\dot q_m - \dot q_l)
@@ -39,21 +39,33 @@ Before a band is believed the innovations are tested,
 (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.) NIS does
 not see errors of the model that the followed numbers take up: within some seconds a number moves by no more than noise
 and drift allow, where its band does not hold that.
+
+Between two motions the joint stands somewhere: angle, velocity and bristle start again, while the followed numbers
+continue, their covariance grown by the drift of the time between. Noise of torque and angle has the largest likelihood
+of the innovations over the logarithms of its standard deviations,
+
+.. math:: \min_{\sigma} \sum_k \ln S_k(\sigma) + e_k(\sigma)^2 / S_k(\sigma)
+
+(Mehra, IEEE Trans. Automatic Control 15(2), 1970, has the idea). The state w carries the torque noise of a real axis
+that is correlated in time (ripple, cogging, cables): taken for white, it makes bands far too narrow.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import minimize
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, Note
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
+from elastid.friction_study.result import JointFriction
 from elastid.friction_study.spec import Followed
 from elastid.simulation.dynamics import runge_kutta_step
 
@@ -91,20 +103,15 @@ class FollowedJoint:
     tolerances: Mapping[str, float] = field(default_factory=lambda: TOLERANCES)
 
     @property
-    def is_elastic(self) -> bool:
-        """True if a spring is between motor and link."""
-        return self.stiffness > 0
-
-    @property
     def states(self) -> tuple[str, ...]:
         """The names of the states x, in order: angles, velocities, bristle, correlated noise, followed numbers."""
-        mechanical = ("q_m", "q_l", "v_m", "v_l", "z") if self.is_elastic else ("q_m", "v_m", "z")
+        mechanical = ("q_m", "q_l", "v_m", "v_l", "z") if self.stiffness > 0 else ("q_m", "v_m", "z")
         return (*mechanical, *(("w",) if self.correlation_s > 0 else ()), *self.followed)
 
     @property
     def held(self) -> tuple[str, ...]:
         """The numbers that the filter holds, with a tolerance, in order."""
-        absent = (() if self.is_elastic else ("stiffness",)) + (() if self.stribeck_velocity > 0 else WEIGHED)
+        absent = (() if self.stiffness > 0 else ("stiffness",)) + (() if self.stribeck_velocity > 0 else WEIGHED)
         return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and name not in absent)
 
     def step(self, rate_hz: float) -> ca.Function:
@@ -117,17 +124,20 @@ class FollowedJoint:
         c = ca.SX.sym("c", len(self.held))
         factor = dict.fromkeys(TOLERANCES, ca.SX(1.0)) | {name: 1 + c[i] for i, name in enumerate(self.held)}
         state = dict(zip(names, ca.vertsplit(x), strict=True))
-        n_q = 2 if self.is_elastic else 1
+        n_q = 2 if self.stiffness > 0 else 1
         coulomb = ca.exp(state["Fc"]) if "Fc" in state else self.coulomb
         inverse = 1 / (self.stribeck_velocity * factor["stribeck_velocity"]) if self.stribeck_velocity > 0 else 0.0
         curve = Curve(coulomb, self.stiction_ratio * factor["stiction_ratio"] * coulomb, inverse)
         law = Bristle(self.bristle_stiffness, self.bristle_damping)
         noise, inertia = state.get("w", 0.0), factor["inertia"]
+        ways = ("f", "f") if "f" in state else ("f+", "f-")
+        forwards, backwards = (ca.exp(state[name]) if name in state else self.viscous for name in ways)
 
         def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
-            motor = torque + noise - law.torque(v[0], z, curve) - self._viscous(state, v[0])
+            viscous = forwards * ca.fmax(v[0], 0) + backwards * ca.fmin(v[0], 0)
+            motor = torque + noise - law.torque(v[0], z, curve) - viscous
             load = g * factor["gravity"] + state.get("offset", 0.0)
-            if not self.is_elastic:
+            if not self.stiffness > 0:
                 return (motor - load) / (self.motor_inertia * inertia)
             spring = self.stiffness * factor["stiffness"] * (q[0] - q[1]) + self.damping * (v[0] - v[1])
             inertias = ca.vertcat(self.motor_inertia, self.link_inertia) * inertia
@@ -141,13 +151,6 @@ class FollowedJoint:
         faded = [state["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in state else []
         following = ca.vertcat(q, v, z, *faded, *(state[name] for name in self.followed))
         return ca.Function("step", [x, c, u, g], [following], ["x", "c", "u", "g"], ["next"])
-
-    def _viscous(self, state: dict[str, ca.SX], v: ca.SX) -> ca.SX:
-        """f v, or f+ and f- of the two directions."""
-        if "f" in state:
-            return ca.exp(state["f"]) * v
-        forwards, backwards = (ca.exp(state[name]) if name in state else self.viscous for name in ("f+", "f-"))
-        return forwards * ca.fmax(v, 0) + backwards * ca.fmin(v, 0)
 
 
 @dataclass(frozen=True)
@@ -190,7 +193,13 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
     carried, added = F @ P[:, n:], by_held @ ca.diag(std)
     cross, mixed = carried + added, carried @ added.T
     spread = F @ _symmetric(P[:, :n]) @ F.T + mixed + mixed.T + added @ added.T
-    spread = _symmetric(spread + _process_noise(joint, rate_hz, predicted, x, u, noise))
+    state, by_u = dict(zip(joint.states, ca.vertsplit(x), strict=True)), ca.jacobian(predicted, u)
+    z_s = (ca.exp(state["Fc"]) if "Fc" in state else joint.coulomb) / joint.bristle_stiffness
+    slipped = ca.fabs(state["v_m"]) / rate_hz / z_s
+    own = {"z": noise[3] * z_s**2 * slipped * ca.exp(-slipped), "w": noise[2]}
+    own |= {name: noise[4 + i] for i, name in enumerate(joint.followed)}
+    Q = noise[1] * by_u @ by_u.T + ca.diag(ca.vertcat(*(own.get(name, 0.0) for name in joint.states)))
+    spread = _symmetric(spread + Q)
     ignored = cross[:, [i for i, name in enumerate(joint.held) if name not in WEIGHED]]
     towards = spread[:, 0] - ignored @ ignored[0, :].T
     S = towards[0] + noise[0]
@@ -203,21 +212,6 @@ def filter_step(joint: FollowedJoint, rate_hz: float) -> ca.Function:
         "filter_step", [x, P, u, g, y, noise], [predicted + gain * e, ca.horzcat(joseph, left @ cross), e, S],
         ["x", "P", "u", "g", "y", "noise"], ["x_next", "P_next", "innovation", "variance"], {"cse": True},
     )  # fmt: skip
-
-
-def _process_noise(joint: FollowedJoint, rate_hz: float, predicted: ca.SX, x: ca.SX, u: ca.SX, noise: ca.SX) -> ca.SX:
-    names = joint.states
-    by_u = ca.jacobian(predicted, u)
-    coulomb = ca.exp(x[names.index("Fc")]) if "Fc" in names else joint.coulomb
-    z_s = coulomb / joint.bristle_stiffness
-    slipped = ca.fabs(x[names.index("v_m")]) / rate_hz / z_s
-    own = ca.SX.zeros(len(names))
-    own[names.index("z")] = noise[3] * z_s**2 * slipped * ca.exp(-slipped)
-    if "w" in names:
-        own[names.index("w")] = noise[2]
-    for i, name in enumerate(joint.followed):
-        own[names.index(name)] = noise[4 + i]
-    return noise[1] * by_u @ by_u.T + ca.diag(own)
 
 
 def _symmetric(A: ca.SX) -> ca.SX:
@@ -260,14 +254,6 @@ class JointSamples:
 
 
 @frozen_value
-class Estimate:
-    """State of a filter after a sample: states x (n,), and P (n, n + m) as `filter_step` has it."""
-
-    x: FloatArray
-    P: FloatArray
-
-
-@frozen_value
 class Track:
     """A filter over n samples: states (n, n_x), their std (n, n_x), covariance of the followed numbers (n, p, p).
 
@@ -284,7 +270,6 @@ class Track:
     followed_covariance: FloatArray
     innovation: FloatArray
     variance: FloatArray
-    last: Estimate
     drift: FloatArray
     time_s: FloatArray
     moves: BoolArray
@@ -301,48 +286,55 @@ class Track:
         return np.exp(column) if name in self.joint.followed and name != "offset" else column
 
 
-def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> Estimate:
-    """Estimate at rest at an angle, spring bent by the load, bristle anywhere, friction within PRIOR."""
+def first_estimate(joint: FollowedJoint, angle: float, load: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """x and P of `filter_step` at rest at an angle, spring bent by the load, bristle anywhere, friction by PRIOR."""
     names = joint.states
     bend = joint.coulomb / joint.bristle_stiffness
-    start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.is_elastic else 0.0)}
+    start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.stiffness > 0 else 0.0)}
     std = {"q_m": bend, "q_l": 2 * bend, "v_m": 1e-2, "v_l": 1e-2, "z": bend / 2, "w": 0.1 * joint.coulomb}
     for name in joint.followed:
         start[name] = 0.0 if name == "offset" else float(np.log(joint.coulomb if name == "Fc" else joint.viscous))
         std[name] = PRIOR[name] * (joint.coulomb if name == "offset" else 1.0)
     x = np.array([start.get(name, 0.0) for name in names])
-    return Estimate(x, np.diag([std[name] ** 2 for name in names] + [0.0] * len(joint.held))[: len(names)])
+    return x, np.diag([std[name] ** 2 for name in names] + [0.0] * len(joint.held))[: len(names)]
 
 
 class KalmanFilter:
-    """A joint's filter at a rate, compiled once; run(...) carries an estimate over samples."""
+    """A joint's filter at a rate, compiled once; run(...) carries an estimate over motions."""
 
     def __init__(self, joint: FollowedJoint, rate_hz: float) -> None:
         self.joint, self.rate_hz = joint, rate_hz
         self._step = filter_step(joint, rate_hz)
         self._loop = self._step.mapaccum("filter", PIECE, 2)
 
-    def run(self, samples: JointSamples, noise: FilterNoise, start: Estimate) -> Track:
-        """The track over samples, from the estimate before them."""
-        n, n_x, parts, last = len(samples.angle), len(self.joint.states), [], start
-        given = ca.repmat(ca.DM(noise.vector(self.joint, self.rate_hz)), 1, PIECE)
-        for first in range(0, n, PIECE):
-            rows = [part[None, first : first + PIECE] for part in (samples.torque, samples.load, samples.angle)]
-            count = rows[0].size
-            loop = self._loop if count == PIECE else self._step.mapaccum("rest", count, 2)
-            own, P, e, S = (np.asarray(part.full()) for part in loop(last.x, last.P, *rows, given[:, :count]))
-            parts.append((own.T, P.reshape(n_x, count, -1).transpose(1, 0, 2), e[0], S[0]))
-            last = Estimate(parts[-1][0][-1].copy(), parts[-1][1][-1].copy())
+    def run(self, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
+        """The track over motions, at rest where one begins; the pause before it makes friction less certain."""
+        joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
+        given = ca.repmat(ca.DM(noise.vector(joint, self.rate_hz)), 1, PIECE)
+        drift = np.array([noise.drift.get(name, 0.0) for name in joint.followed])
+        parts, times, followed = list[tuple[FloatArray, ...]](), list[FloatArray](), slice(n_x - p, n_x)
+        for motion in motions:
+            last, (x, P) = parts[-1:], first_estimate(joint, float(motion.angle[0]), float(motion.load[0]))
+            for own, covariance, *_ in last:
+                pause_s = max(0.0, motion.start_s - float(times[-1][-1]))
+                x[followed], P[followed] = own[-1, followed], covariance[-1, followed]
+                P[followed, : n_x - p] = 0.0
+                P[followed, followed] += np.diag(drift**2 * pause_s)
+            for first in range(0, len(motion.angle), PIECE):
+                rows = [part[None, first : first + PIECE] for part in (motion.torque, motion.load, motion.angle)]
+                count = rows[0].size
+                loop = self._loop if count == PIECE else self._step.mapaccum("rest", count, 2)
+                states, spread, e, S = (np.asarray(part.full()) for part in loop(x, P, *rows, given[:, :count]))
+                parts.append((states.T, spread.reshape(n_x, count, -1).transpose(1, 0, 2), e[0], S[0]))
+                x, P = parts[-1][0][-1], parts[-1][1][-1]
+            times.append(motion.start_s + np.arange(1, len(motion.angle) + 1) / self.rate_hz)
         x, P, e, S = (np.concatenate(part) for part in zip(*parts, strict=True))
-        followed = slice(n_x - len(self.joint.followed), n_x)
-        ignored = [n_x + i for i, name in enumerate(self.joint.held) if name not in WEIGHED]
-        cross = P[:, followed, ignored] if ignored else np.zeros((n, len(self.joint.followed), 0))
+        ignored = [n_x + i for i, name in enumerate(joint.held) if name not in WEIGHED]
+        cross = P[:, followed, ignored] if ignored else np.zeros((len(e), p, 0))
         covariance = P[:, followed, followed] - cross @ cross.transpose(0, 2, 1)
         std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
-        drift = np.array([noise.drift.get(name, 0.0) for name in self.joint.followed])
-        time_s = samples.start_s + np.arange(1, n + 1) / self.rate_hz
-        moves = samples.moves(COUNT_OVER_STD * noise.angle)
-        return Track(self.joint, self.rate_hz, x, std, covariance, e, S, last, drift, time_s, moves)
+        moves = np.concatenate([motion.moves(COUNT_OVER_STD * noise.angle) for motion in motions])
+        return Track(joint, self.rate_hz, x, std, covariance, e, S, drift, np.concatenate(times), moves)
 
 
 @dataclass(frozen=True)
@@ -373,13 +365,17 @@ class Consistency:
     restless: tuple[str, ...] = ()
 
     @property
-    def is_honest(self) -> bool:
-        """True if no test finds a band too narrow: size and correlation of innovations, and movements.
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons why a band is too narrow: movements, correlation and size of innovations.
 
         Nothing sees an error of held numbers that the band does not have and the followed ones take up for good.
         """
-        is_tested = self.nis <= FILTER.nis_band[1] and self.autocorrelation[1] < FILTER.max_correlation
-        return is_tested and not self.restless
+        reasons = [f"{name} moves by more than noise and filter.drift allow" for name in self.restless]
+        if self.autocorrelation[1] > FILTER.max_correlation:  # alternating ones make no band too narrow
+            reasons.append(f"innovations are correlated by {self.autocorrelation[1]:.2f} from sample to sample")
+        if self.nis > FILTER.nis_band[1]:
+            reasons.append(f"mean NIS is {self.nis:.2f}: innovations are larger than expected")
+        return tuple(reasons)
 
 
 def consistency(track: Track, settled_s: float) -> Consistency:
@@ -412,3 +408,156 @@ def _restless(track: Track, first: int) -> tuple[str, ...]:
         over_noise = np.mean(square / (own[lag:] + own[:-lag] + drifted), axis=0)
         restless |= (over_band > FILTER.max_movement[0]) & (over_noise > FILTER.max_movement[1])
     return tuple(name for name, moves in zip(track.joint.followed, restless, strict=True) if moves)
+
+
+def unknown(track: Track) -> BoolArray:
+    """True (n, p) where a number is no better known than before the log, drift included."""
+    prior = np.diag(first_estimate(track.joint, 0.0)[1])[-len(track.joint.followed) :]
+    variance = np.diagonal(track.followed_covariance, axis1=1, axis2=2)
+    return np.asarray(variance > FILTER.max_std_ratio**2 * prior)
+
+
+def estimate_noise(kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, settled_s: float) -> FilterNoise:
+    """The most likely noise over samples that move (Track.moves); of angle and bristle's slip at least as guessed.
+
+    The bristle's slip is found as well: what other frictions than LuGre's need would stand for noise of the torque, and
+    put F_c off by 4 to 18 % where a joint slips by about z_s in a sample. A fast motion would have it at nothing, and
+    innovations of a slow one would then be four times as large as expected.
+    """
+    names = ["angle", "torque", "slip", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
+    judged = most(samples.moves(COUNT_OVER_STD * guess.angle)).copy()
+    judged[: round(settled_s * kalman.rate_hz)] = False
+    lowest = np.log([{"angle": 1.0, "slip": 1.0}.get(name, 1e-3) for name in names])
+
+    def noise_at(x: FloatArray) -> FilterNoise:
+        factors = zip(names, np.exp(np.clip(x, lowest, np.log(1e3))).tolist(), strict=True)
+        return replace(guess, **{name: getattr(guess, name) * factor for name, factor in factors})
+
+    def cost(x: FloatArray) -> float:
+        track = kalman.run([samples], noise_at(x))
+        S, e = track.variance[judged], track.innovation[judged]
+        value = float(np.mean(np.log(S) + e**2 / S))
+        return value if np.isfinite(value) else 1e6
+
+    # Factors of three about the guess; noise that is known to 5 % is known well enough.
+    n = len(names)
+    simplex = np.vstack([np.zeros(n), 1.1 * np.eye(n)])
+    options = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150, "initial_simplex": simplex}
+    return noise_at(np.asarray(minimize(cost, np.zeros(n), method="Nelder-Mead", options=options).x))
+
+
+@frozen_value
+class FollowedFriction:
+    """Knowledge of a filter of a joint over time_s (m,): values, low, high (m, p) of the followed numbers, 95 % bands.
+
+    unknown (m, p): where the motion does not identify a number, so that it is held.  nis (m,): mean up to each time
+    since the one before.  torque_std: of white noise, found or given.
+    """
+
+    joint: str
+    slides: bool
+    names: tuple[str, ...]
+    time_s: FloatArray
+    values: FloatArray
+    low: FloatArray
+    high: FloatArray
+    unknown: BoolArray
+    nis: FloatArray
+    consistency: Consistency
+    noise: FilterNoise
+    filtered: FollowedJoint
+    rate_hz: float
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """Verdict whether the bands are to be believed."""
+        is_doubted = bool(self.consistency.doubts)
+        return "the bands are too narrow, as the warnings say" if is_doubted else "no test doubts the bands"
+
+
+def follow(
+    name: str,
+    slides: bool,
+    joint: FollowedJoint,
+    motions: Sequence[JointSamples],
+    rate_hz: float,
+    guess: FilterNoise,
+    settle_s: float,
+    find_noise: bool,
+) -> FollowedFriction:
+    """Followed friction; find_noise: by innovations of the longest motion, not guessed.  DataError for short ones."""
+    duration_s = sum(len(motion.angle) for motion in motions) / rate_hz
+    if duration_s <= settle_s + LAGS / rate_hz:
+        raise DataError(
+            "filter/record",
+            f"its motions last {duration_s:.3g} s and the filter settles in {settle_s:g} s; record "
+            "longer, or give filter.settle",
+            f"joint {name}",
+        )
+    kalman, noise = KalmanFilter(joint, rate_hz), guess
+    if find_noise:
+        # At most half a minute of the longest motion.
+        longest, cut = max(motions, key=lambda motion: len(motion.angle)), slice(0, round(30.0 * rate_hz))
+        stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
+        noise = estimate_noise(kalman, stretch, guess, min(settle_s, 1.0))
+    track = kalman.run(motions, noise)
+    judged = consistency(track, settle_s)
+    n = len(track.innovation)
+    step = max(1, n // 2000)  # a result keeps so many points
+    ends = np.arange(n % step + step - 1, n, step)
+    mean_nis = track.nis[n % step :].reshape(-1, step).mean(axis=1)
+    values, low, high = (
+        np.stack([track.values(each, stds)[ends] for each in joint.followed], axis=1)
+        for stds in (0.0, -QUANTILE_95, QUANTILE_95)
+    )
+    place = f"joint {name}"
+    notes = tuple(_notes(place, track, judged))
+    return FollowedFriction(
+        name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
+        judged, noise, joint, rate_hz, notes,
+    )  # fmt: skip
+
+
+def with_tolerances(joint: FollowedJoint, identified: JointFriction) -> FollowedJoint:
+    """A joint whose held numbers are known as far as a study has identified them, else as is usual (TOLERANCES)."""
+    known = dict(joint.tolerances)
+    if identified.static is not None:
+        numbers = identified.static.intervals
+        for name, held in (("stiction", "stiction_ratio"), ("stribeck_velocity", "stribeck_velocity")):
+            if name in numbers:
+                known[held] = float(np.hypot(known[held], numbers[name][1] / numbers[name][0]))
+    shared = identified.shared
+    if "inertia" in shared:
+        value, std = shared["inertia"]
+        own = joint.motor_inertia + joint.link_inertia
+        # Inertias and the spring of a robot's file are usual ones; an identified inertia may also contradict them.
+        known["inertia"] = float(np.hypot(known["inertia"], own / value - 1)) if joint.stiffness > 0 else std / value
+    gravity = np.array([shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared])
+    if gravity.size:
+        size, std = np.linalg.norm(gravity, axis=0).tolist()
+        known["gravity"] = std / max(size, 1e-300)
+    return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in known.items()})
+
+
+def _notes(place: str, track: Track, judged: Consistency) -> Iterator[Note]:
+    """Warnings on numbers that the motion does not identify, and on bands that are not to be believed."""
+    names, P = track.joint.followed, track.followed_covariance[-1]
+    never = np.all(unknown(track), axis=0).tolist()
+    std = np.sqrt(np.diag(P))
+    pairs = np.argwhere(np.triu(np.abs(P), 1) > FILTER.max_std_ratio * np.outer(std, std)).tolist()
+    weak = [f"{name}, held where it began" for name, is_unknown in zip(names, never, strict=True) if is_unknown]
+    weak += [f"{names[i]} apart from {names[j]}" for i, j in pairs]
+    if weak:
+        text = (
+            f"the motion does not identify {'; '.join(weak)}: reversals distinguish Coulomb friction from an offset, "
+            "several speeds from viscous friction"
+        )
+        yield Note("filter/not-excited", text, place, severity="warning" if pairs else "information")
+    if judged.doubts:
+        text = (
+            f"{'; '.join(judged.doubts)}; the model or its noise is wrong, and the bands are too narrow: correct "
+            "inertia, spring, bristles, gravity and payload of the joint, or give filter.correlation_time, "
+            "filter.torque_std or a larger filter.drift"
+        )
+        yield Note("filter/inconsistent", text, place, severity="warning")

@@ -24,12 +24,19 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note
 from elastid.friction_study.laws import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_study.least_squares import FALSE_ALARM
-from elastid.friction_study.levels import levels_of_records
-from elastid.friction_study.motion import PASSBAND_HZ, MotionFriction, motion_parts, regress_motion
+from elastid.friction_study.levels import find_levels, passes_of
+from elastid.friction_study.motion import (
+    PASSBAND_HZ,
+    ROBOT_PASSBAND_HZ,
+    MotionFriction,
+    motion_parts,
+    regress_motion,
+    regress_robot_motion,
+    torques_in_file,
+)
 from elastid.friction_study.motion_signals import PASSES, Motion, MotionLog, MotionSignals, detect_passes
 from elastid.friction_study.motion_terms import full_rate_columns
-from elastid.friction_study.result import JointLevels
-from elastid.friction_study.robot_motion import ROBOT_PASSBAND_HZ, regress_robot_motion, torques_in_file
+from elastid.friction_study.result import JointLevels, noted
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration, FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
@@ -41,30 +48,27 @@ STILL = ("loops", "at_rest")
 
 def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> tuple[JointLevels, ...]:
     """Levels and motions of each measured joint; DataError where a joint has no record, or one that cannot be used."""
-    motions, none = _motions(robot, joints, measured), JointMotion(None, (), ())
-    return tuple(_of_joint(robot, joint, measured, motions.get(joint.name, none)) for joint in joints)
+    motions = _motions(robot, joints, measured)
+    return tuple(_of_joint(robot, joint, measured, motions.get(joint.name, JointMotion())) for joint in joints)
 
 
 def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion) -> JointLevels:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     planned = [r for r in measured.of(joint.name, "passes") if not r.is_warm_up or np.isfinite(r.mean_temperature)]
-    records, levels = [*planned, *motion.passes], None
-    own = [record for record in measured.records if record.joint == joint.name]
-    notes = [note for record in own for note in record.notes]
-    notes += motion.notes
-    warmed = [log.joint for log in measured.warm_ups]
-    if records:
+    own, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
+    notes, levels = [*(note for record in own for note in record.notes), *motion.notes], None
+    if records := [*planned, *motion.passes]:
         # The passes of joints that moved together are free of the rigid body.
-        is_free = motion.friction is not None and motion.friction.rigid_body is not None
-        against = (planned or not is_free) and turns_against_gravity(robot, joint, records[0].configuration)
-        levels = levels_of_records(records, bool(against), _turn(joint))
-    elif not (motion.friction or any(r.purpose in STILL for r in own) or joint.name in warmed):
+        is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None
+        against = not is_free and turns_against_gravity(robot, joint, records[0].configuration)
+        levels = find_levels([each for record in records for each in passes_of(record)], against, _turn(joint))
+        notes += levels.notes
+    elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in own)):
         raise DataError(
             "friction/no-record",
             "neither passes nor a motion were recorded; leave it out of friction.joints, or record them",
             f"joint {joint.name}",
         )
-    notes += () if levels is None else levels.notes
     return JointLevels(joint.name, joint.slides, levels, motion.friction, tuple(notes))
 
 
@@ -90,16 +94,16 @@ def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> 
         "offset of the torque is part of Coulomb friction unless they go both ways: no interval has that in it"
     )
     note = Note("friction/inertia", text, f"joint {joint.name}", severity="information")
-    return JointMotion(regress_motion(*motions), (), (note,))
+    return JointMotion(regress_motion(*motions), notes=(note,))
 
 
 @dataclass(frozen=True)
 class JointMotion:
     """Motion of one joint: the regression (None where its logs cannot identify it), passes, and notes."""
 
-    friction: MotionFriction | None
-    passes: tuple[FrictionRecord, ...]
-    notes: tuple[Note, ...]
+    friction: MotionFriction | None = None
+    passes: tuple[FrictionRecord, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
@@ -125,44 +129,31 @@ def motion_logs(measured: FrictionRecords) -> list[dict[str, FrictionRecord]]:
 
 
 def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
-    records = sorted(records, key=lambda record: record.payload)
-    against = turns_against_gravity(robot, joint, records[0].configuration)
-    problems, passes, notes = list[str](), list[FrictionRecord](), list[Note]()
-    friction = None
-    for record in records:
-        try:
-            passes += detect_passes(record, against)
-        except DataError as error:
-            problems.append(str(error))
-    motions = [_motion(record, against, _turn(joint)) for record in records]
-    try:
-        if len({record.payload for record in records}) > 1:
-            added = [_payload_torque(robot, record, record.payload - records[0].payload) for record in records]
-            motions = [replace(motion, payload_torque=own) for motion, own in zip(motions, added, strict=True)]
-        friction = regress_motion(*motions)
-        notes += friction.notes
-    except DataError as error:
-        problems.append(str(error))
-    enough = _enough(passes)
-    if friction is None and not enough:
-        raise DataError("friction/no-record", problems[0])
+    records, notes = sorted(records, key=lambda record: record.payload), list[Note]()
+    against, code = turns_against_gravity(robot, joint, records[0].configuration), "friction/no-record"
+    passes = _enough([each for own in records for each in noted(notes, code, detect_passes, own, against) or ()])
+    friction = noted(notes, code, _regressed, robot, joint, records, against)
+    if friction is None and not passes:
+        raise DataError(code, str(notes[0]))
     if friction is not None and not robot.loops and friction.chosen.chance("inertia", 1) < FALSE_ALARM:
-        log = motion_log(robot, {joint.name: records[0]}, PASSBAND_HZ)
-        parts = motion_parts(
-            friction.chosen, full_rate_columns(MotionSignals.of(friction.motion, PASSBAND_HZ), friction.terms)
-        )
+        log, signals = motion_log(robot, {joint.name: records[0]}, PASSBAND_HZ), friction.motion
+        columns = full_rate_columns(MotionSignals.of(signals, PASSBAND_HZ), friction.terms)
+        parts = motion_parts(friction.chosen, columns)
         rigid = {joint.name: parts["inertia"] + parts.get("gravity", 0.0)}
         check_torques(robot, rigid, torques_in_file(robot, log), records[0].place)
-    notes += [Note("friction/no-record", problem) for problem in problems]
-    return JointMotion(friction, enough, tuple(notes))
+    return JointMotion(friction, passes, (*(friction.notes if friction is not None else ()), *notes))
 
 
-def _payload_torque(robot: Robot, record: FrictionRecord, mass: float) -> FloatArray:
-    """The torque (n,) that a mass at the last frame adds to that of the joint of a record, by the robot's geometry."""
-    log = motion_log(robot, {record.joint: record}, PASSBAND_HZ)
-    robots = with_point_mass(robot, mass), robot
-    loaded, empty = (torques_in_file(each, log)[record.joint] for each in robots)
-    return loaded - empty
+def _regressed(robot: Robot, joint: Joint, records: Sequence[FrictionRecord], against: bool) -> MotionFriction:
+    """The regression of motions of one joint under their payloads."""
+    motions = [_motion(record, against, _turn(joint)) for record in records]
+    if len({record.payload for record in records}) > 1:
+        # The torque that a mass at the last frame adds, by the robot's geometry.
+        for i, (motion, record) in enumerate(zip(motions, records, strict=True)):
+            log, mass = motion_log(robot, {joint.name: record}, PASSBAND_HZ), record.payload - records[0].payload
+            loaded, empty = (torques_in_file(each, log)[joint.name] for each in (with_point_mass(robot, mass), robot))
+            motions[i] = replace(motion, payload_torque=loaded - empty)
+    return regress_motion(*motions)
 
 
 def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dict[str, JointMotion]:

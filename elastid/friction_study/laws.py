@@ -19,7 +19,7 @@ from scipy.special import ndtri, stdtrit
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.base.statistics import chi_square_tail
-from elastid.friction.static import Conditions, columns, slopes
+from elastid.friction.static import FALLING, Conditions, columns, slopes
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, inverse_normal, minimise
 from elastid.friction_study.levels import MAX_RELATIVE_STD, Levels
 from elastid.friction_study.spec import LawSpec, Part
@@ -35,6 +35,8 @@ from elastid.robot.friction import (
 # Decay of viscous friction over temperature from which a search starts, and the range of the search.
 START_DECAY_K = 20.0
 DECAY_RANGE_K = (1.0, 500.0)
+# Of the largest speed, within which speeds are one: a line through them has its end anywhere.
+ONE_SPEED = 0.1
 
 
 @dataclass(frozen=True)
@@ -47,15 +49,53 @@ class Terms:
 
 
 @dataclass(frozen=True)
-class CurveFit:
-    """The linear numbers and eta by name, their covariance in the order linear + searched, cost (n,)^2 and its dof."""
+class StaticLaw:
+    """The law through levels, and the parts that could not be identified from them.
 
+    values: linear numbers and eta by name, SI, at the reference temperature T_0; covariance: in the order linear +
+    searched.  cost: in units of the levels' variance.  Where levels show a Stribeck effect and no speed is slow enough
+    for its numbers, it is in the law, so that the other numbers are right and the law holds at the speeds measured, and
+    among `held`: its own numbers are extrapolations.
+    """
+
+    levels: Levels
     terms: Terms
     T_0: float
     values: Mapping[str, float]
     covariance: FloatArray
     cost: float
     dof: int
+    held: tuple[Held, ...] = ()
+
+    @staticmethod
+    def of(levels: Levels, spec: LawSpec) -> StaticLaw:
+        """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
+        # Of speeds that are nearly one Coulomb friction alone is the whole of their torque.
+        names = ("coulomb", "viscous") if np.ptp(levels.speed) > ONE_SPEED * levels.speed.max() else ("coulomb",)
+        fit, parts = fit_curve(levels, Terms(names, (), {})), _parts(levels)
+        held, extrapolated, waiting = dict[str, str](), dict[str, str](), list(parts)
+        # A part may show only after a later one: what was refused by its numbers is tried once more.
+        for _ in range(2):
+            held = dict(extrapolated)
+            for part in tuple(waiting):
+                wider, reason = _tried(levels, fit, part, getattr(spec, part.name))
+                if wider is None:
+                    held.setdefault(part.name, reason)  # a later number of the part has the same reason, or a lesser
+                    continue
+                fit = wider
+                waiting.remove(part)
+                held.pop(part.name, None)
+                if reason:
+                    held[part.name] = extrapolated[part.name] = reason
+        # Of a part that is there, a further number that does not show is no refusal.
+        taken = {part.name for part in parts if part not in waiting}
+        shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
+        for name, reason in shown.items():
+            if getattr(spec, name) == "yes":
+                text = f"law.{name} cannot be identified: {reason}"
+                raise FitError("friction/law", text, f"friction of {levels.place}")
+        fit = _with_other_curves(levels, fit, parts[0], spec)
+        return replace(fit, held=tuple(Held(name, reason) for name, reason in shown.items()))
 
     @property
     def reach(self) -> float:
@@ -64,8 +104,15 @@ class CurveFit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names in the order of the covariance."""
+        """Names of the numbers in the order of the covariance."""
         return (*self.terms.linear, *self.terms.searched)
+
+    def known(self, name: str) -> tuple[float, float]:
+        """A number, of stiction its excess over Coulomb friction, and its std."""
+        own = [i for i, each in enumerate(self.names) if each in (name, FALLING.get(name))]
+        a = np.array([1.0 if self.names[i] == name else -1.0 for i in own])
+        value = float(a @ [self.values[self.names[i]] for i in own])
+        return value, float(np.sqrt(a @ self.covariance[np.ix_(own, own)] @ a))
 
     def torque(self, conditions: Conditions) -> FloatArray:
         """s tau_f (n,) at conditions."""
@@ -77,32 +124,65 @@ class CurveFit:
         J = derivative(conditions, self.terms, self.values, self.T_0)
         return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
 
+    @property
+    def intervals(self) -> dict[str, tuple[float, float, float, float]]:
+        """Value, std and ends of the 95 % interval by name; without numbers that are extrapolated."""
+        reach, stds = self.reach, np.sqrt(np.diag(self.covariance)).tolist()
+        unseen = STRIBECK_NUMBERS if any(part.part == "stribeck" for part in self.held) else ()
+        return {
+            name: (x := self.values[name], std, x - reach * std, x + reach * std)
+            for name, std in zip(self.names, stds, strict=True)
+            if not name.endswith(unseen)
+        }
 
-def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
+    @property
+    def measured(self) -> MeasuredRange:
+        """The ranges of the conditions."""
+        levels, known = self.levels, self.levels.known_temperatures
+        load = _range(levels.load) if levels.load.any() else None
+        return MeasuredRange(_range(levels.speed), load, _range(known) if len(known) else None)
+
+    @property
+    def viscous(self) -> float:
+        """The viscous friction that a robot's file has next to the law."""
+        return max(0.0, self.values.get("viscous", 0.0))
+
+    def to_friction(self) -> Friction:
+        """The law as a robot's file has it; its presliding is another's."""
+        return friction_of(self.values, self.T_0, self.measured)
+
+
+def fit_curve(levels: Levels, terms: Terms) -> StaticLaw:
     """The law nearest to the levels in units of their std; FitError for too few levels, or searches without an end."""
     n_numbers = len(terms.linear) + len(terms.searched)
     if levels.n_levels <= n_numbers:
-        raise FitError(
-            "friction/law",
-            f"{levels.n_levels} levels for {n_numbers} numbers of its law "
-            f"({', '.join((*terms.linear, *terms.searched))}); measure more speeds, or leave out parts of the law",
-            f"friction of {levels.place}",
+        numbers = ", ".join((*terms.linear, *terms.searched))
+        text = (
+            f"{levels.n_levels} levels for {n_numbers} numbers of its law ({numbers}); measure more speeds, or leave "
         )
+        raise FitError("friction/law", f"{text}out parts of the law", f"friction of {levels.place}")
     known = levels.known_temperatures
     T_0 = float(known.mean()) if len(known) else 0.0
     search = _Search(levels, terms, T_0)
-    ends = search.ends()
-    if not ends:
-        text = "no start of its Stribeck curve leads to an optimum; check its levels"
-        raise FitError("friction/law", text, f"friction of {levels.place}")
-    x, cost = min(ends, key=lambda end: end[1])
-    dof = levels.n_levels - n_numbers
+    starts, ranges = list(search.starts()), {"exponent": EXPONENT_RANGE, "temperature.decay": DECAY_RANGE_K}
+    x, slow, fast = starts[0], 0.05 * float(levels.speed.min()), 3.0 * float(levels.speed.max())
+    if terms.searched:
+        low, high = np.log([ranges.get(name, (slow, fast)) for name in terms.searched]).T
+        optima = minimise(
+            lambda x: search.project(search.eta(x))[1], starts,
+            jac="3-point", bounds=(low, high), x_scale=1.0, ftol=1e-12, xtol=1e-10,
+        )  # fmt: skip
+        if not optima:
+            text = "no start of its Stribeck curve leads to an optimum; check its levels"
+            raise FitError("friction/law", text, f"friction of {levels.place}")
+        x = min(optima, key=lambda end: end.cost).x
     eta = search.eta(x)
-    linear, _ = search.project(eta)
+    linear, left = search.project(eta)
+    cost, dof = float(left @ left), levels.n_levels - n_numbers
     values = dict(zip(terms.linear, linear.tolist(), strict=True)) | eta
     J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
     covariance = inverse_normal(J) * excess(cost, dof)
-    return CurveFit(terms, T_0, values, covariance, cost, dof)
+    return StaticLaw(levels, terms, T_0, values, covariance, cost, dof)
 
 
 def excess(cost: float, dof: int) -> float:
@@ -130,7 +210,8 @@ class _Search:
         eta = dict(self.terms.held) | dict(zip(self.terms.searched, np.exp(x).tolist(), strict=True))
         if "temperature.stribeck_velocity" in self.terms.searched:
             cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
-            low, high = self._ends
+            known = self.levels.known_temperatures - self.T_0
+            low, high = float(known.min()), float(known.max())
             eta["temperature.stribeck_velocity"] = (hot - cold) / (high - low)
             eta["stribeck_velocity"] = cold - low * (hot - cold) / (high - low)
         return eta
@@ -142,18 +223,6 @@ class _Search:
         y = W * self.levels.torque
         share = Q.T @ y
         return np.linalg.lstsq(R, share, rcond=None)[0], y - Q @ share
-
-    def ends(self) -> list[tuple[FloatArray, float]]:
-        """The ends of the searches from all starts, with their costs."""
-        starts = list(self.starts())
-        if not self.terms.searched:
-            _, left = self.project(self.eta(starts[0]))
-            return [(starts[0], float(left @ left))]
-        optima = minimise(
-            lambda x: self.project(self.eta(x))[1], starts,
-            jac="3-point", bounds=self._bounds, x_scale=1.0, ftol=1e-12, xtol=1e-10,
-        )  # fmt: skip
-        return [(end.x, end.cost) for end in optima]
 
     def starts(self) -> Iterator[FloatArray]:
         """Stribeck velocities over the speeds, exponents, one decay."""
@@ -170,119 +239,6 @@ class _Search:
             start = dict(zip(names, values, strict=True))
             start["temperature.stribeck_velocity"] = start.get("stribeck_velocity", 0.0)
             yield np.array([start[name] for name in self.terms.searched])
-
-    @property
-    def _bounds(self) -> tuple[FloatArray, FloatArray]:
-        slow, fast = 0.05 * self.levels.speed.min(), 3.0 * self.levels.speed.max()
-        ranges = {"exponent": EXPONENT_RANGE, "temperature.decay": DECAY_RANGE_K}
-        ends = [ranges.get(name, (slow, fast)) for name in self.terms.searched]
-        low, high = np.log(np.array(ends)).T
-        return low, high
-
-    @property
-    def _ends(self) -> tuple[float, float]:
-        known = self.levels.known_temperatures - self.T_0
-        return float(known.min()), float(known.max())
-
-
-# Of the largest speed, within which speeds are one: a line through them has its end anywhere.
-ONE_SPEED = 0.1
-
-
-@dataclass(frozen=True)
-class StaticLaw:
-    """The law through levels, and the parts that could not be identified from them.
-
-    Where levels show a Stribeck effect and no speed is slow enough for its numbers, it is in the law, so that the other
-    numbers are right and the law holds at the speeds measured, and among `held`: its own numbers are extrapolations.
-    """
-
-    levels: Levels
-    fit: CurveFit
-    held: tuple[Held, ...]
-
-    @classmethod
-    def of(cls, levels: Levels, spec: LawSpec) -> StaticLaw:
-        """The law with the parts that levels identify, others held with reasons; FitError where such a one is `yes`."""
-        # Of speeds that are nearly one Coulomb friction alone is the whole of their torque.
-        names = ("coulomb", "viscous") if np.ptp(levels.speed) > ONE_SPEED * levels.speed.max() else ("coulomb",)
-        fit, parts = fit_curve(levels, Terms(names, (), {})), _parts(levels)
-        held, extrapolated, waiting = dict[str, str](), dict[str, str](), list(parts)
-        # A part may show only after a later one: what was refused by its numbers is tried once more.
-        for _ in range(2):
-            held = dict(extrapolated)
-            for part in tuple(waiting):
-                wider, reason = _tried(levels, fit, part, getattr(spec, part.name))
-                if wider is None:
-                    held.setdefault(part.name, reason)  # a later number of the part has the same reason, or a lesser
-                    continue
-                fit = wider
-                waiting.remove(part)
-                held.pop(part.name, None)
-                if reason:
-                    held[part.name] = extrapolated[part.name] = reason
-        # Of a part that is there, a further number that does not show is no refusal.
-        taken = {part.name for part in parts if part not in waiting}
-        shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
-        for name, reason in shown.items():
-            if getattr(spec, name) == "yes":
-                raise FitError(
-                    "friction/law", f"law.{name} cannot be identified: {reason}", f"friction of {levels.place}"
-                )
-        fit = _with_other_curves(levels, fit, parts[0], spec)
-        return cls(levels, fit, tuple(Held(name, reason) for name, reason in shown.items()))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The numbers as a robot's file names them: stiction, not its excess over Coulomb friction."""
-        return tuple(name.replace("excess", "stiction") for name in self.fit.names)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The numbers by name, SI, at the reference temperature."""
-        raw = np.array([self.fit.values[name] for name in self.fit.names])
-        return dict(zip(self.names, (self._sum @ raw).tolist(), strict=True))
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance (n, n) of the numbers."""
-        return np.asarray(self._sum @ self.fit.covariance @ self._sum.T)
-
-    @property
-    def intervals(self) -> dict[str, tuple[float, float, float, float]]:
-        """Value, std and ends of the 95 % interval by name; without numbers that are extrapolated."""
-        reach, stds = self.fit.reach, np.sqrt(np.diag(self.covariance)).tolist()
-        unseen = STRIBECK_NUMBERS if any(part.part == "stribeck" for part in self.held) else ()
-        numbers = zip(self.values.items(), stds, strict=True)
-        return {
-            name: (x, std, x - reach * std, x + reach * std) for (name, x), std in numbers if not name.endswith(unseen)
-        }
-
-    @property
-    def measured(self) -> MeasuredRange:
-        """The ranges of the conditions."""
-        levels, known = self.levels, self.levels.known_temperatures
-        load = _range(levels.load) if levels.load.any() else None
-        return MeasuredRange(_range(levels.speed), load, _range(known) if len(known) else None)
-
-    @property
-    def viscous(self) -> float:
-        """The viscous friction that a robot's file has next to the law."""
-        return max(0.0, self.values.get("viscous", 0.0))
-
-    def to_friction(self) -> Friction:
-        """The law as a robot's file has it; its presliding is another's."""
-        return friction_of(dict(self.fit.terms.held) | self.values, self.fit.T_0, self.measured)
-
-    @property
-    def _sum(self) -> FloatArray:
-        """Excess numbers to stiction: D_s + F_c."""
-        names = self.fit.names
-        T = np.eye(len(names))
-        for i, name in enumerate(names):
-            if name.endswith("excess") and name.replace("excess", "coulomb") in names:
-                T[i, names.index(name.replace("excess", "coulomb"))] = 1.0
-        return T
 
 
 def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> Friction:
@@ -311,7 +267,7 @@ NOT_ASKED, ABSENT = "not asked for", "the levels do not show it"
 # Temperatures closer than this are the same condition.
 TEMPERATURE_STEP_K = 2.0
 # Numbers of temperature that are positive: viscous friction falls with heat.
-FALLING = ("temperature.viscous", "temperature.decay")
+COOLING = ("temperature.viscous", "temperature.decay")
 # Speeds that a Stribeck curve with viscous friction needs, and the part of nu_s that the lowest must reach.
 MIN_SPEEDS, LOWEST_SPEED = 5, 1 / 3
 # Exponents of Stribeck curves, the last one where it is held, and the cost by which levels exclude another one.
@@ -353,7 +309,7 @@ class _Part:
         return Terms((*terms.linear, *self.linear), (*terms.searched, *self.searched), held)
 
 
-def _tried(levels: Levels, fit: CurveFit, part: _Part, key: Part) -> tuple[CurveFit | None, str]:
+def _tried(levels: Levels, fit: StaticLaw, part: _Part, key: Part) -> tuple[StaticLaw | None, str]:
     """The law with a part, or the reason why not; both where it is there and its own numbers are extrapolations."""
     if key == "no":
         return None, NOT_ASKED
@@ -374,8 +330,8 @@ def _tried(levels: Levels, fit: CurveFit, part: _Part, key: Part) -> tuple[Curve
     nu_s = wider.values["stribeck_velocity"] if "stribeck_velocity" in new else np.inf
     if lowest <= LOWEST_SPEED * nu_s:
         return (wider, "") if wide is None else (None, wide)
-    text, std = above_stribeck(lowest, nu_s), wider.covariance[0, 0] ** 0.5  # of Coulomb friction
-    is_known = std < MAX_RELATIVE_STD * wider.values["coulomb"] and wider.values["excess"] > 0
+    text, (coulomb, std) = above_stribeck(lowest, nu_s), wider.known("coulomb")
+    is_known = std < MAX_RELATIVE_STD * coulomb and wider.known("stiction")[0] > 0
     return (wider, text) if is_known and chance <= FALSE_ALARM else (None, f"{text}; {extrapolates(lowest)}")
 
 
@@ -387,7 +343,7 @@ def above_stribeck(lowest: float, nu_s: float) -> str:
     )
 
 
-def _with_other_curves(levels: Levels, fit: CurveFit, stribeck: _Part, spec: LawSpec) -> CurveFit:
+def _with_other_curves(levels: Levels, fit: StaticLaw, stribeck: _Part, spec: LawSpec) -> StaticLaw:
     """Fit with the difference to other Stribeck curves that levels do not exclude in its covariance.
 
     These are of another exponent where it is held, and, where there is none, below the lowest speed.
@@ -405,7 +361,7 @@ def _with_other_curves(levels: Levels, fit: CurveFit, stribeck: _Part, spec: Law
         except FitError:
             continue
         would_show = not has_curve and levels.speed.min() <= LOWEST_SPEED * other.values["stribeck_velocity"]
-        if other.cost < fit.cost + MAX_COST and other.values["excess"] > 0 and not would_show:
+        if other.cost < fit.cost + MAX_COST and other.known("stiction")[0] > 0 and not would_show:
             changes.append(np.array([other.values[name] - fit.values[name] for name in fit.names]))
     change = max(changes, key=lambda each: float(abs(each[fit.names.index("coulomb")])))
     return replace(fit, covariance=fit.covariance + np.outer(change, change))
@@ -416,15 +372,14 @@ def extrapolates(lowest: float) -> str:
     return f"F_c is extrapolated to zero from speeds of {lowest:.2g} and above, and friction below may be larger"
 
 
-def _widest(fit: CurveFit, names: list[str]) -> str | None:
+def _widest(fit: StaticLaw, names: list[str]) -> str | None:
     """The reason why a number of the new part is not known; a slope over temperature or direction may be zero."""
-    std = dict(zip(fit.names, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True))
     for name in names:
-        if name.startswith("directions") or (name.startswith("temperature") and name not in FALLING):
+        if name.startswith("directions") or (name.startswith("temperature") and name not in COOLING):
             continue
-        value = fit.values[name]
-        if not std[name] < 0.5 * abs(value) or value <= 0:  # a 95 % interval with 0
-            return f"{name} would be {value:.3g} +- {std[name]:.2g}, which says nothing; more speeds around it would"
+        value, std = fit.known(name)
+        if not std < 0.5 * abs(value) or value <= 0:  # a 95 % interval with 0
+            return f"{name} would be {value:.3g} +- {std:.2g}, which says nothing; more speeds around it would"
     return None
 
 
@@ -448,11 +403,11 @@ def _parts(levels: Levels) -> tuple[_Part, ...]:
     one_load, two_loads = (few(loads, n, "loads", "measure in more postures or with payloads") for n in (2, 3))
     one_T, two_T = (few(temperatures, n, "temperatures", "measure cold and warm, with its log") for n in (2, 3))
     return (
-        _Part("stribeck", curve, ("excess",), ("stribeck_velocity",), held={"exponent": EXPONENTS[-1]}),
+        _Part("stribeck", curve, ("stiction",), ("stribeck_velocity",), held={"exponent": EXPONENTS[-1]}),
         _Part("directions", uneven, ("directions.coulomb", "directions.viscous")),
         _Part("load", one_load, ("load.coulomb",)),
-        _Part("load", one_load, ("load.excess",), after="stribeck_velocity"),
-        _Part("load", two_loads, (), ("load.stribeck_velocity",), "load.excess"),
+        _Part("load", one_load, ("load.stiction",), after="stribeck_velocity"),
+        _Part("load", two_loads, (), ("load.stribeck_velocity",), "load.stiction"),
         _Part("temperature", one_T, ("temperature.viscous",), held={"temperature.decay": START_DECAY_K}),
         _Part("temperature", one_T, ("temperature.stiction",), ("temperature.stribeck_velocity",), "stribeck_velocity"),
         _Part("temperature", two_T, (), ("temperature.decay",), "temperature.viscous", is_tested=False),

@@ -114,17 +114,19 @@ class Equations:
     """Equations of one log at n instants: friction X (n, m, n_x), all else R (n, m, n_r), torque y (n, m).
 
     Rows that are not used are zero.  states (n, n_s): with which errors of the model may repeat; none of them: (n, 0).
+    names: joint and name of each number of friction.
     """
 
     X: FloatArray
     R: FloatArray
     y: FloatArray
     states: FloatArray
+    names: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
 class Regression:
-    """Numbers by name, their covariance, norm of residual over torque; correlation: of a residual with the next.
+    """Numbers by name, their covariance, norm of residual over torque; independent: residuals that correlation leaves.
 
     dof (n_x,): of their variances.  widening: of the most widened std by errors of the model that repeat with a state.
     """
@@ -134,7 +136,7 @@ class Regression:
     covariance: FloatArray
     relative_error: float
     sum_of_squares: float
-    correlation: float
+    independent: float
     dof: FloatArray
     widening: float
 
@@ -163,25 +165,26 @@ class Solution:
     instants have in the error of beta.
     """
 
+    names: tuple[tuple[str, str], ...]
     beta: FloatArray
     pi: FloatArray
     pi_std: FloatArray
     covariance: FloatArray
     relative_error: FloatArray
     sum_of_squares: FloatArray
-    correlation: FloatArray
+    independent: FloatArray
     dof: FloatArray
     widening: FloatArray
     influences: tuple[FloatArray, ...]
 
-    def of_joint(self, joint: int, chosen: Sequence[int], names: Sequence[str]) -> Regression:
-        """The chosen numbers, those of a single joint."""
-        error, squares, correlation = self.relative_error[joint], self.sum_of_squares[joint], self.correlation[joint]
-        covariance, widening = self.covariance[np.ix_(chosen, chosen)], float(self.widening[list(chosen)].max())
-        values, dof = self.beta[list(chosen)], self.dof[list(chosen)]
+    def at(self, joint: str) -> Regression:
+        """The numbers of a joint."""
+        own, i = [name[0] == joint for name in self.names], [*dict(self.names)].index(joint)
+        error, squares, independent = self.relative_error[i], self.sum_of_squares[i], self.independent[i]
         return Regression(
-            tuple(names), values, covariance, float(error), float(squares), float(correlation), dof, widening
-        )
+            tuple(name for of, name in self.names if of == joint), self.beta[own], self.covariance[np.ix_(own, own)],
+            float(error), float(squares), float(independent), self.dof[own], float(self.widening[own].max()),
+        )  # fmt: skip
 
 
 def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
@@ -214,20 +217,23 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     wider = np.minimum(widening * np.sqrt(_student(dof)) / size, 1e100)
     covariance *= np.outer(wider, wider)
     correlation = np.clip(np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300), 0, 0.999)
-    # Degrees of freedom that the numbers take from the independent residuals.
-    independent = float(np.sum(used * (1 - correlation) / (1 + correlation)))
+    independent = used * (1 - correlation) / (1 + correlation)
     size_R = np.maximum(np.linalg.norm(flat_R, axis=0), 1e-300)
     pi = np.linalg.lstsq(flat_R / size_R, flat_y - flat_X @ beta, rcond=RANK_TOLERANCE)[0] / size_R
     normal = inverse_normal(np.hstack([flat_X, flat_R]))[n_x:, n_x:]
-    pi_std = np.sqrt(np.diag(normal) * n * m / max(1.0, independent - n_x - basis.shape[1]))
+    # The numbers take degrees of freedom from the independent residuals.
+    pi_std = np.sqrt(np.diag(normal) * n * m / max(1.0, float(independent.sum()) - n_x - basis.shape[1]))
     squares = np.sum((y - X @ beta - R @ pi) ** 2, axis=0)
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
     influences = tuple(part @ bread / size for part in parts)
-    return Solution(beta, pi, pi_std, np.asarray(covariance), relative, squares, correlation, dof, widening, influences)
+    return Solution(
+        logs[0].names, beta, pi, pi_std, np.asarray(covariance), relative, squares, independent, dof, widening,
+        influences,
+    )  # fmt: skip
 
 
-def shift_between(first: Solution, second: Solution, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Numbers (n_x,) of the second less those of the first, and the std of the difference.
+def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tuple[str, str], tuple[float, float]]:
+    """Number of the second less that of the first, and the std of the difference, by joint and name.
 
     Both of the same logs, instant by instant: their residuals are correlated.
     """
@@ -235,7 +241,8 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> tuple[Fl
     terms = [_terms(len(own) / rate_hz, len(pairs)) for own, _ in pairs]
     parts = [other - own for own, other in pairs]
     variance = sum(np.diag(_long_run(part, count)) for part, count in zip(parts, terms, strict=True))
-    return second.beta - first.beta, np.asarray(np.sqrt(variance * _student(np.array(sum(terms)))))
+    std = np.maximum(np.sqrt(variance * _student(np.array(sum(terms)))), 1e-300)
+    return dict(zip(first.names, zip((second.beta - first.beta).tolist(), std.tolist(), strict=True), strict=True))
 
 
 def _expected(

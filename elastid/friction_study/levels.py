@@ -27,10 +27,10 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, f
 from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms
-from elastid.friction_study.motion_signals import SMOOTHED_HZ, one_way, smoothed
-from elastid.record import FrictionRecord, motion_unit
+from elastid.friction_study.motion_signals import SMOOTHED_HZ, smoothed
+from elastid.record import FrictionRecord
 
-MAX_RELATIVE_STD = 0.2  # std over level, above which a level does not count
+MAX_RELATIVE_STD = 0.2  # std over level, above which it is not known
 # Ripple of a motor turn and of its half are always in the regression where passes cover a turn; further harmonics up to
 # this, and those of dry friction, are searched for in its residuals.
 MAX_HARMONIC = 24
@@ -88,9 +88,11 @@ class PassRegression:
         rows, torques, waves = [], [], []
         for each in passes:
             q, s, one = each.position, each.direction, np.ones(len(each.position))
+            about, mean = np.abs(each.velocity) - abs(each.velocity.mean()), abs(each.velocity.mean())
+            about[np.abs(about) < 1e-9 * mean] = 0.0  # rounding is all that a constant speed leaves
             own = [float(pair == each.pair) * one for pair in pairs]
             carried = [float(load == each.load_name) * wave for load in loads for wave in (np.cos(q), np.sin(q))]
-            shared = [each.acceleration, s * about_mean(np.abs(each.velocity)), *carried]
+            shared = [each.acceleration, s * about, *carried]
             rows.append(_means(np.stack([*(s * column for column in own), *own, *shared], axis=1), step))
             torques.append(_means(each.torque, step))
             waves.append(_means(turn_waves(q, s, turn, searched), step))
@@ -133,12 +135,6 @@ class PassRegression:
         return np.array(values)
 
 
-def about_mean(speed: FloatArray) -> FloatArray:
-    """A positive speed (n,) less its mean; rounding, all that a constant one leaves, is none."""
-    about = speed - speed.mean()
-    return np.where(np.abs(about) < 1e-9 * speed.mean(), 0.0, about)
-
-
 def harmonic_peaks(left: FloatArray, waves: ComplexArray) -> BoolArray:
     """True for each of the waves (n, n_h) that stands out of the residuals (n,)."""
     size = np.sum(np.abs(waves) ** 2, axis=0)
@@ -176,26 +172,20 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     lag = samples + record.torque_delay_s * record.rate_hz
     motion = record.position, *smoothed(record, SMOOTHED_HZ)[1:]
     position, velocity, acceleration = (np.interp(lag, samples, x) for x in motion)
-    pair = f"{record.name}, load {record.load}" if record.load else record.name
-    return tuple(
-        Pass(
-            f"joint {record.joint}", pair, position[part], velocity[part], acceleration[part],
-            record.torque[part], record.load_torque, _mean_temperature(record, part), record.slides, record.load,
-        )
-        for part in (_inner(*window, record.rate_hz) for window in (record.there, record.back) if window is not None)
-    )  # fmt: skip
-
-
-def _inner(start: int, stop: int, rate_hz: float) -> slice:
-    """A plateau without its ends, into which the filter brings the ramps; of a short one at most a tenth each."""
-    margin = min(int(rate_hz / SMOOTHED_HZ) + 1, (stop - start) // 10)
-    return slice(start + margin, stop - margin)
-
-
-def _mean_temperature(record: FrictionRecord, part: slice) -> float:
-    known = np.zeros(0) if record.temperature is None else record.temperature[part]
-    known = known[np.isfinite(known)]
-    return float(known.mean()) if len(known) else float("nan")
+    pair, passes = f"{record.name}, load {record.load}" if record.load else record.name, list[Pass]()
+    for start, stop in (window for window in (record.there, record.back) if window is not None):
+        # Into the ends of a plateau the filter brings the ramps; of a short one at most a tenth each.
+        margin = min(int(record.rate_hz / SMOOTHED_HZ) + 1, (stop - start) // 10)
+        part = slice(start + margin, stop - margin)
+        degc = np.zeros(0) if record.temperature is None else record.temperature[part]
+        known = degc[np.isfinite(degc)]
+        passes.append(
+            Pass(
+                f"joint {record.joint}", pair, position[part], velocity[part], acceleration[part], record.torque[part],
+                record.load_torque, float(known.mean()) if len(known) else np.nan, record.slides, record.load,
+            )
+        )  # fmt: skip
+    return tuple(passes)
 
 
 @frozen_value
@@ -252,8 +242,15 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
     regressed too; 0 for none.  DataError where a pair has one direction only, or no pair slides.
     """
-    used, notes = usable_passes(passes)
-    pairs = _pairs(used)
+    used, notes = _sliding(passes)
+    pairs = {each.pair: [other for other in used if other.pair == each.pair] for each in used}
+    for name, members in pairs.items():
+        if len({each.direction for each in members}) < 2:
+            text = (
+                "it has one direction only; friction cannot be distinguished from gravity and offset without the way "
+                "back; record both directions"
+            )
+            raise DataError("friction/levels", text, f"pass {name} of {members[0].place}")
     design = PassRegression.of(used, has_gravity, turn)
     values, covariance = design.solve()
     n_k = len(pairs)
@@ -263,31 +260,37 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     g, o = values[:n_k], values[n_k : 2 * n_k]
     uneven, offset = _uneven(o, covariance[n_k : 2 * n_k, n_k : 2 * n_k], speed)
     std = np.sqrt(np.diag(covariance)[:n_k])
-    known = std < MAX_RELATIVE_STD * np.abs(g)
-    if not known.all():
-        weak, place = ", ".join(f"{v:.3g}" for v in speed[~known]), f"passes of {used[0].place}"
+    if not np.any(std < MAX_RELATIVE_STD * np.abs(g)):
         text = (
-            f"levels at {weak} {motion_unit('velocity', used[0].slides)} are not known to {MAX_RELATIVE_STD:.0%} and "
-            "do not count: gravity, ripple or noise are too large compared with them; repeat these passes, or make "
-            "them longer"
+            f"no level is known to {MAX_RELATIVE_STD:.0%}: gravity, ripple or noise are too large compared with them; "
+            "repeat the passes, or make them longer"
         )
-        if not known.any():
-            raise DataError("friction/levels", text, place)
-        notes.append(Note("friction/levels", text, place))
+        raise DataError("friction/levels", text, f"passes of {used[0].place}")
     shared = {
         name: (float(values[i]), float(np.sqrt(covariance[i, i]))) for i, name in enumerate(design.shared, 2 * n_k)
     } | {"offset": offset}
-    levels = _levels(used, conditions[known], g[known], std[known], uneven[known])
-    return replace(levels, shared=shared, notes=tuple(notes))
+    # By direction where the directions differ, else their means.
+    signs = (1.0, -1.0) if uneven.any() else (0.0,)
+    speed, load, temperature = np.tile(conditions.T, len(signs))
+    torque = np.concatenate([g + s * uneven for s in signs])
+    std = np.tile(std * np.sqrt(len(signs)), len(signs))
+    return Levels(
+        used[0].place, speed, np.repeat(signs, n_k), torque, std, load, temperature, used[0].slides, shared,
+        tuple(notes),
+    )  # fmt: skip
 
 
-def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:
-    pairs = {each.pair: [other for other in passes if other.pair == each.pair] for each in passes}
-    for name, members in pairs.items():
-        directions = {each.direction for each in members}
-        if len(directions) < 2:
-            raise DataError("friction/levels", f"it has {one_way(directions)}", f"pass {name} of {members[0].place}")
-    return pairs
+def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
+    """The passes that slide all the time, and notes on the others, whole pairs; DataError where none is."""
+    sticks = dict.fromkeys(each.pair for each in passes if np.any(each.velocity * each.direction <= 0))
+    text = (
+        "the joint stands or turns back within the pass: it sticks and slips at this speed, and its level does not "
+        "count; raise the bandwidth of the controller, or measure faster"
+    )
+    used = [each for each in passes if each.pair not in sticks]
+    if not used:
+        raise DataError("friction/passes", f"in none it slides all the time: {text}", f"passes of {passes[0].place}")
+    return used, [Note("friction/passes", text, f"pass {name}") for name in sticks]
 
 
 def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
@@ -308,34 +311,3 @@ def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[Float
         if chance_of_terms(cost, less, 1, dof - 1) <= FALSE_ALARM:
             (mean, covariance, cost), dof, slope = (line, of_line, less), dof - 1, float(line[1])
     return slope * v, (float(mean[0]), float(np.sqrt(max(1.0, cost / max(1, dof)) * covariance[0, 0])))
-
-
-def _levels(
-    passes: Sequence[Pass], conditions: FloatArray, g: FloatArray, std: FloatArray, uneven: FloatArray
-) -> Levels:
-    """Levels by direction where the directions differ, else their means."""
-    signs = (1.0, -1.0) if uneven.any() else (0.0,)
-    speed, load, temperature = np.tile(conditions.T, len(signs))
-    torque = np.concatenate([g + s * uneven for s in signs])
-    std = np.tile(std * np.sqrt(len(signs)), len(signs))
-    direction = np.repeat(signs, len(g))
-    return Levels(passes[0].place, speed, direction, torque, std, load, temperature, passes[0].slides)
-
-
-def levels_of_records(records: Sequence[FrictionRecord], has_gravity: bool, turn: float) -> Levels:
-    """The levels of all passes of a joint under all loads, as `find_levels`."""
-    return find_levels([each for record in records for each in passes_of(record)], has_gravity, turn)
-
-
-def usable_passes(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
-    """The passes that slide all the time, and notes on the others, whole pairs; DataError where none is."""
-    sticks = dict.fromkeys(each.pair for each in passes if np.any(each.velocity * each.direction <= 0))
-    text = (
-        "the joint stands or turns back within the pass: it sticks and slips at this speed, and its level does not "
-        "count; raise the bandwidth of the controller, or measure faster"
-    )
-    used = [each for each in passes if each.pair not in sticks]
-    if not used:
-        place = passes[0].place if passes else "the joint"
-        raise DataError("friction/passes", f"in none it slides all the time: {text}", f"passes of {place}")
-    return used, [Note("friction/passes", text, f"pass {name}") for name in sticks]

@@ -1,8 +1,8 @@
-r"""Inertia and friction of one axis from any motion of it: torque regressed on acceleration, velocity and direction.
+r"""Inertia and friction of axes from any motion: torque regressed on acceleration, velocity and direction.
 
 .. math:: u = J \ddot q + (f \pm \delta_f) \dot q + (F_c \pm \delta_c)\, s + (F_s - F_c)\, s\, e^{-(\dot q / \nu_s)^2}
               + F_{cl} l s + F_{cT} \theta s + f_T (e^{-\theta / T_V} - 1) \dot q
-              + \alpha_3 \dot q |\dot q| + s \sum_k p_k P_k(q)
+              + s \sum_k p_k P_k(q)
               + G \cos q + H \sin q + o + \sum_h (a_h \cos h N q + b_h \sin h N q) + T \dot u
 
 with s = sgn q', Legendre polynomials P_k of the angle, the load l of a log, its temperature theta about the mean,
@@ -14,15 +14,27 @@ Both sides of the equation pass the same low-pass filter of finite length and ar
 filtering is no error of the equation and neither ripple nor the noise of derivatives counts (Gautier, Proc. IEEE ICRA
 1997). What a joint does at rest and at reversals, where it sticks, is no sliding: samples as near are left out. The
 residuals of a real axis are not white; the covariance of `least_squares.solve` allows for it.
+
+Axes that move together are regressed jointly with the rigid body that they carry,
+
+.. math:: u = Y(q, \dot q, \ddot q)\, \pi + J_m \ddot q + o + f \dot q + F_c\, \mathrm{sgn}\, \dot q
+
+Y is the regressor of the robot's geometry; masses, inertias, rotors and offsets pi are taken out without having to be
+known (Khalil & Dombre, Modeling, Identification and Control of Robots, 2002, chapter 12). Torques that the rigid
+body lacks (springs, counterbalances, couplings of gears) stay in the residuals: friction is known only as well as they
+are small. The base parameters, with the columns that they belong to, give the rigid body's torque along other logs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
+import casadi as ca
 import numpy as np
 from numpy.polynomial.legendre import legval
+from scipy.linalg import qr
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError, Note
@@ -35,18 +47,30 @@ from elastid.friction_study.laws import (
     Held,
     above_stribeck,
     extrapolates,
+    friction_of,
 )
-from elastid.friction_study.least_squares import FALSE_ALARM, Regression, shift_between, solve
+from elastid.friction_study.least_squares import (
+    FALSE_ALARM,
+    RANK_TOLERANCE,
+    Equations,
+    Regression,
+    Solution,
+    shift_between,
+    solve,
+)
 from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, Plateau, both_bands, distinct_speeds
 from elastid.friction_study.motion_terms import (
     ANGLE,
     MotionTerms,
+    axis_equations,
     change_of,
     equations_of,
     regressed,
     shown_terms,
     with_other_curves,
 )
+from elastid.model.rigid_body import inverse_dynamics, regressor
+from elastid.robot import Friction, MeasuredRange, Robot
 
 # The filter of both sides; three times as much passes before a position is differentiated.
 PASSBAND_HZ = 20.0
@@ -130,12 +154,8 @@ class MotionFriction:
             )
         plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
         seconds = {name: sum(each.seconds[name] for each in signals) for name in first.seconds}
-        return cls(first.motion, chosen, terms, plateaus, first.passband_hz, seconds)
-
-    @property
-    def are_apart(self) -> bool:
-        """True if the directions differ beyond chance."""
-        return "directions.viscous" in self.chosen.names
+        fit = cls(first.motion, chosen, terms, plateaus, first.passband_hz, seconds)
+        return replace(fit, held=tuple(_held(fit, signals)), notes=tuple(_notes(fit, signals)))
 
     @property
     def seconds_words(self) -> str:
@@ -149,6 +169,19 @@ class MotionFriction:
         """The numbers that are no extrapolations."""
         unseen = STRIBECK_NUMBERS if any(held.part == "stribeck" for held in self.held) else ()
         return tuple(name for name in self.chosen.names if not name.endswith(unseen))
+
+    @property
+    def viscous(self) -> float:
+        """The viscous friction that a robot's file has next to the law."""
+        return max(0.0, self.chosen["viscous"])
+
+    def to_friction(self) -> Friction:
+        """The law as a robot's file has it; its presliding is another's."""
+        fit, terms, speeds = self.chosen, self.terms, [abs(plateau.velocity) for plateau in self.plateaus]
+        measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
+        numbers = {"exponent": terms.exponent, "temperature.decay": terms.decay}
+        numbers |= dict(zip(fit.names, fit.values.tolist(), strict=True))
+        return friction_of(numbers, terms.reference, measured)
 
 
 def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFriction:
@@ -172,57 +205,71 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     fit = MotionFriction.of(signals, chosen, terms.at(chosen))
     if fit.motion.is_run_down:
         return fit
-    fit = replace(fit, held=tuple(_held(fit, signals)), notes=_angle_notes(fit))
-    return _judged(fit, signals)
+    bands = both_bands([MotionLog({"": each}) for each in signals], LIMITS.narrow)
+    found = judged(fit, "", moved_numbers(bands, lambda log: axis_equations(log.first, fit.terms)))
+    if not bands:
+        return found
+    change, text = _by_spring(fit.chosen, [log.first for log in bands[1]], fit.terms)
+    chosen = replace(found.chosen, covariance=found.chosen.covariance + np.outer(change, change))
+    return replace(found, chosen=chosen, misfit="; ".join(filter(None, (text, found.misfit))))
 
 
-def _angle_notes(fit: MotionFriction) -> tuple[Note, ...]:
-    """Notes on dry friction that changes with the position."""
-    if not fit.terms.angles:
-        return ()
-    parts = [0.0, *(fit.chosen[name] for name in ANGLE)]
-    change = legval(np.linspace(-1, 1, 101), parts) / max(abs(fit.chosen["coulomb"]), 1e-300)
-    unit, (low, high) = "m" if fit.motion.slides else "rad", fit.terms.angles
-    text = (
-        f"dry friction changes by {change.min():+.0%} to {change.max():+.0%} between {low:.3g} and {high:.3g} {unit}, "
-        "with the position or a load that does; F_c is its mean over them, and the law of a robot's file has no angle"
-    )
-    return (Note("friction/by-angle", text, f"motion of {fit.motion.place}"),)
+def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:
+    """Notes on dry friction that changes with the position, and on what rigid body and friction leave."""
+    place, F_c = f"motion of {fit.motion.place}", max(abs(fit.chosen["coulomb"]), 1e-300)
+    if fit.terms.angles:
+        change = legval(np.linspace(-1, 1, 101), [0.0, *(fit.chosen[name] for name in ANGLE)]) / F_c
+        unit, (low, high) = "m" if fit.motion.slides else "rad", fit.terms.angles
+        text = (
+            f"dry friction changes by {change.min():+.0%} to {change.max():+.0%} between {low:.3g} and {high:.3g} "
+            f"{unit}, with the position or a load that does; F_c is its mean over them, and the law of a robot's file "
+            "has no angle"
+        )
+        yield Note("friction/by-angle", text, place)
+    if fit.terms.friction_only and not fit.motion.is_run_down:
+        v, s = (
+            np.concatenate([each.filtered(getattr(each, name))[each.used] for each in signals])
+            for name in ("velocity", "direction")
+        )
+        friction = float(np.linalg.norm(fit.chosen["viscous"] * v + fit.chosen["coulomb"] * s))
+        share = float(np.sqrt(fit.chosen.sum_of_squares)) / max(friction, 1e-300)
+        dominates = share > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
+        text = f"{fit.chosen.relative_error:.1%} of its torque is left by rigid body and friction, {share:.0%} of what "
+        text += "friction takes" + dominates * (
+            ": the error of the rigid-body model (counterbalance, springs, couplings of gears) is larger than noise, "
+            "and the numbers of friction hold only together with it; passes of this joint alone do not depend on it"
+        )
+        yield Note("friction/rigid-body", text, place, "warning" if dominates else "information")
 
 
 def _held(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Held]:
     """Parts of the law without numbers, and a Stribeck effect that only speeds well above its velocity show."""
+    if fit.motion.is_run_down:
+        return
     terms, low, high = fit.terms, *(fit.terms.measured or (0.0, 0.0))
     speed = np.concatenate([np.abs(each.filtered(each.velocity))[each.used] for each in signals])
     lowest = float(np.quantile(speed, _SLOWEST_SHARE))
-    if not terms.stribeck_velocity and (reason := too_few_speeds(fit.plateaus)):
-        yield Held("stribeck", f"{reason}; {extrapolates(lowest)}")
+    speeds = len(distinct_speeds(plateau.velocity for plateau in fit.plateaus))
+    if not terms.stribeck_velocity and speeds < MIN_SPEEDS:
+        text = (
+            f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} are needed, the lowest below a third of the "
+            f"Stribeck velocity; measure passes at more speeds; {extrapolates(lowest)}"
+        )
+        yield Held("stribeck", text)
     if terms.stribeck_velocity and lowest > LOWEST_SPEED * terms.stribeck_velocity:
         yield Held("stribeck", above_stribeck(lowest, terms.stribeck_velocity))
-    if not terms.heat and high - low < TEMPERATURE_STEP_K:
+    if terms.friction_only:
+        text = "joints that move together are regressed without; record this joint alone, cold and warm"
+        yield Held("temperature", text)
+    elif not terms.heat and high - low < TEMPERATURE_STEP_K:
         yield Held("temperature", "no temperature that varies was logged; log it, and record motions cold and warm")
     elif not terms.heat:
         yield Held("temperature", f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC")
     if not terms.load:
-        yield ONE_LOAD
-
-
-def _judged(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFriction:
-    """Friction with the reason of a misfit; errors of the model that show between bands are in the intervals."""
-    bands, terms = both_bands([MotionLog({"": each}) for each in signals], LIMITS.narrow), fit.terms
-    wide, slow = ([log.first for log in band] for band in bands or ([], []))
-    moved: dict[str, tuple[float, float]] = {}
-    if bands:
-        names = [name for name in fit.chosen.names if name not in terms.searched]  # held in both
-        whole, part = (solve(equations_of(each, terms)[1], signals[0].kept_hz) for each in (wide, slow))
-        shift = shift_between(whole, part, signals[0].kept_hz)
-        moved = {name: own for (_, name), own in moved_numbers([("", name) for name in names], *shift).items()}
-    chosen, misfit = judged(fit.chosen, moved, fit.passband_hz, "the law lacks a part; measure passes, which show it")
-    if bands:
-        change, spring = _by_spring(fit.chosen, slow, terms)
-        chosen = replace(chosen, covariance=chosen.covariance + np.outer(change, change))
-        misfit = "; ".join(filter(None, (spring, misfit)))
-    return replace(fit, chosen=chosen, misfit=misfit)
+        yield Held("load", "one load shows none; record motions with other payloads, or in other postures")
+    if terms.friction_only:
+        text = "Coulomb friction by direction cannot be distinguished from offset and gravity"
+        yield Held("directions.coulomb", text)
 
 
 def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: MotionTerms) -> tuple[FloatArray, str]:
@@ -241,20 +288,24 @@ def _by_spring(numbers: Regression, slow: Sequence[MotionSignals], terms: Motion
     return change, text if stds > LIMITS.spring_shift else ""
 
 
-def moved_numbers(
-    names: Sequence[tuple[str, str]], shift: FloatArray, std: FloatArray
-) -> dict[tuple[str, str], tuple[float, float]]:
-    """Shift (n,) and std (n,) of numbers that both bands share, by joint and name."""
-    pairs = zip(shift.tolist(), np.maximum(std, 1e-300).tolist(), strict=True)
-    return {name: pair for name, pair in zip(names, pairs, strict=True) if name[1] in JUDGED}
+Moved: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
 
 
-def judged(
-    numbers: Regression, moved: Mapping[str, tuple[float, float]], passband_hz: float, advice: str
-) -> tuple[Regression, str]:
-    """Numbers with their change between bands in the intervals where it is beyond chance, and a misfit's reason."""
-    shift = np.array([moved.get(name, (0.0, 1.0))[0] for name in numbers.names])
-    stds, worst = max(((abs(change) / std, name) for name, (change, std) in moved.items()), default=(0.0, ""))
+def moved_numbers(bands: Sequence[Sequence[MotionLog]], equations: Callable[[MotionLog], Equations]) -> Moved:
+    """Shift between both bands, and its std, of numbers by joint and name; empty without bands."""
+    if not bands:
+        return {}
+    rate_hz = bands[0][0].first.kept_hz
+    wide, slow = (solve([equations(log) for log in band], rate_hz) for band in bands)
+    return shift_between(wide, slow, rate_hz)
+
+
+def judged(fit: MotionFriction, joint: str, moved: Moved) -> MotionFriction:
+    """Friction with the change between bands in its intervals where it is beyond chance, and a misfit's reason."""
+    numbers, passband_hz = fit.chosen, fit.passband_hz
+    own = {name: change for (of, name), change in moved.items() if of == joint and name in JUDGED}
+    shift = np.array([own.get(name, (0.0, 1.0))[0] for name in numbers.names])
+    stds, worst = max(((abs(change) / std, name) for name, (change, std) in own.items()), default=(0.0, ""))
     texts = []
     if stds > LIMITS.max_shift:
         numbers = replace(numbers, covariance=numbers.covariance + np.outer(shift, shift))
@@ -265,9 +316,11 @@ def judged(
         texts.append(f"the torque that is left repeats with angle or velocity, {numbers.widening:.2g} times chance")
     known = [name for name in JUDGED if name in numbers.names]
     error, name = max((numbers.std(name) / max(abs(numbers[name]), 1e-300), name) for name in known)
-    if not texts or error <= LIMITS.max_error:
-        return numbers, ""
-    return numbers, f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: {advice}"
+    text = (
+        f"{' and '.join(texts)}, so that {name} is known to {error:.0%} only: law or rigid body lack a part; measure "
+        "passes of this joint alone, which show it"
+    )
+    return replace(fit, chosen=numbers, misfit=text if texts and error > LIMITS.max_error else "")
 
 
 PARTS = ("inertia", "gravity", "viscous", "coulomb")
@@ -281,21 +334,189 @@ def motion_parts(numbers: Regression, columns: Mapping[str, FloatArray]) -> dict
     parts = dict[str, FloatArray]()
     for name in (name for name in columns if name in numbers.names):
         kind = name.partition(".")[0]
-        is_viscous = kind == "quadratic" or name.endswith("viscous")
         is_rigid = kind in ("gravity", "gain", "offset") or (kind in ("ripple", "delay") and "offset" in columns)
-        part = kind if kind == "inertia" else "viscous" if is_viscous else "gravity" if is_rigid else "coulomb"
+        part = (
+            kind
+            if kind == "inertia"
+            else "viscous"
+            if name.endswith("viscous")
+            else "gravity"
+            if is_rigid
+            else "coulomb"
+        )
         parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
     return parts
 
 
-ONE_LOAD = Held("load", "a regression of one load has none; record motions with other payloads, or in other postures")
+# Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.
+ROBOT_PASSBAND_HZ = 10.0
+# Numbers of a joint's frame in the order of the regressor's columns, with their units.
+_OF_FRAME = {"m": "kg"} | dict.fromkeys(("mcx", "mcy", "mcz"), "kg*m")
+_OF_FRAME |= dict.fromkeys(("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"), "kg*m^2")
+# Part of a column that is no combination of the base columns, above which other motions have not identified it.
+MAX_UNIDENTIFIED = 1e-3
+# Of columns of unit length: numbers that logs barely excite are large, of either sign, and predict no other motion
+# (Hoerl and Kennard, Technometrics 12, 1970).
+RIDGES = (0.0, 0.03, 0.1, 0.3, 1.0)
 
 
-def too_few_speeds(plateaus: Sequence[Plateau]) -> str:
-    """The reason why a motion with these plateaus cannot identify a Stribeck effect; empty without one."""
-    speeds = len(distinct_speeds(plateau.velocity for plateau in plateaus))
-    text = (
-        f"the motion dwells at {speeds} speeds, and {MIN_SPEEDS} are needed, the lowest below a third of the Stribeck "
-        "velocity; measure passes at more speeds"
+def regress_robot_motion(
+    robot: Robot, logs: Sequence[MotionLog]
+) -> tuple[dict[str, MotionFriction], list[dict[str, MotionSignals]]]:
+    """Friction of the joints that all logs move, and of each log their signals without the torque of the rigid body.
+
+    DataError for friction that drives.
+    """
+    joints = tuple(logs[0].of_joints)
+    chosen, regrouped = _base_columns(robot, joints, logs)
+    rigid = [_columns(robot, joints, joints, each, chosen) for each in logs]
+
+    def equations(terms: Mapping[str, MotionTerms], sliding: bool = True) -> list[Equations]:
+        return [equations_of(log, terms, own, sliding) for log, own in zip(logs, rigid, strict=True)]
+
+    terms, rate_hz = dict.fromkeys(joints, MotionTerms(friction_only=True)), logs[0].first.kept_hz
+    every = solve(equations(terms), rate_hz)
+    terms = {
+        joint: replace(own, apart=every.at(joint).chance("directions.viscous", 0) < FALSE_ALARM)
+        for joint, own in terms.items()
+    }
+    least = solve(equations(terms), rate_hz)
+    moved = moved_numbers(
+        both_bands(logs, LIMITS.narrow),
+        lambda log: equations_of(log, terms, _columns(robot, joints, joints, log, chosen)),
     )
-    return "" if speeds >= MIN_SPEEDS else text
+    names, units = zip(*_numbers(robot, joints), strict=True)
+    # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
+    shrunk, own = (_rigid_numbers(equations(terms, False), least, ridges) for ridges in (RIDGES, RIDGES[:1]))
+    of_base = tuple(units[i] for i in chosen)
+    body = RigidBody(joints, of_base, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
+    alone = [
+        {
+            joint: replace(each, motion=replace(each.motion, torque=each.motion.torque - torque))
+            for (joint, each), torque in zip(log.of_joints.items(), (columns @ own).T, strict=True)
+        }
+        for log, columns in zip(logs, rigid, strict=True)
+    ]
+    friction = {
+        joint: MotionFriction.of([each[joint] for each in alone], least.at(joint), own) for joint, own in terms.items()
+    }
+    return {joint: replace(judged(fit, joint, moved), rigid_body=body) for joint, fit in friction.items()}, alone
+
+
+def _states(robot: Robot, log: MotionLog) -> FloatArray:
+    """q, v, a (3, n_l, n) of all joints of the robot."""
+    names = [joint.name for joint in robot.joints]
+    state = np.zeros((3, len(names), len(log.first.position)))
+    for joint, angle in log.resting.items():
+        state[0, names.index(joint)] = angle
+    for joint, each in log.of_joints.items():
+        state[:, names.index(joint)] = each.position, each.velocity, each.acceleration
+    return state
+
+
+def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
+    """The torque (n,) of rigid body and rotor by joint, with the masses of the robot's file; DataError with loops."""
+    if robot.loops:
+        text = "it has loops, and the rigid body along a log is known of open chains; record one joint there and back"
+        raise DataError("friction/rigid-body", text, f"robot {robot.name}")
+    names, state = [joint.name for joint in robot.joints], _states(robot, log)
+    theta = np.array([[value] for value, _ in robot.parameters().values()])
+    tau = np.asarray(inverse_dynamics(robot)(*state, np.tile(theta, state.shape[2])).full())
+    rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
+    return {joint: tau[names.index(joint)] + rotors[joint] * each.acceleration for joint, each in log.of_joints.items()}
+
+
+def rigid_body_torques(robot: Robot, body: RigidBody, log: MotionLog) -> dict[str, FloatArray]:
+    """The torque (n,) of the identified rigid body along a log, of each joint of both; empty where there is none.
+
+    DataError where its motion takes numbers that the motions behind `body` have not identified.
+    """
+    rows = tuple(joint for joint in log.of_joints if joint in body.joints)
+    if not rows:
+        return {}
+    sample = _columns(robot, body.joints, rows, log).reshape(-1, len(body.columns))
+    left = np.linalg.norm(sample - sample[:, body.chosen] @ body.regrouped, axis=0)
+    lacking = left / _sizes(sample) > MAX_UNIDENTIFIED
+    if lacking.any():
+        first = ", ".join(body.columns[i] for i in np.flatnonzero(lacking)[:3])
+        raise DataError(
+            "friction/rigid-body",
+            f"its motion takes numbers of the rigid body that those behind the result have not identified ({first}"
+            f"{', ...' if lacking.sum() > 3 else ''}); identify from a log in which the same joints move",
+        )
+    torques = _columns(robot, body.joints, rows, log, body.chosen) @ body.predicting
+    return {joint: torques[:, i] for i, joint in enumerate(rows)}
+
+
+def _numbers(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
+    """Name and unit of the number of each column: of all frames, then rotors and offsets of the joints."""
+    of_frames = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
+    slides = {joint.name: joint.slides for joint in robot.joints}
+    rotors = [(f"Jm_{joint}", "kg" if slides[joint] else "kg*m^2") for joint in joints]
+    return [*of_frames, *rotors, *((f"o_{joint}", "N" if slides[joint] else "N*m") for joint in joints)]
+
+
+def _base_columns(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLog]) -> tuple[IntArray, FloatArray]:
+    """Places (n_b,) of columns that span all of those of friction's rest, and these as combinations of them (n_b, n_c).
+
+    All columns: rigid body (10 n_l), rotors (m) and offsets (m).
+    """
+    sample = np.vstack([column for each in logs for column in _columns(robot, joints, joints, each)])
+    size = _sizes(sample)
+    _, R, order = qr(sample / size, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(R))
+    chosen = np.sort(order[: int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0]))]).astype(np.int64)
+    regrouped = np.linalg.lstsq(sample[:, chosen] / size[chosen], sample, rcond=None)[0] / size[chosen, None]
+    return chosen, np.asarray(regrouped)
+
+
+def _sizes(sample: FloatArray) -> FloatArray:
+    """Norms (n_c,) of columns; infinite of one that is zero but for rounding, whose number no motion shows."""
+    size = np.linalg.norm(sample, axis=0)
+    return np.where(size > 1e-9 * size.max(), size, np.inf)
+
+
+def _columns(
+    robot: Robot, joints: Sequence[str], rows: Sequence[str], log: MotionLog, chosen: IntArray | None = None
+) -> FloatArray:
+    """Chosen columns of all but friction (n, m, n_b), m the joints of `rows`; all for None, at some 500 instants."""
+    names, state = [joint.name for joint in robot.joints], _states(robot, log)
+    if chosen is None:
+        chosen, state = np.arange(10 * len(names) + 2 * len(joints)), state[:, :, :: max(1, state.shape[2] // 500)]
+    n, n_l, places, m = state.shape[2], len(names), [names.index(joint) for joint in rows], len(joints)
+    q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
+    of_frames = chosen[chosen < 10 * n_l].tolist()
+    Y = ca.Function("part", [q, v, a], [regressor(robot)(q, v, a)[places, of_frames]])
+    own = np.zeros((n, len(rows), 2 * m))
+    for i, (joint, place) in enumerate(zip(rows, places, strict=True)):
+        k = list(joints).index(joint)
+        own[:, i, k], own[:, i, m + k] = state[2, place], 1.0
+    of_rigid_body = np.asarray(ca.DM(Y(*state))).reshape(len(rows), n, -1).swapaxes(0, 1)
+    return np.concatenate([of_rigid_body, own[:, :, chosen[chosen >= 10 * n_l] - 10 * n_l]], axis=2)
+
+
+def _rigid_numbers(logs: Sequence[Equations], solution: Solution, ridges: Sequence[float]) -> FloatArray:
+    """The numbers (n_b,) of the rigid body by ridge regression on the torque of these logs without friction.
+
+    By that of the ridges with which fifths of the record are predicted best by the rest of it.
+    """
+    weight = 1 / np.maximum(np.sqrt(solution.sum_of_squares), 1e-300)
+    R = np.concatenate([weight[:, None] * log.R for log in logs])
+    target = np.concatenate([weight * (log.y - log.X @ solution.beta) for log in logs])
+    size, n_b = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300), R.shape[2]
+    fifths = [
+        (own.reshape(-1, n_b), y.ravel())
+        for own, y in zip(np.array_split(R / size, 5), np.array_split(target, 5), strict=True)
+    ]
+
+    def numbers(parts: Sequence[tuple[FloatArray, FloatArray]], ridge: float) -> FloatArray:
+        flat = np.concatenate([*(own for own, _ in parts), ridge * np.eye(n_b)])
+        y = np.concatenate([*(y for _, y in parts), np.zeros(n_b)])
+        return np.asarray(np.linalg.lstsq(flat, y, rcond=RANK_TOLERANCE)[0])
+
+    def error(ridge: float) -> float:
+        left = (y - own @ numbers([*fifths[:i], *fifths[i + 1 :]], ridge) for i, (own, y) in enumerate(fifths))
+        return float(sum(np.sum(e**2) for e in left))
+
+    best = ridges[0] if len(ridges) == 1 else min(ridges, key=error)
+    return np.asarray(numbers(fifths, best) / size)

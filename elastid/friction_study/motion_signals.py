@@ -13,7 +13,7 @@ velocity is steady.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -103,14 +103,6 @@ def distinct_speeds(speeds: Iterable[float]) -> tuple[float, ...]:
     return tuple(float(np.mean(group)) for group in groups)
 
 
-def one_way(ways: Collection[float]) -> str:
-    """The end of a message about passes of one direction alone, 1 or -1."""
-    return (
-        f"{'positive' if 1.0 in ways else 'negative'} velocity only; friction cannot be distinguished from gravity and "
-        "offset without the way back; record both directions"
-    )
-
-
 def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
     """A record of passes for each pair of plateaus of a motion, named after it with a number; none where it has none.
 
@@ -120,7 +112,11 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
     plateaus = _plateaus(record)
     pairs = _pairs(record, plateaus, has_gravity)
     if record.speed is not None and not pairs:
-        raise DataError("friction/passes", _refusal(record, plateaus))
+        text = (
+            f"of {len(plateaus)} plateaus at {record.speed:.4g} {record.unit}/s none is there and back through common "
+            "positions; record both directions, longer than ramps and settling, or correct speed"
+        )
+        raise DataError("friction/passes", text, f"{record.place}: joint {record.joint}")
     return tuple(_cut(record, *pair, number) for number, pair in enumerate(pairs, start=1))
 
 
@@ -219,18 +215,6 @@ def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> 
     )  # fmt: skip
 
 
-def _refusal(record: FrictionRecord, plateaus: Sequence[Plateau]) -> str:
-    where = f"{record.place}: joint {record.joint}, passes at {record.speed:.4g} {record.unit}/s"
-    ways = {float(np.sign(plateau.velocity)) for plateau in plateaus}
-    if len(ways) == 1:
-        return f"{where}: they have {one_way(ways)}"
-    return (
-        f"{where}: of {len(plateaus)} plateaus none is there and back at one speed, within {PASSES.steady_share:.0%}, "
-        "through common positions; record both directions through the same window, longer than ramps and settling, or "
-        "correct speed"
-    )
-
-
 @frozen_value
 class Motion:
     """A log of one axis on one side: position (n,) in rad or m, torque (n,) in Nm or N, at rate_hz.
@@ -253,15 +237,6 @@ class Motion:
     torque_delay_s: float = 0.0
     payload_torque: FloatArray | None = None
     is_run_down: bool = False
-
-    @property
-    def acting_position(self) -> FloatArray:
-        """The position (n,) where the torque acts: a command that is held acts half a sample later."""
-        if self.torque_delay_s == 0:
-            return self.position
-        samples = np.arange(len(self.position))
-        lag = self.torque_delay_s * self.rate_hz
-        return np.asarray(make_interp_spline(samples, self.position, k=5)(samples + lag))
 
 
 @dataclass(frozen=True)
@@ -295,10 +270,12 @@ class MotionSignals:
                 f"motion of {motion.place}",
             )
         smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
-        acting = motion.acting_position
+        # The position where the torque acts: a command that is held acts half a sample later.
+        samples, acting = np.arange(len(motion.position)), motion.position
+        if motion.torque_delay_s:
+            acting = np.asarray(make_interp_spline(samples, acting, k=5)(samples + motion.torque_delay_s * rate))
         position = np.asarray(sosfiltfilt(smooth, acting))
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
-        samples = np.arange(len(position))
         spline = make_interp_spline(samples / rate, position, k=5)
         logged = make_interp_spline(samples / rate, acting, k=5)
         derivatives = np.stack([logged(samples / rate, nu=order) for order in (1, 2)])
@@ -314,8 +291,12 @@ class MotionSignals:
         return cls(motion, position, velocity[::finer], acceleration, derivatives, direction, taps, kept, passband_hz)
 
     def filtered(self, column: FloatArray) -> FloatArray:
-        """A side of the equation (n, ...) behind the filter, at the samples that are kept."""
-        return filtered(column, self.taps, self.kept)
+        """A side of the equation (n, ...) behind the filter, at the samples that are kept, away from the ends."""
+        kept, h = self.kept, len(self.taps) // 2
+        before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
+        sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
+        first = (before + h) // kept.step
+        return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
 
     @property
     def kept_hz(self) -> float:
@@ -334,7 +315,8 @@ class MotionSignals:
         sign = np.sign(self.velocity)
         turns = np.append(False, sign[1:] != sign[:-1])
         # The derivatives of a spline reach 4 samples.
-        return ~within(self.rests | turns, len(self.taps) // 2 + 4)
+        width = 2 * (len(self.taps) // 2 + 4) + 1
+        return np.asarray(maximum_filter1d((self.rests | turns).astype(np.uint8), width, mode="constant") == 0)
 
     @cached_property
     def used(self) -> BoolArray:
@@ -346,16 +328,9 @@ class MotionSignals:
     @property
     def seconds(self) -> dict[str, float]:
         """Durations that add up to that of the log: in the regression, and why the others are not."""
-        inside = np.zeros(len(self.position), bool)
-        inside[self.kept.start : self.kept.stop] = True
-        slides = self.slides if not self.used.all() else inside
-        parts = {
-            "used": inside & slides,
-            "at rest": inside & ~slides & self.rests,
-            "near a reversal or rest": inside & ~slides & ~self.rests,
-            "ends of the log": ~inside,
-        }
-        return {name: float(part.sum()) / self.motion.rate_hz for name, part in parts.items()}
+        total, used = len(self.position) / self.motion.rate_hz, float(self.used.sum()) / self.kept_hz
+        rest = min(float(self.rests.mean()) * total, total - used)
+        return {"used": used, "at rest": rest, "near a reversal, rest or end": total - used - rest}
 
     @property
     def plateaus(self) -> tuple[Plateau, ...]:
@@ -379,20 +354,6 @@ def b_spline_taps(rate_hz: float, passband_hz: float) -> FloatArray:
     spline = BSpline.basis_element(np.linspace(-half, half, _BOXES + 1), extrapolate=False)
     taps = np.nan_to_num(spline(np.arange(-h, h + 1)))
     return np.asarray(taps / taps.sum())
-
-
-def filtered(column: FloatArray, taps: FloatArray, kept: slice) -> FloatArray:
-    """The samples of a slice, further than half the filter from the ends, of a column (n, ...) along its first axis."""
-    h = len(taps) // 2
-    before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
-    sums = upfirdn(taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
-    first = (before + h) // kept.step
-    return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
-
-
-def within(samples: BoolArray, reach: int) -> BoolArray:
-    """True for each sample (n,) with one of the given ones at most `reach` samples away."""
-    return np.asarray(maximum_filter1d(samples.astype(np.uint8), 2 * reach + 1, mode="constant") > 0)
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,8 @@ class MotionTerms:
 
     stribeck_velocity: 0 without a Stribeck effect, of an exponent.  waves: of `turn_waves`.  heat: of HEAT,
     about `reference` in degC, between ends `measured`; decay: T_V in K, searched for if is_decay_free.  angles: ends of
-    those over which dry friction changes, empty where it does not.  spring: between motor and link.
+    those over which dry friction changes, empty where it does not.  spring: between motor and link.  friction_only: the
+    rigid body is taken out of the torque, or has columns of its own.
     """
 
     apart: bool = True
@@ -52,14 +53,14 @@ class MotionTerms:
     decay: float = START_DECAY_K
     is_decay_free: bool = False
     exponent: float = EXPONENTS[-1]
-    quadratic: bool = False
     angles: tuple[float, ...] = ()
     spring: bool = False
+    friction_only: bool = False
 
     @property
     def law(self) -> tuple[str, ...]:
         """Linear numbers of friction, as `static.columns` has them."""
-        shows = {"excess": self.stribeck_velocity > 0, "load.coulomb": self.load, "quadratic": self.quadratic}
+        shows = {"stiction": self.stribeck_velocity > 0, "load.coulomb": self.load}
         shown = [name for name, is_shown in shows.items() if is_shown]
         return ("coulomb", "viscous", *shown, *self.heat, *(("directions.viscous",) if self.apart else ()))
 
@@ -82,7 +83,7 @@ class MotionTerms:
 def shown_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
     """The parts that the data show beyond chance, one after the other."""
     if signals[0].motion.is_run_down:
-        return _curve(signals, MotionTerms(apart=False))
+        return _curve(signals, MotionTerms(apart=False, friction_only=True))
     terms = MotionTerms(load=len({each.motion.load for each in signals}) > 1)
     if terms.load:
         terms = replace(terms, load=regressed(signals, terms).chance("load.coulomb", 1) < FALSE_ALARM)
@@ -108,24 +109,16 @@ def _by_angle(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTer
 
 
 def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
-    """Terms with quadratic friction, which brakes, a Stribeck effect or both, the better one first."""
-    for _ in range(2):
-        curves = {}
-        if not terms.stribeck_velocity and (velocity := _stribeck_velocity(signals, terms)):
-            falling = replace(terms, stribeck_velocity=velocity)
-            curves[falling] = regressed(signals, falling)
-        bent = replace(terms, quadratic=True)
-        fit = regressed(signals, bent)
-        if not terms.quadratic and fit.chance("quadratic", 1) < FALSE_ALARM:
-            curves[bent] = fit
-        terms = min(curves, key=lambda curve: curves[curve].sum_of_squares, default=terms)
-    if not terms.stribeck_velocity:
+    """Terms with a Stribeck effect, if one shows, of another exponent than 2 where that is excluded."""
+    velocity = _stribeck_velocity(signals, terms)
+    if not velocity:
         return terms
-    fits = {a: regressed(signals, replace(terms, exponent=a)) for a in EXPONENTS}
-    best = min(EXPONENTS, key=lambda a: fits[a].sum_of_squares)
-    held = fits[EXPONENTS[-1]]
-    is_other = held.sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / _independent(signals, held))
-    return replace(terms, exponent=best).at(fits[best]) if is_other else terms.at(held)
+    falling = [replace(terms, stribeck_velocity=velocity, exponent=exponent) for exponent in EXPONENTS]
+    fits = {each: regressed(signals, each) for each in falling}
+    best, held = min(falling, key=lambda each: fits[each].sum_of_squares), falling[-1]
+    is_other = fits[held].sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / fits[held].independent)
+    chosen = best if is_other else held
+    return chosen.at(fits[chosen])
 
 
 def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> Regression:
@@ -133,33 +126,24 @@ def with_other_curves(signals: Sequence[MotionSignals], terms: MotionTerms, fit:
 
     They are of other exponents of a Stribeck effect, and of one that shows, but not beyond chance.
     """
-    change, place, own_terms = np.zeros(len(fit.names)), fit.names.index("coulomb"), terms.at(fit)
-    others = [replace(own_terms, exponent=exponent) for exponent in EXPONENTS if terms.stribeck_velocity]
-    if not terms.stribeck_velocity:
+    own, place, changes = terms.at(fit), fit.names.index("coulomb"), [np.zeros(len(fit.names))]
+    limit = 1 + MAX_COST / fit.independent
+    if terms.stribeck_velocity:
+        others = [regressed(signals, replace(own, exponent=exponent)) for exponent in EXPONENTS]
+        changes += [change_of(fit, each) for each in others if each.sum_of_squares < limit * fit.sum_of_squares]
+    else:
         fastest = max(float(np.abs(each.velocity).max()) for each in signals)
-        velocity = _best_velocity(signals, own_terms, _VELOCITIES * fastest)
-        unseen = regressed(signals, replace(own_terms, stribeck_velocity=velocity), steps=0)
-        shows = unseen.sum_of_squares * (1 + MAX_COST / _independent(signals, fit)) < fit.sum_of_squares
-        if unseen["stiction"] > unseen["coulomb"] and shows:
-            change = change_of(fit, unseen)
-    limit = fit.sum_of_squares * (1 + MAX_COST / _independent(signals, fit))
-    for curve in others:
-        other = regressed(signals, curve)
-        own = change_of(fit, other)
-        if other.sum_of_squares < limit and abs(own[place]) > abs(change[place]):
-            change = own
+        velocity = _best_velocity(signals, own, _VELOCITIES * fastest)
+        unseen = regressed(signals, replace(own, stribeck_velocity=velocity), steps=0)
+        if unseen["stiction"] > unseen["coulomb"] and unseen.sum_of_squares * limit < fit.sum_of_squares:
+            changes.append(change_of(fit, unseen))
+    change = max(changes, key=lambda each: float(abs(each[place])))
     return replace(fit, covariance=fit.covariance + np.outer(change, change))
 
 
 def change_of(fit: Regression, other: Regression) -> FloatArray:
     """Change of the numbers (n_x,) in the other regression."""
     return np.array([other[name] - fit[name] if name in other.names else 0.0 for name in fit.names])
-
-
-def _independent(signals: Sequence[MotionSignals], fit: Regression) -> float:
-    """Independent residuals that their correlation leaves."""
-    n = sum(int(each.used.sum()) for each in signals)
-    return n * (1 - fit.correlation) / (1 + fit.correlation)
 
 
 def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
@@ -187,9 +171,8 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
     fastest = max(float(np.abs(each.velocity).max()) for each in signals)
     best = replace(terms, stribeck_velocity=_best_velocity(signals, terms, _VELOCITIES * fastest))
     without, fit = regressed(signals, terms), regressed(signals, best, steps=0)
-    n_independent = _independent(signals, without)
     drop = without.sum_of_squares - fit.sum_of_squares
-    chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, n_independent - len(fit.names)))
+    chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, without.independent - len(fit.names)))
     change = np.array([float(name == "stiction") - float(name == "coulomb") for name in fit.names])
     values, variance = np.array([change @ fit.values]), np.array([[change @ fit.covariance @ change]])
     # Few moments at low speed have few degrees of freedom; that they are no chance is the other test's to show.
@@ -201,7 +184,7 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
 
 def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocities: FloatArray) -> float:
     """Velocity (of m) whose fall of stiction explains most of what a regression without it leaves."""
-    _, logs = equations_of(signals, terms)
+    logs = [axis_equations(each, terms) for each in signals]
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
     falls = [each.direction[:, None] * np.exp(-((each.velocity[:, None] / velocities) ** 2)) for each in signals]
     filtered = [each.filtered(fall) * each.used[:, None] for each, fall in zip(signals, falls, strict=True)]
@@ -228,9 +211,13 @@ def _waves(signals: Sequence[MotionSignals], terms: MotionTerms) -> tuple[int, .
 
 def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int = 12) -> Regression:
     """steps: of the search for the Stribeck velocity, by its column in the Jacobian (Gauss and Newton)."""
-    fit = _solved(signals, terms)
+
+    def solved(about: Regression | None) -> Regression:
+        return solve([axis_equations(each, terms, about) for each in signals], signals[0].kept_hz).at("")
+
+    fit = solved(None)
     for _ in range(steps if terms.searched else 0):
-        fit = _solved(signals, terms, fit)
+        fit = solved(fit)
         start = terms.searched
         ends = {name: float(np.clip(x + fit[name], x / 2, 2 * x)) for name, x in start.items()}
         if "temperature.decay" in ends:
@@ -242,40 +229,33 @@ def regressed(signals: Sequence[MotionSignals], terms: MotionTerms, steps: int =
     return fit
 
 
-def _solved(signals: Sequence[MotionSignals], terms: MotionTerms, about: Regression | None = None) -> Regression:
-    """about: the last numbers, where nonlinear ones are searched for, whose steps are then among the numbers."""
-    names, logs = equations_of(signals, terms, about)
-    return solve(logs, signals[0].kept_hz).of_joint(0, range(len(names)), names)
+def axis_equations(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> Equations:
+    """Equations of an axis that moves alone."""
+    return equations_of(MotionLog({"": signals}), {"": terms}, about=about)
 
 
 def equations_of(
-    signals: Sequence[MotionSignals], terms: MotionTerms, about: Regression | None = None
-) -> tuple[tuple[str, ...], list[Equations]]:
-    """The names of the numbers of one axis, and the equations of each log."""
-    columns = [columns_of(each, terms, about) for each in signals]
-    pairs = zip(signals, columns, strict=True)
-    return tuple(columns[0]), [joint_equations(MotionLog({"": each}), {"": own}) for each, own in pairs]
-
-
-def joint_equations(
     log: MotionLog,
-    columns: Mapping[str, Mapping[str, FloatArray]],
+    terms: Mapping[str, MotionTerms],
     rigid: FloatArray | None = None,
     sliding: bool = True,
+    about: Regression | None = None,
 ) -> Equations:
-    """Equations in which each joint has columns (k,) by name; rigid: those (n, m, n_r) of all at full rate.
+    """Equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all at full rate.
 
     sliding: of samples that are clear of reversals alone.
     """
+    columns = [columns_of(each, terms[joint], about) for joint, each in log.of_joints.items()]
+    names = [(i, joint, name) for i, joint in enumerate(log.of_joints) for name in columns[i]]
     used = np.stack([each.used | (not sliding) for each in log.of_joints.values()], axis=1)
-    (n, m), widths = used.shape, [len(own) for own in columns.values()]
-    X = np.zeros((n, m, sum(widths)))
-    for i, own in enumerate(columns.values()):
-        X[:, i, sum(widths[:i]) : sum(widths[: i + 1])] = np.stack(list(own.values()), axis=1)
-    R = np.zeros((n, m, 0)) if rigid is None else log.first.filtered(rigid)
+    X = np.zeros((*used.shape, len(names)))
+    for k, (i, _, name) in enumerate(names):
+        X[:, i, k] = columns[i][name]
+    R = np.zeros((*used.shape, 0)) if rigid is None else log.first.filtered(rigid)
     y = np.stack([each.filtered(each.motion.torque) for each in log.of_joints.values()], axis=1)
     states = [each.filtered(state) for each in log.of_joints.values() for state in (each.position, each.velocity)]
-    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1))
+    numbers = tuple((joint, name) for _, joint, name in names)
+    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1), numbers)
 
 
 def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> dict[str, FloatArray]:
@@ -302,8 +282,15 @@ def full_rate_columns(
 ) -> dict[str, FloatArray]:
     """The columns (n,) by the names of their numbers; about: numbers where those of nonlinear ones are derivatives."""
     v, s, q, motion = signals.velocity, signals.direction, signals.position, signals.motion
-    columns = _columns_of_law(signals, terms, about)
-    if motion.is_run_down:
+    # A log without temperature is at T_0; a speed above 0 has a logarithm.
+    degc = np.full_like(v, np.nan) if motion.temperature is None else motion.temperature
+    sliding = Conditions(np.maximum(np.abs(v), 1e-30), np.sign(v), np.full_like(v, motion.load), degc)
+    eta, T_0 = {"exponent": terms.exponent, "temperature.decay": terms.decay} | terms.searched, terms.reference
+    columns = dict(zip(terms.law, (s[:, None] * table(sliding, terms.law, eta, T_0)).T, strict=True))
+    if about is not None and (names := tuple(terms.searched)):
+        linear = {name: about[name] for name in about.names}
+        columns |= dict(zip(names, (s[:, None] * slopes(sliding, linear, names, eta, T_0)).T, strict=True))
+    if terms.friction_only:
         return columns
     columns = {"inertia": signals.acceleration} | columns
     if motion.payload_torque is not None:
@@ -319,22 +306,4 @@ def full_rate_columns(
         columns |= {"gravity.cos": np.cos(q), "gravity.sin": np.sin(q)}
     for wave, column in zip(terms.waves, turn_waves(q, s, motion.turn, terms.waves).T, strict=True):
         columns |= dict(zip(wave_names(wave), (column.real, column.imag), strict=True))
-    return columns
-
-
-def _columns_of_law(signals: MotionSignals, terms: MotionTerms, about: Regression | None) -> dict[str, FloatArray]:
-    """Columns of steady sliding, stiction instead of its excess; a log without temperature is at T_0."""
-    v, s, motion, T_0 = signals.velocity, signals.direction[:, None], signals.motion, terms.reference
-    degc = np.full_like(v, np.nan) if motion.temperature is None else motion.temperature
-    # A speed above 0 has a logarithm.
-    sliding = Conditions(np.maximum(np.abs(v), 1e-30), np.sign(v), np.full_like(v, motion.load), degc)
-    eta = {"exponent": terms.exponent, "temperature.decay": terms.decay} | terms.searched
-    columns = dict(zip(terms.law, (s * table(sliding, terms.law, eta, T_0)).T, strict=True))
-    if terms.stribeck_velocity:
-        columns["stiction"] = columns.pop("excess")
-        columns["coulomb"] = columns["coulomb"] - columns["stiction"]
-    if about is not None and (names := tuple(terms.searched)):
-        linear = {name: about[name] for name in about.names}
-        linear["excess"] = linear.get("stiction", 0.0) - linear["coulomb"]
-        columns |= dict(zip(names, (s * slopes(sliding, linear, names, eta, T_0)).T, strict=True))
     return columns

@@ -37,7 +37,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.signal import butter, sosfiltfilt, welch
+from scipy.signal import butter, sosfiltfilt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, FitError, Note
@@ -108,7 +108,13 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
         return _few(q, u, spectrum, elements, used)
     folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
     fits = [_few(q, u, spectrum, count, used) for count in range(1, MAX_ELEMENTS + 1)]
-    return fits[_fewest([[_missed(q, u, fit.threshold, used, fold) for fold in folds] for fit in fits])]
+    # Mean squares of what the rest of the log misses in each part of it; the best ones within one std.
+    errors = np.array([
+        [np.mean((u - _fit(q, u, fit.threshold, used & ~fold).torque(q))[fold] ** 2) for fold in folds] for fit in fits
+    ])  # fmt: skip
+    difference = errors - errors[np.argmin(errors.mean(axis=1))]
+    bound = np.std(difference, axis=1, ddof=1) / np.sqrt(len(folds))
+    return fits[int(np.argmax(difference.mean(axis=1) <= bound))]
 
 
 def _smoothed(loops: FrictionRecord, frequency_hz: float) -> Iterator[FloatArray]:
@@ -152,20 +158,6 @@ def _few(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: Boo
     return _fit(q, u, np.sort(np.exp(end.x)), used)
 
 
-def _missed(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray, fold: BoolArray) -> float:
-    """Mean square of the residual in a part of the log, of elements fitted to the rest."""
-    return float(np.mean((u - _fit(q, u, thresholds, used & ~fold).torque(q))[fold] ** 2))
-
-
-def _fewest(missed: Sequence[Sequence[float]]) -> int:
-    """Place of the first whose errors in the folds are the best ones within one std."""
-    errors = np.array(missed)
-    best = int(np.argmin(errors.mean(axis=1)))
-    difference = errors - errors[best]
-    bound = np.std(difference, axis=1, ddof=1) / np.sqrt(errors.shape[1])
-    return int(np.flatnonzero(difference.mean(axis=1) <= bound)[0])
-
-
 @dataclass(frozen=True)
 class RestLimits:
     """Limits of responses at rest."""
@@ -174,8 +166,6 @@ class RestLimits:
     max_slip: float = 0.3  # rms over z_s, above which the expansion does not hold
     same_amplitude: float = 1.4  # ratio up to which amplitudes are the same: random phases change that of one peak
     min_lines: int = 8  # of the torque that stand out of noise
-    segments: int = 6  # of noise, before overlap: with 16 the leakage of their windows adds 0.6 % to sigma_1
-    min_power: float = 0.01  # of the highest: lines of noise below are not excited
 
 
 REST = RestLimits()
@@ -216,7 +206,7 @@ def fit_at_rest(
             "below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away",
             f"{place} at rest",
         )
-    n, scale = model.n_common, np.array([np.exp(fit.x[-3]), model.damping_unit])
+    n, scale = len(fit.x) - 3, np.array([np.exp(fit.x[-3]), model.damping_unit])
     # As the residuals scatter: variances from a few periods make good weights, and poor intervals.
     covariance = model.covariance(fit)[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
     covariance += np.diag([0.0, viscous[1] ** 2])
@@ -240,16 +230,11 @@ class _Model:
     joint: ElasticJoint | None
     viscous: float
 
-    @property
-    def n_common(self) -> int:
-        """Unknowns of the joint."""
-        return 1 if self.joint is None else len(OF_FILE)
-
     def reaction(self, x: FloatArray, omega: FloatArray) -> ComplexArray:
         """Torque per angle (F,) of the inertias: of a motor with a link on a spring, or of a rigid joint."""
         if self.joint is None:
             return np.asarray(-(omega**2) * np.exp(x[0]) + 0j)
-        joint = ElasticJoint(*(np.exp(x[: self.n_common]) * astuple(self.joint)).tolist())
+        joint = ElasticJoint(*(np.exp(x[:-3]) * astuple(self.joint)).tolist())
         spring, link = joint.stiffness + 1j * omega * joint.damping, -(omega**2) * joint.link_inertia
         return np.asarray(-(omega**2) * joint.motor_inertia + spring * link / (spring + link))
 
@@ -271,9 +256,9 @@ class _Model:
         """Start from the smallest amplitude by linear regression of 1 / G."""
         first = self.responses[0]
         omega = 2 * np.pi * first.freq_hz
-        is_rigid, of_file = self.joint is None, np.zeros(self.n_common)
-        Z = 1 / first.G - (0 if is_rigid else self.reaction(of_file, omega))
-        weight = np.abs(first.G) ** 2 / np.sqrt(first.total_variance)
+        is_rigid, of_file = self.joint is None, np.zeros(len(OF_FILE))
+        Z = 1 / first.G - (0 if is_rigid else self.reaction(np.append(of_file, [0.0] * 3), omega))
+        weight = np.abs(first.G) ** 2 / np.sqrt(first.variance)
         A = np.stack([np.ones_like(omega), -(omega**2)], axis=1)[:, : 1 + is_rigid]
         (sigma_0, *inertia), *_ = np.linalg.lstsq(weight[:, None] * A, weight * Z.real, rcond=None)
         sigma_1 = float((weight * omega) @ (weight * Z.imag) / np.sum((weight * omega) ** 2))
@@ -285,16 +270,16 @@ class _Model:
     def covariance(self, fit: Optimum) -> FloatArray:
         """Covariance of x, whatever the variances of the residuals; those of the file's numbers are as stated."""
         n_file = len(fit.r) - sum(2 * len(each.G) for each in self.responses)
-        expansion = [np.tile(each.expansion_variance / each.total_variance, 2) for each in self.responses]
+        expansion = [np.tile(each.expansion / each.variance, 2) for each in self.responses]
         correlated = [np.full(2 * len(each.G), each.correlated_lines) for each in self.responses]
         least = np.concatenate([*expansion, np.ones(n_file)])
         return fit.scattered_covariance(np.concatenate([*correlated, np.zeros(n_file)]), least)
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Residual of the responses and of the file's numbers of an elastic joint, of variance 1."""
-        of_file, left = x[:0] if self.joint is None else x[: self.n_common] / OF_FILE, list[FloatArray]()
+        of_file, left = x[:0] if self.joint is None else x[:-3] / OF_FILE, list[FloatArray]()
         for response in self.responses:
-            error = (response.G - self.receptance(x, response)) / np.sqrt(response.total_variance / 2)
+            error = (response.G - self.receptance(x, response)) / np.sqrt(response.variance / 2)
             left += [error.real, error.imag]
         return np.concatenate([*left, of_file])
 
@@ -308,57 +293,55 @@ def slipped(omega: FloatArray, response: RestResponse, per_bend: float) -> Compl
 
 @frozen_value
 class RestResponse:
-    """Receptance G (F,), rad/Nm at freq_hz (F,), with the variance E|dG|^2 (F,) by noise, at one amplitude.
+    """Receptance G (F,), rad/Nm at freq_hz (F,), with its variance E|dG|^2 (F,), at one amplitude.
 
-    The variance is that of neighbouring lines, times correlated_lines: those over which errors are correlated.
+    By noise it is that of neighbouring lines, times correlated_lines: those over which errors are correlated.
+    expansion (F,): its part by the expansion over amplitude.
     rms_position, rms_velocity: of the whole motion, noise included, rad and rad/s.
     """
 
     freq_hz: FloatArray
     G: ComplexArray
     variance: FloatArray
+    expansion: FloatArray
     rms_position: float
     rms_velocity: float
     correlated_lines: float = 1.0
 
-    @property
-    def expansion_variance(self) -> FloatArray:
-        """Variance of G (F,) by the expansion over amplitude."""
-        return (REST.expansion_error * np.abs(self.G)) ** 2
-
-    @property
-    def total_variance(self) -> FloatArray:
-        """Variance of G (F,) by noise and expansion."""
-        return self.variance + self.expansion_variance
-
     @classmethod
     def of(cls, records: Sequence[FrictionRecord]) -> RestResponse:
-        """Response from the records of one amplitude, each a realisation; of noise the lines on which there is torque.
+        """Response from the records of one amplitude, each a realisation of a multisine.
 
         DataError for motion of less than a few counts of the encoder, and as `estimate`.
         """
-        first, posture = records[0], records[0].configuration or Configuration(records[0].name, np.zeros(1))
-        periodic, place = [_as_record(record, i, posture) for i, record in enumerate(records)], f"record {first.name}"
-        G = estimate(periodic, _estimator(periodic))
-        assert G.noise is not None
-        if G.n_lines < REST.min_lines:
-            text = (
-                f"{G.n_lines} lines of its torque stand out of the noise, {REST.min_lines} are needed: raise the "
-                "torque at rest, or repeat its period more often"
+        first, place = records[0], f"record {records[0].name}"
+        if first.period_samples is None:
+            raise DataError("friction/at-rest", "it has no period; excite the joint by a multisine at rest", place)
+        # The mean angles of the logs of one amplitude differ by what the joint creeps.
+        motor, posture = (f"motor {first.joint}",), first.configuration or Configuration(first.name, np.zeros(1))
+        periodic = [
+            Record(
+                each.name, posture, i, 0, each.rate_hz, first.period_samples, motor, motor, ("position",),
+                each.torque[:, None], each.position[:, None], hold=each.hold, sliding=motor if each.slides else (),
             )
-            raise DataError("friction/at-rest", text, place)
+            for i, each in enumerate(records)
+        ]  # fmt: skip
+        G = estimate(periodic, EstimatorSpec(quantity="position", friction="none"))
+        assert G.noise is not None
         # Above one and a half times the highest line, the noise of the encoder dominates.
-        lowest_hz = 0.75 * first.rate_hz / periodic[0].period_samples if periodic[0].is_periodic else G.freq_hz[0] / 2
-        position, velocity = _motion(periodic, (lowest_hz, 1.5 * float(G.freq_hz[-1])), first.resolution)
-        if not 2 * position > PASSES.min_counts * first.resolution:
+        highest_hz = min(1.5 * float(G.freq_hz.max(initial=1.0)), 0.45 * first.rate_hz)
+        position, velocity = _motion(periodic, (0.75 * first.rate_hz / first.period_samples, highest_hz))
+        if G.n_lines < REST.min_lines or not 2 * position > PASSES.min_counts * first.resolution:
             text = (
-                f"it moves by {position:.3g} {first.unit} (rms), {position / first.resolution:.2g} counts of its "
-                "encoder: raise the torque at rest, use a finer encoder, or measure presliding by loops"
+                f"{G.n_lines} lines of its torque stand out of the noise, {REST.min_lines} are needed, and it moves by "
+                f"{position:.3g} {first.unit} (rms) with counts of {first.resolution:.3g}: raise the torque at rest, "
+                "repeat its period more often, use a finer encoder, or measure presliding by loops"
             )
             raise DataError("friction/at-rest", text, place)
         smooth, _, _ = smooth_variance(G.noise.variance[:, 0, 0], G.G[:, 0, 0], G.noise.dof)
-        variance = smooth * G.correlated_lines
-        return cls(G.freq_hz, G.G[:, 0, 0], variance, position, velocity, G.correlated_lines)
+        expansion = (REST.expansion_error * np.abs(G.G[:, 0, 0])) ** 2
+        variance = smooth * G.correlated_lines + expansion
+        return cls(G.freq_hz, G.G[:, 0, 0], variance, expansion, position, velocity, G.correlated_lines)
 
 
 def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:
@@ -373,41 +356,9 @@ def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...
     return tuple(RestResponse.of(group) for group in groups)
 
 
-def _as_record(record: FrictionRecord, realisation: int, posture: Configuration) -> Record:
-    """posture: of all logs of one amplitude, whose mean angles differ by what the joint creeps."""
-    place, period = (f"motor {record.joint}",), record.period_samples
-    return Record(
-        record.name, posture, realisation, 0, record.rate_hz,
-        period or len(record.torque), place, place, ("position",), record.torque[:, None], record.position[:, None],
-        is_periodic=period is not None, hold=record.hold, sliding=place if record.slides else (),
-    )  # fmt: skip
-
-
-def _estimator(records: Sequence[Record]) -> EstimatorSpec:
-    """Estimator of a multisine: the default; of noise Welch's, where torque has a hundredth of its highest power."""
-    if records[0].is_periodic:
-        return EstimatorSpec(quantity="position", friction="none")
-    n, rate_hz = min(len(record.u) for record in records), records[0].rate_hz
-    segment = max(16, n // REST.segments)
-    spectra = [welch(record.u[:, 0], rate_hz, nperseg=segment)[1] for record in records]
-    power = np.mean(spectra, axis=0)
-    driven = np.flatnonzero(power > REST.min_power * power.max()) * rate_hz / segment
-    band_hz = (float(driven[0]), min(float(driven[-1]), 0.4 * rate_hz))
-    return EstimatorSpec(
-        quantity="position", friction="none", method="h1", segment=segment / rate_hz, band_hz=band_hz
-    )  # fmt: skip
-
-
-def _motion(records: Sequence[Record], band_hz: tuple[float, float], resolution: float) -> tuple[float, float]:
-    """Rms position and velocity in a band, less the power of an encoder's counts; without mean and drift."""
-    powers = []
-    for record in records:
-        q = record.y[record.period_samples if record.n_periods > 1 else 0 :, 0]
-        n = len(q)
-        freq_hz = np.fft.rfftfreq(n, 1 / record.rate_hz)
-        power = 2 * np.abs(np.fft.rfft(q * np.sqrt(2 / 3) * (1 - np.cos(2 * np.pi * np.arange(n) / n)))) ** 2 / n**2
-        inside = (freq_hz > band_hz[0]) & (freq_hz < band_hz[1])
-        power = power[inside] - resolution**2 / 6 / n
-        powers.append([power.sum(), np.sum((2 * np.pi * freq_hz[inside]) ** 2 * power)])
-    position, velocity = np.sqrt(np.maximum(np.mean(powers, axis=0), 1e-300))
-    return float(position), float(velocity)
+def _motion(records: Sequence[Record], band_hz: tuple[float, float]) -> tuple[float, float]:
+    """Rms position and velocity in a band, without mean and drift."""
+    band = butter(4, band_hz, "bandpass", fs=records[0].rate_hz, output="sos")
+    q = [sosfiltfilt(band, record.y[:, 0])[record.period_samples * (record.n_periods > 1) :] for record in records]
+    v = [np.gradient(each) * records[0].rate_hz for each in q]
+    return float(np.std(np.concatenate(q))), float(np.std(np.concatenate(v)))

@@ -10,9 +10,9 @@ The friction of a simulated robot stands beside the numbers, at the conditions a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Literal, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from elastid.base.display import Display, as_html, as_text, digits, interval_of,
 from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
-from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw, friction_of
+from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held, StaticLaw
 from elastid.friction_study.levels import Levels
 from elastid.friction_study.motion import MotionFriction, RigidBody
 from elastid.friction_study.presliding import AtRest, Elements, fit_at_rest, fit_presliding, rest_responses
@@ -29,7 +29,7 @@ from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.model.formulation import ElasticJoint, held_joint
 from elastid.record import FrictionRecord, FrictionRecords, motion_unit
-from elastid.robot import Friction, LuGre, MeasuredRange, Robot, gain_name
+from elastid.robot import Friction, LuGre, Robot, gain_name
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
 from elastid.robot.friction_numbers import TERMS, FrictionTerm, friction_numbers, law_of
 
@@ -167,25 +167,11 @@ RIGID_TERMS = {
 
 def numbers_of_law(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Numbers of the static law, and of each direction where they differ."""
-    levels, values = law.levels, np.array(list(law.values.values()))
+    levels, values = law.levels, np.array([law.values[name] for name in law.names])
     unit = motion_unit("velocity", levels.slides)
     learnt = f"{levels.n_levels} levels from {levels.speed.min():.3g} to {levels.speed.max():.3g} {unit}"
-    known = dict.fromkeys(law.intervals, learnt)
-    yield from _table(joint, levels.slides, known, law.names, values, law.covariance, truth, law.fit.reach)
-
-
-def numbers_of_motion(joint: str, motion: MotionFriction, truth: Truth) -> Iterator[FrictionNumber]:
-    """Numbers of the regression of a motion, without ripple."""
-    fit, learnt = motion.chosen, f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
-    known = dict.fromkeys(motion.known, learnt)
-    yield from _table(joint, motion.motion.slides, known, fit.names, fit.values, fit.covariance, truth)
-
-
-def numbers_at_rest(joint: str, rest: AtRest, slides: bool, truth: Truth) -> Iterator[FrictionNumber]:
-    """Stiffness and damping of the bristles."""
-    values, learnt = np.array([rest.sigma_0, rest.sigma_1]), f"responses at rest, {rest.amplitudes} amplitudes"
-    known = dict.fromkeys(("lugre.stiffness", "lugre.damping"), learnt)
-    yield from _table(joint, slides, known, tuple(known), values, rest.covariance, truth)
+    known = tuple(law.intervals)
+    yield from _table(joint, levels.slides, learnt, known, law.names, values, law.covariance, truth, law.reach)
 
 
 def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
@@ -209,21 +195,22 @@ def numbers_of_heat(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterato
 def _table(
     joint: str,
     slides: bool,
-    learnt: Mapping[str, str],
+    learnt: str,
+    known: Sequence[str],
     names: Sequence[str],
     values: FloatArray,
     covariance: FloatArray,
     truth: Truth,
     reach: float = QUANTILE_95,
 ) -> Iterator[FrictionNumber]:
-    """Numbers that were learnt, by name, and Coulomb and viscous friction forwards and backwards where they differ.
+    """Numbers that are known, by name, and Coulomb and viscous friction forwards and backwards where they differ.
 
     The latter are mean and half difference, summed and subtracted.
     """
     terms = TERMS | RIGID_TERMS
-    rows = [(terms[name], "", "", [i]) for i, name in enumerate(names) if name in terms and name in learnt]
+    rows = [(terms[name], "", "", [i]) for i, name in enumerate(names) if name in terms and name in known]
     for name in ("coulomb", "viscous"):
-        if name in names and f"directions.{name}" in names:
+        if name in known and f"directions.{name}" in names:
             pair = [names.index(name), names.index(f"directions.{name}")]
             rows += [(terms[name], mark, word, pair) for mark, word in (("+", " forwards"), ("-", " backwards"))]
     for term, mark, word, places in rows:
@@ -233,7 +220,7 @@ def _table(
         name = gain_name("u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
             name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - reach * std,
-            value + reach * std, learnt[term.path], truth.get(name),
+            value + reach * std, learnt, truth.get(name),
         )  # fmt: skip
 
 
@@ -286,34 +273,58 @@ def _joint(
         if len({record.load for record in measured.of(name, "passes")}) <= 1:  # it changes along the paths with speed
             curve = replace(curve, load=np.full_like(curve.load, curve.load.mean()))
         static = StaticLaw.of(curve, spec.law)
-    loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
-    at_rest, notes = _at_rest(robot, rest, static)
-    presliding, of_loops = _presliding(loops, at_rest, spec)
-    warm_up, thermal, of_heat = _heat(name, measured)
+    notes = list(levels.notes)
+    at_rest = noted(notes, "friction/at-rest", _at_rest, robot, measured.of(name, "at_rest"), static)
+    presliding = noted(notes, "friction/presliding", _presliding, measured.of(name, "loops"), at_rest, spec)
+    warmed = noted(notes, "friction/warm-up", _heat, name, measured)
     friction, viscous, refused = _law(levels, static, presliding, at_rest, spec.law)
     true = {} if truth is None else true_numbers(truth, name, static)
     numbers = {each.name: each for each in _numbers(levels, None if refused else static, at_rest, true)}
-    if warm_up is not None and thermal is not None:
-        numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
+    if warmed is not None:
+        numbers |= {each.name: each for each in numbers_of_heat(name, *warmed)}
+        notes += warm_up_note(*warmed, f"warm-up of joint {name}")
+    notes += () if at_rest is None else at_rest.notes
     held = static.held if static is not None else levels.motion.held if levels.motion is not None else ()
     return JointFriction(
-        name, levels.slides, levels.levels, levels.motion, static, presliding, at_rest, thermal, friction, viscous,
-        tuple(numbers.values()), held, (*levels.notes, *notes, *of_loops, *of_heat, *refused),
+        name, levels.slides, levels.levels, levels.motion, static, presliding, at_rest, None if warmed is None else
+        warmed[0], friction, viscous, tuple(numbers.values()), held, (*notes, *refused),
     )  # fmt: skip
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def noted(notes: list[Note], code: str, identify: Callable[P, T | None], *args: P.args, **kwargs: P.kwargs) -> T | None:
+    """A part of the friction; None, and the note on why, where the data do not identify it."""
+    try:
+        return identify(*args, **kwargs)
+    except (DataError, FitError) as error:
+        notes.append(Note(code, error.text, error.place))
+        return None
 
 
 def _law(
     levels: JointLevels, static: StaticLaw | None, presliding: Elements | None, at_rest: AtRest | None, spec: LawSpec
 ) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
-    """The law and its viscous friction; a note where the numbers are physically impossible."""
+    """The law and its viscous friction, link side; a note where the numbers are physically impossible."""
+    sliding = static if static is not None else levels.motion
+    if sliding is None:
+        return None, None, ()
     try:
-        law = joint_law(static, levels.motion, presliding, at_rest, spec)
-        if law is not None:
-            law[0].check_passive(law[1], levels.slides)
+        friction = sliding.to_friction()
+        if presliding is not None:
+            friction = replace(friction, maxwell_slip=presliding.to_maxwell_slip())
+        elif at_rest is not None and at_rest.sigma_0 > 0 and spec.presliding in ("auto", "lugre"):
+            damping = max(0.0, at_rest.sigma_1)
+            # Falls with velocity so that the law supplies no energy, nine tenths of the largest with which it does not.
+            falling = 0.9 * MAX_DAMPING_VELOCITY_RATIO * friction.coulomb / damping if damping > 0 else None
+            friction = replace(friction, lugre=LuGre(at_rest.sigma_0, damping, falling))
+        friction.check_passive(sliding.viscous, levels.slides)
     except ValueError as error:
         text = f"its numbers make no law for a robot's file: {error}; more or quieter levels narrow them"
         return None, None, (Note("friction/law", text, f"joint {levels.joint}"),)
-    return (*(law or (None, None)), ())
+    return friction, sliding.viscous, ()
 
 
 def _numbers(
@@ -323,109 +334,53 @@ def _numbers(
     if static is not None:
         yield from numbers_of_law(levels.joint, static, truth)
     if levels.motion is not None:
-        for number in numbers_of_motion(levels.joint, levels.motion, truth):
-            if static is None or number.symbol in ("J", "o", "g", "G", "H"):
-                yield number
+        motion, fit = levels.motion, levels.motion.chosen
+        learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
+        known = motion.known if static is None else ("inertia", "offset", "gain", "gravity.cos", "gravity.sin")
+        yield from _table(levels.joint, levels.slides, learnt, known, fit.names, fit.values, fit.covariance, truth)
     if at_rest is not None:
-        yield from numbers_at_rest(levels.joint, at_rest, levels.slides, truth)
+        learnt, names = f"responses at rest, {at_rest.amplitudes} amplitudes", ("lugre.stiffness", "lugre.damping")
+        values = np.array([at_rest.sigma_0, at_rest.sigma_1])
+        yield from _table(levels.joint, levels.slides, learnt, names, names, values, at_rest.covariance, truth)
 
 
-def _heat(joint: str, measured: FrictionRecords) -> tuple[WarmUp | None, ThermalModel | None, tuple[Note, ...]]:
-    """The joint's warm-up with its thermal model, or the note on why there is none."""
+def _heat(joint: str, measured: FrictionRecords) -> tuple[ThermalModel, WarmUp] | None:
+    """The thermal model of a joint, with its warm-up; None without one."""
     log = next((log for log in measured.warm_ups if log.joint == joint), None)
     if log is None:
-        return None, None, ()
-    try:
-        warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
-        thermal = fit_warm_up(warm_up)
-        return warm_up, thermal, warm_up_note(thermal, warm_up, f"warm-up of joint {joint}")
-    except (DataError, FitError) as error:
-        return None, None, (Note("friction/warm-up", str(error), f"warm-up of joint {joint}"),)
-
-
-# Codes of notes that say why a part of the friction was not identified.
-_REASONS = ("friction/law", "friction/presliding", "friction/at-rest", "friction/warm-up", "friction/no-record")
+        return None
+    warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
+    return fit_warm_up(warm_up), warm_up
 
 
 def _first_numbers(joint: JointFriction) -> str:
     numbers = ", ".join(f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4])
-    return numbers or next((note.text for note in joint.notes if note.code in _REASONS), "nothing was found")
+    return numbers or next((note.text for note in joint.notes if note.severity == "warning"), "nothing was found")
 
 
-def joint_law(
-    static: StaticLaw | None,
-    motion: MotionFriction | None,
-    presliding: Elements | None,
-    at_rest: AtRest | None,
-    spec: LawSpec,
-) -> tuple[Friction, float] | None:
-    """Friction and its viscous friction, link side; None where neither passes nor a motion identify it."""
-    if static is not None:
-        friction, viscous = static.to_friction(), static.viscous
-    elif motion is not None and motion.chosen["coulomb"] > 0:
-        friction, viscous = _of_motion(motion)
-    else:
-        return None
-    if presliding is not None:
-        friction = replace(friction, maxwell_slip=presliding.to_maxwell_slip())
-    elif spec.presliding in ("auto", "lugre"):
-        friction = replace(friction, lugre=_lugre(at_rest, friction.coulomb))
-    return friction, viscous
-
-
-def _of_motion(motion: MotionFriction) -> tuple[Friction, float]:
-    fit, terms = motion.chosen, motion.terms
-    speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
-    measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
-    held = {"exponent": terms.exponent, "temperature.decay": terms.decay}
-    numbers = held | dict(zip(fit.names, fit.values.tolist(), strict=True))
-    return friction_of(numbers, terms.reference, measured), max(0.0, fit["viscous"])
-
-
-def _lugre(rest: AtRest | None, coulomb: float) -> LuGre | None:
-    """sigma_0 and sigma_1, the damping falling with velocity so that the law supplies no energy."""
-    if rest is None or rest.sigma_0 <= 0:
-        return None
-    stiffness, damping = rest.sigma_0, max(0.0, rest.sigma_1)
-    # Nine tenths of the largest damping velocity with which a LuGre law is passive.
-    falling = 0.9 * MAX_DAMPING_VELOCITY_RATIO * coulomb / damping if damping > 0 else None
-    return LuGre(stiffness, damping, falling)
-
-
-def _presliding(
-    loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: FrictionSpec
-) -> tuple[Elements | None, tuple[Note, ...]]:
-    """Elements from the loops of one joint, or the note on why there are none."""
+def _presliding(loops: Sequence[FrictionRecord], at_rest: AtRest | None, spec: FrictionSpec) -> Elements | None:
+    """Elements from the loops of one joint."""
     if not loops or spec.law.presliding == "no" or (spec.law.presliding == "lugre" and at_rest is not None):
-        return None, ()
-    try:
-        if spec.law.presliding == "lugre":
-            raise DataError(
-                "friction/presliding",
-                "loops do not show the damping of bristles; give responses at rest, or law.presliding: maxwell_slip",
-            )
-        hz = None if spec.presliding is None else spec.presliding.frequency_hz
-        return fit_presliding(loops[0], hz, spec.law.elements), ()
-    except DataError as error:
-        return None, (Note("friction/presliding", str(error), f"record {loops[0].name}"),)
+        return None
+    if spec.law.presliding == "lugre":
+        raise DataError(
+            "friction/presliding",
+            "loops do not show the damping of bristles; give responses at rest, or law.presliding: maxwell_slip",
+            f"record {loops[0].name}",
+        )
+    hz = None if spec.presliding is None else spec.presliding.frequency_hz
+    return fit_presliding(loops[0], hz, spec.law.elements)
 
 
-def _at_rest(
-    robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None
-) -> tuple[AtRest | None, tuple[Note, ...]]:
-    """Bristles from responses of one joint at rest, or the note on why there are none; static: of its passes."""
+def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None) -> AtRest | None:
+    """Bristles from responses of one joint at rest; static: of its passes."""
     if not records:
-        return None, ()
+        return None
     viscous = (0.0, 0.0)
     if static is not None and "viscous" in static.names:
-        i = static.names.index("viscous")
-        viscous = static.viscous, float(np.sqrt(static.covariance[i, i]))
-    try:
-        spring = held_spring(robot, records[0])
-        found = fit_at_rest(f"joint {records[0].joint}", rest_responses(records), spring, viscous)
-    except (DataError, FitError) as error:
-        return None, (Note("friction/at-rest", str(error), f"record {records[0].name}"),)
-    return found, found.notes
+        viscous = static.viscous, static.known("viscous")[1]
+    spring = held_spring(robot, records[0])
+    return fit_at_rest(f"joint {records[0].joint}", rest_responses(records), spring, viscous)
 
 
 def held_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:

@@ -244,8 +244,3 @@ class FilterSpec:
         check_different("states:", self.states)
         if "f" in self.states and {"f+", "f-"} & set(self.states):
             raise ValueError("states: f is viscous friction of both directions; give f, or f+ and f-, not both")
-
-    @property
-    def drift_rates(self) -> dict[str, float]:
-        """Drift rate of each followed logarithm, in a root second; of the offset in parts of F_c."""
-        return dict.fromkeys(self.states, self.drift / 1200.0**0.5)

@@ -26,8 +26,8 @@ from scipy.linalg import solve_banded
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import DataError, FitError, Note
-from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, chance_of_terms, minimise
-from elastid.friction_study.levels import Pass, PassRegression, passes_of
+from elastid.friction_study.least_squares import FALSE_ALARM, chance_of_terms, minimise
+from elastid.friction_study.levels import PassRegression, passes_of
 from elastid.friction_study.motion_signals import alike_speeds
 from elastid.record import FrictionRecord, WarmUpLog
 
@@ -79,7 +79,7 @@ def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
         raise DataError("friction/warm-up", f"{text}; correct the log's clock and signs, or log them", "warm-up")
     _, counts = np.unique(np.round(warm_up.test_speed, 9), return_counts=True)
     is_course = len(counts) > 0 and counts.min() > 4  # more levels than a parabola has numbers
-    problem = _Problem(warm_up, has_series=is_course or not has_readings)
+    problem = _Problem(warm_up, has_readings, has_series=is_course or not has_readings)
     single = problem.fit()
     double = replace(problem, nodes=2).fit(float(single.time_constants[0]))
     pays = double.dof > 0 and (
@@ -92,17 +92,14 @@ def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
 class _Problem:
     """Unknowns x by name: ln T_1, ln T_2 / T_1, s of thermometer and of levels, ln h, start in its std.
 
-    Levels follow a parabola of the heat at each speed, whose three numbers are eliminated.
+    is_kelvin: readings state kelvins.  Levels follow a parabola of the heat at each speed, whose three numbers are
+    eliminated.
     """
 
     warm_up: WarmUp
+    is_kelvin: bool
     has_series: bool
     nodes: int = 1
-
-    @property
-    def is_kelvin(self) -> bool:
-        """True if readings state kelvins."""
-        return bool(np.isfinite(self.warm_up.log.temperature).any())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -130,37 +127,21 @@ class _Problem:
             read, std = np.isfinite(log.temperature), max(log.temperature_std, BEST_THERMOMETER)
             parts += [(log.temperature - T)[read] / std, x[-1:]]
         if self.has_series:
-            A, b = self.series(constants, level_shares), warm_up.level / self.level_std
+            weight = 1 / np.hypot(warm_up.level_std, PARABOLA * warm_up.level)
+            A, b = self.series(constants, level_shares) * weight[:, None], warm_up.level * weight
             parts.append(b - A @ np.linalg.lstsq(A, b, rcond=None)[0])
         return np.concatenate(parts)
 
-    @property
-    def level_std(self) -> FloatArray:
-        """Std of the levels (m,), with what a parabola over the heat may miss."""
-        return np.hypot(self.warm_up.level_std, PARABOLA * self.warm_up.level)
-
     def series(self, constants: FloatArray, shares: FloatArray) -> FloatArray:
-        """Columns (m, 3 n_speeds) of the parabolas over the std of the levels."""
+        """Columns (m, 3 n_speeds) of the parabolas."""
         warm_up = self.warm_up
         speeds, place = np.unique(np.round(warm_up.test_speed, 9), return_inverse=True)
         heat = _heat(warm_up.log, constants, shares)[warm_up.test] / warm_up.log.power.max()
         by_speed = np.eye(len(speeds))[place]
-        return np.hstack([by_speed * heat[:, None] ** power for power in range(3)]) / self.level_std[:, None]
+        return np.hstack([by_speed * heat[:, None] ** power for power in range(3)])
 
     def fit(self, constant: float | None = None) -> ThermalModel:
         """The best of a few starts, constant: that of one node; FitError where none leads to an optimum."""
-        end = self._search(constant)
-        constants, shares, level_shares, h, _ = self.parts(end.x)
-        eliminated = self.series(constants, level_shares).shape[1] if self.has_series else 0
-        pick = np.array([[float(name == row) for name in self.names] for row in ("h", "constant", "ratio")])
-        pick[2] += pick[1]  # ln T_2 = ln T_1 + ln ratio
-        log_std = np.sqrt(np.diag(pick @ np.nan_to_num(end.covariance, posinf=1e12) @ pick.T))[: 1 + self.nodes]
-        return ThermalModel(
-            constants, shares if self.is_kelvin else level_shares, h if self.is_kelvin else math.nan, log_std,
-            end.cost, end.dof - eliminated,
-        )  # fmt: skip
-
-    def _search(self, constant: float | None) -> Optimum:
         log = self.warm_up.log
         span = float(log.time_s[-1] - log.time_s[0])
         lead = float(np.log(max(log.power.mean(), 1e-3) / 20.0))  # h such that the mean power warms by 20 K
@@ -179,7 +160,14 @@ class _Problem:
         if not ends:
             text = "no start leads to an optimum; check its levels and temperatures"
             raise FitError("friction/warm-up", text, "warm-up")
-        return min(ends, key=lambda end: end.cost)
+        end = min(ends, key=lambda end: end.cost)
+        constants, shares, level_shares, h, _ = self.parts(end.x)
+        eliminated = self.series(constants, level_shares).shape[1] if self.has_series else 0
+        pick = np.array([[float(name == row) for name in self.names] for row in ("h", "constant", "ratio")])
+        pick[2] += pick[1]  # ln T_2 = ln T_1 + ln ratio
+        log_std = np.sqrt(np.diag(pick @ np.nan_to_num(end.covariance, posinf=1e12) @ pick.T))[: 1 + self.nodes]
+        shares, h = (shares, h) if self.is_kelvin else (level_shares, math.nan)
+        return ThermalModel(constants, shares, h, log_std, end.cost, end.dof - eliminated)
 
 
 def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note, ...]:
@@ -215,13 +203,8 @@ def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     """The log with the level of each test pass."""
     pairs = [passes_of(record) for record in tests]
     speeds = [float(np.mean([abs(each.velocity.mean()) for each in pair])) for pair in pairs]
-    levels = np.array([_level(pair) for pair in pairs]).reshape(-1, 2)
+    solved = [PassRegression.of(pair, True, 0.0).solve() for pair in pairs]
+    levels = np.array([(values[0], np.sqrt(covariance[0, 0])) for values, covariance in solved]).reshape(-1, 2)
     samples = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
     samples = np.clip(samples, 0, len(log.time_s) - 1)
     return WarmUp(log, samples, alike_speeds(np.array(speeds)), levels[:, 0], levels[:, 1])
-
-
-def _level(passes: Sequence[Pass]) -> tuple[float, float]:
-    """Level and its std of one pair."""
-    values, covariance = PassRegression.of(passes, True, 0.0).solve()
-    return float(values[0]), float(np.sqrt(covariance[0, 0]))

@@ -19,10 +19,10 @@ from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.link_side import check_values, link_side
-from elastid.recorded.periodicity import found_period, period_samples, rounded_samples
 from elastid.recorded.repair import Finding, Log, Repaired
 from elastid.recorded.repair.masks import rest_before
 from elastid.recorded.repair.missing import bridged_gaps, filled
+from elastid.recorded.repair.periodicity import found_period, period_samples, rounded_samples
 from elastid.recorded.repair.time_stamps import CLOCK, PASSBAND, at_times, clock_drift, delay, on_grid
 
 

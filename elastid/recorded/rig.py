@@ -26,11 +26,11 @@ from elastid.recorded.link_side import (
     link_side_factor,
     to_joints,
 )
-from elastid.recorded.periodicity import check_repeat, grid_samples, unstated_period_notes
 from elastid.recorded.pieces import end_notes, joined, joined_periods, may_be_large, pieces
 from elastid.recorded.repair import Log, Repaired, counts
 from elastid.recorded.repair.masks import STOPPED
-from elastid.recorded.repair_order import repair, repair_without_period
+from elastid.recorded.repair.missing import repair, repair_without_period
+from elastid.recorded.repair.periodicity import check_repeat, grid_samples, unstated_period_notes
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from elastid.base.display import digits, number, percent, value_cells
 from elastid.base.errors import NoteGroup, grouped
 from elastid.experiment.plan.friction import FrictionPlan
-from elastid.friction_study.follow import FollowedFriction
+from elastid.friction_study.extended_kalman_filter import FollowedFriction
 from elastid.friction_study.laws import ABSENT, NOT_ASKED, Held
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.validation.twin import LINK, NO_PREDICTION, NO_TWIN, TORQUE, Prediction, TwinFindings

@@ -62,15 +62,15 @@ def _step(name: str, observer: Observer) -> ca.Function:
 
 
 def _functions(name: str, observer: Observer, step: ca.Function) -> str:
-    start = first_estimate(observer.joint, 0.0)
-    n, size = len(start.x), start.P.size
+    x, P = first_estimate(observer.joint, 0.0)
+    n, size = len(x), P.size
     angles = [i for i, state in enumerate(observer.joint.states) if state.startswith("q_")]
-    spring = f" - load / {observer.joint.stiffness!r}" if observer.joint.is_elastic else ""
+    spring = f" - load / {observer.joint.stiffness!r}" if observer.joint.stiffness > 0 else ""
     moved = "".join(f"  x[{i}] = angle{spring if observer.joint.states[i] == 'q_l' else ''};\n" for i in angles)
     return f"""
 void {name}_start(double x[{n}], double P[{size}], double angle, double load) {{
-  static const double x_start[{n}] = {c_row(start.x)};
-  static const double P_start[{size}] = {c_row(start.P.ravel(order="F"))};
+  static const double x_start[{n}] = {c_row(x)};
+  static const double P_start[{size}] = {c_row(P.ravel(order="F"))};
   for (int i = 0; i < {n}; i++) x[i] = x_start[i];
   for (int i = 0; i < {size}; i++) P[i] = P_start[i];
   (void)load;
@@ -114,11 +114,11 @@ def _header(observers: Mapping[str, Observer], identifiers: Mapping[str, str]) -
 
 
 def _starts(joint: FollowedJoint) -> str:
-    start, bands = first_estimate(joint, 0.0), []
-    std = np.sqrt(np.diag(start.P))
+    bands, (x, P) = list[str](), first_estimate(joint, 0.0)
+    std = np.sqrt(np.diag(P))
     for i, state in enumerate(joint.states):
         if state in joint.followed:
-            ends = start.x[i] + QUANTILE_95 * std[i] * np.array([-1, 1])
+            ends = x[i] + QUANTILE_95 * std[i] * np.array([-1, 1])
             low, high = ends if state == "offset" else np.exp(ends)
             bands.append(f"{state} {low:.4g} to {high:.4g}")
     return ", ".join(bands)

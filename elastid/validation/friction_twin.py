@@ -25,11 +25,10 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.friction_study.joint_levels import find_joint_levels, motion_log, motion_logs
-from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts
+from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts, rigid_body_torques
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.motion_terms import columns_of, full_rate_columns
 from elastid.friction_study.result import JointFriction
-from elastid.friction_study.robot_motion import rigid_body_torques
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
 from elastid.robot import Robot
 from elastid.robot.simplified import without_friction

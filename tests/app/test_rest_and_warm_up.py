@@ -65,15 +65,12 @@ def holds(number: FrictionNumber, truth: float, stds: float = 3.3) -> bool:
     return abs(number.value - truth) < stds * number.std
 
 
-@pytest.mark.parametrize("kind", ["multisine", "noise"])
-def test_bristles_from_logs_at_rest_alone(kind: str, tmp_path: Path) -> None:
+def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:
     """Two amplitudes, no other log: sigma_0 to 1 % and sigma_1 to 10 %, within their intervals, with page and JSON."""
     rng = np.random.default_rng(3)
     for name, size in (("small", 1.0), ("large", 2.0)):
-        torque = lugre_rig.multisine(size, rng) if kind == "multisine" else lugre_rig.noise(size / 3, rng, 15.0)
-        lugre_rig.write_rest_log(tmp_path / f"{name}.csv", torque, rng)
-    period = ", period: 2 s" if kind == "multisine" else ""
-    files = [f"{{path: {name}.csv, purpose: at_rest{period}}}" for name in ("small", "large")]
+        lugre_rig.write_rest_log(tmp_path / f"{name}.csv", lugre_rig.multisine(size, rng), rng)
+    files = [f"{{path: {name}.csv, purpose: at_rest, period: 2 s}}" for name in ("small", "large")]
     found = numbers(result_of(study(tmp_path, *files)))
     for name, truth, error in (("s0_m1", lugre_rig.SIGMA_0, 0.01), ("s1_m1", lugre_rig.SIGMA_1, 0.1)):
         assert found[name].std < error * truth

@@ -68,5 +68,5 @@ def test_stiction_of_a_load_fades_at_its_own_velocity_or_at_that_of_the_joint(
     """L exp(-(v / v_s)^2)."""
     v, L = np.array([0.02, 0.1, 0.5]), np.array([10.0, 30.0, 20.0])
     loaded = Conditions(v, np.zeros(3), L, np.full(3, np.nan))
-    found = columns(loaded, ("load.excess",), {"stribeck_velocity": 0.1, "exponent": 2.0, **own}, 25.0)
+    found = columns(loaded, ("load.stiction",), {"stribeck_velocity": 0.1, "exponent": 2.0, **own}, 25.0)
     np.testing.assert_allclose(found[:, 0], L * np.exp(-((v / fading) ** 2)))

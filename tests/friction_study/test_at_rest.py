@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 import pytest
 from plants.lugre_joint import COUNT, JOINT, RATE, TRUTH, angle
-from scipy.signal import butter, sosfilt
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle
@@ -77,25 +76,6 @@ def test_noise_and_counts_leave_the_numbers_inside_their_intervals(of_file: Elas
 @cache
 def noisy_responses() -> tuple[RestResponse, ...]:
     return rest_responses(measured((0.15, 0.3), 2, 0.02, COUNT))
-
-
-def noisy(rms: float, seed: int) -> FrictionRecord:
-    """A minute of noise of 3 to 90 Hz, 16 bit, torque noise of a fifth of the smaller torque."""
-    rng = np.random.default_rng(seed)
-    u = sosfilt(butter(4, (3, 90), "bandpass", fs=RATE, output="sos"), rng.standard_normal(60_000))
-    u *= rms / u.std()
-    q = np.append(0.0, angle(u + 0.01 * rng.standard_normal(len(u)), 2)[:-1])
-    return FrictionRecord(
-        "noise", "1", "at_rest", RATE, np.round(q / COUNT) * COUNT, u, resolution=COUNT, hold="zero-order"
-    )
-
-
-def test_noise_without_a_period_leaves_the_numbers_inside_their_intervals() -> None:
-    """By Welch's method where the torque has power: sigma_0 to 0.2 %, sigma_1 to 1 %."""
-    found = fit_at_rest("joint 1", rest_responses([noisy(0.05, 1), noisy(0.1, 2)]), JOINT, (TRUTH["viscous"], 0.0))
-    std = np.sqrt(np.diag(found.covariance)) / [300, 0.5]
-    assert np.all(std < [0.002, 0.01])
-    assert np.all(np.abs(errors(found)) < 3 * std)
 
 
 def rigid(peak: float, seed: int, thresholds: FloatArray, stiffness: FloatArray, inertia: float) -> FrictionRecord:

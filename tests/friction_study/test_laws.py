@@ -36,7 +36,7 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
         v = float(levels.speed[i])
         curve = placed.symbols(list(ca.vertsplit(ca.SX(placed.curve(levels.load[i], levels.temperature[i])))))
         simulated = float(ca.DM(curve.level(v))) + float(ca.DM(curve.growing(v))) + law.viscous * v
-        assert simulated == pytest.approx(law.fit.torque(levels.conditions)[i], rel=1e-9)
+        assert simulated == pytest.approx(law.torque(levels.conditions)[i], rel=1e-9)
         assert simulated == pytest.approx(levels.torque[i], rel=0.02)
     assert law.measured.speed == pytest.approx((1.0, 280.0))
 
@@ -121,7 +121,7 @@ def test_coulomb_friction_is_covered_where_no_speed_is_slow_enough_for_stiction(
             assert "stiction" not in law.intervals
             _, _, low, high = law.intervals["coulomb"]
             held.append(low <= 10 <= high)
-            assert law.fit.torque(levels.conditions) == pytest.approx(curve, rel=0.12 if error > 0.01 else 0.015)
+            assert law.torque(levels.conditions) == pytest.approx(curve, rel=0.12 if error > 0.01 else 0.015)
     assert np.mean(held) >= 0.85
     columns = ("speed", "direction", "torque", "std", "load", "temperature")
     fast = replace(levels, **{name: getattr(levels, name)[speeds > 0.7] for name in columns})
@@ -192,5 +192,5 @@ def test_too_few_levels_are_refused_with_their_number() -> None:
     with refused("friction/law", holds=("3 levels", "4 numbers")):
         fit_curve(
             published_levels((1.0, 10.0, 100.0), (0.0,), (40.0,)),
-            Terms(("coulomb", "excess", "viscous"), ("stribeck_velocity",), {"exponent": 2.0}),
+            Terms(("coulomb", "stiction", "viscous"), ("stribeck_velocity",), {"exponent": 2.0}),
         )

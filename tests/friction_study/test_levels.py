@@ -15,7 +15,7 @@ from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_study.laws import StaticLaw
-from elastid.friction_study.levels import Pass, find_levels, levels_of_records
+from elastid.friction_study.levels import Pass, find_levels, passes_of
 from elastid.friction_study.spec import LawSpec
 from elastid.record import FrictionRecord
 
@@ -141,7 +141,8 @@ def test_gravity_of_one_load_is_not_friction_of_another() -> None:
     """Levels grow by what friction does, to its noise, although gravity grows by far more."""
     _, measured = records(template(*SMALL))
     loads = (0.0, 100.0, 200.0)
-    found = levels_of_records([loaded(one, load) for load in loads for one in measured.records], True, 0.0)
+    every = [loaded(one, load) for load in loads for one in measured.records]
+    found = find_levels([each for record in every for each in passes_of(record)], True)
     levels = found
     n = levels.n_levels // 3
     assert not levels.direction.any()

@@ -14,8 +14,6 @@ from scipy.io import loadmat
 
 from elastid.friction_study.motion import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion, distinct_speeds
-from elastid.friction_study.result import joint_law
-from elastid.friction_study.spec import LawSpec
 
 J, F_C, VISCOUS, COS, SIN = 12.0, 8.0, 30.0, 25.0, 4.0
 
@@ -76,9 +74,9 @@ def test_errors_that_repeat_with_the_motors_angle_are_in_the_intervals(turn: flo
 
 
 def test_directions_are_told_apart_only_where_they_are() -> None:
-    assert not any(regress_motion(swing(seed)).are_apart for seed in range(10))
+    assert not any(regress_motion(swing(seed)).terms.apart for seed in range(10))
     fit = regress_motion(swing(1, uneven=6.0))
-    assert fit.are_apart
+    assert fit.terms.apart
     assert fit.chosen["directions.viscous"] == pytest.approx(6.0, rel=0.1)
 
 
@@ -140,7 +138,7 @@ def test_a_real_axis_has_the_published_mass_and_two_slopes(axis: MotionFriction)
     for name, value in published.items():
         assert abs(fit[name] - value) < 1.96 * fit.std(name), name
     assert fit.std("inertia") < 0.5
-    assert axis.are_apart
+    assert axis.terms.apart
     assert not axis.misfit
     assert fit["directions.viscous"] == pytest.approx(-37, abs=3)
     assert fit["delay"] == pytest.approx(0.8e-3, abs=0.2e-3)
@@ -248,11 +246,10 @@ def test_friction_that_changes_with_temperature_has_numbers_for_it() -> None:
     for name, value in truth.items():
         assert abs(fit.chosen[name] - value) < 3 * fit.chosen.std(name), name
     assert not held(fit, "temperature")
-    law = joint_law(None, fit, None, None, LawSpec())
-    assert law is not None
-    assert law[0].temperature is not None
-    assert law[0].temperature.coulomb == fit.chosen["temperature.coulomb"]
-    assert law[0].temperature.reference == pytest.approx(T_0)
+    by_heat = fit.to_friction().temperature
+    assert by_heat is not None
+    assert by_heat.coulomb == fit.chosen["temperature.coulomb"]
+    assert by_heat.reference == pytest.approx(T_0)
 
 
 def test_another_decay_than_that_assumed_is_found_where_temperatures_show_it() -> None:

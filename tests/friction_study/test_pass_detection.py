@@ -12,7 +12,7 @@ from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, 
 from plants.refusals import refused
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.levels import find_levels, levels_of_records, passes_of
+from elastid.friction_study.levels import find_levels, passes_of
 from elastid.friction_study.motion_signals import detect_passes
 from elastid.record import FrictionRecord
 
@@ -62,7 +62,7 @@ def test_ways_whose_speed_wanders_with_the_cogging_are_passes() -> None:
     assert wander.std() > 0.1 * wander.mean()
     passes = [each for log in logs for each in detect_passes(log, True)]
     assert [each.speed for each in passes] == pytest.approx(speeds, rel=0.02)
-    levels = levels_of_records(passes, True, 2 * np.pi / RATIO)
+    levels = find_levels([one for each in passes for one in passes_of(each)], True, 2 * np.pi / RATIO)
     truth = [float(joint.level(v, s)) for v, s in zip(levels.speed, levels.direction, strict=True)]
     assert set(levels.direction) == {-1.0, 1.0}
     assert levels.torque == pytest.approx(truth, rel=5e-3)

@@ -10,8 +10,8 @@ from plants.moving_arm import COULOMB, RATE, VISCOUS, motion, two_axes
 from plants.refusals import refused
 
 from elastid.friction_study.joint_levels import check_torques
+from elastid.friction_study.motion import regress_robot_motion, rigid_body_torques, torques_in_file
 from elastid.friction_study.motion_signals import MotionLog
-from elastid.friction_study.robot_motion import regress_robot_motion, rigid_body_torques, torques_in_file
 
 
 def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
@@ -51,7 +51,7 @@ def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> 
     ]
     assert not fits[0]["1"].misfit
     assert sum(fits[0]["2"].seconds.values()) == pytest.approx(20.0)
-    assert fits[0]["2"].seconds["near a reversal or rest"] > 1.0
+    assert fits[0]["2"].seconds["near a reversal, rest or end"] > 1.0
     for name in ("coulomb", "viscous"):
         assert fits[1]["2"].chosen[name] == pytest.approx(fits[0]["2"].chosen[name], rel=1e-6)
 

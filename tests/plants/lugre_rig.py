@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.signal import butter, sosfilt
 
 from elastid.base.arrays import FloatArray
 
@@ -67,13 +66,6 @@ def multisine(peak: float, rng: np.random.Generator, periods: int = 6) -> FloatA
     spectrum[lines] = np.exp(2j * np.pi * rng.random(len(lines)))
     u = np.fft.irfft(spectrum, PERIOD)
     return np.tile(u * peak / np.abs(u).max(), periods)
-
-
-def noise(rms: float, rng: np.random.Generator, seconds: float = 30.0) -> FloatArray:
-    """3 to 90 Hz."""
-    band = butter(4, (3, 90), "bandpass", fs=RATE, output="sos")
-    u = sosfilt(band, rng.standard_normal(round(seconds * RATE)))
-    return np.asarray(u * rms / u.std())
 
 
 def passes(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

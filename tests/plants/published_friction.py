@@ -18,7 +18,8 @@ from elastid.friction_study.levels import Levels
 # Its twelve numbers.
 TERMS = Terms(
     (
-        "coulomb", "excess", "viscous", "load.coulomb", "load.excess", "temperature.stiction", "temperature.viscous",
+        "coulomb", "stiction", "viscous", "load.coulomb", "load.stiction",
+        "temperature.stiction", "temperature.viscous",
     ),
     ("stribeck_velocity", "temperature.stribeck_velocity", "exponent", "load.stribeck_velocity", "temperature.decay"),
     {},

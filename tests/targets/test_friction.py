@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plants.hostile_names import HOSTILE
 
-from elastid.friction_study.extended_kalman_filter import FilterNoise, KalmanFilter, first_estimate
+from elastid.friction_study.extended_kalman_filter import FilterNoise, KalmanFilter
 from elastid.targets.friction import Observer, write_observers
 from tests.plants.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
 
@@ -42,6 +42,7 @@ def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
     c.joint_2_start(x, P, ctypes.c_double(samples.angle[0]), ctypes.c_double(0.0))
     for u, g, y in zip(samples.torque, samples.load, samples.angle, strict=True):
         c.joint_2_follow(x, P, *(ctypes.c_double(value) for value in (u, g, y)), None, None)
-    track = KalmanFilter(FOLLOWED, RATE_HZ).run(samples, NOISE, first_estimate(FOLLOWED, samples.angle[0]))
-    np.testing.assert_allclose(np.array(x), track.last.x, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(np.array(P).reshape(n, n + m, order="F"), track.last.P, rtol=1e-6, atol=1e-18)
+    track = KalmanFilter(FOLLOWED, RATE_HZ).run([samples], NOISE)
+    np.testing.assert_allclose(np.array(x), track.x[-1], rtol=1e-9, atol=1e-12)
+    std = np.sqrt(np.diag(np.array(P).reshape(n, n + m, order="F")))
+    np.testing.assert_allclose(std, track.std[-1], rtol=1e-6, atol=1e-9)

@@ -9,7 +9,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.modal.estimate import estimate_modes
 from elastid.modal.spec import GeometrySpec
 from elastid.record import Configuration
-from elastid.recorded.responses.universal import uff_geometry, uff_table
+from elastid.recorded.responses.table import uff_geometry, uff_table
 from elastid.response import Response
 from elastid.targets.uff import write_uff
 

@@ -26,8 +26,14 @@ from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction.robot_friction import PlacedLaw, frictions
-from elastid.friction_study.extended_kalman_filter import FilterNoise, FollowedJoint, JointSamples
-from elastid.friction_study.follow import FollowedFriction, follow, with_tolerances
+from elastid.friction_study.extended_kalman_filter import (
+    FilterNoise,
+    FollowedFriction,
+    FollowedJoint,
+    JointSamples,
+    follow,
+    with_tolerances,
+)
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointFriction, JointLevels, held_spring, identify_friction
@@ -288,7 +294,9 @@ def _followed(
     joint = _joint(robot, identified, records, spec, law, identified.viscous)
     motions = tuple(_motion(record, _gravity(identified), records[0].start_s) for record in records)
     angle = max(_count(record) for record in records) / np.sqrt(12)
-    drift = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name, rate in spec.drift_rates.items()}
+    # The drift within 20 minutes is that of a random walk, of the offset in parts of F_c.
+    rate = spec.drift / 1200.0**0.5
+    drift: dict[str, float] = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name in spec.states}
     torque = spec.torque_std or 0.05 * joint.coulomb  # where it was not identified
     noise = FilterNoise(float(angle), torque, torque if spec.correlation_time > 0 else 0.0, drift=drift)
     return follow(

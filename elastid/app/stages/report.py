@@ -111,7 +111,7 @@ def report_responses(
     """The page, figures, modes.csv and modes.h5 of responses without a robot."""
     # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
     from elastid.modal.estimate import modes_of_responses
-    from elastid.recorded.responses.universal import geometry_of_files
+    from elastid.recorded.responses.table import geometry_of_files
     from elastid.report.content import ResponsesContent
     from elastid.report.overview import questions_of_responses
     from elastid.report.page.page import write_page_of_responses

@@ -1,6 +1,6 @@
 """The formats of log files: one row for each reader, chosen by the first bytes; and a file named with its fault.
 
-A further format is one file with `recognises` and `opened`, and one row; that of another package is a `Format` under
+A further format is a function that opens a file, and one row; that of another package is a `Format` under
 the entry point group `elastid.readers`.
 """
 
@@ -20,7 +20,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files import hdf5, matlab_5, parquet, ros_bag, tdms, text
+from elastid.recorded.files import foreign, hdf5, ros_bag, text
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.reader_process import guarded
 
@@ -39,14 +39,19 @@ class Format:
     advice: str
 
 
+def starts_with(mark: bytes) -> Callable[[Path, bytes], bool]:
+    """True of files that begin with a mark."""
+    return lambda path, head: head.startswith(mark)
+
+
 # The first that recognises a file reads it.
 FORMATS = (
-    Format("ROS bag", ros_bag.recognises, guarded(ros_bag.__name__), "copy it again with all files of its folder"),
-    Format("TDMS", tdms.recognises, guarded(tdms.__name__), "copy it or export it again"),
-    Format("Parquet", parquet.recognises, guarded(parquet.__name__), "copy it or export it again"),
+    Format("ROS bag", ros_bag.recognises, guarded(ros_bag.opened), "copy it again with all files of its folder"),
+    Format("TDMS", starts_with(b"TDSm"), guarded(foreign.opened_tdms), "copy it or export it again"),
+    Format("Parquet", starts_with(b"PAR1"), guarded(foreign.opened_parquet), "copy it or export it again"),
     Format("MATLAB 7.3", hdf5.recognises_matlab, hdf5.opened_matlab, "copy it or save it again"),
     Format("HDF5", hdf5.recognises, hdf5.opened, "copy it or export it again"),
-    Format("MATLAB", matlab_5.recognises, guarded(matlab_5.__name__), "copy it or save it again with -v7"),
+    Format("MATLAB", foreign.is_matlab, guarded(foreign.opened_matlab), "copy it or save it again with -v7"),
     Format("text", text.recognises, text.opened, "copy it or export it again"),
 )
 

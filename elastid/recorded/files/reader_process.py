@@ -37,12 +37,15 @@ _readers: dict[tuple[int, str], subprocess.Popen[bytes]] = {}
 _one_request = RLock()
 
 
-def guarded(module: str) -> Callable[[Path, TextFormatSpec], AbstractContextManager[ArrayLog]]:
-    """The `opened` of a reader, carried out in the guarded process; module: its name."""
+def guarded(
+    reader: Callable[[Path, TextFormatSpec], AbstractContextManager[ArrayLog]],
+) -> Callable[[Path, TextFormatSpec], AbstractContextManager[ArrayLog]]:
+    """The function that opens a file, carried out in the guarded process."""
 
     @contextmanager
     def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
-        file = {"module": module, "folder": os.getcwd(), "path": str(path), "version": _version(path)}
+        names = {"module": reader.__module__, "name": reader.__name__}
+        file = {**names, "folder": os.getcwd(), "path": str(path), "version": _version(path)}
         signals = _ask({"file": file})["signals"]
         yield ArrayLog(path, {entry["name"]: _stored(file, index, entry) for index, entry in enumerate(signals)})
 
@@ -176,9 +179,9 @@ def limit_memory() -> int:
     return limit
 
 
-def _opened(module: str, folder: str, path: str, version: object) -> AbstractContextManager[ArrayLog]:
+def _opened(module: str, name: str, folder: str, path: str, version: object) -> AbstractContextManager[ArrayLog]:
     os.chdir(folder)
-    opened: AbstractContextManager[ArrayLog] = import_module(module).opened(Path(path), TextFormatSpec())
+    opened: AbstractContextManager[ArrayLog] = getattr(import_module(module), name)(Path(path), TextFormatSpec())
     return opened
 
 

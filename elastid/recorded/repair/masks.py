@@ -4,7 +4,7 @@ A repetition whose torques stand still where those of others move, as at a stop,
 repeats its last value exactly, and one that drops out leaps to exactly 0 and back, where others do neither.  A spike is
 one sample or two (Hampel's rule across periods):
 
-    e = x - median of the other periods,   d = |e - running median of e| > 8 sigma
+    e = x - median of the periods,   d = |e - running median of e| > 8 sigma
 
 only where e is as far from the parabola through its neighbours, six times as far as each of
 those, and d six times as large as at its neighbours and three times as at all but 2 % of the samples of most parts of
@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.statistics import STD_OVER_MAD
-from elastid.recorded.repair import Finding, Log, Repaired, blocks, expected, runs
+from elastid.recorded.repair import Finding, Log, Repaired, expected, runs
 from elastid.recorded.repair.converter import step
 
 MASKED, STOPPED = "samples taken as missing", "stops"
@@ -161,39 +161,28 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired
     """Signals (P L, c), finite, NaN at spikes of one or two samples; unchanged for fewer than three repetitions."""
     if len(signals) // L < SPIKE.min_periods:
         return Repaired(signals)
-    return _without(signals, [_from_others(x, L, sign) for x in signals.T], L, "the other periods", log)[0]
+    good = np.ones(len(signals), dtype=np.bool_)
+    apart = [x - expected(x, L, sign, good, robust=True) for x in signals.T]
+    return _without(signals, apart, "the other periods", log)[0]
 
 
 def despiked_without_period(signals: FloatArray, log: Log) -> Repaired:
     """Signals (n, c), finite, with the parabola through the neighbours at spikes that these alone show."""
-    repaired, values = _without(signals, list(signals.T), len(signals), "their neighbours", log)
+    repaired, values = _without(signals, list(signals.T), "their neighbours", log)
     result = repaired.signals.copy()
     for c, usual in values.items():
         result[np.isnan(result[:, c]), c] = usual
     return Repaired(result, repaired.findings)
 
 
-def _from_others(x: FloatArray, L: int, sign: int) -> FloatArray:
-    """e (n,): each sample less the median of the other repetitions, from their order with this one."""
-    E = blocks(x - expected(x, L, sign, np.ones(len(x), dtype=np.bool_), robust=True), L, sign)
-    ordered, middle = np.sort(E, axis=0), len(E) // 2
-    below, centre = ordered[middle - 1], ordered[middle]
-    if len(E) % 2:
-        above = ordered[middle + 1]
-        E = E - np.where(centre > E, centre + above, np.where(centre < E, below + centre, below + above)) / 2
-    else:
-        E = E - np.where(centre > E, centre, below)
-    return np.asarray((E * float(sign) ** np.arange(len(E))[:, None]).ravel())
-
-
 def _without(
-    signals: FloatArray, apart: Sequence[FloatArray], L: int, reference: str, log: Log
+    signals: FloatArray, apart: Sequence[FloatArray], reference: str, log: Log
 ) -> tuple[Repaired, dict[int, FloatArray]]:
     """Signals (n, c), NaN at the spikes of each channel, and usual values there.  apart: e (n,) of each."""
     result, findings, values = signals.copy(), [], {}
     for c, e in enumerate(apart):
         x = signals[:, c]
-        spikes, usual = _spikes(x, e, L)
+        spikes, usual = _spikes(x, e)
         if spikes.size == 0:
             continue
         text = f"{log.names[c]}: {spikes.size} of {len(x)} samples differ from {reference}"
@@ -206,7 +195,7 @@ def _without(
     return Repaired(result, tuple(findings)), values
 
 
-def _spikes(x: FloatArray, e: FloatArray, L: int) -> tuple[IntArray, FloatArray]:
+def _spikes(x: FloatArray, e: FloatArray) -> tuple[IntArray, FloatArray]:
     """Samples (k,) of the spikes, and their usual values (k,)."""
     from scipy.ndimage import median_filter
 
@@ -217,13 +206,11 @@ def _spikes(x: FloatArray, e: FloatArray, L: int) -> tuple[IntArray, FloatArray]
     least = max(SPIKE.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x))
     parts = d[: len(d) // SPIKE.parts * SPIKE.parts].reshape(SPIKE.parts, -1)
     beyond_usual = SPIKE.min_over_usual * float(np.median(np.quantile(parts, SPIKE.usual_share, axis=1)))
-    # Of three periods the two others have half of a spike in one.
-    largest = np.tile(np.abs(e).reshape(-1, L).max(axis=0), 3) if len(e) == 3 * L else np.zeros(len(e))
     spikes, usual = [np.arange(0)], [x[:0]]
     for first, end in runs(np.asarray(d > least)):
         run, n = np.arange(first, end), SPIKE.neighbours
         # Near an end a spike cannot be distinguished from a bend.
-        if len(run) > SPIKE.max_run or first <= n or end > len(e) - n or np.any(np.abs(e[run]) < largest[run]):
+        if len(run) > SPIKE.max_run or first <= n or end > len(e) - n:
             continue
         around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
         local, scatter = _parabola(e, run)

@@ -23,8 +23,16 @@ from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.text import TextLog, guess_format
 from elastid.recorded.link_side import MAX_COMPUTABLE, link_side_factor, to_joints
-from elastid.recorded.responses.table import ResponseTable, dataset_table, struct_table, structs_in, text_table
-from elastid.recorded.responses.universal import is_universal_file, uff_contents, uff_table
+from elastid.recorded.responses.table import (
+    ResponseTable,
+    dataset_table,
+    is_universal_file,
+    struct_table,
+    structs_in,
+    text_table,
+    uff_contents,
+    uff_table,
+)
 from elastid.response import Covariance, Response
 
 

@@ -123,12 +123,12 @@ def law_directions(law: StaticLaw) -> tuple[float, ...]:
 
 def residuals(law: StaticLaw) -> FloatArray:
     """(level - law) / std (n,)."""
-    return (law.levels.torque - law.fit.torque(law.levels.conditions)) / law.levels.std
+    return (law.levels.torque - law.torque(law.levels.conditions)) / law.levels.std
 
 
 def law_band(law: StaticLaw, at: Conditions) -> tuple[FloatArray, FloatArray]:
     """The law (n,) at conditions, and half the width of its 95 % band."""
-    return law.fit.torque(at), law.fit.reach * law.fit.torque_std(at)
+    return law.torque(at), law.reach * law.torque_std(at)
 
 
 def _levels(law: StaticLaw, direction: float, on_curve: BoolArray) -> tuple[list[Curve], list[Curve]]:

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95
-from elastid.friction_study.extended_kalman_filter import FILTER
-from elastid.friction_study.follow import FollowedFriction
+from elastid.friction_study.extended_kalman_filter import FILTER, FollowedFriction
 from elastid.friction_study.least_squares import Regression
 from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts
 from elastid.friction_study.motion_signals import MotionSignals, distinct_speeds

@@ -24,8 +24,8 @@ from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.log import Log as OpenLog
 from elastid.recorded.files.text import WRITTEN_OTHERWISE
 from elastid.recorded.link_side import channel_refusals
-from elastid.recorded.periodicity import check_repeat, grid_samples
 from elastid.recorded.repair import Log
+from elastid.recorded.repair.periodicity import check_repeat, grid_samples
 from elastid.store.files import content_hash
 from elastid.study.checks.names import check_place, unknown
 from elastid.study.messages import Problem

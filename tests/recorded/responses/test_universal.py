@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.recorded.responses.universal import uff_geometry, uff_places, uff_table
+from elastid.recorded.responses.table import uff_geometry, uff_places, uff_table
 
 pyuff = pytest.importorskip("pyuff")
 FREQ_HZ = np.arange(1.0, 40.0)

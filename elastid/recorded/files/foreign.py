@@ -1,0 +1,126 @@
+"""Logs in formats of which libraries know the layout: MATLAB up to version 7, Parquet, and TDMS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.recorded.files.log import ArrayLog, StoredArray, imported, seconds
+
+
+def is_matlab(path: Path, head: bytes) -> bool:
+    """True by the header; files of version 4 have none, and are known by their suffix."""
+    # Version and byte order stand behind the free text of a header, little or big endian.
+    signatures = (b"\x00\x01IM", b"\x01\x00MI")
+    return head.startswith(b"MATLAB") or head[124:128] in signatures or path.suffix.lower() == ".mat"
+
+
+@contextmanager
+def opened_matlab(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """MATLAB up to version 7, by SciPy: all variables, members of structs behind a dot, elements of cells in braces.
+
+    Objects of classes are left out.
+    """
+    from scipy.io import loadmat
+
+    variables = loadmat(path)
+    named = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
+    arrays = dict(leaf for name, value in named.items() for leaf in _leaves_of_matlab(name, value))
+    yield ArrayLog(path, {n: StoredArray(tuple(x.shape), x.dtype, partial(np.asarray, x)) for n, x in arrays.items()})
+
+
+def _leaves_of_matlab(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    from scipy.io.matlab import MatlabOpaque
+
+    if isinstance(value, MatlabOpaque) or not isinstance(value, np.ndarray):
+        return
+    if value.dtype == object:
+        for index, cell in enumerate(value.ravel(order="F"), start=1):
+            yield from _leaves_of_matlab(f"{name}{{{index}}}", cell)
+        return
+    if value.dtype.names is None:
+        yield name, value
+        return
+    for index, element in enumerate(value.ravel(order="F"), start=1):
+        prefix = name if value.size == 1 else f"{name}({index})"
+        for member in value.dtype.names:
+            yield from _leaves_of_matlab(f"{prefix}.{member}", element[member])
+
+
+@contextmanager
+def opened_parquet(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """Parquet, by pyarrow: all columns, each read alone when it is used, fields of structs behind a dot.
+
+    Missing values are NaN, time stamps s from the first.
+    """
+    parquet = imported("pyarrow.parquet", path, "a Parquet file", "parquet")
+    with parquet.ParquetFile(path) as file:
+        n = file.metadata.num_rows
+        leaves = [leaf for field in file.schema_arrow for leaf in _leaves_of_parquet(field.name, field)]
+        yield ArrayLog(path, {name: _column(file, name, field, n) for name, field in leaves})
+
+
+def _leaves_of_parquet(name: str, field: Any) -> Iterator[tuple[str, Any]]:
+    from pyarrow import types
+
+    if not types.is_struct(field.type):
+        yield name, field
+        return
+    for member in field.type:
+        yield from _leaves_of_parquet(f"{name}.{member.name}", member)
+
+
+def _column(file: Any, name: str, field: Any, n: int) -> StoredArray:
+    from pyarrow import types
+
+    is_time = types.is_timestamp(field.type)
+    is_number = types.is_integer(field.type) or types.is_floating(field.type) or types.is_boolean(field.type)
+    # A column with missing values is read as float64, whatever its type.
+    dtype = field.type.to_pandas_dtype() if types.is_floating(field.type) else np.float64
+    unit = (field.metadata or {}).get(b"unit", b"") if is_number else b"s" if is_time else b""
+    kind = np.dtype(dtype if is_number or is_time else object)
+    return StoredArray((n,), kind, partial(_read_column, file, name), unit.decode("utf-8", "replace"))
+
+
+def _read_column(file: Any, name: str) -> NDArray[Any]:
+    """A column, one row group in memory at a time in addition to the result."""
+    parts = [_values(file.read_row_group(i, columns=[name]), name) for i in range(file.num_row_groups)]
+    values = np.concatenate(parts) if parts else np.zeros(0)
+    return seconds(values, values[0]) if values.dtype.kind == "M" else values
+
+
+def _values(table: Any, name: str) -> NDArray[Any]:
+    column = table.column(0).combine_chunks()
+    for member in name.removeprefix(table.column_names[0]).strip(".").split("."):
+        column = column.field(member) if member else column
+    return np.asarray(column.to_numpy(zero_copy_only=False))
+
+
+@contextmanager
+def opened_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first."""
+    nptdms = imported("nptdms", path, "a TDMS file", "tdms")
+    with nptdms.TdmsFile.open(path) as file:
+        channels = [channel for group in file.groups() for channel in group.channels()]
+        yield ArrayLog(path, {f"{c.group_name}/{c.name}": _channel(c) for c in channels if len(c) > 0})
+
+
+def _channel(channel: Any) -> StoredArray:
+    step = channel.properties.get("wf_increment", 0.0)
+    is_time = channel.dtype.kind == "M"
+    dtype = np.dtype(np.float64) if is_time else channel.dtype
+    units = "s" if is_time else str(channel.properties.get("unit_string", ""))
+    read = partial(_read_channel, channel)
+    return StoredArray((len(channel),), dtype, read, units, 1 / step if step > 0 else None, rows=read)
+
+
+def _read_channel(channel: Any, part: slice = slice(None)) -> NDArray[Any]:
+    values = np.asarray(channel[part])
+    return seconds(values, channel[0]) if values.dtype.kind == "M" else values
