@@ -84,18 +84,18 @@ class Cascade:
             each.append(low_pass(corner, rate_hz))
         return Filters(tuple(tuple(tuple(part.tolist()) for part in each) for each in sections), self.delay)
 
-    def response(self, freq_hz: FloatArray, rate_hz: float) -> tuple[ComplexArray, ComplexArray]:
-        """F and F_r (..., n_u) at freq_hz (...)."""
-        return controller_response(self.gains, self.filters(rate_hz), freq_hz, rate_hz)
+    def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
+        """F (..., n_u) at freq_hz (...)."""
+        return controller_response(self.gains, self.filters(rate_hz), freq_hz, rate_hz)[0]
 
     def log_slopes(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """d ln F_i / dx and d ln F_r,i / dx (2, ..., n_x), i the axis of each of x; axes answer independently."""
+        """d ln F_i / dx (..., n_x), i the axis of each of x; axes answer independently."""
         n, x = len(self.velocity_gain), self.vector
-        slopes = np.empty((2, *freq_hz.shape, len(x)), complex)
+        slopes = np.empty((*freq_hz.shape, len(x)), complex)
         for rows in (*np.arange(3 * n).reshape(3, n), *np.arange(3 * n, len(x))[:, None]):
             step = np.zeros(len(x))
             step[rows] = _STEP
-            ahead, behind = (np.array(self.at(x + each).response(freq_hz, rate_hz)) for each in (step, -step))
+            ahead, behind = (self.at(x + each).response(freq_hz, rate_hz) for each in (step, -step))
             slopes[..., rows] = np.log(ahead / behind)[..., self.owners[rows]] / (2 * _STEP)
         return slopes
 

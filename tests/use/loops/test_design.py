@@ -13,7 +13,7 @@ from plants.refusals import refused
 from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec
 from elastid.record import Configuration
 from elastid.use.loops.cascade import Cascade
-from elastid.use.loops.design import design, evaluated, robust
+from elastid.use.loops.design import design, robust, room
 from elastid.use.loops.plants import PostureFamily
 from elastid.use.loops.result import Asked, Today, design_loops
 from elastid.use.loops.sensitivity import LIMIT_DB, Scene
@@ -28,15 +28,14 @@ def start(family: PostureFamily) -> Cascade:
     return replace(own, notches=np.array([[14.0, 0.7, 0.6]]), axes=(1,))
 
 
-def test_slopes_of_bandwidth_and_peaks_are_exact(family: PostureFamily) -> None:
-    """By central differences: peaks to 1e-5, the bandwidth to what interpolation between lines makes of it."""
+def test_slopes_of_peaks_are_exact(family: PostureFamily) -> None:
+    """By central differences."""
     scene, own = Scene.of(family.estimate, lines=2000), start(family)
-    _, slope, _, slopes = evaluated(scene, own, LIMIT_DB)
+    _, slopes = room(scene, own, LIMIT_DB)
     for p in range(len(own.vector)):
         step = 1e-4 * np.eye(len(own.vector))[p]
-        ahead, behind = (evaluated(scene, own.at(own.vector + sign * step), LIMIT_DB) for sign in (1, -1))
-        assert (ahead[0] - behind[0]) / 2e-4 == pytest.approx(slope[p], abs=3e-3)
-        np.testing.assert_allclose((ahead[2] - behind[2]) / 2e-4, slopes[:, p], atol=1e-4)
+        ahead, behind = (room(scene, own.at(own.vector + sign * step), LIMIT_DB)[0] for sign in (1, -1))
+        np.testing.assert_allclose((ahead - behind) / 2e-4, slopes[:, p], atol=1e-4)
 
 
 @pytest.mark.slow
