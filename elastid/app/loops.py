@@ -11,18 +11,17 @@ from elastid.app.use_fit import Used, use_fit
 from elastid.base.arrays import FloatArray
 from elastid.base.display import Display, number
 from elastid.base.errors import StudyError
-from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.experiment.specs.simulated import MAX_DELAY_SAMPLES
 from elastid.fit.result import Result
 from elastid.report.answer import Answer
 from elastid.report.figures.use import loops_figure
-from elastid.simulation.controller import Gains
 from elastid.store.files import write_rows, write_text
 from elastid.store.measured import read_records
 from elastid.store.results import write_loops
 from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
-from elastid.use.loops.result import Asked, Loops, LoopState, Today, design_loops, inertias
+from elastid.use.loops.plants import PostureFamily
+from elastid.use.loops.result import Asked, Loops, LoopState, Today, design_loops
 from elastid.use.loops.sensitivity import LIMIT_DB, Margins, MeasuredLoops, measured_loops, refusal
 
 NAME = "loops"
@@ -45,11 +44,12 @@ def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws
 
     def work(result: Result) -> Used:
         """Loops of the fitted robot, with what is written of them."""
-        measured, simulated = _measured(run, result, rate_hz), run.study.experiment.simulated
+        family = PostureFamily.of(result, [linear.configuration for linear in result.linear], rate_hz)
+        measured, simulated = _measured(run, family), run.study.experiment.simulated
         own_delay = 0 if simulated is None else simulated.controller.delay_samples
-        asked = Asked(rate_hz, own_delay if asked_delay is None else asked_delay, draws, run.study.seed or 0)
+        asked = Asked(own_delay if asked_delay is None else asked_delay, draws, run.study.seed or 0)
         loops = design_loops(
-            run.study.name, result, asked, _today(run, own_hz or rate_hz), measured,
+            run.study.name, result, family, asked, _today(run, own_hz or rate_hz), measured,
             lambda words: run.console.detail(f"{NAME}: found {words}"),
         )  # fmt: skip
         files = {
@@ -85,21 +85,20 @@ def _place(run: Run, *keys: str) -> str:
     return str(read_source(run.loaded.path, str(run.loaded.path)).place(keys))
 
 
-def _measured(run: Run, result: Result, rate_hz: float) -> list[MeasuredLoops]:
+def _measured(run: Run, family: PostureFamily) -> list[MeasuredLoops]:
     """Loops of each configuration whose records hold an injected torque; a warning where they do not."""
     if "measure" not in run.stages or not run.path("measure").exists():
         return []
     measured = []
-    for linear in result.linear:
-        records = list(read_records(run.path("measure"), linear.configuration.name))
+    for name, inertia in zip(family.names, family.inertia, strict=True):
+        records = list(read_records(run.path("measure"), name))
         if refused := refusal(records):
             run.console.warn(
                 f"{_place(run, 'experiment')}: {refused}, so that today's loops cannot be measured from it; log the "
                 "torque that is added to the controller's, role r, with all motors"
             )
             return []
-        J = inertias(result, linear.configuration, rate_hz)
-        measured.append(measured_loops(records, run.study.estimator, J))
+        measured.append(measured_loops(records, run.study.estimator, inertia))
     return measured
 
 
@@ -107,20 +106,14 @@ def _today(run: Run, rate_hz: float) -> Today | None:
     """Controller that the study states; a warning where it states none."""
     experiment = run.study.experiment
     if experiment.simulated is not None:
-        return Today(rate_hz, spec=experiment.simulated.controller)
+        return Today(rate_hz, experiment.simulated.controller)
     if experiment.recorded is not None and experiment.recorded.controller is not None:
-        return Today(rate_hz, _stated(experiment.recorded.controller, len(run.study.as_robot().driven)))
+        return Today(rate_hz, experiment.recorded.controller.spec)
     run.console.warn(
         f"{_place(run, 'experiment', 'recorded')}: today's controller is not known: the study states none "
         "(experiment.recorded.controller); gains are designed all the same"
     )
     return None
-
-
-def _stated(cascade: CascadeSpec, n_u: int) -> Gains:
-    position, kd = (np.broadcast_to(part, n_u) for part in (cascade.position_gain, cascade.velocity_gain))
-    ki = 0.0 if cascade.integral_time is None else 1 / cascade.integral_time
-    return Gains(position * kd, np.asarray(kd, float), np.full(n_u, ki))
 
 
 def snippet(loops: Loops) -> str:

@@ -19,7 +19,7 @@ from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.fitted_model import uncertain_modes
+from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
 from elastid.model.elastic import ElasticModel
@@ -47,7 +47,7 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: Result) -> Mode
     theta = result.theta_of(configuration.name)
     robot = elastic.robot_at(theta[:-1])
     modal = modes(model, theta)
-    deviations = uncertain_modes(model, result.parameters, result.x, result.covariance)
+    deviations = FittedModel(model, result.parameters, result.x, result.covariance).uncertain_modes()
     shapes, point = shapes_of_all(model, modal.shapes), equilibrium(elastic, theta[:-1], configuration)
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)

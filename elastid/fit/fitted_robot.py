@@ -13,7 +13,7 @@ from elastid.base.errors import index_of
 from elastid.fit.parameter_choice import group_labels
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import Result
-from elastid.linear.fitted_model import UncertainModes, response_deviation, response_shifts, uncertain_modes
+from elastid.linear.fitted_model import FittedModel, UncertainModes
 from elastid.linear.linear_model import DELAY, LinearModel, StateSpace, state_space
 from elastid.linear.linearise import Linearisation
 from elastid.linear.moving_posture import effect_of_motion
@@ -38,7 +38,7 @@ class FittedRobot:
     model: ElasticModel
     measured: tuple[Response, ...]
     linear: tuple[LinearModel, ...]
-    differentiated: tuple[LinearModel, ...]
+    differentiated: tuple[FittedModel, ...]
     name: str = ""
 
     @classmethod
@@ -84,21 +84,17 @@ class FittedRobot:
     @property
     def response_std(self) -> tuple[FloatArray, ...]:
         """Standard deviation (F, n_y, n_u) of each of `responses` by that of the parameters, to first order."""
-        estimate = self.result.parameters, self.result.x, self.result.covariance
-        pairs = zip(self.differentiated, self.measured, strict=True)
-        return tuple(response_deviation(linear, G.freq_hz, *estimate)[1] for linear, G in pairs)
+        return tuple(own.response_std(G.freq_hz) for own, G in zip(self.differentiated, self.measured, strict=True))
 
     @property
     def uncertain_modes(self) -> tuple[UncertainModes, ...]:
         """Natural frequencies and damping ratios of each configuration with their standard deviations."""
-        estimate = self.result.parameters, self.result.x, self.result.covariance
-        return tuple(uncertain_modes(linear, *estimate) for linear in self.differentiated)
+        return tuple(own.uncertain_modes() for own in self.differentiated)
 
     def response_shifts(self, configuration: str) -> ComplexArray:
         """Changes (n_x, F, n_y, n_u) of one of `responses` by a standard deviation of x in independent directions."""
-        result, linear = self.result, self.at(configuration)
         freq_hz = next(G.freq_hz for G in self.measured if G.configuration.name == configuration)
-        return response_shifts(linear, freq_hz, result.parameters, result.x, result.covariance)
+        return _at_estimate(self.result, self.at(configuration)).response_shifts(freq_hz)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -144,7 +140,12 @@ def _fitted(
     linear = linearised(linearisation)
     is_of_all = {*names} == {*linearisation.model.parameters, DELAY}
     of_all = linear if is_of_all else linearised(Linearisation.of_robot(robot, spec, names))
-    return FittedRobot(result, linearisation.model, tuple(measured), linear, of_all, name)
+    differentiated = tuple(_at_estimate(result, own) for own in of_all)
+    return FittedRobot(result, linearisation.model, tuple(measured), linear, differentiated, name)
+
+
+def _at_estimate(result: Result, linear: LinearModel) -> FittedModel:
+    return FittedModel(linear, result.parameters, result.x, result.covariance)
 
 
 def parameters_of(result: Result, configuration: str) -> tuple[Parameter, ...]:

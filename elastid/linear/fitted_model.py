@@ -36,41 +36,6 @@ class UncertainModes:
     zeta_std: FloatArray
 
 
-def uncertain_modes(
-    model: LinearModel, parameters: Parameters, x: FloatArray, covariance: FloatArray
-) -> UncertainModes:
-    """The oscillating modes at x (n_x,) of covariance (n_x, n_x); infinite deviations where they need infinite ones."""
-    where = model.configuration.name
-    theta = parameters.expand(x, where)
-    natural = modes(model, theta)
-    omega = 2 * np.pi * natural.freq_hz
-    poles = omega * (-natural.zeta + 1j * np.sqrt(np.maximum(1 - natural.zeta**2, 0.0)))
-    slopes = _pole_slopes(model, theta, poles, natural.shapes) @ parameters.jacobian(x, where)
-    # d|lambda| = Re(conj(lambda) dlambda) / |lambda|; zeta = -Re lambda / |lambda|.
-    d_omega = (poles.conj()[:, None] * slopes).real / omega[:, None]
-    d_zeta = -(slopes.real + natural.zeta[:, None] * d_omega) / omega[:, None]
-    return UncertainModes(
-        natural.freq_hz, _deviation(d_omega / (2 * np.pi), covariance), natural.zeta, _deviation(d_zeta, covariance)
-    )
-
-
-def response_deviation(
-    model: LinearModel, freq_hz: FloatArray, parameters: Parameters, x: FloatArray, covariance: FloatArray
-) -> tuple[ComplexArray, FloatArray]:
-    """G (F, n_y, n_u) and the standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) by the covariance of x."""
-    G, J = _response_slopes(model, freq_hz, parameters, x)
-    flat = J.reshape(len(x), -1).T
-    return G, np.hypot(_deviation(flat.real, covariance), _deviation(flat.imag, covariance)).reshape(G.shape)
-
-
-def response_shifts(
-    model: LinearModel, freq_hz: FloatArray, parameters: Parameters, x: FloatArray, covariance: FloatArray
-) -> ComplexArray:
-    """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions."""
-    _, J = _response_slopes(model, freq_hz, parameters, x)
-    return np.asarray(np.tensordot(known_axes(covariance), J, axes=1))
-
-
 def known_axes(covariance: FloatArray) -> FloatArray:
     """The principal axes (n_d, n_x) of x.
 
@@ -80,18 +45,6 @@ def known_axes(covariance: FloatArray) -> FloatArray:
     return principal_axes(np.where(unreached[:, None] | unreached, 0.0, covariance) + 1e4 * np.diag(unreached))
 
 
-def _response_slopes(
-    model: LinearModel, freq_hz: FloatArray, parameters: Parameters, x: FloatArray
-) -> tuple[ComplexArray, ComplexArray]:
-    """G (F, n_y, n_u) and dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
-    freq_hz = checked_frequencies(freq_hz)
-    where = model.configuration.name
-    kernel = Kernel(model, freq_hz, parameters.moved(where))
-    G, dG = kernel.evaluate(parameters.expand(x, where))
-    moved = [parameters.index(name) for name in kernel.wanted]
-    return G, np.asarray(np.tensordot(parameters.jacobian(x, where)[moved].T, dG, axes=1))
-
-
 def _deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     """Standard deviations of y (n,) with slopes dy/dx (n, n_x)."""
     unreached = np.isinf(np.diag(covariance))
@@ -99,20 +52,6 @@ def _deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     variance = np.einsum("ni,ni->n", slopes @ known, slopes)
     felt = np.any(np.abs(slopes[:, unreached]) > 1e-12 * np.abs(slopes).max(initial=1e-300), axis=1)
     return np.where(felt, np.inf, np.sqrt(np.maximum(variance, 0.0)))
-
-
-def _pole_slopes(model: LinearModel, theta: FloatArray, poles: ComplexArray, shapes: ComplexArray) -> ComplexArray:
-    """d lambda / d theta (n_m, n_theta)."""
-    M, D, _ = model.matrices(theta)
-    slopes = np.zeros((len(poles), len(model.parameters)), complex)
-    norm = np.einsum("nm,m,nk,km->m", shapes, 2 * poles, M, shapes) + np.einsum("nm,nk,km->m", shapes, D, shapes)
-    for name, slope in model.slopes.items():
-        change = np.zeros(len(poles), complex)
-        for power, matrix in enumerate((slope.K, slope.D, slope.M)):
-            if matrix is not None:
-                change += poles**power * np.einsum("nm,nk,km->m", shapes, matrix, shapes)
-        slopes[:, model.parameters.index(name)] = -change / norm
-    return slopes
 
 
 @frozen_value
@@ -151,16 +90,50 @@ class FittedModel:
         return to_response(linear, self.theta, freq_hz)
 
     def response_std(self, freq_hz: FloatArray) -> FloatArray:
-        """Standard deviation (F, n_y, n_u) of `response` by that of the parameters, to first order."""
-        return response_deviation(self.linear, freq_hz, self.parameters, self.x, self.covariance)[1]
+        """Standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) of `response` by that of the parameters, to first order."""
+        J = self._response_slopes(freq_hz)
+        flat = J.reshape(len(J), -1).T
+        parts = (_deviation(part, self.covariance) for part in (flat.real, flat.imag))
+        return np.asarray(np.hypot(*parts).reshape(J.shape[1:]))
+
+    def response_shifts(self, freq_hz: FloatArray) -> ComplexArray:
+        """Changes of G (n_d, F, n_y, n_u) by one standard deviation of x in each of n_d independent directions."""
+        return np.asarray(np.tensordot(known_axes(self.covariance), self._response_slopes(freq_hz), axes=1))
+
+    def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
+        """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
+        where = self.linear.configuration.name
+        kernel = Kernel(self.linear, checked_frequencies(freq_hz), self.parameters.moved(where))
+        moved = [self.parameters.index(name) for name in kernel.wanted]
+        slopes = self.parameters.jacobian(self.x, where)[moved]
+        return np.asarray(np.tensordot(slopes.T, kernel.evaluate(self.theta)[1], axes=1))
 
     def modes(self) -> Modes:
         """Natural frequencies, damping ratios and shapes with the motors free."""
         return modes(self.linear, self.theta)
 
     def uncertain_modes(self) -> UncertainModes:
-        """Frequencies and damping ratios of `modes` with their standard deviations."""
-        return uncertain_modes(self.linear, self.parameters, self.x, self.covariance)
+        """Frequencies and damping ratios of `modes` with their deviations; infinite where they need infinite ones."""
+        theta, natural = self.theta, self.modes()
+        omega = 2 * np.pi * natural.freq_hz
+        poles, phi = omega * (-natural.zeta + 1j * np.sqrt(np.maximum(1 - natural.zeta**2, 0.0))), natural.shapes
+
+        def form(A: FloatArray) -> ComplexArray:
+            return np.asarray(np.einsum("nm,nk,km->m", phi, A, phi))
+
+        M, D, _ = self.linear.matrices(theta)
+        norm = 2 * poles * form(M) + form(D)
+        of_theta = np.zeros((len(poles), len(theta)), complex)
+        for name, slope in self.linear.slopes.items():
+            parts = enumerate((slope.K, slope.D, slope.M))
+            change = sum(poles**power * form(matrix) for power, matrix in parts if matrix is not None)
+            of_theta[:, self.linear.parameters.index(name)] = -change / norm
+        slopes = of_theta @ self.parameters.jacobian(self.x, self.linear.configuration.name)
+        # d|lambda| = Re(conj(lambda) dlambda) / |lambda|; zeta = -Re lambda / |lambda|.
+        d_omega = (poles.conj()[:, None] * slopes).real / omega[:, None]
+        d_zeta = -(slopes.real + natural.zeta[:, None] * d_omega) / omega[:, None]
+        freq_std, zeta_std = (_deviation(each, self.covariance) for each in (d_omega / (2 * np.pi), d_zeta))
+        return UncertainModes(natural.freq_hz, freq_std, natural.zeta, zeta_std)
 
     def state_space(self) -> StateSpace:
         """A, B, C, D and the delay of the torque; StudyError as `linear.statespace.state_space`."""

@@ -16,7 +16,6 @@ from elastid.design.forecast import Forecast, LimitUse
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
-from elastid.linear.fitted_model import response_deviation
 from elastid.linear.response.transfer import to_response
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
@@ -158,8 +157,7 @@ def model_lines(
 
 def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]:
     """Model of each measured configuration on `model_lines`, and its standard deviation (L, n_y, n_u)."""
-    result, models = fitted.result, []
-    modes = fitted.uncertain_modes
+    models, modes = [], fitted.uncertain_modes
     most = MAX_VALUES // max(sum(G.G[0].size for G in fitted.measured), 1)
     for linear, differentiated, measured, mode in zip(
         fitted.linear, fitted.differentiated, fitted.measured, modes, strict=True
@@ -167,8 +165,7 @@ def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]
         lines = model_lines(measured.freq_hz, mode.freq_hz.tolist(), mode.zeta.tolist(), most)
         theta = fitted.theta_of(linear.configuration.name)
         response = replace(to_response(linear, theta, lines), rate_is_known=measured.rate_is_known)
-        std = response_deviation(differentiated, lines, result.parameters, result.x, result.covariance)[1]
-        models.append((response, std))
+        models.append((response, differentiated.response_std(lines)))
     return tuple(models)
 
 

@@ -32,16 +32,14 @@ records = ei.simulate(robot, excitation=excitation, experiment=experiment, seed=
 fit = ei.identify(ei.estimate(records, friction="none"), robot, ei.choose(robot, "k_*", "d_*"), starts=2, seed=1)
 
 family = PostureFamily.of(fit, [linear.configuration for linear in fit.linear], rate_hz)
-plants, draws = family.estimate(), family.draws(fit, 20, seed=1)
-modes = tuple(family.modes(i) for i in range(2))
-first_hz = min(mode.freq_hz for own in modes for mode in own if mode.share > 0.5)
-cascade, peaks_db = robust(plants, draws, first_hz, delay)
-filters = cascade.filters(rate_hz)
-designed = assess("designed", plants, draws, cascade.gains, filters, family.names, ("1", "2"), modes)
+draws = family.draws(fit, 20, seed=1)
+first_hz = min(mode.freq_hz for own in family.modes for mode in own)
+cascade, peaks_db = robust(family.estimate, draws, first_hz, delay)
+designed = assess("designed", family, draws, cascade.gains, cascade.filters(rate_hz))
 
 # The same numbers without notches and low pass, at three times the gain.
 harder = Gains(9 * cascade.gains.kp, 3 * cascade.gains.kd, cascade.gains.ki)
-wild = assess("three times", plants, None, harder, None, family.names, ("1", "2"), modes)
+wild = assess("three times", family, None, harder, None)
 
 if __name__ == "__main__":
     print(cascade.to_spec(("1", "2")), designed.bandwidth_hz, designed.limited_by, sep="\n")

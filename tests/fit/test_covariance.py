@@ -12,7 +12,7 @@ from elastid.fit.covariance import noise_dof, unexplained_error
 from elastid.fit.intervals import bootstrap, profile_ends
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.weights import weigh
-from elastid.linear.fitted_model import response_deviation, uncertain_modes
+from elastid.linear.fitted_model import FittedModel
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, Parameters
@@ -148,9 +148,9 @@ def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():
     model, free = plant((0, 2)), parameters()
     A = np.random.default_rng(3).standard_normal((4, 4))
     covariance = 1e-6 * (A @ A.T + np.eye(4))
-    stated = uncertain_modes(model, free, X, covariance)
-    G, deviation = response_deviation(model, FREQ, free, X, covariance)
-    np.testing.assert_allclose(G, frequency_response(model, model.theta_ref, FREQ))
+    fitted = FittedModel(model, free, X, covariance)
+    stated, deviation = fitted.uncertain_modes(), fitted.response_std(FREQ)
+    G = frequency_response(model, model.theta_ref, FREQ)
     draws = np.random.default_rng(4).multivariate_normal(X, covariance, 2000)
     found = [modes(model, free.expand(x)) for x in draws]
     np.testing.assert_allclose(np.std([m.freq_hz for m in found], axis=0), stated.freq_std, rtol=0.06)
@@ -163,7 +163,8 @@ def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():
 def test_a_mode_that_an_undetermined_parameter_moves_has_no_deviation():
     """Infinite where d_a is not known, for the damping that it moves."""
     covariance = np.diag([1e-6, 1e-6, 1e-6, np.inf])
-    stated = uncertain_modes(plant(), parameters(), X, covariance)
+    stated = FittedModel(plant(), parameters(), X, covariance).uncertain_modes()
     assert np.all(np.isinf(stated.zeta_std))
     fixed = parameters(d_a=replace(parameters()["d_a"], free=False))
-    assert np.all(np.isfinite(uncertain_modes(plant(), fixed, X[:3], covariance[:3, :3]).zeta_std))
+    known = FittedModel(plant(), fixed, X[:3], covariance[:3, :3])
+    assert np.all(np.isfinite(known.uncertain_modes().zeta_std))

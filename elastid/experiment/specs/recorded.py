@@ -9,7 +9,7 @@ from elastid.base.names import at_level
 from elastid.base.section import Key, section
 from elastid.base.units import Damping, Frequency, JointVelocity, Temperature, Time
 from elastid.experiment.specs.channels import ChannelSpec, check_rate
-from elastid.experiment.specs.simulated import PositionGain
+from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, PositionGain
 from elastid.record import Hold
 
 
@@ -43,6 +43,13 @@ class CascadeSpec:
                 raise ValueError(f"{name} is {value}; a loop that holds a joint has a positive one")
         if not 0 <= self.velocity_feed_forward <= 1:
             raise ValueError(f"velocity_feed_forward is {self.velocity_feed_forward:g}; it is a share, 0 to 1")
+
+    @property
+    def spec(self) -> ControllerSpec:
+        """The same as the controller of a simulated rig, which feeds all velocity forward."""
+        return ControllerSpec(
+            kind="cascade", gains=GainsSpec(self.position_gain, self.velocity_gain, self.integral_time)
+        )
 
     def refusal(self, n_u: int) -> tuple[str, str]:
         """The key that does not go with n_u driven joints, and why; empty texts where both do."""

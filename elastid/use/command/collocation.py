@@ -133,34 +133,20 @@ class _Problem:
         self.bases = [mesh.basis(order) for order in range(4)]
         self.inner = slice(_HELD, mesh.count - _HELD)
         self.target = commanded.poses(commanded.rigid(move, mesh.times)[0])
-        holding = [model.B.T @ self._force(q) for q in self.ends]
+        still = np.zeros((2, self.n_q))
+        self.holding = commanded.torque(np.array(self.ends), still, still)
         guess = self._guess(move)
-        q, v, a = (basis @ guess for basis in self.bases[:3])
-        none = np.zeros((self.n_c, self.n))
-        force = commanded.balance.map(self.n)(q.T, v.T, a.T, none)[0].full()
-        u = np.linalg.pinv(model.B) @ force
-        peak = np.abs(np.column_stack([u, *holding])).max(axis=1)
+        u = commanded.torque(*(basis @ guess for basis in self.bases[:3]))
+        peak = np.abs(np.vstack([u, self.holding])).max(axis=0)
         self.u_0 = np.maximum(np.where(np.isfinite(limits.torque), np.minimum(limits.torque, peak), peak), 1e-6)
         self.force_0 = float(self.u_0.max())
-        self.holding = holding
-        clipped = np.clip(u, -limits.torque[:, None], limits.torque[:, None]) / self.u_0[:, None]
-        self.start = np.concatenate([guess[self.inner].ravel(), clipped.T.ravel(), np.zeros(self.n_c * self.n)])
+        clipped = np.clip(u, -limits.torque, limits.torque) / self.u_0
+        self.start = np.concatenate([guess[self.inner].ravel(), clipped.ravel(), np.zeros(self.n_c * self.n)])
         self._build()
-
-    def _force(self, q: FloatArray) -> FloatArray:
-        """Force at rest; loops carry part of it, which no motor does: least squares by the motors' columns."""
-        still = np.zeros(self.n_q)
-        force = self.commanded.balance(q, still, still, np.zeros(self.n_c))[0].full()[:, 0]
-        if self.n_c:
-            Phi = self.commanded.balance(q, still, still, np.zeros(self.n_c))[3].full()
-            B = self.commanded.model.B
-            solution = np.linalg.lstsq(np.column_stack([B, -Phi.T]), force)[0]
-            force = B @ solution[: self.n_u]
-        return np.asarray(force)
 
     def _guess(self, move: Move) -> FloatArray:
         """Coefficients (count, n_q) of the quasi-static inversion, at rest at both ends."""
-        fine = np.linspace(self.mesh.knots[0], self.mesh.knots[-1], 4 * (self.n + 1) + 1)
+        fine = np.linspace(self.mesh.knots[0], self.mesh.knots[-1], 2 * (self.n + 1) + 1)
         inverted = self.commanded.inverted(move, fine)
         # The weight of the robot deflects it exactly as at its ends, not to first order.
         share = np.clip(fine / move.duration, 0, 1)[:, None]

@@ -117,6 +117,14 @@ class CommandedRobot:
         results = [ca.densify(part) for part in (error, ca.jacobian(error, q))]
         return ca.Function("tool", [q, p, ca.vec(R)], results, {"cse": True})
 
+    def torque(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        """u (N, n_u) that a motion (N, n_q) takes; the forces in loops are those of least squares."""
+        m, n, n_r = self.model, len(q), len(self.rows)
+        force, _, _, Phi = (part.full() for part in self.balance.map(n)(q.T, v.T, a.T, np.zeros((n_r, n))))
+        carried = -Phi.reshape(n_r, n, m.n_q).transpose(1, 2, 0)
+        columns = np.concatenate([np.broadcast_to(m.B, (n, *m.B.shape)), carried], axis=2)
+        return np.asarray((np.linalg.pinv(columns) @ force.T[:, :, None])[:, : m.n_u, 0])
+
     def poses(self, q: FloatArray) -> Poses:
         """Poses of the frame at q (N, n_q)."""
         return frame_poses(self.robot, q[:, : len(self.robot.joints)], self.frame)
@@ -149,21 +157,14 @@ class CommandedRobot:
     def inverted(self, move: Move, t: FloatArray) -> FloatArray:
         """q (N, n_q) by quasi-static inversion along a move at times (N,)."""
         q, v, a = self.rigid(move, t)
-        none = np.zeros((len(self.rows), len(t)))
-        r = self.balance.map(len(t))(q.T, v.T, a.T, none)[0].full().T
-        target = self.poses(q)
-        J = self.slopes_of_tool(q, target)
-        coarse = np.unique(np.append(np.arange(0, len(t), 4), len(t) - 1))
-        maps = []
-        for k in coarse:
-            compliance, moved = self.statics(q[k])
-            back = moved @ np.linalg.pinv(J[k] @ moved, rcond=1e-6) @ J[k]
-            maps.append(-(np.eye(self.model.n_q) - back) @ compliance)
-        nearest = np.searchsorted(coarse, np.arange(len(t)), side="right") - 1
-        share = (np.arange(len(t)) - coarse[nearest]) / np.diff(np.append(coarse, coarse[-1] + 1))[nearest]
-        stacked = np.array([*maps, maps[-1]])
-        between = stacked[nearest] + share[:, None, None] * (stacked[nearest + 1] - stacked[nearest])
-        return np.asarray(q + (between @ r[:, :, None])[:, :, 0])
+        r = self.balance.map(len(t))(q.T, v.T, a.T, np.zeros((len(self.rows), len(t))))[0].full().T
+        inverted = []
+        for own, force, J in zip(q, r, self.slopes_of_tool(q, self.poses(q)), strict=True):
+            compliance, moved = self.statics(own)
+            deflection = compliance @ force
+            back = moved @ np.linalg.pinv(J @ moved, rcond=1e-6) @ J
+            inverted.append(own - deflection + back @ deflection)
+        return np.array(inverted)
 
     def slopes_of_tool(self, q: FloatArray, target: Poses) -> FloatArray:
         """Jacobian (N, n_e, n_q) of the tool's error at q (N, n_q)."""

@@ -12,6 +12,7 @@ from elastid.base.errors import DataError
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import free_coordinates
 from elastid.model.elastic import ElasticModel
+from elastid.record import drive_unit
 from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward
 from elastid.simulation.dynamics import contacts
@@ -61,23 +62,16 @@ def require_ends(commanded: CommandedRobot, move: Move, limits: MotionLimits) ->
     still = np.zeros((1, commanded.model.n_q))
     for end, angles in zip(("start", "end"), move.ends, strict=True):
         q = commanded.rest(angles)
-        torque, at = torque_of(commanded, q[None], still, still)[0], commanded.model.B.T @ q
+        torque, at = commanded.torque(q[None], still, still)[0], commanded.model.B.T @ q
         for i, joint in enumerate(commanded.robot.driven):
             low, high = limits.angle[i]
-            if not low <= at[i] <= high:
+            if not (low <= at[i] <= high and abs(torque[i]) <= limits.torque[i]):
                 raise DataError(
                     "use/move",
-                    f"at its {end} the motor of joint {joint.name} stands at {at[i]:.4g} "
-                    f"{joint.unit}, deflection included, and may be within [{low:.4g}, {high:.4g}]; move the path",
-                    "the move cannot be made",
-                )
-            if not abs(torque[i]) <= limits.torque[i]:
-                unit = "N" if joint.slides else "N*m"
-                raise DataError(
-                    "use/move",
-                    f"at its {end} gravity takes {abs(torque[i]):.4g} {unit} of joint "
-                    f"{joint.name}, whose limit is {limits.torque[i]:.4g} {unit}; choose a posture with less load, or "
-                    "correct robot.bodies.joints.limits.torque",
+                    f"at its {end} the motor of joint {joint.name} stands at {at[i]:.4g} {joint.unit}, deflection "
+                    f"included, and may be within [{low:.4g}, {high:.4g}]; gravity takes {abs(torque[i]):.4g} "
+                    f"{drive_unit(joint.slides)} of its {limits.torque[i]:.4g}; choose another posture, or correct "
+                    "robot.bodies.joints.limits",
                     "the move cannot be made",
                 )
 
@@ -126,8 +120,8 @@ def first_duration(commanded: CommandedRobot, move: Move, limits: MotionLimits) 
         float((part / bound).max() ** (1 / (i + 1))) for i, (part, bound) in enumerate(zip(parts, bounds, strict=True))
     ]
     q, v, a = commanded.rigid(unit, t)
-    slow = torque_of(commanded, q, 0 * v, 0 * a)
-    moving = torque_of(commanded, q, 0 * v, a) - slow
+    slow = commanded.torque(q, 0 * v, 0 * a)
+    moving = commanded.torque(q, 0 * v, a) - slow
     room = np.maximum(limits.torque - np.abs(slow), 0.05 * limits.torque)
     times.append(float(np.sqrt((np.abs(moving) / room).max())))
     return 1.1 * max(times)
@@ -142,7 +136,7 @@ def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s
     q, v, a, jerk = (_held(planned, time_s, order) @ m.B for order in range(4))
     middle = time_s + 0.5 / rate_hz
     state = [_held(planned, middle, order) for order in range(3)]
-    torque = torque_of(commanded, *state)
+    torque = commanded.torque(*state)
     smooth = state[1] @ m.B
     torque += friction_along(commanded.robot, m, smooth, rate_hz) - commanded.planned_friction(state[1])
     return References(time_s, q, v, a, jerk, torque)
@@ -154,18 +148,6 @@ def _held(planned: Planned, t: FloatArray, order: int) -> FloatArray:
     if order:
         values[(t < low) | (t > high)] = 0.0
     return values
-
-
-def torque_of(commanded: CommandedRobot, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-    """u (N, n_u) that a motion (N, n_q) takes; the forces in loops are those of least squares."""
-    m, n = commanded.model, len(q)
-    none = np.zeros((len(commanded.rows), n))
-    force, _, _, Phi = (part.full() for part in commanded.balance.map(n)(q.T, v.T, a.T, none))
-    if not commanded.rows:
-        return np.asarray(force.T @ np.linalg.pinv(m.B).T)
-    Phi = Phi.reshape(len(commanded.rows), n, m.n_q).transpose(1, 2, 0)
-    columns = np.concatenate([np.broadcast_to(m.B, (n, *m.B.shape)), -Phi], axis=2)
-    return np.asarray((np.linalg.pinv(columns) @ force.T[:, :, None])[:, : m.n_u, 0])
 
 
 def friction_along(robot: Robot, model: ElasticModel, velocity: FloatArray, rate_hz: float) -> FloatArray:

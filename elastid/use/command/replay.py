@@ -8,7 +8,7 @@ change from run to run, so that draws of what a fit knows are judged by one func
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -81,17 +81,13 @@ class TwinLoop:
         loop = closed_loop(model, placed, limits, rate_hz, substeps, hardware, samples, of_numbers=True)
         return cls(robot, model, loop, gains, frame)
 
-    def theta_of(self, robot: Robot) -> FloatArray:
-        """The numbers (n_theta,) of a robot of this kind."""
-        table = robot.parameters()
-        return np.array([table[name][0] for name in self.model.parameters])
-
     def follow(self, references: References, robot: Robot | None = None) -> tuple[FloatArray, FloatArray]:
         """q (N, n_q), torque of the drives (N, n_u) of this robot, or another of its kind, from rest.
 
         DataError where a motor is lost, StudyError where it finds no rest at the start.
         """
-        theta = self.theta_of(robot or self.robot)
+        table = (robot or self.robot).parameters()
+        theta = np.array([table[name][0] for name in self.model.parameters])
         rest = equilibrium(self.model, theta, Configuration("start", references.position[0])).q
         # As the loop differentiates what it reads, so that its torque is of the error alone.
         velocity = np.diff(references.position, axis=0, prepend=references.position[:1]) * references.rate_hz
@@ -109,17 +105,14 @@ class TwinLoop:
             raise DataError("experiment/diverged", f"{error}; {advice}") from error
         return moved.q, moved.u
 
-    def error(self, q: FloatArray, target: FloatArray, robot: Robot) -> FloatArray:
-        """Distance (N,) of the tool of a robot of this kind at q (N, n_q) from where it should be (N, 3)."""
-        at = frame_poses(robot, q[:, : len(robot.joints)], self.frame).position
-        return np.asarray(np.linalg.norm(at - target, axis=1))
+    def tool(self, q: FloatArray, robot: Robot) -> FloatArray:
+        """Place (N, 3) of the frame of a robot of this kind at q (N, n_q)."""
+        return frame_poses(robot, q[:, : len(robot.joints)], self.frame).position
 
-    def outcome(
-        self, name: str, references: References, target: FloatArray, end_s: float, robot: Robot | None = None
-    ) -> Outcome:
+    def outcome(self, name: str, references: References, target: FloatArray, end_s: float) -> Outcome:
         """The error from target (N, 3) of a move that ends at end_s."""
-        q, torque = self.follow(references, robot)
-        at = frame_poses(self.robot, q[:, : len(self.robot.joints)], self.frame).position - target
+        q, torque = self.follow(references)
+        at = self.tool(q, self.robot) - target
         error, after = np.linalg.norm(at, axis=1), references.time_s > end_s
         # The static error is the mean of the last 0.1 s.
         static = at[-max(1, round(0.1 * references.rate_hz)) :].mean(axis=0)
@@ -127,9 +120,3 @@ class TwinLoop:
         within = error[~after]
         figures = float(within.max()), float(np.sqrt(np.mean(within**2))), float(np.linalg.norm(static))
         return Outcome(name, error, None, None, *figures, float(residual), np.abs(torque).max(axis=0))
-
-
-def with_band(outcome: Outcome, errors: FloatArray) -> Outcome:
-    """Outcome with 95 % of errors (D, N) of draws."""
-    low, high = np.quantile(errors, [0.025, 0.975], axis=0)
-    return replace(outcome, low=low, high=high)

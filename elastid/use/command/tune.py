@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from elastid.use.command.plans import (
     sampled,
     shortest,
 )
-from elastid.use.command.replay import DAMPING_RATIO, SETTLING_S, Outcome, TwinLoop, with_band
+from elastid.use.command.replay import DAMPING_RATIO, SETTLING_S, Outcome, TwinLoop
 
 RIGID, CATALOGUE, IDENTIFIED = "rigid feedforward", "elastic, catalogue", "elastic, identified"
 PASSES = 5  # of plans whose bounds come nearer until their samples, and draws, keep the limits
@@ -99,135 +99,136 @@ def tune_move(given: Given, move: Move, name: str, progress: Progress = silent) 
     DataError where no motion keeps the limits, or none is as exact as it should be in any time.
     """
     commanded = CommandedRobot.of(given.identified, given.frame, move.ends[0])
-    limits, margin_s = MotionLimits.of(given.identified), margin_of(commanded, move)
-    require_ends(commanded, move, limits)
+    asked = _Asked(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
+    require_ends(commanded, move, asked.limits)
     if not move.duration:
-        begun = move.in_time(first_duration(commanded, move, limits))
+        begun = move.in_time(first_duration(commanded, move, asked.limits))
         if not begun.duration:
             raise DataError(
                 "use/move",
                 f"robot {given.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
                 "the shortest; give its joints limits, or a duration",
             )
-        fastest = shortest(commanded, begun, _spared(limits), margin_s, given.error_m)
+        fastest = replace(asked, move=begun).fastest
         if fastest is None:
             raise DataError(
                 "use/move",
                 f"the tool stays within {1e3 * given.error_m:g} mm of its path in no time from {begun.duration:.3g} s "
                 "on; raise --error, or move the path away from limits and singular postures",
             )
-        move = fastest
-    gains = tune(commanded.model, commanded.rigid_posture(move.ends[0]), given.bandwidth_hz, DAMPING_RATIO)
-    drawn = _within_limits(given, commanded, move, limits, margin_s, gains, progress)
-    outcomes = _outcomes(given, commanded, move, drawn, gains, margin_s)
-    return _tuned(given, name, commanded, move, drawn, outcomes, margin_s, limits)
+        asked = replace(asked, move=fastest)
+    return asked.tuned(name, progress)
 
 
 @dataclass(frozen=True, eq=False)
-class _Drawn:
-    """A plan that keeps the limits on draws: references, path (N, 3), errors (D, N) and largest torque (n_u,) there."""
+class _Asked:
+    """A move with the robot that makes it, limits of its motors, and s before and after it."""
 
-    planned: Planned
-    references: References
-    target: FloatArray
-    errors: FloatArray
-    most: FloatArray
+    given: Given
+    commanded: CommandedRobot
+    move: Move
+    limits: MotionLimits
+    margin_s: float
 
+    @property
+    def gains(self) -> Gains:
+        """Gains of the drives' loops."""
+        start = self.commanded.rigid_posture(self.move.ends[0])
+        return tune(self.commanded.model, start, self.given.bandwidth_hz, DAMPING_RATIO)
 
-def _spared(limits: MotionLimits) -> MotionLimits:
-    return limits.narrowed({kind: np.full(len(limits.torque), _SPARE**2) for kind in KINDS})
+    @property
+    def fastest(self) -> Move | None:
+        """The move in the shortest time that keeps limits and error, with a little to spare."""
+        spared = self.limits.narrowed({kind: np.full(len(self.limits.torque), _SPARE**2) for kind in KINDS})
+        return shortest(self.commanded, self.move, spared, self.margin_s, self.given.error_m)
 
+    def tuned(self, name: str, progress: Progress) -> TunedMove:
+        """The best move with its outcomes."""
+        given, limits, joints = self.given, self.limits, self.commanded.robot.driven
+        planned, r, drawn, most = self._within_limits(progress)
+        ends = planned.q.t[[0, -1]]
+        target = self._path(r.time_s)
+        at = self.commanded.poses(planned.q(np.clip(r.time_s, *ends))).position
+        error = np.linalg.norm(at - target, axis=1)
+        advice = ""
+        if error.max() > given.error_m:
+            worst = int(np.argmax(error))
+            advice = f"the tool leaves its path by {1e3 * error[worst]:.3g} mm {r.time_s[worst]:.3g} s after the start"
+            if (can := self.fastest) is not None:
+                advice += f"; it stays within {1e3 * given.error_m:g} mm with --time {can.duration:.3g}"
+        return TunedMove(
+            name, given.frame, tuple(joint.name for joint in joints), tuple(joint.unit for joint in joints),
+            given.judge_name, given.bandwidth_hz, self.move.duration, self.margin_s, r.time_s, r.position, r.velocity,
+            r.acceleration, r.jerk, r.torque, target, error, np.array([getattr(limits, kind) for kind in KINDS]),
+            limits.angle.T, self._outcomes(r, target, drawn), len(given.draws), most, advice,
+        )  # fmt: skip
 
-def _within_limits(
-    given: Given, commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, gains: Gains,
-    progress: Progress,
-) -> _Drawn:  # fmt: skip
-    """Plans whose bounds are narrowed where samples between knots, or draws with their feedback, go beyond them."""
-    n = len(given.draws)
-    samples = round((move.duration + 2 * margin_s + SETTLING_S) * given.rate_hz) * n
-    own = TwinLoop.of(given.identified, commanded.model, given.frame, gains, given.rate_hz, samples)
-    narrowed = limits
-    for attempt in range(PASSES):
-        progress(attempt * (n + 1), PASSES * (n + 1))
-        planned = best_plan(commanded, move, narrowed, margin_s)
-        if not planned.is_feasible:
-            raise DataError("use/move", _refusal(given, commanded, move, limits, margin_s))
-        references = sampled(commanded, planned, given.rate_hz, SETTLING_S)
-        target = commanded.poses(commanded.rigid(move, references.time_s)[0]).position
-        used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
-        errors, most = [], np.abs(references.torque).max(axis=0)
-        for i, robot in enumerate(given.draws):
-            q, torque = own.follow(references, robot)
-            errors.append(own.error(q, target, robot))
-            most = np.maximum(most, np.abs(torque).max(axis=0))
-            velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * given.rate_hz
-            used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
-            progress(attempt * (n + 1) + i + 1, PASSES * (n + 1))
-        used["torque"] = np.maximum(used["torque"], most / limits.torque)
-        if all(np.all(part <= 1.0) for part in used.values()):
-            return _Drawn(planned, references, target, np.array(errors), most)
-        narrowed = narrowed.narrowed(
-            {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
+    def _path(self, time_s: FloatArray) -> FloatArray:
+        """Path (N, 3) of the frame."""
+        return self.commanded.poses(self.commanded.rigid(self.move, time_s)[0]).position
+
+    def _within_limits(self, progress: Progress) -> tuple[Planned, References, FloatArray, FloatArray]:
+        """A plan that keeps the limits, errors (D, N) of draws with its references, and their largest torque (n_u,).
+
+        Bounds are narrowed where samples between knots, or draws with their feedback, go beyond them.
+        """
+        given, commanded, limits = self.given, self.commanded, self.limits
+        n = len(given.draws)
+        samples = round((self.move.duration + 2 * self.margin_s + SETTLING_S) * given.rate_hz) * n
+        own = TwinLoop.of(given.identified, commanded.model, given.frame, self.gains, given.rate_hz, samples)
+        narrowed = limits
+        for attempt in range(PASSES):
+            progress(attempt * (n + 1), PASSES * (n + 1))
+            planned = best_plan(commanded, self.move, narrowed, self.margin_s)
+            if not planned.is_feasible:
+                can = self.fastest
+                words = "in no time that was tried" if can is None else f"in {can.duration:.3g} s it can"
+                command = "" if can is None else f": --time {can.duration:.3g}"
+                raise DataError(
+                    "use/move",
+                    f"no motion within the limits makes the move in {self.move.duration:.4g} s; {words}{command}",
+                )
+            references = sampled(commanded, planned, given.rate_hz, SETTLING_S)
+            target = self._path(references.time_s)
+            used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
+            errors, most = [], np.abs(references.torque).max(axis=0)
+            for i, robot in enumerate(given.draws):
+                q, torque = own.follow(references, robot)
+                errors.append(np.linalg.norm(own.tool(q, robot) - target, axis=1))
+                most = np.maximum(most, np.abs(torque).max(axis=0))
+                velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * given.rate_hz
+                used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
+                progress(attempt * (n + 1) + i + 1, PASSES * (n + 1))
+            used["torque"] = np.maximum(used["torque"], most / limits.torque)
+            if all(np.all(part <= 1.0) for part in used.values()):
+                return planned, references, np.array(errors), most
+            narrowed = narrowed.narrowed(
+                {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
+            )
+        kind = max(used, key=lambda each: float(used[each].max()))
+        joint = commanded.robot.driven[int(np.argmax(used[kind]))].name
+        raise DataError(
+            "use/move",
+            f"no plan keeps the {kind} limit of joint {joint} on {n} draws of the fit: the last takes "
+            f"{100 * used[kind].max():.4g} % of it. Give the move more time, or lower --bandwidth, whose feedback "
+            "takes it",
         )
-    kind = max(used, key=lambda each: float(used[each].max()))
-    joint = commanded.robot.driven[int(np.argmax(used[kind]))].name
-    raise DataError(
-        "use/move",
-        f"no plan keeps the {kind} limit of joint {joint} on {n} draws of the fit: the last takes "
-        f"{100 * used[kind].max():.4g} % of it. Give the move more time, or lower --bandwidth, whose feedback takes it",
-    )
 
-
-def _refusal(given: Given, commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float) -> str:
-    """Why a move cannot be made in its time, and the time in which it can."""
-    can = shortest(commanded, move, _spared(limits), margin_s, given.error_m)
-    advice = (
-        "in no time that was tried" if can is None else f"in {can.duration:.3g} s it can: --time {can.duration:.3g}"
-    )
-    return f"no motion within the limits makes the move in {move.duration:.4g} s; {advice}"
-
-
-def _outcomes(
-    given: Given, commanded: CommandedRobot, move: Move, drawn: _Drawn, gains: Gains, margin_s: float
-) -> tuple[Outcome, ...]:
-    """Rigid feedforward, catalogue and identified stiffness on the robot to judge by."""
-    references, target = drawn.references, drawn.target
-    samples = 3 * len(references.time_s)
-    model = commanded.model if given.judge is given.identified else formulate(given.judge, commanded.spec)
-    judge = TwinLoop.of(given.judge, model, given.frame, gains, given.rate_hz, samples, clips=True)
-    of_catalogue = CommandedRobot.of(given.catalogue, given.frame, move.ends[0], commanded.spec)
-    rigid = rigid_references(given.catalogue, of_catalogue, move, references.time_s)
-    elastic = best_plan(of_catalogue, move, MotionLimits.of(given.catalogue), margin_s)
-    commands = {
-        RIGID: rigid,
-        CATALOGUE: sampled(of_catalogue, elastic, given.rate_hz, SETTLING_S),
-        IDENTIFIED: references,
-    }
-    outcomes = [judge.outcome(name, each, target, move.duration) for name, each in commands.items()]
-    if len(drawn.errors):
-        outcomes[-1] = with_band(outcomes[-1], drawn.errors)
-    return tuple(outcomes)
-
-
-def _tuned(
-    given: Given, name: str, commanded: CommandedRobot, move: Move, drawn: _Drawn, outcomes: tuple[Outcome, ...],
-    margin_s: float, limits: MotionLimits,
-) -> TunedMove:  # fmt: skip
-    r = drawn.references
-    low, high = drawn.planned.q.t[0], drawn.planned.q.t[-1]
-    planned = commanded.poses(drawn.planned.q(np.clip(r.time_s, low, high))).position
-    error = np.linalg.norm(planned - drawn.target, axis=1)
-    advice = ""
-    if error.max() > given.error_m:
-        worst = int(np.argmax(error))
-        advice = f"the tool leaves its path by {1e3 * error[worst]:.3g} mm {r.time_s[worst]:.3g} s after the start"
-        can = shortest(commanded, move, _spared(limits), margin_s, given.error_m)
-        if can is not None:
-            advice += f"; it stays within {1e3 * given.error_m:g} mm with --time {can.duration:.3g}"
-    joints = commanded.robot.driven
-    return TunedMove(
-        name, given.frame, tuple(joint.name for joint in joints), tuple(joint.unit for joint in joints),
-        given.judge_name, given.bandwidth_hz, move.duration, margin_s, r.time_s, r.position, r.velocity,
-        r.acceleration, r.jerk, r.torque, drawn.target, error, np.array([getattr(limits, kind) for kind in KINDS]),
-        limits.angle.T, outcomes, len(given.draws), drawn.most, advice,
-    )  # fmt: skip
+    def _outcomes(self, references: References, target: FloatArray, drawn: FloatArray) -> tuple[Outcome, ...]:
+        """Rigid feedforward, catalogue and identified stiffness on the robot to judge by, this with 95 % of draws."""
+        given, spec, move = self.given, self.commanded.spec, self.move
+        model = self.commanded.model if given.judge is given.identified else formulate(given.judge, spec)
+        samples = 3 * len(references.time_s)
+        judge = TwinLoop.of(given.judge, model, given.frame, self.gains, given.rate_hz, samples, clips=True)
+        of_catalogue = CommandedRobot.of(given.catalogue, given.frame, move.ends[0], spec)
+        elastic = best_plan(of_catalogue, move, MotionLimits.of(given.catalogue), self.margin_s)
+        commands = {
+            RIGID: rigid_references(given.catalogue, of_catalogue, move, references.time_s),
+            CATALOGUE: sampled(of_catalogue, elastic, given.rate_hz, SETTLING_S),
+            IDENTIFIED: references,
+        }
+        outcomes = [judge.outcome(name, each, target, move.duration) for name, each in commands.items()]
+        if len(drawn):
+            low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
+            outcomes[-1] = replace(outcomes[-1], low=low, high=high)
+        return tuple(outcomes)

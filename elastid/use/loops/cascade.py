@@ -8,15 +8,15 @@ so that the loop has a double zero at K_p: a disturbance dies out as fast as a r
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec, NotchSpec
-from elastid.simulation.controller import Filters, Gains, low_pass, notch, section_response
-from elastid.use.loops.sensitivity import controller_response
+from elastid.simulation.controller import Filters, Gains, low_pass, notch
+from elastid.use.loops.sensitivity import Closed, Scene, controller_response
 
 _STEP = 1e-5  # of a logarithm, for central differences
 WIDTHS, DEPTHS = (0.15, 3.0), (0.05, 1.0)  # of notches
@@ -45,9 +45,9 @@ class Cascade:
         return np.asarray(np.log(np.concatenate(parts)))
 
     @property
-    def owners(self) -> list[int]:
+    def owners(self) -> IntArray:
         """Axis of each of x."""
-        return [*list(range(len(self.velocity_gain))) * 3, *np.repeat(self.axes, 3).tolist()]
+        return np.concatenate([*[np.arange(len(self.velocity_gain))] * 3, np.repeat(np.array(self.axes, int), 3)])
 
     def at(self, x: FloatArray) -> Cascade:
         """Cascade with other numbers."""
@@ -84,20 +84,24 @@ class Cascade:
             each.append(low_pass(corner, rate_hz))
         return Filters(tuple(tuple(tuple(part.tolist()) for part in each) for each in sections), self.delay)
 
-    def response(self, freq_hz: FloatArray, rate_hz: float) -> tuple[ComplexArray, ComplexArray]:
-        """F and F_r (..., n_u) at freq_hz (...)."""
-        return controller_response(self.gains, self.filters(rate_hz), freq_hz, rate_hz)
+    def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
+        """F (..., n_u) at freq_hz (...)."""
+        return controller_response(self.gains, self.filters(rate_hz), freq_hz, rate_hz)[0]
 
-    def log_slopes(self, freq_hz: FloatArray, rate_hz: float) -> tuple[ComplexArray, ComplexArray]:
-        """d ln F_i / dx and d ln F_r,i / dx (..., n_x), i the axis of each of x."""
-        z_inverse = np.exp(-2j * np.pi * freq_hz / rate_hz)[..., None]
-        p, one = self.position_gain, np.ones((*freq_hz.shape, len(self.velocity_gain)), complex)
-        integral, rate = p / rate_hz * z_inverse / (1 - z_inverse), rate_hz * (1 - z_inverse) / p
-        of_r = 1 + integral / (1 + integral)
-        filters = [_of_corner(self.low_pass_hz, rate_hz, z_inverse)]
-        filters += [_of_notch(own, rate_hz, z_inverse[..., 0]) for own in self.notches]
-        of_F = np.concatenate([of_r - rate / (1 + rate), one, *filters], axis=-1)
-        return of_F, np.concatenate([of_r * one, one, *filters], axis=-1)
+    def log_slopes(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
+        """d ln F_i / dx (..., n_x), i the axis of each of x; axes answer independently."""
+        n, x = len(self.velocity_gain), self.vector
+        slopes = np.empty((*freq_hz.shape, len(x)), complex)
+        for rows in (*np.arange(3 * n).reshape(3, n), *np.arange(3 * n, len(x))[:, None]):
+            step = np.zeros(len(x))
+            step[rows] = _STEP
+            ahead, behind = (self.at(x + each).response(freq_hz, rate_hz) for each in (step, -step))
+            slopes[..., rows] = np.log(ahead / behind)[..., self.owners[rows]] / (2 * _STEP)
+        return slopes
+
+    def on(self, scene: Scene) -> Closed:
+        """The loops that it closes."""
+        return scene.closed(self.gains, self.filters(scene.plants.rate_hz))
 
     def to_spec(self, joints: Sequence[str]) -> ControllerSpec:
         """Controller as a study has it, to six digits."""
@@ -111,18 +115,3 @@ class Cascade:
         position, velocity, integral, corner = map(rounded, parts)
         gains = GainsSpec(position, velocity, integral, notches, corner)
         return ControllerSpec(kind="cascade", gains=gains, delay_samples=self.delay)
-
-
-def _of_corner(corner: FloatArray, rate_hz: float, z_inverse: ComplexArray) -> ComplexArray:
-    ends = [section_response(low_pass(corner * np.exp(sign * _STEP), rate_hz), z_inverse) for sign in (1, -1)]
-    return np.asarray(np.log(ends[0] / ends[1]) / (2 * _STEP))
-
-
-def _of_notch(own: FloatArray, rate_hz: float, z_inverse: ComplexArray) -> ComplexArray:
-    def columns() -> Iterator[ComplexArray]:
-        for step in np.diag(np.full(3, _STEP)):
-            moved = [own * np.exp(sign * step) for sign in (1, -1)]
-            ends = [section_response(notch(own[0], own[1], own[2], rate_hz), z_inverse) for own in moved]
-            yield np.asarray(np.log(ends[0] / ends[1]) / (2 * _STEP), dtype=np.complex128)
-
-    return np.stack([*columns()], axis=-1)

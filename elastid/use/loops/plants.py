@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import expm
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import StudyError
 from elastid.fit.posture import Asked, Family
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
@@ -61,16 +63,13 @@ class Plants:
 
 @dataclass(frozen=True)
 class PlantMode:
-    """A mode of the robot with motors that are free: freq_hz, zeta, and the spring with the most strain energy.
+    """A mode of the robot with motors that are free: freq_hz, and the spring with the most strain energy.
 
-    share: of all springs in the strain energy; the rest is gravity's.  parts (n_u,): by which it moves each motor,
-    over that of the mode that moves it most.
+    parts (n_u,): by which it moves each motor, over that of the mode that moves it most.
     """
 
     freq_hz: float
-    zeta: float
     spring: str
-    share: float
     parts: tuple[float, ...]
 
 
@@ -102,6 +101,12 @@ class PostureFamily:
         """Names of the postures."""
         return tuple(own.configuration.name for own in self.linear)
 
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the driven joints."""
+        return tuple(joint.name for joint in self.family.robot.driven)
+
+    @cached_property
     def estimate(self) -> Plants:
         """The Q plants of the fitted numbers."""
         return self._plants([self._theta(own) for own in self.linear])
@@ -125,22 +130,31 @@ class PostureFamily:
             pieces.append(self._plants(thetas))
         return Plants.stacked(pieces)
 
-    def modes(self, posture: int) -> tuple[PlantMode, ...]:
-        """Modes of the fitted robot in a posture, by rising frequency."""
-        own = self.linear[posture]
-        known = modes(own, self._theta(own))
+    @cached_property
+    def modes(self) -> tuple[tuple[PlantMode, ...], ...]:
+        """Modes of the fitted robot in each posture, by rising frequency; StudyError where no spring swings."""
+        return tuple(map(self._modes, self.linear))
+
+    def _modes(self, own: LinearModel) -> tuple[PlantMode, ...]:
+        theta = self._theta(own)
+        known = modes(own, theta)
         point = equilibrium(self.family.model, self.family.theta, own.configuration)
         energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(own, known.shapes))
-        strained = np.nan_to_num(energy.share).argmax(axis=0)
-        M = own.matrices(self._theta(own))[0]
+        strained, M = np.nan_to_num(energy.share).argmax(axis=0), own.matrices(theta)[0]
         parts = (
             np.abs(own.B.T @ known.shapes) ** 2 / np.einsum("im,ij,jm->m", known.shapes.conj(), M, known.shapes).real
         )
         parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
-        rows = zip(known.freq_hz, known.zeta, strained, energy.load, parts.T, strict=True)
+        # A pendulum under gravity has less than half of its strain energy in springs.
+        sprung = np.flatnonzero(energy.load <= 0.5).tolist()
+        if not sprung:
+            raise StudyError(
+                "use/gains",
+                "no spring of the robot swings behind its motors, so that none limits them",
+                f"posture {own.configuration.name}",
+            )
         return tuple(
-            PlantMode(float(f), float(zeta), energy.springs[i], float(1 - load), tuple(moved.tolist()))
-            for f, zeta, i, load, moved in rows
+            PlantMode(float(known.freq_hz[m]), energy.springs[strained[m]], tuple(parts[:, m].tolist())) for m in sprung
         )
 
     def _theta(self, own: LinearModel) -> FloatArray:

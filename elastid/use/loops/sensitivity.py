@@ -28,11 +28,12 @@ u of all motors, by the estimator of the study's responses.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Motion, Record
@@ -53,7 +54,7 @@ def controller_response(
     return gains.response(freq_hz, rate_hz) * H, of_position.response(freq_hz, rate_hz) * H
 
 
-def grid(plants: Plants, lines: int = 220, per_mode: int = 13) -> FloatArray:
+def grid(plants: Plants, lines: int, per_mode: int) -> FloatArray:
     """freq_hz (N, F): logarithmic up to half the rate, and denser about each mode of a plant."""
     poles = np.linalg.eigvals(plants.A)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -74,9 +75,68 @@ def grid(plants: Plants, lines: int = 220, per_mode: int = 13) -> FloatArray:
     return np.array(rows)
 
 
-def sensitivity(P: ComplexArray, F: ComplexArray) -> ComplexArray:
-    """S (..., n_u, n_u) from P (..., n_u, n_u) and F (..., n_u)."""
-    return np.asarray(np.linalg.inv(np.eye(P.shape[-1]) + F[..., :, None] * P))
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """N plants, the grid of each freq_hz (N, F), and P (N, F, n_u, n_u) on it."""
+
+    plants: Plants
+    freq_hz: FloatArray
+    P: ComplexArray
+
+    @classmethod
+    def of(cls, plants: Plants, lines: int = 220, per_mode: int = 13) -> Scene:
+        """Scene on a grid with so many lines."""
+        freq_hz = grid(plants, lines, per_mode)
+        return cls(plants, freq_hz, plants.response(freq_hz))
+
+    def closed(self, gains: Gains, filters: Filters | None) -> Closed:
+        """The loops of gains (n_u,) or (N, n_u)."""
+        each = Gains(*(np.atleast_2d(part)[:, None] for part in (gains.kp, gains.kd, gains.ki)))
+        F, F_r = controller_response(each, filters, self.freq_hz, self.plants.rate_hz)
+        S = np.asarray(np.linalg.inv(np.eye(self.P.shape[-1]) + F[..., :, None] * self.P))
+        return Closed(self, gains, filters, S, 1 - np.einsum("...ij,...ji->...i", self.P, S) * F_r)
+
+
+@dataclass(frozen=True, eq=False)
+class Closed:
+    """Loops of N plants closed by a controller: S (N, F, n_u, n_u) and E_ii (N, F, n_u)."""
+
+    scene: Scene
+    gains: Gains
+    filters: Filters | None
+    S: ComplexArray
+    E: ComplexArray
+
+    @cached_property
+    def size(self) -> FloatArray:
+        """Largest singular value (N, F), torques of the axes compared by their inertias."""
+        return largest_gain(scaled(self.S, self.scene.plants.inertia))
+
+    @cached_property
+    def stable(self) -> BoolArray:
+        """Which loops (N,) are stable."""
+        poles = closed_loop_poles(self.scene.plants, self.gains, self.filters)
+        return np.asarray(np.abs(poles).max(axis=1) < STABLE)
+
+    @property
+    def peaks_db(self) -> FloatArray:
+        """M_S in dB (N,), infinite where a loop is unstable."""
+        return np.where(self.stable, peaks_db(self.size, self.scene.freq_hz), np.inf)
+
+    @property
+    def bandwidth_hz(self) -> FloatArray:
+        """Bandwidth of each axis (N, n_u)."""
+        return bandwidths(self.E, self.scene.freq_hz)
+
+    @property
+    def reached(self) -> float:
+        """Mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""
+        return float(np.log(self.bandwidth_hz.min(axis=0)).mean())
+
+    @property
+    def margins(self) -> Margins:
+        """Margins of every loop while all others are closed."""
+        return margins(1 / np.einsum("nfii->nif", self.S) - 1, self.scene.freq_hz[:, None])
 
 
 def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:
@@ -102,11 +162,6 @@ def peaks_db(size: FloatArray, freq_hz: FloatArray) -> FloatArray:
         slope = up / right - curve * right
         rise = np.where((curve < 0) & (down <= 0) & (up <= 0), -(slope**2) / (4 * curve), 0.0)
     return np.asarray(20 / np.log(10) * np.maximum(y[:, 1] + np.nan_to_num(rise), y.max(axis=1)))
-
-
-def tracking_error(P: ComplexArray, S: ComplexArray, F_r: ComplexArray) -> ComplexArray:
-    """E_ii (..., n_u) from P, S (..., n_u, n_u) and F_r (..., n_u)."""
-    return np.asarray(1 - np.einsum("...ij,...ji->...i", P, S) * F_r)
 
 
 def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, S
 from elastid.use.command.collocation import SETTINGS, plan
 from elastid.use.command.equations import CommandedRobot
 from elastid.use.command.moves import MotionLimits, point_to_point
-from elastid.use.command.plans import best_plan, planned_error, sampled, torque_of
+from elastid.use.command.plans import best_plan, planned_error, sampled
 
 FREE = Limits()
 
@@ -31,7 +31,7 @@ def test_an_elastic_axis_is_commanded_by_its_closed_form() -> None:
     motor_v, motor_a = rate + J_l * own.at(t, 3)[:, 0] / k, a + J_l * snap / k
     q = planned.q(t)
     np.testing.assert_allclose(q[:, 1], link + J_l * a / k, atol=2e-5)
-    torque = torque_of(commanded, q, planned.q(t, 1), planned.q(t, 2))[:, 0]
+    torque = commanded.torque(q, planned.q(t, 1), planned.q(t, 2))[:, 0]
     expected = J_m * motor_a + f_m * motor_v + J_l * a
     assert np.abs(torque - expected).max() < 0.01 * np.abs(expected).max()
 

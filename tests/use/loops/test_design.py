@@ -10,72 +10,68 @@ import pytest
 from plants.predicted_arm import result
 from plants.refusals import refused
 
+from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec
 from elastid.record import Configuration
-from elastid.simulation.controller import Gains
 from elastid.use.loops.cascade import Cascade
-from elastid.use.loops.design import Scene, _Problem, design, robust
+from elastid.use.loops.design import design, robust, room
 from elastid.use.loops.plants import PostureFamily
-from elastid.use.loops.result import Asked, Today, assess, design_loops
-from elastid.use.loops.sensitivity import LIMIT_DB
+from elastid.use.loops.result import Asked, Today, design_loops
+from elastid.use.loops.sensitivity import LIMIT_DB, Scene
 
 RATE_HZ = 250.0
 
 
 def start(family: PostureFamily) -> Cascade:
-    plants = family.estimate()
+    plants = family.estimate
     omega = 10.0
     own = Cascade(np.full(2, omega / 4), plants.inertia[0] * omega, np.full(2, 75.0), 1, np.zeros((0, 3)))
     return replace(own, notches=np.array([[14.0, 0.7, 0.6]]), axes=(1,))
 
 
-def test_slopes_of_bandwidth_and_peaks_are_exact(family: PostureFamily) -> None:
-    """By central differences: peaks to 1e-5, the bandwidth to what interpolation between lines makes of it."""
-    scene, own = Scene.of(family.estimate(), lines=2000), start(family)
-    problem = _Problem(scene, own, LIMIT_DB)
-    _, slope, _, slopes = problem._evaluated(own)
+def test_slopes_of_peaks_are_exact(family: PostureFamily) -> None:
+    """By central differences."""
+    scene, own = Scene.of(family.estimate, lines=2000), start(family)
+    _, slopes = room(scene, own, LIMIT_DB)
     for p in range(len(own.vector)):
         step = 1e-4 * np.eye(len(own.vector))[p]
-        ahead, behind = (problem._evaluated(own.at(own.vector + sign * step)) for sign in (1, -1))
-        assert (ahead[0] - behind[0]) / 2e-4 == pytest.approx(slope[p], abs=3e-3)
-        np.testing.assert_allclose((ahead[2] - behind[2]) / 2e-4, slopes[:, p], atol=1e-4)
+        ahead, behind = (room(scene, own.at(own.vector + sign * step), LIMIT_DB)[0] for sign in (1, -1))
+        np.testing.assert_allclose((ahead - behind) / 2e-4, slopes[:, p], atol=1e-4)
 
 
 @pytest.mark.slow
 def test_the_design_keeps_its_limit_on_postures_and_draws_and_is_at_it(family: PostureFamily) -> None:
     """Peaks at most 6 dB, those of 95 % of the draws as well; 10 % faster it is broken; the rule alone is slower."""
-    plants, drawn = family.estimate(), family.draws(result(), 40, 1)
+    plants, drawn = family.estimate, family.draws(result(), 40, 1)
     found, peaks = robust(plants, drawn, 9.0, 1)
     scene = Scene.of(plants, lines=800, per_mode=61)
-    assert scene.peaks_db(found).max() <= LIMIT_DB + 1e-3
+    assert found.on(scene).peaks_db.max() <= LIMIT_DB + 1e-3
     assert np.mean(peaks <= LIMIT_DB) >= 0.95
-    assert np.quantile(peaks, 0.95) > LIMIT_DB - 0.5 or scene.peaks_db(found).max() > LIMIT_DB - 0.1
-    faster = Scene.of(drawn, lines=120, per_mode=9).peaks_db(found.slower(1.1, 1.05)).reshape(-1, 2).max(axis=1)
+    assert np.quantile(peaks, 0.95) > LIMIT_DB - 0.5 or found.on(scene).peaks_db.max() > LIMIT_DB - 0.1
+    of_draws = found.slower(1.1, 1.05).on(Scene.of(drawn, lines=120, per_mode=9))
+    faster = of_draws.peaks_db.reshape(-1, 2).max(axis=1)
     assert np.mean(faster <= LIMIT_DB) < 0.95
     first = next(design(scene, 9.0, 1))
-    assert scene.reached(found) > scene.reached(first) + 0.3
+    assert found.on(scene).reached > first.on(scene).reached + 0.3
 
 
 def test_todays_loops_keep_their_own_rate(family: PostureFamily, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the rate of the loops that are designed."""
-    plants = family.estimate()
-    gains = Gains(plants.inertia[0] * 6.0**2, plants.inertia[0] * 8.0, np.zeros(2))
+    spec = ControllerSpec(kind="cascade", gains=GainsSpec(4.5, tuple((8.0 * family.inertia[0]).tolist())))
     monkeypatch.setattr("elastid.use.loops.result.robust", lambda *_: (start(family), None))
-    asked = Asked(100.0, 1, 0, 1)
-    loops = design_loops("arm", result(), asked, Today(RATE_HZ, gains), ())
+    slow = replace(family, rate_hz=100.0)
+    loops = design_loops("arm", result(), slow, Asked(1, 0, 1), Today(RATE_HZ, spec), ())
     assert loops.today is not None
-    home = PostureFamily.of(result(), [linear.configuration for linear in result().linear], RATE_HZ)
-    at_its_rate = assess("", home.estimate(), None, gains, None, home.names, ("1", "2"), ((),))
-    assert loops.today.peak_db == pytest.approx(at_its_rate.peak_db)
+    assert loops.today.peak_db == pytest.approx(Today(RATE_HZ, spec).state(family, None).peak_db)
     assert loops.designed.freq_hz[-1] < 50 < loops.today.freq_hz[-1]
 
 
 @pytest.mark.slow
 def test_less_delay_allows_more_bandwidth(family: PostureFamily) -> None:
-    scene = Scene.of(family.estimate())
+    scene = Scene.of(family.estimate)
     reached = []
     for delay in (0, 3):
         found = [*itertools.islice(design(scene, 9.0, delay), 2)][-1]
-        reached.append(scene.reached(found))
+        reached.append(found.on(scene).reached)
     assert reached[0] > reached[1]
 
 
@@ -83,4 +79,4 @@ def test_a_delay_that_leaves_no_gain_is_said() -> None:
     """An arm that stands upright falls over faster than a controller at 4 Hz sees it."""
     upright = PostureFamily.of(result(), [Configuration("up", np.array([-1.5, 0.0]))], 4.0)
     with refused("use/gains"):
-        next(design(Scene.of(upright.estimate()), 9.0, 3))
+        next(design(Scene.of(upright.estimate), 9.0, 3))

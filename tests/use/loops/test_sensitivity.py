@@ -20,11 +20,11 @@ from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration
 from elastid.simulation.controller import Gains, filters_of
 from elastid.use.loops.cascade import Cascade
-from elastid.use.loops.design import Scene, design
+from elastid.use.loops.design import design
 from elastid.use.loops.plants import Plants, PostureFamily, _sampled
 from elastid.use.loops.result import assess
 from elastid.use.loops.sensitivity import (
-    bandwidths,
+    Scene,
     closed_loop_poles,
     grid,
     largest_gain,
@@ -33,8 +33,6 @@ from elastid.use.loops.sensitivity import (
     peaks_db,
     refusal,
     scaled,
-    sensitivity,
-    tracking_error,
 )
 
 RATE_HZ = 400.0
@@ -46,7 +44,7 @@ CASCADE = Cascade(
 def plants() -> Plants:
     """Of two postures."""
     postures = [Configuration("a", np.array([0.3, 0.5])), Configuration("b", np.array([0.5, -1.2]))]
-    return PostureFamily.of(result(), postures, RATE_HZ).estimate()
+    return PostureFamily.of(result(), postures, RATE_HZ).estimate
 
 
 def controller(cascade: Cascade) -> control.StateSpace:
@@ -67,8 +65,8 @@ def test_poles_and_sensitivity_are_those_of_python_control() -> None:
     """Of the coupled loops; poles that cancel may differ, the largest does not."""
     own = plants()
     freq_hz = np.geomspace(0.3, 190, 40)
-    F, _ = CASCADE.response(np.tile(freq_hz, (2, 1)), RATE_HZ)
-    S = sensitivity(own.response(np.tile(freq_hz, (2, 1))), F)
+    both = np.tile(freq_hz, (2, 1))
+    S = CASCADE.on(Scene(own, both, own.response(both))).S
     poles = closed_loop_poles(own, CASCADE.gains, CASCADE.filters(RATE_HZ))
     for i in range(2):
         plant = control.ss(own.A[i], own.B[i], own.C[i], np.zeros((2, 2)), 1 / RATE_HZ)
@@ -80,10 +78,9 @@ def test_poles_and_sensitivity_are_those_of_python_control() -> None:
 def test_margins_are_those_of_python_control() -> None:
     """Of the loop of an axis while the other is closed."""
     own = plants()
-    freq_hz = grid(own, 1500, 61)
-    S = sensitivity(own.response(freq_hz), CASCADE.response(freq_hz, RATE_HZ)[0])
-    L = 1 / np.einsum("nfii->nif", S) - 1
-    found = margins(L, freq_hz[:, None])
+    closed = CASCADE.on(Scene.of(own, 1500, 61))
+    freq_hz, found = closed.scene.freq_hz, closed.margins
+    L = 1 / np.einsum("nfii->nif", closed.S) - 1
     for i in range(2):
         for axis in range(2):
             omega = 2 * np.pi * freq_hz[i]
@@ -121,19 +118,15 @@ def test_an_ideal_cascade_has_the_bandwidth_of_its_position_gain() -> None:
     motor = Plants(rate, A[None], B[None], np.array([[[1.0, 0.0]]]), np.array([[J]]))
     freq_hz = np.geomspace(0.05, 500, 2000)[None]
     gains = Gains(np.array([K_p * 2e3]), np.array([2e3]), np.zeros(1))
-    P = motor.response(freq_hz)
-    S = sensitivity(P, gains.response(freq_hz, rate))
-    F_r = Gains(gains.kp, np.zeros(1), gains.ki).response(freq_hz, rate)
-    E = tracking_error(P, S, F_r)
-    assert bandwidths(E, freq_hz)[0, 0] == pytest.approx(K_p / (2 * np.pi), rel=0.02)
+    closed = Scene(motor, freq_hz, motor.response(freq_hz)).closed(gains, None)
+    assert closed.bandwidth_hz[0, 0] == pytest.approx(K_p / (2 * np.pi), rel=0.02)
 
 
 def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units() -> None:
     """Torques of a sliding axis in kN instead of N change the singular values of S, not of the scaled one."""
     own = plants()
-    freq_hz = grid(own)
-    S = sensitivity(own.response(freq_hz), CASCADE.response(freq_hz, RATE_HZ)[0])
-    size = largest_gain(scaled(S, own.inertia))
+    closed = CASCADE.on(Scene.of(own))
+    S, size = closed.S, closed.size
     assert np.all(size[..., None] >= np.abs(np.einsum("nfii->nfi", S)) * (1 - 1e-9))
     unit = np.array([1.0, 1e-3])
     other = S * unit[:, None] / unit
@@ -176,12 +169,10 @@ def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None
 
 def test_a_peak_is_traced_to_the_mode_that_makes_it(family: PostureFamily) -> None:
     """Gains near those at which the first mode rings: its frequency, and the spring with most of its energy."""
-    modes = tuple(family.modes(q) for q in range(2))
-    cascade = next(design(Scene.of(family.estimate()), 9.0, 1))
-    state = assess("own", family.estimate(), family.draws(result(), 10, 1), cascade.gains, cascade.filters(250.0),
-                   family.names, ("1", "2"), modes)  # fmt: skip
+    cascade = next(design(Scene.of(family.estimate), 9.0, 1))
+    state = assess("own", family, family.draws(result(), 10, 1), cascade.gains, cascade.filters(250.0))
     assert any(f"mode at {mode.freq_hz:.3g} Hz, {mode.spring}" in " ".join(state.limited_by)
-               for own in modes for mode in own)  # fmt: skip
+               for own in family.modes for mode in own)  # fmt: skip
     assert np.all(state.peak_low <= state.peak_high)
 
 
@@ -199,11 +190,9 @@ def test_records_show_their_peak_and_their_margins() -> None:
     rig = SimulatedRig(robot(), experiment, plan, seed=1)
     records = [rig.measure(each) for each in rig.experiments]
     own = PostureFamily.of(result(), (Configuration("a", np.array([0.3, 0.5])),), LOG_HZ)
-    plants = own.estimate()
-    found = measured_loops(records, EstimatorSpec(), plants.inertia[0])
+    found = measured_loops(records, EstimatorSpec(), own.inertia[0])
     truth = rig._prepared(rig.experiments[0]).gains
-    state = assess("own", plants, None, truth, filters_of(("1", "2"), spec, LOG_HZ), own.names, ("1", "2"),
-                   (own.modes(0),))  # fmt: skip
+    state = assess("own", own, None, truth, filters_of(("1", "2"), spec, LOG_HZ))
     assert not found.at_edge
     assert found.peak_db == pytest.approx(float(state.peak_db[0]), abs=4 * found.peak_std + 0.05)
     np.testing.assert_allclose(found.margins.phase, state.margins.phase, rtol=0.03)
