@@ -17,7 +17,6 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
-from elastid.fit.spec import FitSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import uncertain_modes
 from elastid.linear.linear_model import LinearModel
@@ -29,6 +28,7 @@ from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.kinds import SCHEMA, json_value
+from elastid.study import Study
 from elastid.validation.results import Agreement, Validation
 from elastid.validation.twin import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
 
@@ -147,15 +147,13 @@ def _tool_responses(result: Result) -> dict[str, Any] | None:
     return section(result.tool, "ratio ratio_std chi_square dof cause") | {"responses": rows}
 
 
-def interrupted(
-    name: str, spec: FitSpec, robot: Robot, configurations: Sequence[str], ends: Sequence[LocalOptimum]
-) -> dict[str, Any]:
+def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
     """summary.json of a fit that was stopped: where the best of the starts that were done ended, without intervals."""
-    message = f"interrupted after {len(ends)} of {spec.starts} starts; run the fit again to resume it"
-    best = failure(name, spec.starts, message)
+    message = f"interrupted after {len(ends)} of {study.fit.starts} starts; run the fit again to resume it"
+    best = failure(study.name, study.fit.starts, message)
     if not ends:
         return best | {"status": "interrupted"}
-    parameters = choose(spec, robot, tuple(configurations))
+    parameters = choose(study.seeded_fit, study.as_robot(), tuple(study.experiment.configurations))
     values, x_start = parameters.as_dict(ends[0].x), parameters.as_dict()
     unknown = {"std": None, "interval95": [None, None]}
     rows = {

@@ -22,8 +22,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.plan.plan import checked_configurations
-from elastid.experiment.specs.channels import Places
-from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
+from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
@@ -43,25 +42,25 @@ from elastid.store.measured import (
     write_records,
     write_responses,
 )
+from elastid.study import Study
 
 NET_RECORDS = "net_records.h5"
 
 
-def estimate(
-    *, robot: Robot | None, estimator: EstimatorSpec, measure_file: Path, work: Work, design_file: Path | None = None
-) -> Artefacts:
+def estimate(study: Study, work: Work) -> Artefacts:
     """frf.h5 from records.h5; each process has one configuration in memory at a time."""
-    lines = None if design_file is None else read_plan(design_file).lines
+    robot, estimator, records = study.robot, study.estimator, work.sources["measure"]
+    lines = read_plan(work.sources["design"]).lines if "design" in work.sources else None
     E = shaft_couplings(robot)
-    friction = find_friction_of_run(measure_file, estimator, lines, E, Execution(work.jobs))
+    friction = find_friction_of_run(records, estimator, lines, E, Execution(work.jobs))
     if friction is not None:
         work.console.notes(note for note in friction.notes if note.severity == "warning")
-    names = read_configurations(measure_file)
+    names = read_configurations(records)
     net_files: Sequence[Path | None] = [None] * len(names)
     if friction is not None and friction.shapes:
         work.parts.mkdir(parents=True, exist_ok=True)
         net_files = [work.parts / f"{i}.h5" for i in range(len(names))]
-    estimate_one = partial(estimate_configuration, measure_file, estimator, lines, friction, robot, work.stamp)
+    estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot, work.stamp)
     with work.execution() as execution:
         estimates = execution.ordered(estimate_one, list(zip(names, net_files, strict=True)))
     responses = [response for response, _ in estimates]
@@ -77,17 +76,9 @@ def net_records_of(frf_file: Path) -> Path | None:
     return path if net is not None and own is not None and own.is_of(net) else None
 
 
-def import_responses(
-    *,
-    robot: Robot | None,
-    places: Places,
-    experiment: ExperimentSpec,
-    estimator: EstimatorSpec,
-    files: Path,
-    work: Work,
-) -> Artefacts:
+def import_responses(study: Study, work: Work) -> Artefacts:
     """frf.h5 from files of other programs, or of another run."""
-    responses = list(imported_responses(robot, places, experiment, estimator, files))
+    responses = list(imported_responses(study, work.base))
     return _artefacts(responses, [note for response in responses for note in response.notes])
 
 
@@ -169,20 +160,18 @@ def _artefacts(
     return Artefacts({NET_RECORDS: write_net, "frf.h5": frf}, report)
 
 
-def imported_responses(
-    robot: Robot | None, places: Places, experiment: ExperimentSpec, estimator: EstimatorSpec, base: Path
-) -> Iterator[Response]:
+def imported_responses(study: Study, base: Path) -> Iterator[Response]:
     """One response for each file of the experiment, in their order, in the estimator's quantity and band.
 
     Raises StudyError where channels or configuration and file do not fit, DataError where a file cannot be used.
     """
-    spec = experiment.responses
+    spec, estimator = study.experiment.responses, study.estimator
     assert spec is not None  # the kind of the experiment is `responses`
-    configurations = {c.name: c for c in checked_configurations(experiment, places)}
+    configurations = {c.name: c for c in checked_configurations(study.experiment, study.places)}
     for file in spec.files:
         path, configuration = base / file.path, configurations[file.configuration]
         if kind_of(path) == "frf":
-            response = in_quantity(_of_another_run(path, file, configuration, robot), estimator.quantity)
+            response = in_quantity(_of_another_run(path, file, configuration, study.robot), estimator.quantity)
             if spec.is_held:
                 text = "hold is not taken out of it: the study that estimated it says in experiment.recorded.hold"
                 response = replace(response, notes=(*response.notes, Note("responses/hold", text, str(path))))
@@ -195,7 +184,7 @@ def imported_responses(
                 )
             with naming(path, f"its values are no frequency response; look at them with `elastid inspect {path}`"):
                 table = read_table(path, spec, file.response)
-                response = link_side_response(table, spec, configuration, places, estimator.quantity)
+                response = link_side_response(table, spec, configuration, study.places, estimator.quantity)
         if estimator.band_hz is not None:
             low, high = estimator.band_hz
             inside = (response.freq_hz >= low) & (response.freq_hz <= high)
@@ -205,15 +194,13 @@ def imported_responses(
         yield response
 
 
-def tool_responses(
-    tool: ToolSpec | None, robot: Robot, experiment: ExperimentSpec, estimator: EstimatorSpec, files: Path
-) -> list[Response]:
+def tool_responses(tool: ToolSpec | None, study: Study, base: Path) -> list[Response]:
     """The responses by forces at the tool, whatever rig measured the others."""
     if tool is None:
         return []
-    own = replace(experiment, simulated=None, recorded=None, responses=tool.responses)
-    measured = imported_responses(robot, robot, own, replace(estimator, band_hz=None), files)
-    return [replace(G, motors=tool.motors, loop=tool.loop) for G in measured]
+    experiment = replace(study.experiment, simulated=None, recorded=None, responses=tool.responses)
+    own = replace(study, experiment=experiment, estimator=replace(study.estimator, band_hz=None))
+    return [replace(G, motors=tool.motors, loop=tool.loop) for G in imported_responses(own, base)]
 
 
 def _of_another_run(path: Path, file: ResponseFileSpec, configuration: Configuration, robot: Robot | None) -> Response:
