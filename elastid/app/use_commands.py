@@ -38,7 +38,7 @@ def map_command(
     (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad.
     """
     asked = run_of(study, options)
-    from elastid.app import map as mapping
+    from elastid.app.use_fit import map_study
     from elastid.use.compliance import Cut
 
     if band_hz and not 0 < band_hz[0] < band_hz[1]:
@@ -47,7 +47,7 @@ def map_command(
         cut = Cut(load, cutting, normal or None, force or None)
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-    mapping.map_study(asked, frame, mapping.Postures(path, grid, random), cut, band_hz or None)
+    map_study(asked, frame, path, grid, random, cut, band_hz or None)
 
 
 @click.command()
@@ -79,11 +79,9 @@ def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_m
     if duration is not None and fastest:
         raise click.UsageError("--time and --fastest exclude one another; give one of them")
     asked = run_of(study, options)
-    from elastid.app import tune as tuning
+    from elastid.app.use_fit import tune_study
 
-    tuning.tune_study(
-        asked, tuning.Command(path, duration, fastest, error_mm / 1e3, frame, rate_hz, bandwidth_hz, draws)
-    )
+    tune_study(asked, path, duration, fastest, error_mm, frame, rate_hz, bandwidth_hz, draws)
 
 
 @click.command()
@@ -103,6 +101,6 @@ def loops(study: Path, rate_hz: float | None, delay: int | None, draws: int, **o
     fit. The gains are written as the section `controller` of a study, too.
     """
     asked = run_of(study, options)
-    from elastid.app import loops as designing
+    from elastid.app.use_fit import loops_study
 
-    designing.loops_study(asked, rate_hz, delay, draws)
+    loops_study(asked, rate_hz, delay, draws)

@@ -1,33 +1,57 @@
-"""The runner of commands that use a fit: read it, compute, write h5, csv, page and figure, and say the answer."""
+"""Commands that use a fit, by one runner: read it, compute, write h5, csv, page and figure, and say the answer."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
+from elastid.app.export import gears_of
+from elastid.app.identified_robot import with_found_friction
 from elastid.app.run import Run, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
+from elastid.base.errors import StudyError
+from elastid.base.files import clear_folder
+from elastid.experiment.simulated.plant import true_robot
+from elastid.experiment.specs.simulated import MAX_DELAY_SAMPLES
+from elastid.fit import posture
 from elastid.fit.result import Result
+from elastid.nonlinear.gear_result import with_gears
 from elastid.report.answer import Answer
-from elastid.report.page.page_of_use import write_page_of_answer
-from elastid.store.files import keep_checksums
+from elastid.report.answers import answer_of_loops, answer_of_map, answer_of_move, gain_rows, unstable
+from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
+from elastid.report.page.page_of_use import map_data, write_page_of_answer
+from elastid.robot import Robot
+from elastid.simulation.controller import Gains
+from elastid.store.files import keep_checksums, write_rows, write_text
+from elastid.store.measured import read_friction, read_records
+from elastid.store.results import write_loops, write_map, write_map_table, write_tune
+from elastid.study.robots import yaml_text
+from elastid.targets.fmu import write_move_fmu
+from elastid.targets.move import write_move
+from elastid.use.command.moves import read_move
+from elastid.use.command.tune import Given, TunedMove, tune_move
+from elastid.use.compliance import Cut
+from elastid.use.draws import draw_robots, estimated_robot
+from elastid.use.loops.result import Asked, Loops, Today, design_loops, inertias
+from elastid.use.loops.sensitivity import MeasuredLoops, measured_loops, refusal
+from elastid.use.map import family_of_map, map_family
+from elastid.use.postures import grid_postures, random_postures, read_path
 
 
 @dataclass(frozen=True)
 class Used:
-    """files: name in the run folder -> write(path).  figure(): of the page, which is written where page is not given.
-
-    page(folder, provenance): a page of its own.
-    """
+    """files: name in the run folder -> write(path).  figure(): of the page; data: of a map, to explore in its place."""
 
     answer: Answer
     files: Mapping[str, Callable[[Path], Any]]
     figure: Callable[[], Figure]
-    page: Callable[[Path, Mapping[str, str]], Path] | None = None
+    data: str = ""
     warnings: tuple[str, ...] = ()
 
 
@@ -35,13 +59,10 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
     """All results of a command `name` on the study's fit; StudyError without a current one."""
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
-        used, made_by = work(result), run.stamps["fit"].shown
+        used, made_by = work(result), run.stamps["fit"].shown["made by"]
         for file, write in used.files.items():
             write(run.folder / file)
-        if used.page is not None:
-            used.page(run.folder, made_by)
-        else:
-            write_page_of_answer(used.answer, used.figure, run.folder / f"{name}.html", made_by)
+        write_page_of_answer(used.answer, used.figure, run.folder / f"{name}.html", made_by, used.data)
         names = (*used.files, f"{name}.html", f"{name}.png")
         keep_checksums(run.folder, names)
         for table in used.answer.tables:
@@ -51,3 +72,180 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
         for words in used.warnings:
             run.console.warn(f"{name}: {words}")
         warn_of_distrust(run, name, result)
+
+
+def map_study(
+    run: Run, frame: str | None, path: Path | None, grid: int | None, random: int | None, cut: Cut,
+    band_hz: Sequence[float] | None,
+) -> None:  # fmt: skip
+    """Map at the postures of a path, of a grid of so many points along the longest side, or at random."""
+    if sum(each is not None for each in (path, grid, random)) > 1:
+        raise StudyError("options/invalid", "--path, --grid and --random exclude one another; give one of them")
+
+    def work(fit: Result) -> Used:
+        family, seed = family_of_map(with_gears(fit, gears_of(run)), frame), run.study.seed
+        if path is not None:
+            asked = read_path(path, family.robot, family.frame)
+            for words in asked.remarks:
+                run.console.warn(f"map: {words}")
+            angles = asked.angles
+        elif grid is not None:
+            angles = grid_postures(family.robot, family.frame, grid, seed)
+        else:
+            angles = random_postures(family.robot, random or 1000, seed)
+        lines = None if not band_hz else np.geomspace(band_hz[0], band_hz[1], 300)
+        workspace = map_family(family, angles, cut, lines, run.study.name, path is not None)
+        files = {
+            "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
+            "map.csv": lambda path: write_map_table(path, workspace),
+        }
+        return Used(answer_of_map(workspace), files, partial(workspace_figure, workspace), map_data(workspace))
+
+    use_fit(run, "map", work)
+
+
+def tune_study(
+    run: Run, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
+    rate_hz: float | None, bandwidth_hz: float, draws: int,
+) -> None:  # fmt: skip
+    """References of the motors along a move of the fitted robot."""
+
+    def work(result: Result) -> Used:
+        given = _given(run, result, frame, draws, (rate_hz, bandwidth_hz, error_mm / 1e3))
+        move = read_move(path, given.identified, given.frame, 0.0 if fastest else duration)
+        with run.console.progress("tune") as progress:
+            tuned = tune_move(given, move, run.study.name, progress)
+        folder = clear_folder(run.folder, "tune")
+        files = {
+            "tune.h5": lambda path: write_tune(path, tuned, run.stamps["fit"]),
+            "tune.csv": lambda path: write_table(path, tuned),
+            "tune": lambda _: (write_move(folder, tuned), write_move_fmu(folder, given.identified, tuned)),
+        }
+        warnings = (tuned.advice,) if tuned.advice else ()
+        return Used(answer_of_move(tuned), files, partial(move_figure, tuned), warnings=warnings)
+
+    use_fit(run, "tune", work)
+
+
+def _given(run: Run, result: Result, frame: str | None, draws: int, asked: tuple[float | None, float, float]) -> Given:
+    """The robots of a study with the frame that is asked for.  asked: rate and bandwidth in Hz, error in m."""
+    study, (rate_hz, bandwidth_hz, error_m) = run.study, asked
+    family = result.family(posture.Asked(frame=frame))
+    friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
+
+    def framed(robot: Robot) -> Robot:
+        return replace(robot, frames=family.robot.frames)
+
+    identified = framed(with_found_friction(estimated_robot(result), friction))
+    judge, judge_name = identified, "twin with the identified numbers"
+    simulated = study.experiment.simulated
+    if simulated is not None:
+        judge, judge_name = framed(true_robot(study.as_robot(), simulated.truth)), "twin with the true numbers"
+    drawn = draw_robots(result, draws, study.seed).robots if draws else ()
+    # Where the rate of the study's controller is not known 500 Hz are usual.
+    own_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
+    return Given(
+        identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, drawn)), family.frame,
+        rate_hz or own_rate, bandwidth_hz, error_m,
+    )  # fmt: skip
+
+
+def write_table(path: Path, tuned: TunedMove) -> None:
+    """tune.csv: a row for each sample, link side, SI."""
+    parts = ("position", "velocity", "torque")
+    heads = ["t", *(f"{part} {joint}" for joint in tuned.joints for part in parts), "x", "y", "z", "planned error"]
+    columns = [getattr(tuned, part)[:, i] for i in range(len(tuned.joints)) for part in parts]
+    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.planned, strict=True)
+    write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
+
+
+def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws: int) -> None:
+    """Margins of today's joint controllers and gains of the fitted robot; FitError where no gains keep the limit.
+
+    asked_hz, asked_delay: None for those of the study.
+    """
+    if asked_delay is not None and asked_delay > MAX_DELAY_SAMPLES:
+        raise StudyError(
+            "options/invalid", f"a controller answers within {MAX_DELAY_SAMPLES} samples", f"--delay {asked_delay}"
+        )
+    own_hz = _own_rate(run)
+    rate_hz = asked_hz or own_hz
+    if rate_hz is None:
+        raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
+
+    def work(result: Result) -> Used:
+        simulated = run.study.experiment.simulated
+        own_delay = 0 if simulated is None else simulated.controller.delay_samples
+        asked = Asked(rate_hz, own_delay if asked_delay is None else asked_delay, draws, run.study.seed)
+        loops = design_loops(
+            run.study.name, result, asked, _today(run, own_hz or rate_hz), _measured(run, result, rate_hz),
+            lambda words: run.console.detail(f"loops: found {words}"),
+        )  # fmt: skip
+        files = {
+            "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
+            "loops.yml": lambda path: write_text(path, loops_section(loops)),
+            "loops.csv": lambda path: write_rows(path, gain_rows(loops)),
+        }
+        warnings: tuple[str, ...] = ()
+        if loops.today is not None and (lost := unstable(loops.today)):
+            warnings = (
+                f"today's controller is unstable at {own_hz or rate_hz:g} Hz in posture {', '.join(lost)}; take the "
+                f"gains of {run.folder / 'loops.yml'}",
+            )
+        answer = replace(answer_of_loops(loops), text=loops_section(loops))
+        return Used(answer, files, partial(loops_figure, loops), warnings=warnings)
+
+    use_fit(run, "loops", work)
+
+
+def _own_rate(run: Run) -> float | None:
+    """Rate of today's controller in Hz; None where the study does not state it."""
+    study, recorded = run.study, run.study.experiment.recorded
+    if study.experiment.simulated is not None and study.excitation is not None:
+        return study.excitation.rate_hz
+    return None if recorded is None or recorded.rate_hz == "unknown" else recorded.known_rate_hz
+
+
+def _measured(run: Run, result: Result, rate_hz: float) -> list[MeasuredLoops]:
+    """Loops of each configuration whose records hold an injected torque; a warning where they do not."""
+    if "measure" not in run.stages or not run.path("measure").exists():
+        return []
+    measured = []
+    for linear in result.linear:
+        records = list(read_records(run.path("measure"), linear.configuration.name))
+        if refused := refusal(records):
+            run.console.warn(
+                f"experiment: {refused}, so that today's loops cannot be measured from it; log the torque that is "
+                "added to the controller's, role r, with all motors"
+            )
+            return []
+        J = inertias(result, linear.configuration, rate_hz)
+        measured.append(measured_loops(records, run.study.estimator, J))
+    return measured
+
+
+def _today(run: Run, rate_hz: float) -> Today | None:
+    """Controller that the study states; a warning where it states none."""
+    experiment = run.study.experiment
+    if experiment.simulated is not None:
+        return Today(rate_hz, spec=experiment.simulated.controller)
+    spec = None if experiment.recorded is None else experiment.recorded.controller
+    if spec is None:
+        run.console.warn(
+            "experiment.recorded.controller: the study states none, so that today's loops are not known; gains are "
+            "designed all the same"
+        )
+        return None
+    n_u = len(run.study.as_robot().driven)
+    position, kd = (np.broadcast_to(part, n_u) for part in (spec.position_gain, spec.velocity_gain))
+    ki = 0.0 if spec.integral_time is None else 1 / spec.integral_time
+    return Today(rate_hz, Gains(position * kd, np.asarray(kd, float), np.full(n_u, ki)))
+
+
+def loops_section(loops: Loops) -> str:
+    """The designed controller as the section of a study."""
+    head = (
+        f"Gains for {loops.name} by `elastid loops`, at {loops.rate_hz:g} Hz, link side, SI: the section",
+        "experiment.simulated.controller of a study whose excitation.rate_hz is that rate.",
+    )
+    return yaml_text({"controller": loops.controller}, head)
