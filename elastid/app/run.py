@@ -65,8 +65,8 @@ class Run:
     def work(self, stage: str) -> Work:
         """Files of a stage and ways of working on it; without the result of an earlier one that may be missing."""
         row, stamp = self.stages[stage], self.stamps[stage]
-        optional = [name for name, may_miss in row.sources.items() if may_miss and not self.is_made(name)]
-        sources = {name: self.path(name) for name in row.sources if name in self.stages and name not in optional}
+        there = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
+        sources = {name: self.path(name) for name, may_miss in there.items() if not may_miss or self.is_made(name)}
         shown = stamp if "text" in row.keys.split() else replace(stamp, study="")
         return Work(stage, self.partial(stage), shown, self.loaded.base, sources, self.jobs, self.console)
 
