@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.study.source import Place, YamlSource
+from elastid.study.source import KeyPath, Place, YamlSource
 
 # Columns by the key that they fill; several are its entries.
 _KEYS: Mapping[str, tuple[str, ...]] = {
