@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -43,6 +43,8 @@ from elastid.use.loops.sensitivity import MeasuredLoops, measured_loops, refusal
 from elastid.use.map import family_of_map, map_family
 from elastid.use.postures import grid_postures, random_postures, read_path
 
+Vector: TypeAlias = tuple[float, float, float]
+
 
 @dataclass(frozen=True)
 class Used:
@@ -75,12 +77,18 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
 
 
 def map_study(
-    run: Run, frame: str | None, path: Path | None, grid: int | None, random: int | None, cut: Cut,
-    band_hz: Sequence[float] | None,
+    run: Run, frame: str | None, path: Path | None, grid: int | None, random: int | None, load: Vector, cutting: float,
+    normal: Vector | None, force: Vector | None, band_hz: tuple[float, float] | None,
 ) -> None:  # fmt: skip
     """Map at the postures of a path, of a grid of so many points along the longest side, or at random."""
     if sum(each is not None for each in (path, grid, random)) > 1:
         raise StudyError("options/invalid", "--path, --grid and --random exclude one another; give one of them")
+    if band_hz and not 0 < band_hz[0] < band_hz[1]:
+        raise StudyError("options/invalid", f"--band {band_hz[0]:g} {band_hz[1]:g}: give two rising frequencies in Hz")
+    try:
+        cut = Cut(load, cutting, normal or None, force or None)
+    except ValueError as error:
+        raise StudyError("options/invalid", str(error)) from None
 
     def work(fit: Result) -> Used:
         family, seed = family_of_map(with_gears(fit, gears_of(run)), frame), run.study.seed
@@ -109,6 +117,8 @@ def tune_study(
     rate_hz: float | None, bandwidth_hz: float, draws: int,
 ) -> None:  # fmt: skip
     """References of the motors along a move of the fitted robot."""
+    if duration is not None and fastest:
+        raise StudyError("options/invalid", "--time and --fastest exclude one another; give one of them")
 
     def work(result: Result) -> Used:
         given = _given(run, result, frame, draws, (rate_hz, bandwidth_hz, error_mm / 1e3))
@@ -159,26 +169,24 @@ def write_table(path: Path, tuned: TunedMove) -> None:
     write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
 
 
-def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws: int) -> None:
+def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) -> None:
     """Margins of today's joint controllers and gains of the fitted robot; FitError where no gains keep the limit.
 
-    asked_hz, asked_delay: None for those of the study.
+    rate_hz, delay: None for those of the study.
     """
-    if asked_delay is not None and asked_delay > MAX_DELAY_SAMPLES:
-        raise StudyError(
-            "options/invalid", f"a controller answers within {MAX_DELAY_SAMPLES} samples", f"--delay {asked_delay}"
-        )
+    if delay is not None and delay > MAX_DELAY_SAMPLES:
+        raise StudyError("options/invalid", f"a controller answers within {MAX_DELAY_SAMPLES} samples", "--delay")
     own_hz = _own_rate(run)
-    rate_hz = asked_hz or own_hz
-    if rate_hz is None:
+    hz = rate_hz or own_hz
+    if hz is None:
         raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
 
     def work(result: Result) -> Used:
         simulated = run.study.experiment.simulated
         own_delay = 0 if simulated is None else simulated.controller.delay_samples
-        asked = Asked(rate_hz, own_delay if asked_delay is None else asked_delay, draws, run.study.seed)
+        asked = Asked(hz, own_delay if delay is None else delay, draws, run.study.seed)
         loops = design_loops(
-            run.study.name, result, asked, _today(run, own_hz or rate_hz), _measured(run, result, rate_hz),
+            run.study.name, result, asked, _today(run, own_hz or hz), _measured(run, result, hz),
             lambda words: run.console.detail(f"loops: found {words}"),
         )  # fmt: skip
         files = {
@@ -189,7 +197,7 @@ def loops_study(run: Run, asked_hz: float | None, asked_delay: int | None, draws
         warnings: tuple[str, ...] = ()
         if loops.today is not None and (lost := unstable(loops.today)):
             warnings = (
-                f"today's controller is unstable at {own_hz or rate_hz:g} Hz in posture {', '.join(lost)}; take the "
+                f"today's controller is unstable at {own_hz or hz:g} Hz in posture {', '.join(lost)}; take the "
                 f"gains of {run.folder / 'loops.yml'}",
             )
         answer = replace(answer_of_loops(loops), text=loops_section(loops))
