@@ -1,9 +1,4 @@
-"""estimate: records, or responses of other programs -> frf.h5, one response for each configuration.
-
-Where friction was taken out of the torque, the records without it stay beside frf.h5, in net_records.h5: the motions
-under friction cost most of the stage, and later stages read the same records again. Layout and units are those of
-records.h5, of whole periods; u is the torque without friction, and y has the images of that torque.
-"""
+"""estimate: records, or responses of other programs -> frf.h5, one response for each configuration."""
 
 from __future__ import annotations
 
@@ -11,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -27,24 +21,21 @@ from elastid.experiment.specs.recorded import ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.friction import FrictionTakenOut
-from elastid.nonlinear.take_out import estimate_without_friction, net_records, on_shafts, shaft_couplings
+from elastid.nonlinear.take_out import estimate_without_friction, on_shafts, shaft_couplings
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Response, in_quantity
 from elastid.robot import Robot
-from elastid.store.artefacts import Stamp, kind_of, read_stamp
+from elastid.store.artefacts import kind_of
 from elastid.store.measured import (
     read_configurations,
     read_plan,
     read_records,
     read_responses,
-    write_records,
     write_responses,
 )
 from elastid.study import Study
-
-NET_RECORDS = "net_records.h5"
 
 
 def estimate(study: Study, work: Work) -> Artefacts:
@@ -56,24 +47,13 @@ def estimate(study: Study, work: Work) -> Artefacts:
     if friction is not None:
         work.console.notes(note for note in friction.notes if note.severity == "warning")
     names = read_configurations(records)
-    net_files: Sequence[Path | None] = [None] * len(names)
-    if friction is not None and friction.shapes:
-        work.parts.mkdir(parents=True, exist_ok=True)
-        net_files = [work.parts / f"{i}.h5" for i in range(len(names))]
-    estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot, work.stamp)
+    estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot)
     with work.execution() as execution:
-        estimates = execution.ordered(estimate_one, list(zip(names, net_files, strict=True)))
+        estimates = execution.ordered(estimate_one, names)
     responses = [response for response, _ in estimates]
     reported = {note for _, notes in estimates for note in notes}  # when the records were measured
     notes = [note for response in responses for note in response.notes if note not in reported]
-    return _artefacts(responses, notes, friction, [path for path in net_files if path is not None])
-
-
-def net_records_of(frf_file: Path) -> Path | None:
-    """The records without friction beside a frf.h5 of the same run; None where they are missing, damaged or foreign."""
-    path = frf_file.with_name(NET_RECORDS)
-    net, own = read_stamp(path), read_stamp(frf_file)
-    return path if net is not None and own is not None and own.is_of(net) else None
+    return _artefacts(responses, notes, friction)
 
 
 def import_responses(study: Study, work: Work) -> Artefacts:
@@ -88,20 +68,14 @@ def estimate_configuration(
     lines: IntArray | None,
     friction: FrictionTakenOut | None,
     robot: Robot | None,
-    stamp: Stamp,
-    item: tuple[str, Path | None],
+    configuration: str,
 ) -> tuple[Response, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read.
 
-    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.  item: the name of
-    the configuration, and a file for its records without friction.
+    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.
     """
-    configuration, net_file = item
-    records, E = tuple(read_records(path, configuration)), shaft_couplings(robot)
-    net = tuple(net_records(records, friction, E))
-    if net_file is not None:
-        write_records(net_file, net, stamp)
-    response = estimate_without_friction(records, friction, spec, lines, E, robot, net)
+    records = tuple(read_records(path, configuration))
+    response = estimate_without_friction(records, friction, spec, lines, shaft_couplings(robot), robot)
     repairs: Counter[str] = Counter()
     for record in records:
         repairs.update(record.repairs)
@@ -138,16 +112,7 @@ def _artefacts(
     responses: Sequence[Response],
     notes: Sequence[Note],
     friction: FrictionTakenOut | None = None,
-    net_files: Sequence[Path] = (),
 ) -> Artefacts:
-    """frf.h5, after the records without friction of all configurations, or without those of an earlier run."""
-
-    def write_net(path: Path, stamp: Stamp) -> None:
-        if net_files:
-            write_records(path, chain.from_iterable(map(read_records, net_files)), stamp)
-        else:
-            path.unlink(missing_ok=True)
-
     def report(console: Console) -> None:
         console.notes(notes)
         counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
@@ -157,7 +122,7 @@ def _artefacts(
                 console.say(f"estimate: {note.text}")
 
     frf: Write = lambda path, stamp: write_responses(path, responses, stamp, friction)  # noqa: E731
-    return Artefacts({NET_RECORDS: write_net, "frf.h5": frf}, report)
+    return Artefacts({"frf.h5": frf}, report)
 
 
 def imported_responses(study: Study, base: Path) -> Iterator[Response]:

@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings
-from elastid.app.stages.estimate import net_records_of, tool_responses
+from elastid.app.stages.estimate import tool_responses
 from elastid.app.summaries import as_json, validation_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
@@ -71,8 +71,7 @@ def validate(study: Study, work: Work) -> Artefacts:
     if records is None and study.experiment.responses is None:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is replayed in time")
     with work.execution(unfinished) as execution:
-        net = net_records_of(work.sources["estimate"])
-        replays, twin = replayed_in_time(own, records, work.console, execution, net)
+        replays, twin = replayed_in_time(own, records, work.console, execution)
         judged = _validation(own, replays, execution)
     at_tool = at_tool_predicted(own, tool_responses(study.validation.tool, study, work.base))
     tapped = at_tool_predicted(own, tool_responses(study.tool, study, work.base), is_fitted=True)
@@ -99,19 +98,12 @@ def validate(study: Study, work: Work) -> Artefacts:
 
 
 def replayed_in_time(
-    own: Validated,
-    records: Path | None,
-    console: Console,
-    execution: Execution,
-    net: Path | None = None,
+    own: Validated, records: Path | None, console: Console, execution: Execution
 ) -> tuple[tuple[Replay, ...], TwinFindings]:
-    """The records through the fitted robot, its torques part by part, and its motion; nothing without records.
-
-    net: the same records without friction; None where they are worked out again.
-    """
+    """The records through the fitted robot, its torques part by part, and its motion; nothing without records."""
     if records is None:
         return (), NO_TWIN
-    in_time = _records_in_time(own, (records, net), console, execution)
+    in_time = _records_in_time(own, records, console, execution)
     balances = tuple(balance for _, of_motors in in_time for balance in of_motors)
     return tuple(each for each, _ in in_time), TwinFindings(balances, _twin_runs(own, records))
 
@@ -168,14 +160,12 @@ def _folds(own: Validated, responses: Sequence[Response], execution: Execution) 
 _InTime: TypeAlias = tuple[Replay, tuple[TorqueBalance, ...]]
 
 
-def _records_in_time(
-    own: Validated, paths: tuple[Path, Path | None], console: Console, execution: Execution
-) -> list[_InTime]:
+def _records_in_time(own: Validated, path: Path, console: Console, execution: Execution) -> list[_InTime]:
     """Replay of every configuration of records.h5; each process has a few records in memory at a time.
 
     The torque is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
     """
-    fitted, names = own.fitted, read_configurations(paths[0])
+    fitted, names = own.fitted, read_configurations(path)
     try:
         rigid = elastic_twin.rigid_linearisation(fitted, own.study.model)
     except StudyError as error:
@@ -190,7 +180,7 @@ def _records_in_time(
         if (name := response.configuration.name) in names
     ]
     E = shaft_couplings(own.study.robot)
-    return execution.ordered(partial(_in_time, paths, own.friction, E, own.study.estimator), models)
+    return execution.ordered(partial(_in_time, path, own.friction, E, own.study.estimator), models)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,21 +195,11 @@ class _Models:
 
 
 def _in_time(
-    paths: tuple[Path, Path | None],
-    friction: FrictionTakenOut | None,
-    E: FloatArray | None,
-    spec: EstimatorSpec,
-    models: _Models,
+    path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec, models: _Models
 ) -> _InTime:
-    """paths: of the records, and of those without friction, if there are any."""
-    records_file, net_file = paths
-    records = read_records(records_file, models.configuration)
+    records = read_records(path, models.configuration)
     first = next(records)
-    nets = (
-        net_records(chain([first], records), friction, E)
-        if net_file is None
-        else read_records(net_file, models.configuration)
-    )
+    nets = net_records(chain([first], records), friction, E)
     net = next(nets)
     freq_hz, parts = models.freq_hz, models.parts
     balances = () if parts is None else elastic_twin.elastic_balances(first, net, parts, freq_hz, spec)
