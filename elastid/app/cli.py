@@ -243,11 +243,11 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
     the end DIR holds the results as `elastid run` leaves them, of the study DIR/live/study.yml. Default of --run:
     runs/<name of the study>-live, with --simulate runs/<name of the study>-live-simulated.
     """
-    asked = run_of(study, options)
+    given, asked = options["folder"], run_of(study, options)
     from elastid.app.live.session import Asked, live_study
 
     # Simulated logs never lie where those of the robot are awaited.
-    folder = options["folder"] or Path("runs") / f"{asked.study.name}-live{'-simulated' * simulate}"
+    folder = given or Path("runs") / f"{asked.study.name}-live{'-simulated' * simulate}"
     live_study(asked, folder, Asked(goals, simulate, robot_time))
 
 

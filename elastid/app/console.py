@@ -91,9 +91,10 @@ class Console:
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
             cells = [c.ljust(w) if i < 2 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))]
-            self._log.info("  ".join(cells))
-        if self.verbosity >= 0 and self.shows_tables:
-            _print_table(rows)
+            line = "  ".join(cells).rstrip()
+            self._log.info(line)
+            if self.verbosity >= 0 and self.shows_tables:
+                print(printable(line), flush=True)
 
     @contextmanager
     def progress(self, title: str) -> Iterator[Progress]:
@@ -139,21 +140,6 @@ def _bar(title: str) -> Iterator[Progress]:
     with Progress(*columns, console=Terminal(stderr=True), transient=True) as bar:
         task = bar.add_task(printable(title), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _print_table(rows: Sequence[Sequence[str]]) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console as Terminal
-    from rich.table import Table
-
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for i, heading in enumerate(rows[0]):
-        table.add_column(heading, justify="left" if i < 2 else "right", overflow="fold")
-    for row in rows[1:]:
-        table.add_row(*map(printable, row))
-    # A pipe has no width of its own, and a table folded at 80 columns is hard to read by program or eye.
-    terminal = Terminal(highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else 160)
-    terminal.print(table)
 
 
 def _lines(title: str) -> Progress:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.app.logs_of_robot import MAX_SAMPLES, ONE_STATE, angles_of, in_order_of, realisations_of, states_of
+from elastid.app.logs_of_robot import MAX_SAMPLES, angles_of, in_order_of, realisations_of, states_of
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.base.escape import one_line
@@ -78,50 +78,22 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     signals = [(g, x) for g, x in signals if g.name != clock.name and not (is_time(g.name) and is_clock(x))]
     if clock.rate_hz is None and (rate_hz := rate_by_motions(signals)):
         clock = Clock(float(f"{rate_hz:.4g}"), "velocities are the derivatives of positions at it")
-    guess, together = guess_log(signals, clock.rate_hz or 1.0), False
-    if guess is None and len(logs) > 1:
-        signals += _in_other_files(logs, form, clock, signals)
-        guess, together = guess_log(signals, clock.rate_hz or 1.0), True
-        clock = replace(clock, is_even=not (clock.name and clock.is_in_s))
-    if guess is None or (together and len({joint.torque.file for joint in guess.joints}) > 1):
-        raise DataError("records/channels", _no_guess(first, [each for each, _ in signals]))
-    if together:
-        guess, used = _torques_first(guess, logs)
-        if unused := [path for path in logs if path not in used]:
-            raise DataError(
-                "records/channels",
-                f"nothing of it belongs to the measurement in {' and '.join(map(str, used))}; leave it "
-                "out, and give a further measurement as a further one of experiment.recorded.files, as the first is",
-                f"{unused[0]}",
-            )
-        logs = used
+    guess = guess_log(signals, clock.rate_hz or 1.0)
+    if guess is None:
+        raise DataError("records/channels", _no_guess([each for each, _ in signals]), first)
     guess = guess if robot is None else in_order_of(robot, guess, {each.key: x for each, x in signals})
     paths = [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in logs]
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
     if guess.is_motion:
-        heat = [] if together else [(each, x) for each, x in signals if each.quantity == "temperature"]
-        content = [*_head("friction", first), *_study(guess, robot, clock, heat=heat), text]
-        content += _files(paths, (), (), together)
+        heat = [(each, x) for each, x in signals if each.quantity == "temperature"]
+        content = [*_head("friction", first), *_study(guess, robot, clock, heat=heat), text, *_files(paths)]
         return {"study.yml": _joined(content), "robot.yml": _joined(_robot(guess))}
     driving = {joint.torque.key for joint in guess.joints}
-    drives = np.stack([x for g, x in signals if g.key in driving], axis=1)
-    period = _period(drives)
-    realisations = () if together else realisations_of(logs, form, guess.joints, period[0])
-    states, why = ([0] * len(logs), ONE_STATE) if together else states_of(logs, form, guess)
-    names = ["bench" if max(states) == 0 else f"state_{state + 1}" for state in states]
-    angles, motions = dict.fromkeys(names, ""), [joint.motion for joint in guess.joints]
-    if robot is not None:
-        why = "the means of the positions, or 0 where there are none"
-        for name in angles:
-            mean, _ = angles_of(logs[names.index(name)], form, motions)
-            angles[name] = ", ".join(f"{angle:.5g}" for angle in mean)
-    configurations = (f"  configurations: # guessed: {why}", *(f"    {name}: [{x}]" for name, x in angles.items()))
+    period = _period(np.stack([x for g, x in signals if g.key in driving], axis=1))
+    names, configurations = _configurations(logs, form, guess, robot)
+    files = _files(paths, names, realisations_of(logs, form, guess.joints, period[0]))
     content = [*_head("responses" if robot is None else "elasticity", first)]
-    content += [
-        *_study(guess, robot, clock, configurations, period),
-        text,
-        *_files(paths, names, realisations, together),
-    ]
+    content += [*_study(guess, robot, clock, configurations, period), text, *files]
     if robot is not None:
         content.append("# Inertias of motors are guesses too; leave Jm_* out where robot.yml has those of data sheets.")
         content.append("fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}")
@@ -132,48 +104,19 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     return {"study.yml": _joined(content)}
 
 
-def _in_other_files(
-    logs: Sequence[Path], form: TextFormatSpec, clock: Clock, first: Sequence[tuple[ChannelGuess, FloatArray]]
-) -> list[tuple[ChannelGuess, FloatArray]]:
-    """The signals of the other logs at the instants of the first one, where one clock stamps both, or row by row.
-
-    DataError for a log of other signals that is neither.
-    """
-    taken, result = {guess.key for guess, _ in first}, list[tuple[ChannelGuess, FloatArray]]()
-    with opened_log(logs[0], form) as log:
-        at = np.asarray(time_of(log, clock.name))[:MAX_SAMPLES] if clock.name else np.zeros(0)
-    n = len(first[0][1]) if first else 0
-    for number, path in enumerate(logs[1:], start=2):
-        with opened_log(path, form) as log:
-            signals = signals_of(log, MAX_SAMPLES)
-            times = np.asarray(time_of(log, clock.name))[:MAX_SAMPLES] if clock.name in log.shapes() else None
-        own = [(guess, x) for guess, x in signals if guess.name != clock.name and not is_time(guess.name)]
-        own = [(replace(guess, file=number), x) for guess, x in own if guess.key not in taken]
-        taken |= {guess.key for guess, _ in own}
-        is_stamped = times is not None and times[0] < at[-1] and at[0] < times[-1]
-        if own and not is_stamped and (clock.name or len(own[0][1]) != n):
-            raise DataError(
-                "records/channels",
-                f"it has other signals than {logs[0]}, and is not in step with it: neither do times in both "
-                f"overlap, nor have both as many samples without times ({n} and {len(own[0][1])}); log the time of one "
-                "clock in both, or all signals in one file",
-                path,
-            )
-        result += [(g, np.interp(at, times, x)) for g, x in own] if times is not None and is_stamped else own
-    return result
-
-
-def _torques_first(guess: LogGuess, logs: Sequence[Path]) -> tuple[LogGuess, list[Path]]:
-    """The logs that the channels are in, that of the torques first, and the channels by their new numbers."""
-    every = [each for joint in guess.joints for each in (joint.torque, joint.motion)] + list(guess.further)
-    order = list(dict.fromkeys(each.file for each in every))
-
-    def numbered(each: ChannelGuess) -> ChannelGuess:
-        return replace(each, file=1 + order.index(each.file))
-
-    joints = [replace(j, torque=numbered(j.torque), motion=numbered(j.motion)) for j in guess.joints]
-    further = tuple(numbered(each) for each in guess.further)
-    return replace(guess, joints=tuple(joints), further=further), [logs[number - 1] for number in order]
+def _configurations(
+    logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, robot: Robot | None
+) -> tuple[list[str], list[str]]:
+    """The configuration of each log, and their lines in a study."""
+    states, why = states_of(logs, form, guess)
+    names = ["bench" if max(states) == 0 else f"state_{state + 1}" for state in states]
+    angles = dict.fromkeys(names, "")
+    if robot is not None:
+        why = "the means of the positions, or 0 where there are none"
+        for name in angles:
+            mean, _ = angles_of(logs[names.index(name)], form, [joint.motion for joint in guess.joints])
+            angles[name] = ", ".join(f"{angle:.5g}" for angle in mean)
+    return names, [f"  configurations: # guessed: {why}", *(f"    {name}: [{x}]" for name, x in angles.items())]
 
 
 def _joined(lines: Iterable[str]) -> str:
@@ -205,11 +148,12 @@ def _clock(log: Log) -> Clock:
     return Clock(None, "no time is in the log")
 
 
-def _no_guess(path: Path, signals: Sequence[ChannelGuess]) -> str:
+def _no_guess(signals: Sequence[ChannelGuess]) -> str:
     named = ", ".join(f"{each.name} ({each.quantity or 'unknown'})" for each in signals[:8]) or "none"
     return (
-        f"{path}: no names and units say which signals are torques (of motors, hammer or shaker) and which motions; "
-        f"log both, under headings such as tau_1 and q_1. Those that change in it: {named}"
+        "no names and units say which signals are torques (of motors, hammer or shaker) and which motions; log both, "
+        "under headings such as tau_1 and q_1, or list a file of each under `also` in experiment.recorded.files. Those "
+        f"that change in it: {named}"
     )
 
 
@@ -310,7 +254,6 @@ def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> 
     quantity, unit, why = guess.quantity, guess.unit or _DRIVE_UNIT.get(guess.quantity, ""), guess.why
     keys = [f"role: {role}", f"at: {_quoted(place)}", f"channel: {_quoted(guess.name)}"]
     keys += [f"column: {guess.column}"] if guess.column is not None else []
-    keys += [f"file: {guess.file}"] if guess.file > 1 else []
     if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
         other = _DRIVE_UNIT[of_robot]
         why = f"{why} a {quantity}; scale is the {other} of one {unit}"
@@ -324,13 +267,8 @@ def _channel(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> 
     return f"      - {{{', '.join(keys)}}} # guessed: {one_line(why)}"
 
 
-def _files(paths: Sequence[str], states: Sequence[str], realisations: Sequence[int], together: bool) -> Iterator[str]:
-    """together: of one measurement.  states: the configuration of each log, none of a study of friction."""
-    if together:
-        of_structure, others = ", configuration: bench" if states else "", ", ".join(map(_quoted, paths[1:]))
-        yield "    files: # guessed: one measurement, torques and motions in files of their own"
-        yield f"      - {{path: {_quoted(paths[0])}, also: [{others}]{of_structure}}}"
-        return
+def _files(paths: Sequence[str], states: Sequence[str] = (), realisations: Sequence[int] = ()) -> Iterator[str]:
+    """states: the configuration of each log, none of a study of friction."""
     why = "each of an excitation of its own" if len(set(realisations)) > 1 else "all hold periods of one excitation"
     yield "    files:" + (f" # guessed: {why}" if states and len(paths) > 1 else "")
     for i, path in enumerate(paths):

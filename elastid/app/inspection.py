@@ -15,7 +15,6 @@ from elastid.base.arrays import FloatArray, shown_values, value_range
 from elastid.base.display import Display, columns, value_cells
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.friction_study.laws import NOT_ASKED
 from elastid.nonlinear.friction import friction_rows
 from elastid.recorded.files.formats import is_log, naming, opened_log
 from elastid.recorded.files.log import ArrayLog
@@ -24,11 +23,9 @@ from elastid.recorded.repair.time_stamps import TimeSteps, even_grid
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.table import HOW_TO_SAVE, is_universal_file
 from elastid.report.content import gear_line, gear_table
-from elastid.report.friction_content import refusals
 from elastid.store.artefacts import kind_of
 from elastid.store.files import is_as_written, is_intact
 from elastid.store.friction_study import FRICTION, read_friction_result
-from elastid.store.kinds import SCHEMA
 from elastid.store.measured import read_friction
 from elastid.store.reading import described as described_artefact
 from elastid.store.results import GEARS, read_fit, read_gears
@@ -79,11 +76,10 @@ def _rise(start: NDArray[Any]) -> str:
     # Other signals that rise have fewer steps near their median.
     if steps.min() < 0 or time_s[-1] == 0 or np.mean(np.abs(steps - usual) <= 0.5 * usual) < 0.9:
         return ""
-    grid, described = even_grid(time_s), TimeSteps.of(time_s)
+    grid = even_grid(time_s)
     if grid is not None and len(grid[0]) == grid[0][-1] + 1:
-        slow = f", {1e3 * grid[1]:.6g} Hz if in ms" if grid[1] < 20.0 else ""  # below the rate of any log of a machine
-        return f"rises evenly: {grid[1]:.6g} Hz if it is the time in s{slow}"
-    return f"rises unevenly: {described}, if it is the time in s; a study resamples on it where `time` names it"
+        return f"rises evenly: {grid[1]:.6g} Hz if it is the time in s"
+    return f"rises unevenly: {TimeSteps.of(time_s)}, if it is the time in s; a study resamples where `time` names it"
 
 
 # Of a number behind its value.
@@ -113,8 +109,7 @@ def _lines(path: Path) -> list[str]:
     if path.is_dir():
         return _log_lines(path)
     if (kind := kind_of(path)) is not None:
-        numbers = {"fit": _parameters, "frf": _friction, FRICTION: _friction_numbers, GEARS: _gear_sheets}
-        return [described_artefact(path), *(numbers[kind](path) if kind in numbers else ())]
+        return [described_artefact(path), *_numbers(path, kind)]
     if path.suffix.lower() == ".json":
         return [f"{path}:", *_json_lines(path)]
     if path.suffix.lower() in _WITHOUT_SIGNALS and is_as_written(path):
@@ -161,42 +156,28 @@ def _other(array: Any) -> str:
         return str(error)
 
 
-def _gear_sheets(path: Path) -> list[str]:
-    gears = read_gears(path)
-    if gears is None or gears.refused:
-        return [] if gears is None else [f"  {gear_line(gears)}"]
-    return ["", *columns(gear_table(gears)), *map(str, gears.notes), gear_line(gears)]
+def _numbers(path: Path, kind: str) -> Iterator[str]:
+    """Numbers of a result in tables, whole."""
+    if kind == "fit":
+        yield from _whole(read_fit(path).display)
+    if kind == FRICTION:
+        yield from _whole(read_friction_result(path).display)
+    if kind == "frf" and (friction := read_friction(path)) is not None:
+        cells = [
+            (row.place, *value_cells(row.level, row.std, row.interval), row.unit)
+            for row in friction_rows(friction)
+            if row.level is not None and row.std is not None and row.interval is not None
+        ]
+        yield from _whole(Display("friction taken out of the torque, link side", ("motor", "F_c", *KNOWN), cells))
+        yield from (f"  {note}" for note in friction.notes if note.code != "nonlinear/friction-taken-out")
+    if kind == GEARS and (gears := read_gears(path)) is not None:
+        yield from (*([] if gears.refused else columns(gear_table(gears))), gear_line(gears))
 
 
 def _whole(display: Display) -> list[str]:
-    """Title and all rows of a display."""
-    return [f"  {line}" for line in (display.title, *columns([display.headings, *display.rows]))]
-
-
-def _parameters(path: Path) -> list[str]:
-    return _whole(read_fit(path).display)
-
-
-def _friction(path: Path) -> Iterator[str]:
-    friction = read_friction(path)
-    if friction is None:
-        return
-    cells = [
-        (row.place, *value_cells(row.level, row.std, row.interval), row.unit)
-        for row in friction_rows(friction)
-        if row.level is not None and row.std is not None and row.interval is not None
-    ]
-    if cells:
-        yield from _whole(Display("friction taken out of the torque, link side", ("motor", "F_c", *KNOWN), cells))
-    yield from (f"  {note}" for note in friction.notes if note.code != "nonlinear/friction-taken-out")
-
-
-def _friction_numbers(path: Path) -> Iterator[str]:
-    result = read_friction_result(path)
-    yield from _whole(result.display)
-    for refusal in refusals(result):
-        if refusal.reason != NOT_ASKED:
-            yield f"  no {refusal.part} (joint {', '.join(refusal.joints)}): {refusal.reason}"
+    """Title and all rows of a display that has any."""
+    lines = (display.title, *columns([display.headings, *display.rows]))
+    return [f"  {line}" for line in lines if display.rows]
 
 
 def _json_lines(path: Path) -> list[str]:
@@ -206,10 +187,4 @@ def _json_lines(path: Path) -> list[str]:
         raise DataError(
             "files/damaged", f"damaged, cut short or no JSON file ({error}); run its stage again", path
         ) from None
-    if isinstance(content, dict) and content.get("schema", SCHEMA) > SCHEMA:
-        raise DataError(
-            "files/version",
-            f"form {content['schema']}, written by a newer elastid; this one reads up to {SCHEMA}",
-            path,
-        )
     return yaml_text(content).splitlines()

@@ -21,7 +21,6 @@ from elastid.recorded.repair.time_stamps import delay
 from elastid.robot import Joint, Robot
 
 MAX_SAMPLES = 1 << 18  # that are read of each
-ONE_STATE = "all logs are of one state of the structure"
 _SAME = math.sqrt(0.9)  # correlation of the drives of two logs of one excitation
 _MIN_TURN = 0.05  # rad, between the joints of two logs that are of two states
 _YASKAWA = "slurbt"  # names of the axes of its robots, in order
@@ -120,12 +119,12 @@ def states_of(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> tu
         there = [k for k, other in enumerate(seen) if np.all(np.abs(mean - other) < max(_MIN_TURN, 5 * scatter))]
         states.append(there[0] if there else len(seen))
         seen += [] if there else [mean]
-    return states, "the joints stand at other angles" if len(seen) > 1 else ONE_STATE
+    return states, "the joints stand at other angles" if len(seen) > 1 else "all logs are of one state of the structure"
 
 
 def angles_of(path: Path, form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> tuple[FloatArray, float]:
-    """Mean positions (n,) in the first file of a log, in SI, 0 of motions without one there; their largest std."""
-    known = [i for i, motion in enumerate(motions) if motion.quantity == "position" and motion.file == 1]
+    """Mean positions (n,) in a log, in SI, 0 of motions without one; their largest std."""
+    known = [i for i, motion in enumerate(motions) if motion.quantity == "position"]
     ys = [ChannelSpec("y", "any", motions[i].name, motions[i].column, quantity="position") for i in known]
     mean, scatter = np.zeros(len(motions)), 0.0
     with opened_log(path, form) as log:

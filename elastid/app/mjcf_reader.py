@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,19 +29,16 @@ def robot_of(model: Any, name: str) -> Robot:
     for i in range(1, model.nbody):
         first, R = int(model.body_jntadr[i]), _rotation(model.body_iquat[i])
         joints = tuple(_joint(model, j) for j in range(first, first + int(model.body_jntnum[i])))
+        placement = Placement.of(_rotation(model.body_quat[i]), model.body_pos[i])
+        known = float(model.body_mass[i]), tuple(model.body_ipos[i].tolist())
         inertia = six_numbers(R @ np.diag(model.body_inertia[i]) @ R.T)
-        placement, center = Placement.of(_rotation(model.body_quat[i]), model.body_pos[i]), model.body_ipos[i].tolist()
-        mass, parent = float(model.body_mass[i]), names[int(model.body_parentid[i])]
-        bodies.append(Body(names[i], parent, placement, joints, mass, tuple(center), inertia))
-    frames = tuple(
-        Frame(
-            model.site(i).name or f"site {i}", names[int(model.site_bodyid[i])],
-            Placement.of(_rotation(model.site_quat[i]), model.site_pos[i]),
-        )
-        for i in range(model.nsite)
-    )  # fmt: skip
+        bodies.append(Body(names[i], names[int(model.body_parentid[i])], placement, joints, *known, inertia))
+    frames = []
+    for i in range(model.nsite):
+        placement = Placement.of(_rotation(model.site_quat[i]), model.site_pos[i])
+        frames.append(Frame(model.site(i).name or f"site {i}", names[int(model.site_bodyid[i])], placement))
     own = model.names[: model.names.index(b"\0")].decode("utf-8", "replace")
-    return Robot(own or name, tuple(bodies), tuple(model.opt.gravity.tolist()), "", frames)
+    return Robot(own or name, tuple(bodies), tuple(model.opt.gravity.tolist()), "", tuple(frames))
 
 
 def _joint(model: Any, i: int) -> Joint:
@@ -67,18 +63,6 @@ def _joint(model: Any, i: int) -> Joint:
         name, tuple(model.jnt_axis[i].tolist()), spring, motor, 0.0 if spring or motor else damping, limits=limits,
         motion="rotation" if kind == "hinge" else "translation", point=(x, y, z),
     )  # fmt: skip
-
-
-def left_out(model: Any) -> Iterator[str]:
-    """Parts that count in MuJoCo and are not taken over, in words."""
-    for what, count in (("equality constraint", model.neq), ("tendon", model.ntendon)):
-        yield from [f"{count} {what}{'s' if count > 1 else ''}"] if count else []
-    for i in range(model.njnt):
-        name, gears = model.joint(i).name or f"joint {i}", _gears(model, i)
-        yield from [f"dry friction of joint {name}"] if model.dof_frictionloss[i] else []
-        yield from [f"stiffness of joint {name}, which is driven"] if _stiffness(model, i) and gears else []
-        is_lost = model.dof_armature[i] and not gears and any(_gears(model, j) for j in range(model.njnt))
-        yield from [f"armature of joint {name}, which is not driven"] if is_lost else []
 
 
 def _gears(model: Any, i: int) -> dict[int, float]:
@@ -109,19 +93,16 @@ def _rotation(quaternion: Any) -> Any:
 
 
 def main(path: Path) -> dict[str, Any]:
-    """The robot's file and what it lacks, or why there is none."""
+    """The robot's file, or why there is none."""
     try:
         import mujoco
     except ImportError:
         return {"lacks": "mujoco"}
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
+        return {"robot": yaml_text(robot_of(model, path.stem))}
     except (ValueError, MemoryError) as error:
-        return {"wrong": f"MuJoCo does not take it: {' '.join(str(error).split())}"}
-    try:
-        return {"robot": yaml_text(robot_of(model, path.stem)), "left_out": [*left_out(model)]}
-    except (ValueError, MemoryError) as error:
-        return {"wrong": str(error)}
+        return {"wrong": " ".join(str(error).split())}
 
 
 if __name__ == "__main__":

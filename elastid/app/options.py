@@ -85,18 +85,16 @@ stage_options = options_of("run", "set", "jobs", "dask", "verbose", "quiet")
 
 
 def run_of(study: Path, options: dict[str, Any]) -> Run:
-    """The run of a study under the options of a command."""
+    """The run of a study under the options of a command, which are taken out of them: its own are left."""
     from elastid.app.console import Console
     from elastid.app.run import Run, all_cores
     from elastid.base.execution import on_dask
     from elastid.study import load
 
-    jobs = options["jobs"] or all_cores()
-    click.get_current_context().with_resource(on_dask(options.get("dask", "")))
-    loaded = load(study, options.get("overrides", ()))
-    folder = options["folder"] or Path("runs") / loaded.study.name
-    console = Console(options["verbose"] - options["quiet"])
-    return Run(loaded, folder, jobs, console)
+    click.get_current_context().with_resource(on_dask(options.pop("dask", "")))
+    loaded, folder = load(study, options.pop("overrides", ())), options.pop("folder")
+    console = Console(options.pop("verbose") - options.pop("quiet"))
+    return Run(loaded, folder or Path("runs") / loaded.study.name, options.pop("jobs") or all_cores(), console)
 
 
 @contextmanager

@@ -143,9 +143,8 @@ def _elasticity(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Seque
     laid_open = path.with_name("gears.h5")
     gears = read_gears(laid_open) if laid_open.is_file() else None
     fitted = FittedRobot.of(result, robot, responses, study.model)
-    of_study = study.name, robot, study.model, study.seeded_fit, ValidationSpec(), study.estimator
     records = run.path("measure") if "measure" in run.stages else None
-    own = Validated(*of_study, fitted, responses, friction, gears)
+    own = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
     replays, twin = replayed_in_time(own, records, run.console, Execution(run.jobs))
     shifts = [fitted.response_shifts(response.configuration.name) for response in responses]
     judged = judged_elsewhere(responses, fitted.responses, shifts)

@@ -13,11 +13,10 @@ from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any
 
 from elastid.app.console import Console
 from elastid.app.stage_table import Stage, stages_of, stages_of_study
-from elastid.app.work import Work, handed_values, software
+from elastid.app.work import Work, software
 from elastid.app.work import stamps as stamps_of
 from elastid.base.errors import StudyError
 from elastid.base.files import own_path
@@ -63,20 +62,13 @@ class Run:
         """The folder in which a stage keeps its finished parts until its result is whole: it is resumed from there."""
         return own_path(self.folder, self.path(stage).with_suffix(".partial").name)
 
-    def handed(self, stage: str) -> dict[str, Any]:
-        """The arguments of a stage: what its row declares, the ways of working on it, and nothing else.
-
-        Of earlier results the files; None for an optional one that is missing.
-        """
-        row = self.stages[stage]
-        sources = {
-            source.argument: self.path(source.stage) if not source.optional or self.is_made(source.stage) else None
-            for source in row.sources
-            if source.stage in self.stages
-        }
-        stamp, read = replace(self.stamps[stage], study=""), tuple(filter(None, sources.values()))
-        work = Work(stage, self.partial(stage), stamp, read, self.jobs, self.console)
-        return {**handed_values(self.loaded, row), **sources, "work": work}
+    def work(self, stage: str) -> Work:
+        """Files of a stage and ways of working on it; without the result of an earlier one that may be missing."""
+        row, stamp = self.stages[stage], self.stamps[stage]
+        there = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
+        sources = {name: self.path(name) for name, may_miss in there.items() if not may_miss or self.is_made(name)}
+        shown = stamp if "text" in row.keys.split() else replace(stamp, study="")
+        return Work(stage, self.partial(stage), shown, self.loaded.base, sources, self.jobs, self.console)
 
     def is_made(self, stage: str) -> bool:
         """True if the result of a stage is there, made from the same inputs by any version."""
@@ -86,7 +78,7 @@ class Run:
     def is_current(self, stage: str) -> bool:
         """True if the result of a stage is there as it was written, made from the same inputs by the same code."""
         wanted, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
-        if not all((self.folder / name).exists() for name in row.leaves) or changed_texts(self.folder, row.texts):
+        if not all(any(self.folder.glob(n)) for n in row.leaves) or changed_texts(self.folder, row.texts):
             return False
         if any(each.exists() and name not in self.stages for name, each in self.overwritten(stage).items()):
             return False
@@ -121,9 +113,9 @@ class Run:
     def require(self, stage: str) -> None:
         """Refuse to go on without the stage, or the results that it reads; StudyError says which command makes them."""
         self.require_stage(stage)
-        for source in self.stages[stage].sources:
-            if source.stage in self.stages and not source.optional:
-                self.require_result(source.stage)
+        for source, may_miss in self.stages[stage].sources.items():
+            if source in self.stages and not may_miss:
+                self.require_result(source)
 
     def require_result(self, name: str) -> None:
         """Refuse to go on without the result of a stage; StudyError says which command makes it."""
@@ -193,7 +185,7 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
 def carry_out(run: Run, name: str) -> None:
     """Hand a stage its values, write its files, and report; its error, if it failed, once all are written."""
     stage = run.stages[name]
-    artefacts = resolve_name(stage.function)(**run.handed(name))
+    artefacts = resolve_name(stage.function)(stage.sees(run.study), run.work(name))
     own = run.path(name)
     replaced = list(run.overwritten(name).values())
     if artefacts.error is not None and own.name not in artefacts.files:
@@ -204,9 +196,8 @@ def carry_out(run: Run, name: str) -> None:
         replaced.append(own)
     for result in replaced:
         result.unlink(missing_ok=True)
-    for later in stage.outdates:
-        if not run.is_current(later):  # of another result; no program is to read it next to this one's
-            run.summary(later).unlink(missing_ok=True)
+    if name in ("fit", "gears") and not run.is_current("validate"):
+        run.summary("validate").unlink(missing_ok=True)  # of another result, which no program is to read next to this
     for file, write in artefacts.files.items():
         # A link in place of a file is replaced, one in place of a folder refused.
         path = run.folder / file if Path(file).suffix else own_path(run.folder, file)

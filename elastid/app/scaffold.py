@@ -2,14 +2,10 @@
 
 `elastid new DIR --from robot.urdf`, or an MJCF file: a commented study of a simulated measurement that runs at once.
 
-The rigid part is the file's. Motors, gears and the excitation are in no such file: they are guessed from the inertia at
-each joint, and marked so, as a start that data sheets take the place of.
-
-`elastid new DIR --from robot.xml`: the robot of an MJCF file, as MuJoCo compiles it.
-
-Armatures are rotors before the gear of their actuator, which the damping of their joint slows; a joint with a stiffness
-and no actuator is an elastic one; sites are frames. Torque is limited by the ranges of forces and of controls that are
-forces. An angle here is MuJoCo's less that of its reference pose.
+The rigid part is the file's. Motors, gears and the excitation are guessed from the inertia at each joint as far as they
+are not in it. An MJCF file is as MuJoCo compiles it: armatures are rotors before the gear of their actuator, which the
+damping of their joint slows; a joint with a stiffness and no actuator is an elastic one; sites are frames. Torque is
+limited by the ranges of forces and of controls that are forces. An angle here is MuJoCo's less that of its reference.
 """
 
 from __future__ import annotations
@@ -53,14 +49,10 @@ def is_robot_file(path: Path) -> bool:
 
 
 def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
-    """The robot, and study.yml, robot.yml and, of a URDF, the file itself, by name; StudyError where there is none."""
+    """The robot, and study.yml and robot.yml by name, motors and gears guessed; StudyError where there is none."""
     if not path.is_file():
         raise StudyError("files/missing", "no such file", path)
-    return _from_urdf(path) if path.suffix.lower() == ".urdf" else _from_mjcf(path)
-
-
-def _from_mjcf(path: Path) -> tuple[Robot, dict[str, str]]:
-    robot, left_out = read_mjcf(path)
+    robot = _of_urdf(path) if path.suffix.lower() == ".urdf" else read_mjcf(path)
     if not robot.driven:
         raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
     postures = _postures(robot.driven)
@@ -73,13 +65,24 @@ def _from_mjcf(path: Path) -> tuple[Robot, dict[str, str]]:
     guessed = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
     rotors = f"; motors of {', '.join(guessed)}, with as much inertia as the links behind them" if guessed else ""
     comments = (
-        f"Compiled by MuJoCo from {path.name}.",
-        f"Guessed: the springs of gears, which swing at {_HELD_HZ:g} Hz, motor held{rotors}.",
-        "Guessed where the file has none: viscous friction that stops a motor's rotor within a second.",
-        *(f"Not taken over: {what}." for what in left_out),
+        f"The rigid part is that of {path.name}. Put the numbers of data sheets in place of those that are guessed:",
+        f"the springs of gears, which swing at {_HELD_HZ:g} Hz, motor held{rotors};",
+        "where the file has none, viscous friction that stops a motor's rotor within a second.",
+        "Constraints, tendons, dry friction, and springs of driven joints are not taken over from a file.",
     )
     texts = {"study.yml": _study(robot, postures, inertia)}
     return robot, texts | {"robot.yml": yaml_text(replace(robot, bodies=bodies), comments)}
+
+
+def _of_urdf(path: Path) -> Robot:
+    """The links of a URDF; its motors, behind gears where they turn, have no inertia yet."""
+    root = read_elements(path)
+    kinds = {joint.name: joint.attributes.get("type") for joint in root.all("joint")}
+    moving = {name: 1.0 if kind == "prismatic" else _RATIO for name, kind in kinds.items() if kind != "fixed"}
+    if not moving:
+        raise root.wrong("no joint moves; an elastic robot has driven ones")
+    joints = {name: UrdfJoint(motor=Motor(_NO_ROTOR / 1e10, ratio)) for name, ratio in moving.items()}
+    return UrdfRobot(path.name, joints).robot(path.parent)
 
 
 def _without_drives(robot: Robot) -> Robot:
@@ -107,19 +110,6 @@ def _gear(of_links: float) -> tuple[float, float]:
     return float(f"{k:.2g}"), float(f"{2 * _DAMPING * math.sqrt(k * of_links):.2g}")
 
 
-def _from_urdf(path: Path) -> tuple[Robot, dict[str, str]]:
-    root = read_elements(path)
-    moving = [joint.name for joint in root.all("joint") if joint.attributes.get("type") != "fixed"]
-    if not moving:
-        raise root.wrong("no joint moves; an elastic robot has driven ones")
-    # Rotors without inertia leave the links' alone in the mass matrix.
-    rigid = UrdfRobot(path.name, {name: UrdfJoint(motor=Motor(_NO_ROTOR)) for name in moving}).robot(path.parent)
-    postures = _postures(rigid.driven)
-    inertia = _inertia_at_joints(rigid, postures)
-    texts = {"study.yml": _study(rigid, postures, inertia), "robot.yml": _robot(rigid, path.name, inertia)}
-    return rigid, texts | {path.name: path.read_text(encoding="utf-8")}
-
-
 def _postures(joints: Sequence[Joint]) -> FloatArray:
     """Angles (Q, n_u), drawn in the middle of each joint's limits."""
     rng = np.random.default_rng(0)
@@ -133,22 +123,6 @@ def _inertia_at_joints(robot: Robot, postures: FloatArray) -> FloatArray:
     """Inertia that each motor accelerates, others held (n_u,), mean over postures: kg m^2, kg of one that slides."""
     model, theta = formulate(robot), [value for value, _ in robot.parameters().values()]
     return np.asarray(np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0))
-
-
-def _robot(robot: Robot, urdf: str, inertia: FloatArray) -> str:
-    """robot.yml: the URDF, and of each moving joint a motor and a gear."""
-    joints = []
-    for joint, of_links in zip(robot.driven, inertia.tolist(), strict=True):
-        ratio = 1.0 if joint.motion == "translation" else _RATIO
-        k, d = _gear(of_links)
-        rotor = f"{of_links / ratio**2:.2g}"
-        joints.append(
-            f"  {json.dumps(joint.name)}:\n"
-            f"    motor: {{inertia: {rotor}, ratio: {ratio:g}, viscous: {rotor}}} # guessed\n"
-            f"    spring: {{stiffness: {k:g}, damping: {d:g}}} # guessed\n"
-        )
-    numbers = {"ratio": f"{_RATIO:g}", "held_hz": f"{_HELD_HZ:g}", "urdf": json.dumps(urdf)}
-    return from_template("app/rehearsal/robot.yml.txt", **numbers, joints="".join(joints))
 
 
 def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
@@ -165,8 +139,8 @@ def _study(robot: Robot, postures: FloatArray, inertia: FloatArray) -> str:
     )  # fmt: skip
 
 
-def read_mjcf(path: Path) -> tuple[Robot, tuple[str, ...]]:
-    """The robot of an MJCF file, and what is not taken over; a motor without an armature has no inertia yet.
+def read_mjcf(path: Path) -> Robot:
+    """The robot of an MJCF file; a motor without an armature has no inertia yet.
 
     Raises StudyError where MuJoCo is not installed, does not take the file, or a joint is neither hinge nor slide.
     """
@@ -192,7 +166,7 @@ def read_mjcf(path: Path) -> tuple[Robot, tuple[str, ...]]:
             raise StudyError("robot/file", reply["wrong"], path)
         file = Path(folder) / "robot.yml"
         file.write_text(reply["robot"], encoding="utf-8")
-        return load_robot(file), tuple(reply["left_out"])
+        return load_robot(file)
 
 
 # Numbers that the fit of the template `recorded` is to identify, and the torque constant in its study.
@@ -221,8 +195,6 @@ def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ())
     if not logs:
         raise StudyError("options/invalid", f"a study has one folder; where {more[0]} is a log write --from before it")
     _check_new(folder)
-    from elastid.app.scaffold import from_robot, is_robot_file
-
     robots = [path for path in (*logs, *more) if is_robot_file(path)]
     records = [path for path in (*logs, *more) if not is_robot_file(path)]
     if len(robots) > 1:

@@ -1,4 +1,4 @@
-"""The table of stages: for each kind of study the values that a stage is handed, its artefacts and its function.
+"""The table of stages: for each kind of study the keys that a stage reads, its artefacts and its function.
 
 A further stage is a row here and a file below `stages`. Functions stand as text, so that the command line, which knows
 the names of all stages, loads none of them.
@@ -6,80 +6,33 @@ the names of all stages, loads none of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from elastid.study import LoadedStudy, Study
-
-# Name of a file in the study -> the files behind it.
-NamedFiles: TypeAlias = Mapping[str, tuple[Path, ...]]
-
-
-@dataclass(frozen=True)
-class Value:
-    """A value of the study, handed over as the argument of its last name: a section, a key, a property of Study.
-
-    name: `fit`, `validation.left_out`, `friction_joints`; `text` is the study's text.  without: keys of a section that
-    a stage must not depend on, handed over at their defaults; every other key, and every key to come, counts.
-    """
-
-    name: str
-    without: tuple[str, ...] = ()
-
-    @property
-    def argument(self) -> str:
-        """The argument of the stage's function."""
-        return self.name.rpartition(".")[2]
-
-    def of(self, loaded: LoadedStudy) -> Any:
-        """The value in a study."""
-        value: Any = loaded if self.name == "text" else loaded.study
-        for name in self.name.split("."):
-            value = getattr(value, name)
-        if not self.without or value is None:
-            return value
-        return type(value)(**{f.name: getattr(value, f.name) for f in fields(value) if f.name not in self.without})
-
-
-@dataclass(frozen=True)
-class Source:
-    """The result of an earlier stage, handed over as the argument <stage>_file, where a study has that stage.
-
-    optional: None is handed over where the file is missing or of another study; the result then says what it lacks.
-    """
-
-    stage: str
-    optional: bool = False
-
-    @property
-    def argument(self) -> str:
-        """The argument of the stage's function."""
-        return f"{self.stage}_file"
+    from elastid.study import Study
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of some kinds of study: function(*, <values>, work) -> Artefacts, see `elastid.app.work`.
+    """A stage of some kinds of study: function(study, work) -> Artefacts, see `elastid.app.work`.
 
-    values: of the study.  sources: results of earlier stages.  files(values, folder): named by the study, handed over
-    as `files`.  leaves: the first file carries the stamp, the second is for programs.  patterns: of further
-    files that it leaves.  outdates: stages whose summary goes when the files of this one are written, unless it is
-    current.  needs: a section without which a study has not this stage.  function, conclude: "module:name".
-    conclude(run): shows the result at the end of a run; FitError where it cannot be trusted.
+    leaves: files, folders and patterns; the first file carries the stamp, the second is for programs.
+    keys: of the study, as `fit`, `validation.left_out`; without `-fit.starts` of a section; `text` is the study's text.
+    All other keys are at their defaults in the study that the function is handed, but for `experiment`.
+    after: earlier stages whose results it reads, where a study has them; `measure?`: also without its result.
+    needs: a section without which a study has not this stage.  conclude: "module:name", called with the run at its
+    end; it shows the result, FitError where that cannot be trusted.
     """
 
     name: str
     kinds: tuple[str, ...]
     leaves: tuple[str, ...]
     function: str
-    values: tuple[Value, ...]
-    sources: tuple[Source, ...] = ()
-    files: Callable[[Mapping[str, Any], Path], NamedFiles] | None = None
-    patterns: tuple[str, ...] = ()
-    outdates: tuple[str, ...] = ()
+    keys: str
+    after: str = ""
     needs: str = ""
     conclude: str = ""
 
@@ -91,12 +44,50 @@ class Stage:
     @property
     def texts(self) -> tuple[str, ...]:
         """Files, folders and patterns of its artefacts besides HDF5 files, which carry their own checksums."""
-        return (*(name for name in self.leaves if not name.endswith(".h5")), *self.patterns)
+        return tuple(name for name in self.leaves if not name.endswith(".h5"))
+
+    @property
+    def sources(self) -> dict[str, bool]:
+        """Earlier stages that it reads, and True for those that may be missing."""
+        return {name.removesuffix("?"): name.endswith("?") for name in self.after.split()}
+
+    def sees(self, study: Study) -> Study:
+        """The study with the keys that the stage reads, all others at their defaults."""
+        named = study if "name" in self.keys.split() else replace(study, name="study")
+        seen: Study = _seen(named, ["name", "experiment", *self.keys.split()])
+        return seen
 
 
-def values(*names: str) -> tuple[Value, ...]:
-    """Values by name."""
-    return tuple(map(Value, names))
+def _seen(section: Any, keys: Iterable[str]) -> Any:
+    """A section with these of its keys, and those below them."""
+    seen = {}
+    for name in [each.name for each in fields(section)]:
+        value = getattr(section, name)
+        below = [key.partition(".")[2] for key in keys if key.startswith(f"{name}.")]
+        without = [key.partition(".")[2] for key in keys if key.startswith(f"-{name}.")]
+        if value is not None and name in keys and without:
+            value = _seen(value, [each.name for each in fields(value) if each.name not in without])
+        elif value is not None and below:
+            value = _seen(value, below)
+        if name in keys or below:
+            seen[name] = value
+    return type(section)(**seen)
+
+
+def files_of(study: Study, folder: Path) -> dict[str, tuple[Path, ...]]:
+    """The files behind each that a study names in its folder: logs, responses, earlier ones each with its fit."""
+    from elastid.study.checks.experiment import responses_file  # brings pydantic, which help does without
+
+    recorded, design = study.experiment.recorded, study.design
+    names = [path for file in (() if recorded is None else recorded.files) for path in (file.path, *file.also)]
+    of_tool = [tool.responses for tool in (study.tool, study.validation.tool) if tool is not None]
+    names += [file.path for each in (study.experiment.responses, *of_tool) if each is not None for file in each.files]
+    named: dict[str, tuple[Path, ...]] = {path: (folder / path,) for path in names}
+    for path in () if design is None else filter(None, (*design.measured, design.noise.frf)):
+        frf = responses_file(folder, path)
+        fit = frf.with_name("fit.h5")
+        named[path] = (frf, fit) if fit.is_file() else (frf,)
+    return named
 
 
 # Keys of `experiment` that say where its data come from: the kinds of study with a robot.
@@ -108,140 +99,79 @@ FRF, FRF_RESPONSES = "frf", "frf-responses"
 FRICTION, FRICTION_RECORDED = "friction", "friction-recorded"
 OF_FRICTION = (FRICTION, FRICTION_RECORDED)
 
+# The robot of stages before the fit, which do not depend on tolerances.
+ROBOT = "robot -robot.tolerances"
+# `fit` of a plan, which depends on no key of the search and the intervals.
+PLANNED = "fit -fit.starts -fit.start_factor -fit.solver -fit.profile -fit.bootstrap -fit.seed"
+# Keys of everything that is said of a fit.
+FITTED = "name robot model fit seed"
 
-def logs(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
-    """The logs of a recorded experiment."""
-    files = handed["experiment"].as_recorded().files
-    return _plain((path for file in files for path in (file.path, *file.also)), folder)
-
-
-def responses(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
-    """The files with frequency responses from elsewhere."""
-    spec = handed["experiment"].responses
-    return _plain((file.path for file in spec.files) if spec is not None else (), folder)
-
-
-def tool_responses(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
-    """The files with responses at the tool, fitted and predicted."""
-    tools = [handed["tool"], handed["validation"].tool if "validation" in handed else None]
-    return _plain((file.path for tool in tools if tool is not None for file in tool.responses.files), folder)
-
-
-def earlier_measurements(handed: Mapping[str, Any], folder: Path) -> NamedFiles:
-    """The responses that a design adds to, or whose noise it expects, each with the fit next to it."""
-    from elastid.study.checks.experiment import responses_file  # brings pydantic, which help does without
-
-    design = handed["design"]
-    paths = () if design is None else filter(None, (*design.measured, design.noise.frf))
-    named = {}
-    for path in paths:
-        frf = responses_file(folder, path)
-        fit = frf.with_name("fit.h5")
-        named[path] = (frf, fit) if fit.is_file() else (frf,)
-    return named
-
-
-def _plain(paths: Iterable[str], folder: Path) -> NamedFiles:
-    return {path: (folder / path,) for path in paths}
-
-
-# The robot and places of stages before the fit, which do not depend on tolerances.
-ROBOT, PLACES = Value("robot", without=("tolerances",)), Value("places", without=("tolerances",))
-# Keys of `fit` for its search and its intervals, which no plan depends on.
-SEARCH = (
-    "starts", "start_factor", "continuation", "solver", "profile",
-    "bootstrap", "seed",
-)  # fmt: skip
-
-
-# Values of everything that is said of a fit: the truth of a simulated rig among them.
-FITTED = values("name", "robot", "experiment", "model", "seeded_fit")
-
-# A row: name, kinds, leaves, function; then what it is handed, and what else is particular to it.
+# A row: name, kinds, leaves, function, keys, earlier stages; then what else is particular to it.
 STAGES = (
     Stage(
-        "design", (SIMULATED,), ("plan.h5",), "elastid.app.stages.design:design",
-        values=(
-            *values("seed", "robot", "excitation", "experiment", "design", "model", "validation.left_out"),
-            *values("estimator.quantity", "estimator.friction"), Value("fit", without=SEARCH),
-        ),
-        files=earlier_measurements, patterns=("references/*.csv",),
+        "design", (SIMULATED,), ("plan.h5", "references/*.csv"), "elastid.app.stages.design:design",
+        f"seed robot excitation design model validation.left_out estimator.quantity estimator.friction {PLANNED}",
     ),
     Stage(
-        "measure", (SIMULATED,), ("records.h5",), "elastid.app.stages.measure:simulate",
-        values=(*values("seed", "experiment"), ROBOT), sources=(Source("design"),),
+        "measure", (SIMULATED,), ("records.h5",), "elastid.app.stages.measure:simulate", f"seed {ROBOT}", "design",
     ),
-    Stage(
-        "measure", (RECORDED, FRF), ("records.h5",), "elastid.app.stages.measure:import_logs",
-        values=(*values("experiment"), PLACES), files=logs,
-    ),
+    Stage("measure", (RECORDED, FRF), ("records.h5",), "elastid.app.stages.measure:import_logs", ROBOT),
     Stage(
         "estimate", (SIMULATED, RECORDED, FRF), ("frf.h5",), "elastid.app.stages.estimate:estimate",
-        values=(*values("estimator"), ROBOT), sources=(Source("design"), Source("measure")),
+        f"estimator {ROBOT}", "design measure",
     ),
     Stage(
         "estimate", (RESPONSES, FRF_RESPONSES), ("frf.h5",), "elastid.app.stages.estimate:import_responses",
-        values=(*values("experiment", "estimator"), ROBOT, PLACES), files=responses,
+        f"estimator {ROBOT}",
     ),
     Stage(
-        "fit", WITH_A_ROBOT, ("fit.h5", "summary.json"), "elastid.app.stages.fit:fit",
-        values=(*FITTED, *values("seed", "loads", "tool", "estimator"), Value("validation.left_out")),
-        files=tool_responses, sources=(Source("estimate"),),
-        patterns=("identified_robot*.yml",), outdates=("validate",), conclude="elastid.app.stages.fit:conclude",
+        "fit", WITH_A_ROBOT, ("fit.h5", "summary.json", "identified_robot*.yml"), "elastid.app.stages.fit:fit",
+        f"{FITTED} loads tool estimator validation.left_out", "estimate", conclude="elastid.app.stages.fit:conclude",
     ),
     Stage(
-        "gears", (SIMULATED, RECORDED), ("gears.h5", "summary.json"), "elastid.app.stages.gears:gears",
-        values=(*FITTED, *values("estimator", "gears", "validation.left_out")),
-        sources=(Source("design"), Source("measure"), Source("estimate"), Source("fit")),
-        patterns=("identified_robot*.yml",), outdates=("validate",), needs="gears",
-        conclude="elastid.app.stages.fit:conclude",
+        "gears", (SIMULATED, RECORDED), ("gears.h5", "summary.json", "identified_robot*.yml"),
+        "elastid.app.stages.gears:gears", f"{FITTED} estimator gears validation.left_out",
+        "design measure estimate fit", needs="gears", conclude="elastid.app.stages.fit:conclude",
     ),
     Stage(
         "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
-        values=(*FITTED, *values("estimator", "tool", "validation")), files=tool_responses,
-        sources=(Source("measure", optional=True), Source("estimate"), Source("fit"), Source("gears")),
+        f"{FITTED} estimator tool validation", "measure? estimate fit gears",
     ),
     Stage(
         "report", WITH_A_ROBOT, ("report.html", "figures"), "elastid.app.stages.report:report",
-        values=(*FITTED, *values("text", "report")),
-        sources=(Source("design"), Source("estimate"), Source("fit"), Source("gears"), Source("validate")),
+        f"{FITTED} text report", "design estimate fit gears validate",
     ),
     Stage(
         "report", (FRF, FRF_RESPONSES), ("report.html", "figures", "modes.csv", "modes.h5"),
-        "elastid.app.stages.report:report_responses",
-        values=values("name", "experiment", "estimator", "modal", "text", "report"), sources=(Source("estimate"),),
-        files=responses,
+        "elastid.app.stages.report:report_responses", "name estimator modal text report", "estimate",
     ),
     Stage(
-        "design", (FRICTION,), ("plan.h5",), "elastid.app.stages.friction:design_motions",
-        values=values("seed", "robot", "friction_joints", "experiment", "friction"), patterns=("references/*.csv",),
+        "design", (FRICTION,), ("plan.h5", "references/*.csv"), "elastid.app.stages.friction:design_motions",
+        "seed robot friction",
     ),
     Stage(
-        "measure", (FRICTION,), ("records.h5",), "elastid.app.stages.friction:simulate_motions",
-        values=values("seed", "robot", "experiment"), sources=(Source("design"),),
+        "measure", (FRICTION,), ("records.h5",), "elastid.app.stages.friction:simulate_motions", "seed robot", "design",
     ),
     Stage(
         "measure", (FRICTION_RECORDED,), ("records.h5",), "elastid.app.stages.friction:import_motions",
-        values=values("robot", "friction_joints", "experiment", "friction.loads"), files=logs,
+        "robot friction.joints friction.loads",
     ),
     Stage(
         "levels", OF_FRICTION, ("levels.h5",), "elastid.app.stages.friction:levels",
-        values=values("robot", "friction_joints", "validation.left_out"), sources=(Source("measure"),),
+        "robot friction.joints validation.left_out", "measure",
     ),
     Stage(
         "friction", OF_FRICTION, ("friction.h5", "summary.json", "identified_robot.yml"),
-        "elastid.app.stages.friction:friction",
-        values=values("name", "robot", "experiment", "friction", "validation.left_out"),
-        sources=(Source("measure"), Source("levels")),
+        "elastid.app.stages.friction:friction", "name robot friction validation.left_out", "measure levels",
         conclude="elastid.app.stages.friction:conclude",
     ),
     Stage(
-        "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.friction:follow_friction",
-        values=values("robot", "filter"), sources=(Source("measure"), Source("friction")), needs="filter",
+        "follow", OF_FRICTION, ("filter.h5",), "elastid.app.stages.friction:follow_friction", "robot filter",
+        "measure friction", needs="filter",
     ),
     Stage(
         "report", OF_FRICTION, ("report.html", "figures"), "elastid.app.stages.friction:report_friction",
-        values=values("name", "text", "report"), sources=(Source("design"), Source("friction"), Source("follow")),
+        "name text report", "design friction follow",
     ),
 )  # fmt: skip
 

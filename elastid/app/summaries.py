@@ -17,7 +17,6 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.parameter_choice import choose
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result import Result
-from elastid.fit.spec import FitSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
@@ -29,11 +28,12 @@ from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
 from elastid.store.kinds import SCHEMA, json_value
+from elastid.study import Study
 from elastid.validation.results import Agreement, Validation
-from elastid.validation.twin import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
+from elastid.validation.twin import NO_PREDICTION, NO_TWIN, BandBalance, Prediction, TorqueBalance, TwinFindings
 
 if TYPE_CHECKING:  # these bring solvers, which a fit of elasticity does not need
-    from elastid.friction_study.motion import MotionFriction, RigidBody
+    from elastid.friction_study.motion import RigidBody
     from elastid.friction_study.result import FrictionResult
 
 
@@ -67,10 +67,17 @@ def as_json(content: Mapping[str, Any]) -> Write:
     return text(json.dumps(json_value(content), indent=1, allow_nan=False) + "\n")
 
 
-def section(value: Any, names: str) -> dict[str, Any]:
-    """Fields and properties of a value by name, or by `name=attribute` where a summary has another name for one."""
+def section(value: Any, names: str, **of_each: str) -> dict[str, Any]:
+    """Fields and properties of a value by name, or by `name=attribute` where a summary has another name for one.
+
+    of_each: those of each entry of a field.
+    """
     pairs = (name.partition("=") for name in names.split())
-    return {name: json_value(getattr(value, attribute or name)) for name, _, attribute in pairs}
+    content = {name: json_value(getattr(value, attribute or name)) for name, _, attribute in pairs}
+    return content | {name: [section(each, own) for each in getattr(value, name)] for name, own in of_each.items()}
+
+
+_AGAINST = "ratio ratio_std chi_square dof cause"
 
 
 def failure(name: str, starts: int, message: str) -> dict[str, Any]:
@@ -121,8 +128,13 @@ def summary(
             | {"changes": dict(zip((p.name for p in result.parameters.asked), json_value(part.changes), strict=True))}
             for part in result.rigid_parts
         ],
-        "static_loads": _static_loads(result),
-        "tool_responses": _tool_responses(result),
+        # Load tests in m, and responses at the tool, next to what the responses of the motors say.
+        "static_loads": result.static
+        and section(
+            result.static, _AGAINST, readings="configuration frame direction measured std by_responses by_responses_std"
+        ),
+        "tool_responses": result.tool
+        and section(result.tool, _AGAINST, responses="configuration motors inputs outputs rms_log_db"),
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
         "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
         "warnings": [str(group) for group in grouped(every)],
@@ -130,32 +142,13 @@ def summary(
     }
 
 
-def _static_loads(result: Result) -> dict[str, Any] | None:
-    """Load tests next to the responses, in m; null without any."""
-    if result.static is None:
-        return None
-    keys = "configuration frame direction measured std by_responses by_responses_std"
-    readings = [section(reading, keys) for reading in result.static.readings]
-    return section(result.static, "ratio ratio_std chi_square dof cause") | {"readings": readings}
-
-
-def _tool_responses(result: Result) -> dict[str, Any] | None:
-    """Responses at the tool next to those of the motors; null without any."""
-    if result.tool is None:
-        return None
-    rows = [section(each, "configuration motors inputs outputs rms_log_db") for each in result.tool.responses]
-    return section(result.tool, "ratio ratio_std chi_square dof cause") | {"responses": rows}
-
-
-def interrupted(
-    name: str, spec: FitSpec, robot: Robot, configurations: Sequence[str], ends: Sequence[LocalOptimum]
-) -> dict[str, Any]:
+def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
     """summary.json of a fit that was stopped: where the best of the starts that were done ended, without intervals."""
-    message = f"interrupted after {len(ends)} of {spec.starts} starts; run the fit again to resume it"
-    best = failure(name, spec.starts, message)
+    message = f"interrupted after {len(ends)} of {study.fit.starts} starts; run the fit again to resume it"
+    best = failure(study.name, study.fit.starts, message)
     if not ends:
         return best | {"status": "interrupted"}
-    parameters = choose(spec, robot, tuple(configurations))
+    parameters = choose(study.seeded_fit, study.as_robot(), tuple(study.experiment.configurations))
     values, x_start = parameters.as_dict(ends[0].x), parameters.as_dict()
     unknown = {"std": None, "interval95": [None, None]}
     rows = {
@@ -215,7 +208,13 @@ def friction_study_summary(
         "not_identified": [
             {"joint": joint.joint} | section(held, "part reason") for joint in result.joints for held in joint.held
         ],
-        "motions": {each.joint: _motion(each.motion) for each in result.joints if each.motion is not None},
+        "motions": {
+            each.joint: section(each.motion, "misfit seconds")
+            | {"directions_apart": each.motion.terms.apart}
+            | section(each.motion.chosen, "relative_error")
+            for each in result.joints
+            if each.motion is not None
+        },
         "rigid_bodies": [_rigid_body(body) for body in result.rigid_bodies],
         **_twin(twin),
         "left_out": _prediction(left_out),
@@ -285,34 +284,28 @@ def listed(notes: Iterable[Note]) -> list[dict[str, Any]]:
 
 def _twin(twin: TwinFindings) -> dict[str, Any]:
     """Torques part by part, over all and by octave, and errors of runs, without the signals."""
-    signal = "signal=kind place error error_without_friction"
+    signal, left = "signal=kind place error error_without_friction", "left left_without_friction"
     return {
         "torque": [
-            section(balance, "place log shares left left_without_friction bands")
-            | {"shares": dict(zip(balance.parts, balance.shares, strict=True))}
+            section(balance, "place log")
+            | _shared(balance, balance, left)
             | {
                 "bands": [
-                    json_value(b) | {"shares": dict(zip(balance.parts, b.shares, strict=True))} for b in balance.bands
+                    _shared(balance, each, "low_hz high_hz power left left_without_friction") for each in balance.bands
                 ]
             }
             for balance in twin.balances
         ],
         "twin": [
-            section(run, "log driven_by=drive held_hz seconds lost lost_without_friction")
-            | {"signals": [section(each, signal) for each in run.signals]}
+            section(run, "log driven_by=drive held_hz seconds lost lost_without_friction", signals=signal)
             for run in twin.runs
         ],
     }
 
 
-def _motion(motion: MotionFriction) -> dict[str, Any]:
-    """The regression of a motion: if its directions differ, and what it leaves."""
-    return {
-        "misfit": motion.misfit,
-        "seconds": json_value(motion.seconds),
-        "directions_apart": motion.terms.apart,
-        "relative_error": json_value(motion.chosen.relative_error),
-    }
+def _shared(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: str) -> dict[str, Any]:
+    """Fields of a balance or of a band of it, and the share of each part."""
+    return section(value, names) | {"shares": dict(zip(balance.parts, value.shares, strict=True))}
 
 
 def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, dict[str, Any]]:

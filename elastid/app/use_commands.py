@@ -25,11 +25,7 @@ from elastid.app.options import POSITIVE, RATE, Finite, run_of, stage_options, s
 @click.option("--cutting-force", "force", type=float, nargs=3, metavar="X Y Z", help="Its force (default: --normal).")
 @click.option("--band", "band_hz", type=float, nargs=2, metavar="LOW HIGH", help="Lines in Hz (default: the modes).")
 @stage_options
-def map_command(
-    study: Path, frame: str | None, path: Path | None, grid: int | None, random: int | None,
-    load: tuple[float, float, float], cutting: float, normal: tuple[float, float, float] | None,
-    force: tuple[float, float, float] | None, band_hz: tuple[float, float] | None, **options: Any,
-) -> None:  # fmt: skip
+def map_command(study: Path, **options: Any) -> None:
     """Map the fitted robot over its workspace: map.html, map.csv and map.h5.
 
     At every posture of a path, a grid or at random, with the motors held and with intervals: static compliance and its
@@ -38,16 +34,9 @@ def map_command(
     (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad.
     """
     asked = run_of(study, options)
-    from elastid.app import map as mapping
-    from elastid.use.compliance import Cut
+    from elastid.app.use_fit import map_study
 
-    if band_hz and not 0 < band_hz[0] < band_hz[1]:
-        raise click.UsageError(f"--band {band_hz[0]:g} {band_hz[1]:g}: give two rising frequencies above 0 Hz")
-    try:
-        cut = Cut(load, cutting, normal or None, force or None)
-    except ValueError as error:
-        raise click.UsageError(str(error)) from None
-    mapping.map_study(asked, frame, mapping.Postures(path, grid, random), cut, band_hz or None)
+    map_study(asked, **options)
 
 
 @click.command()
@@ -66,8 +55,7 @@ def map_command(
 @click.option("--draws", type=click.IntRange(0, 200), default=20, show_default=True, metavar="N",
     help="Robots drawn from the fit, on which limits hold, too.")  # fmt: skip
 @stage_options
-def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
-    rate_hz: float | None, bandwidth_hz: float, draws: int, **options: Any) -> None:  # fmt: skip
+def tune(study: Path, **options: Any) -> None:
     """Command a move so that the tool follows its path: tune.csv, tune.h5, tune.html and files for controllers.
 
     Motor references with velocities and torque feedforward by optimal control of the fitted elastic model with its
@@ -76,14 +64,10 @@ def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_m
     s. Without t it is a way that starts and ends at rest, such as two rows, and --time or --fastest says how long it
     takes; with t these stretch it.
     """
-    if duration is not None and fastest:
-        raise click.UsageError("--time and --fastest exclude one another; give one of them")
     asked = run_of(study, options)
-    from elastid.app import tune as tuning
+    from elastid.app.use_fit import tune_study
 
-    tuning.tune_study(
-        asked, tuning.Command(path, duration, fastest, error_mm / 1e3, frame, rate_hz, bandwidth_hz, draws)
-    )
+    tune_study(asked, **options)
 
 
 @click.command()
@@ -94,7 +78,7 @@ def tune(study: Path, path: Path, duration: float | None, fastest: bool, error_m
 @click.option("--draws", type=click.IntRange(0, 5000), default=200, show_default=True, metavar="N",
     help="Robots drawn from the fit, of which 95 % keep the limit.")  # fmt: skip
 @stage_options
-def loops(study: Path, rate_hz: float | None, delay: int | None, draws: int, **options: Any) -> None:
+def loops(study: Path, **options: Any) -> None:
     """Margins of the joint controllers, and gains for the fitted robot: loops.html, loops.csv and a section to paste.
 
     Of today's controller, as the study states it, sensitivity peak, bandwidths and margins; the same of records with an
@@ -103,6 +87,6 @@ def loops(study: Path, rate_hz: float | None, delay: int | None, draws: int, **o
     fit. The gains are written as the section `controller` of a study, too.
     """
     asked = run_of(study, options)
-    from elastid.app import loops as designing
+    from elastid.app.use_fit import loops_study
 
-    designing.loops_study(asked, rate_hz, delay, draws)
+    loops_study(asked, **options)

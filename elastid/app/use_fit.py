@@ -1,33 +1,59 @@
-"""The runner of commands that use a fit: read it, compute, write h5, csv, page and figure, and say the answer."""
+"""Commands that use a fit, by one runner: read it, compute, write h5, csv, page and figure, and say the answer."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
+import numpy as np
 from matplotlib.figure import Figure
 
+from elastid.app.export import gears_of
+from elastid.app.identified_robot import with_found_friction
 from elastid.app.run import Run, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
+from elastid.base.errors import StudyError
+from elastid.base.files import clear_folder
+from elastid.experiment.simulated.plant import true_robot
+from elastid.experiment.specs.simulated import MAX_DELAY_SAMPLES
+from elastid.fit import posture
 from elastid.fit.result import Result
+from elastid.nonlinear.gear_result import with_gears
 from elastid.report.answer import Answer
-from elastid.report.page.page_of_use import write_page_of_answer
-from elastid.store.files import keep_checksums
+from elastid.report.answers import answer_of_loops, answer_of_map, answer_of_move, gain_rows, unstable
+from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
+from elastid.report.page.page_of_use import map_data, write_page_of_answer
+from elastid.robot import Robot
+from elastid.store.files import keep_checksums, write_rows, write_text
+from elastid.store.measured import read_friction, read_records
+from elastid.store.results import write_loops, write_map, write_map_table, write_tune
+from elastid.study.robots import yaml_text
+from elastid.targets.fmu import write_move_fmu
+from elastid.targets.move import write_move
+from elastid.use.command.moves import read_move
+from elastid.use.command.tune import Given, TunedMove, tune_move
+from elastid.use.compliance import Cut
+from elastid.use.draws import draw_robots, estimated_robot
+from elastid.use.loops.plants import PostureFamily
+from elastid.use.loops.result import Asked, Loops, Today, design_loops
+from elastid.use.loops.sensitivity import MeasuredLoops, measured_loops, refusal
+from elastid.use.map import family_of_map, map_family
+from elastid.use.postures import grid_postures, random_postures, read_path
+
+Vector: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Used:
-    """files: name in the run folder -> write(path).  figure(): of the page, which is written where page is not given.
-
-    page(folder, provenance): a page of its own.
-    """
+    """files: name in the run folder -> write(path).  figure(): of the page; data: of a map, to explore in its place."""
 
     answer: Answer
     files: Mapping[str, Callable[[Path], Any]]
     figure: Callable[[], Figure]
-    page: Callable[[Path, Mapping[str, str]], Path] | None = None
+    data: str = ""
     warnings: tuple[str, ...] = ()
 
 
@@ -35,13 +61,10 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
     """All results of a command `name` on the study's fit; StudyError without a current one."""
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
-        used, made_by = work(result), run.stamps["fit"].shown
+        used, made_by = work(result), run.stamps["fit"].shown["made by"]
         for file, write in used.files.items():
             write(run.folder / file)
-        if used.page is not None:
-            used.page(run.folder, made_by)
-        else:
-            write_page_of_answer(used.answer, used.figure, run.folder / f"{name}.html", made_by)
+        write_page_of_answer(used.answer, used.figure, run.folder / f"{name}.html", made_by, used.data)
         names = (*used.files, f"{name}.html", f"{name}.png")
         keep_checksums(run.folder, names)
         for table in used.answer.tables:
@@ -51,3 +74,183 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
         for words in used.warnings:
             run.console.warn(f"{name}: {words}")
         warn_of_distrust(run, name, result)
+
+
+def map_study(
+    run: Run, frame: str | None, path: Path | None, grid: int | None, random: int | None, load: Vector, cutting: float,
+    normal: Vector | None, force: Vector | None, band_hz: tuple[float, float] | None,
+) -> None:  # fmt: skip
+    """Map at the postures of a path, of a grid of so many points along the longest side, or at random."""
+    if sum(each is not None for each in (path, grid, random)) > 1:
+        raise StudyError("options/invalid", "--path, --grid and --random exclude one another; give one of them")
+    if band_hz and not 0 < band_hz[0] < band_hz[1]:
+        raise StudyError("options/invalid", f"--band {band_hz[0]:g} {band_hz[1]:g}: give two rising frequencies in Hz")
+    try:
+        cut = Cut(load, cutting, normal or None, force or None)
+    except ValueError as error:
+        raise StudyError("options/invalid", str(error)) from None
+
+    def work(fit: Result) -> Used:
+        family, seed = family_of_map(with_gears(fit, gears_of(run)), frame), run.study.seed
+        if path is not None:
+            asked = read_path(path, family.robot, family.frame)
+            for words in asked.remarks:
+                run.console.warn(f"map: {words}")
+            angles = asked.angles
+        elif grid is not None:
+            angles = grid_postures(family.robot, family.frame, grid, seed)
+        else:
+            angles = random_postures(family.robot, random or 1000, seed)
+        lines = None if not band_hz else np.geomspace(band_hz[0], band_hz[1], 300)
+        workspace = map_family(family, angles, cut, lines, run.study.name, path is not None)
+        files = {
+            "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
+            "map.csv": lambda path: write_map_table(path, workspace),
+        }
+        return Used(answer_of_map(workspace), files, partial(workspace_figure, workspace), map_data(workspace))
+
+    use_fit(run, "map", work)
+
+
+def tune_study(
+    run: Run, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
+    rate_hz: float | None, bandwidth_hz: float, draws: int,
+) -> None:  # fmt: skip
+    """References of the motors along a move of the fitted robot."""
+    if duration is not None and fastest:
+        raise StudyError("options/invalid", "--time and --fastest exclude one another; give one of them")
+
+    def work(result: Result) -> Used:
+        given = _given(run, result, frame, draws, (rate_hz, bandwidth_hz, error_mm / 1e3))
+        move = read_move(path, given.identified, given.frame, 0.0 if fastest else duration)
+        with run.console.progress("tune") as progress:
+            tuned = tune_move(given, move, run.study.name, progress)
+        folder = clear_folder(run.folder, "tune")
+        files = {
+            "tune.h5": lambda path: write_tune(path, tuned, run.stamps["fit"]),
+            "tune.csv": lambda path: write_table(path, tuned),
+            "tune": lambda _: (write_move(folder, tuned), write_move_fmu(folder, given.identified, tuned)),
+        }
+        warnings = (tuned.advice,) if tuned.advice else ()
+        return Used(answer_of_move(tuned), files, partial(move_figure, tuned), warnings=warnings)
+
+    use_fit(run, "tune", work)
+
+
+def _given(run: Run, result: Result, frame: str | None, draws: int, asked: tuple[float | None, float, float]) -> Given:
+    """The robots of a study with the frame that is asked for.  asked: rate and bandwidth in Hz, error in m."""
+    study, (rate_hz, bandwidth_hz, error_m) = run.study, asked
+    family = result.family(posture.Asked(frame=frame))
+    friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
+
+    def framed(robot: Robot) -> Robot:
+        return replace(robot, frames=family.robot.frames)
+
+    identified = framed(with_found_friction(estimated_robot(result), friction))
+    judge, judge_name = identified, "twin with the identified numbers"
+    simulated = study.experiment.simulated
+    if simulated is not None:
+        judge, judge_name = framed(true_robot(study.as_robot(), simulated.truth)), "twin with the true numbers"
+    drawn = draw_robots(result, draws, study.seed).robots if draws else ()
+    # Where the rate of the study's controller is not known 500 Hz are usual.
+    own_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
+    return Given(
+        identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, drawn)), family.frame,
+        rate_hz or own_rate, bandwidth_hz, error_m,
+    )  # fmt: skip
+
+
+def write_table(path: Path, tuned: TunedMove) -> None:
+    """tune.csv: a row for each sample, link side, SI."""
+    parts = ("position", "velocity", "torque")
+    heads = ["t", *(f"{part} {joint}" for joint in tuned.joints for part in parts), "x", "y", "z", "planned error"]
+    columns = [getattr(tuned, part)[:, i] for i in range(len(tuned.joints)) for part in parts]
+    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.planned, strict=True)
+    write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
+
+
+def loops_study(run: Run, rate_hz: float | None, delay: int | None, draws: int) -> None:
+    """Margins of today's joint controllers and gains of the fitted robot; FitError where no gains keep the limit.
+
+    rate_hz, delay: None for those of the study.
+    """
+    if delay is not None and delay > MAX_DELAY_SAMPLES:
+        raise StudyError("options/invalid", f"a controller answers within {MAX_DELAY_SAMPLES} samples", "--delay")
+    own_hz = _own_rate(run)
+    hz = rate_hz or own_hz
+    if hz is None:
+        raise StudyError("options/invalid", "the study states no rate of the controller; give --rate", run.loaded.path)
+
+    def work(result: Result) -> Used:
+        family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
+        simulated = run.study.experiment.simulated
+        own_delay = 0 if simulated is None else simulated.controller.delay_samples
+        asked = Asked(own_delay if delay is None else delay, draws, run.study.seed)
+        loops = design_loops(
+            run.study.name, result, family, asked, _today(run, own_hz or hz), _measured(run, family),
+            lambda words: run.console.detail(f"loops: found {words}"),
+        )  # fmt: skip
+        files = {
+            "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
+            "loops.yml": lambda path: write_text(path, loops_section(loops)),
+            "loops.csv": lambda path: write_rows(path, gain_rows(loops)),
+        }
+        warnings: tuple[str, ...] = ()
+        if loops.today is not None and (lost := unstable(loops.today)):
+            warnings = (
+                f"today's controller is unstable at {own_hz or hz:g} Hz in posture {', '.join(lost)}; take the "
+                f"gains of {run.folder / 'loops.yml'}",
+            )
+        answer = replace(answer_of_loops(loops), text=loops_section(loops))
+        return Used(answer, files, partial(loops_figure, loops), warnings=warnings)
+
+    use_fit(run, "loops", work)
+
+
+def _own_rate(run: Run) -> float | None:
+    """Rate of today's controller in Hz; None where the study does not state it."""
+    study, recorded = run.study, run.study.experiment.recorded
+    if study.experiment.simulated is not None and study.excitation is not None:
+        return study.excitation.rate_hz
+    return None if recorded is None or recorded.rate_hz == "unknown" else recorded.known_rate_hz
+
+
+def _measured(run: Run, family: PostureFamily) -> list[MeasuredLoops]:
+    """Loops of each configuration whose records hold an injected torque; a warning where they do not."""
+    if "measure" not in run.stages or not run.path("measure").exists():
+        return []
+    measured = []
+    for name, inertia in zip(family.names, family.inertia, strict=True):
+        records = list(read_records(run.path("measure"), name))
+        if refused := refusal(records):
+            run.console.warn(
+                f"experiment: {refused}, so that today's loops cannot be measured from it; log the torque that is "
+                "added to the controller's, role r, with all motors"
+            )
+            return []
+        measured.append(measured_loops(records, run.study.estimator, inertia))
+    return measured
+
+
+def _today(run: Run, rate_hz: float) -> Today | None:
+    """Controller that the study states; a warning where it states none."""
+    experiment = run.study.experiment
+    if experiment.simulated is not None:
+        return Today(rate_hz, experiment.simulated.controller)
+    spec = None if experiment.recorded is None else experiment.recorded.controller
+    if spec is None:
+        run.console.warn(
+            "experiment.recorded.controller: the study states none, so that today's loops are not known; gains are "
+            "designed all the same"
+        )
+        return None
+    return Today(rate_hz, spec.spec)
+
+
+def loops_section(loops: Loops) -> str:
+    """The designed controller as the section of a study."""
+    head = (
+        f"Gains for {loops.name} by `elastid loops`, at {loops.rate_hz:g} Hz, link side, SI: the section",
+        "experiment.simulated.controller of a study whose excitation.rate_hz is that rate.",
+    )
+    return yaml_text({"controller": loops.controller}, head)

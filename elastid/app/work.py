@@ -1,10 +1,10 @@
-"""The contract of a stage: a function of declared values and ways of working, which returns files to write.
+"""The contract of a stage: a function of the keys of a study that it reads, which returns files to write.
 
-    stage(*, <declared values>, work: Work) -> Artefacts
-    inputs = SHA-256(name, values of the study, contents of files, inputs of the earlier results that it reads)
+    stage(study: Study, work: Work) -> Artefacts
+    inputs = SHA-256(name, that study, contents of its files, inputs of the earlier results that it reads)
 
-Its row in `elastid.app.stage_table` declares the values, and `inputs` is the stamp of its result. A stage has no other
-way to the study, so that a value that changes its result changes its stamp. Results do not depend on `work`.
+Its row in `elastid.app.stage_table` declares the keys, and `inputs` is the stamp of its result. All other keys are at
+their defaults, so that a key that changes a result changes its stamp. Results do not depend on ways of working.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from elastid import __version__
 from elastid.app.console import Console
-from elastid.app.stage_table import Stage, stages_of_study
+from elastid.app.stage_table import files_of, stages_of_study
 from elastid.base import kernels
 from elastid.base.execution import Execution
 from elastid.store.artefacts import Stamp
@@ -52,16 +52,17 @@ class Artefacts:
 
 @dataclass(frozen=True)
 class Work:
-    """Ways of working on a stage: processes, progress, and the parts that an interrupted run has finished.
+    """Files of a stage and ways of working on it: processes, progress, parts that an interrupted run has finished.
 
-    parts: folder of finished parts until the result is whole.  stamp: of the result, without the text of the study.
-    sources: files of the earlier results that the stage reads.
+    parts: folder of finished parts until the result is whole.  stamp: of the result, with the text of the study for a
+    stage that shows it.  base: the folder of files that the study names.  sources: earlier results, by their stages.
     """
 
     stage: str
     parts: Path
     stamp: Stamp
-    sources: tuple[Path, ...] = ()
+    base: Path
+    sources: Mapping[str, Path]
     jobs: int = 1
     console: Console = field(default_factory=Console)
 
@@ -75,28 +76,12 @@ class Work:
         """Finished parts of the interrupted stage: of the same values, by the same code, from the very same files."""
         from elastid.store.checkpoint import Checkpoint  # brings the solvers, which most stages do not need
 
-        key = hash_of([self.stamp.inputs, self.stamp.code, [file_hash(path) for path in self.sources]])
+        key = hash_of([self.stamp.inputs, self.stamp.code, [file_hash(path) for path in self.sources.values()]])
         remove_leftovers(self.parts)
         finished = Checkpoint(self.parts, key)
         if finished:
             self.console.say(f"{self.stage}: resumed from {finished.words}")
         return finished
-
-
-@dataclass(frozen=True)
-class StudyFiles:
-    """The folder of a study, in which a stage reaches only the files that its row declares.
-
-    files / name: the path of a file as the study names it; LookupError for any other.
-    """
-
-    folder: Path
-    names: tuple[str, ...]
-
-    def __truediv__(self, name: str) -> Path:
-        if name not in self.names:
-            raise LookupError(f"the stage does not declare that it reads {name}; its row must name it under files")
-        return self.folder / name
 
 
 def text(content: str) -> Write:
@@ -115,23 +100,15 @@ def file_hash(path: Path) -> str:
 LIBRARIES = ("numpy", "scipy", "casadi")
 
 
-def handed_values(loaded: LoadedStudy, stage: Stage) -> dict[str, Any]:
-    """Everything of a study that a stage is handed, by argument: values, and files where it declares some."""
-    handed = {value.argument: value.of(loaded) for value in stage.values}
-    if stage.files is not None:
-        handed["files"] = StudyFiles(loaded.base, tuple(stage.files(handed, loaded.base)))
-    return handed
-
-
 def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     """Stamp by stage that a result must carry to be the one that the study asks for."""
-    code, results = code_hash(), dict[str, Stamp]()
+    code, results, hash_of_file = code_hash(), dict[str, Stamp](), cache(file_hash)
     for name, stage in stages_of_study(loaded.study).items():
-        handed = {value.argument: value.of(loaded) for value in stage.values}
-        named = stage.files(handed, loaded.base) if stage.files is not None else {}
-        contents = [[path, [[file.name, file_hash(file)] for file in behind]] for path, behind in named.items()]
-        read = [[source.stage, results[source.stage].inputs] for source in stage.sources if source.stage in results]
-        inputs = hash_of([name, list(handed.items()), contents, read])
+        study, text = stage.sees(loaded.study), loaded.text if "text" in stage.keys.split() else ""
+        named = files_of(study, loaded.base).items()
+        contents = [[path, [[file.name, hash_of_file(file)] for file in behind]] for path, behind in named]
+        read = [[source, results[source].inputs] for source in stage.sources if source in results]
+        inputs = hash_of([name, study, text, contents, read])
         results[name] = Stamp(inputs, code, __version__, loaded.study.seed, loaded.text, software())
     return results
 

@@ -49,15 +49,14 @@ def estimate_without_friction(
     planned_lines: IntArray | None = None,
     E: FloatArray | None = None,
     robot: Robot | None = None,
-    net: Sequence[Record] | None = None,
 ) -> Response:
     """G of one configuration as `estimate` has it, from the net torques of its records, with the levels' errors.
 
     E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.  robot: whose
-    gears are examined for springs that are not straight; None for no such notes.  net: `net_records` of them, if known.
+    gears are examined for springs that are not straight; None for no such notes.
     Raises DataError as `estimate` does.
     """
-    net = tuple(net_records(records, friction, E)) if net is None else net
+    net = tuple(net_records(records, friction, E))
     response = estimate(net, spec, planned_lines)
     # A transient lies between the excited lines, as distortion does, and one period shows no scatter.
     if robot is not None and all(settled(record) is record for record in net):

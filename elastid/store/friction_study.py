@@ -11,22 +11,25 @@ from elastid.friction_study.extended_kalman_filter import FollowedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointLevels
 from elastid.record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
-from elastid.store.reading import read_part, read_value
-from elastid.store.values import write_artefact
+from elastid.store.reading import read_value, reader
+from elastid.store.values import write_artefact, writer
 from elastid.validation.twin import NO_PREDICTION, NO_TWIN, Prediction, TwinFindings
 
 PLAN, RECORDS, LEVELS = "friction plan", "friction records", "friction levels"
 FRICTION, FILTER = "friction", "filter"
 
 
-def write_friction_plan(path: Path, plan: FrictionPlan, stamp: Stamp = NO_STAMP) -> None:
-    """plan.h5 of a friction study."""
-    write_artefact(path, PLAN, stamp, {"plan": (plan, FrictionPlan)})
-
-
-def read_friction_plan(path: Path | str) -> FrictionPlan:
-    """The plan in plan.h5."""
-    return read_part(path, PLAN, "plan", FrictionPlan)
+# plan.h5, levels.h5 with a group for each joint, and filter.h5 with friction followed over its motions.
+write_friction_plan, read_friction_plan = writer(PLAN, "plan"), reader(PLAN, "plan", FrictionPlan)
+write_levels = writer(LEVELS, "joints", tuple[JointLevels, ...])
+read_levels = reader(LEVELS, "joints", tuple[JointLevels, ...])
+write_filter = writer(FILTER, "joints", tuple[FollowedFriction, ...])
+read_filter = reader(FILTER, "joints", tuple[FollowedFriction, ...])
+# Of friction.h5 the result, and the prediction of logs that were left out, empty where none was.
+read_friction_result, read_left_out = (
+    reader(FRICTION, "result", FrictionResult),
+    reader(FRICTION, "left_out", Prediction),
+)
 
 
 def write_friction_records(
@@ -55,16 +58,6 @@ def read_friction_records(path: Path | str) -> FrictionRecords:
         )
 
 
-def write_levels(path: Path, levels: Sequence[JointLevels], stamp: Stamp = NO_STAMP) -> None:
-    """levels.h5: a group for each joint."""
-    write_artefact(path, LEVELS, stamp, {"joints": (tuple(levels), tuple[JointLevels, ...])})
-
-
-def read_levels(path: Path | str) -> tuple[JointLevels, ...]:
-    """The joints in levels.h5."""
-    return read_part(path, LEVELS, "joints", tuple[JointLevels, ...])
-
-
 def write_friction_result(
     path: Path,
     result: FrictionResult,
@@ -80,23 +73,3 @@ def write_friction_result(
         "left_out": (left_out, Prediction),
     }
     write_artefact(path, FRICTION, stamp, parts)
-
-
-def read_friction_result(path: Path | str) -> FrictionResult:
-    """The result in friction.h5."""
-    return read_part(path, FRICTION, "result", FrictionResult)
-
-
-def read_left_out(path: Path | str) -> Prediction:
-    """The prediction of the logs that were left out, in friction.h5; empty where none was."""
-    return read_part(path, FRICTION, "left_out", Prediction)
-
-
-def write_filter(path: Path, joints: Sequence[FollowedFriction], stamp: Stamp = NO_STAMP) -> None:
-    """filter.h5: friction followed over the motions of joints, a group for each."""
-    write_artefact(path, FILTER, stamp, {"joints": (tuple(joints), tuple[FollowedFriction, ...])})
-
-
-def read_filter(path: Path | str) -> tuple[FollowedFriction, ...]:
-    """The joints in filter.h5."""
-    return read_part(path, FILTER, "joints", tuple[FollowedFriction, ...])

@@ -137,7 +137,13 @@ def or_text(number: float) -> float | str | None:
 
 
 def json_value(value: Any, number: Callable[[float], Any] = or_null) -> Any:
-    """Lists of tuples and arrays, objects of mappings and dataclasses; number: of every floating-point number."""
+    """Lists of tuples and arrays, objects of mappings and dataclasses; number: of every floating-point number.
+
+    float: to be read again by `from_json`; arrays then have their shape.
+    """
+    if number is float and isinstance(value, np.ndarray):
+        flat = value.ravel()
+        return {"shape": value.shape, "values": (flat.view(float) if flat.dtype == complex else flat).tolist()}
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, float):
@@ -159,8 +165,11 @@ def from_json(content: Any, annotation: Any) -> Any:
             return None if content is None else from_json(content, kind.parts[0])
         case "scalar":
             return math.nan if kind.type is float and content is None else kind.type(content)
-        case "array":
+        case "array" if isinstance(content, list):
             return np.array([math.nan if each is None else each for each in content], kind.type)
+        case "array":
+            part = float if kind.type is np.complex128 else kind.type
+            return np.array(content["values"], part).view(kind.type).reshape(content["shape"])
         case "fields":
             if not content.keys() <= {each.name for each in fields_of(kind.type)}:
                 raise ValueError(f"{', '.join(content)} are not the fields of {kind.type.__name__}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from elastid.record import Record
 from elastid.response import Response, Responses
 from elastid.store.artefacts import NO_STAMP, Stamp, opened
 from elastid.store.files import once_per_version, text_file
-from elastid.store.reading import entry_names, read_dataclass, read_optional_part, read_part
+from elastid.store.reading import entry_names, read_dataclass, read_optional_part, read_part, reader
 from elastid.store.values import write_artefact
 
 if TYPE_CHECKING:
@@ -49,16 +49,9 @@ def write_plan(
     write_artefact(path, PLAN, stamp, parts)
 
 
-def read_plan(path: Path | str) -> Plan:
-    """The plan in plan.h5."""
-    return read_part(path, PLAN, "plan", Plan)
-
-
-def read_peaks(path: Path | str) -> LimitUse:
-    """The peaks of the rehearsal in plan.h5."""
-    from elastid.design.forecast import LimitUse  # brings the fit, which a reader of the plan does not need
-
-    return read_part(path, PLAN, "peaks", LimitUse)
+read_plan = reader(PLAN, "plan", Plan)
+# The peaks of the rehearsal; they bring the fit, which a reader of the plan does not need.
+read_peaks: Callable[[Path | str], LimitUse] = reader(PLAN, "peaks", "elastid.design.forecast:LimitUse")
 
 
 def read_forecast(path: Path | str) -> Forecast | None:
@@ -179,18 +172,15 @@ def read_friction(path: Path | str) -> FrictionTakenOut | None:
     return read_optional_part(path, RESPONSES, "friction", FrictionTakenOut)
 
 
-MODES = "modes"
-
-
 def write_modes(path: Path | str, modes: tuple[Modes, ...], stamp: Stamp = NO_STAMP) -> None:
     """modes.h5: the modes of each response, with shapes, synthesis and stabilisation diagram."""
     from elastid.modal.modes import Modes  # brings SciPy's linear algebra
 
-    write_artefact(path, MODES, stamp, {"modes": (modes, tuple[Modes, ...])}, {"modes": "configuration"})
+    write_artefact(path, "modes", stamp, {"modes": (modes, tuple[Modes, ...])}, {"modes": "configuration"})
 
 
 def read_modes(path: Path | str) -> tuple[Modes, ...]:
     """The modes of each response in modes.h5."""
     from elastid.modal.modes import Modes  # as above
 
-    return read_part(path, MODES, "modes", tuple[Modes, ...])
+    return read_part(path, "modes", "modes", tuple[Modes, ...])

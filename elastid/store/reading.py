@@ -6,10 +6,10 @@ those of the reader and never of the file, and no count in a file is believed th
 
 from __future__ import annotations
 
-import math
+import json
 from collections.abc import Callable, Iterator
-from itertools import islice
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, TypeVar
 
 import h5py
@@ -18,7 +18,7 @@ import numpy as np
 from elastid.base.arrays import NO_LABEL, Label, mapped, shown_range, shown_values, value_range
 from elastid.base.escape import group_name
 from elastid.store.artefacts import kind_of, opened, plain
-from elastid.store.kinds import Kind, fields_of, from_text, has_own_groups, kind_of_annotation
+from elastid.store.kinds import Kind, fields_of, from_json, from_text, has_own_groups, kind_of_annotation
 from elastid.store.values import NAMES
 
 T = TypeVar("T")
@@ -113,47 +113,22 @@ def _read_column(item: Any, annotation: Any, label: Label = NO_LABEL) -> list[An
     match kind.form:
         case "scalar":
             return _scalars(item, kind)
-        case "array":
-            if isinstance(item, h5py.Dataset):
-                return list(item[()])
-            shapes, values = [[n for n in row if n >= 0] for row in item["shape"][:].tolist()], item["values"][:]
-            parts = _split(values, [math.prod(shape) for shape in shapes])
-            return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
-        case "optional":
-            known = _numbers(item["known"], bool)
-            values = iter(_read_column(item["values"], kind.parts[0], label))
-            column = [next(values) if each else None for each in known]
-            if next(values, None) is not None:
-                raise ValueError("more values than known ones")
-            return column
+        case "array" if h5py.check_string_dtype(item.dtype) is None:
+            return list(item[()])
         case "fields":
             return _read_rows(item, kind)
-        case "record":
-            if isinstance(item, h5py.Dataset):
-                return list(map(tuple, _numbers(item, kind.parts[0], (len(item), len(kind.parts)))))
-            parts = [_read_column(item[str(i)], part, label) for i, part in enumerate(kind.parts)]
-            return list(zip(*parts, strict=True))
+        case "record" if h5py.check_string_dtype(item.dtype) is None:
+            return list(map(tuple, _numbers(item, kind.parts[0], (len(item), len(kind.parts)))))
         case _:
-            counts = _numbers(item["count"], int)
-            row = read_value(item, "values", tuple[kind.parts[0], ...], label)  # type: ignore[name-defined]
-            if kind.form == "sequence":
-                return _split(row, counts)
-            names = _split(item["names"].asstr()[:].tolist(), counts)
-            return [dict(zip(*pair, strict=True)) for pair in zip(names, _split(row, counts), strict=True)]
+            return [from_json(json.loads(text), annotation) for text in item.asstr()[:].tolist()]
 
 
 def _read_rows(group: Any, kind: Kind) -> list[Any]:
-    """A table of a dataclass, column by column; a column of which nothing is known is absent."""
-    n = _scalar(group.attrs["length"], Kind("scalar", int))
-    columns: dict[str, Any] = {}
-    for field in fields_of(kind.type):
-        if field.name in group:
-            columns[field.name] = _read_column(group[field.name], field.annotation, field.label)
-        elif kind_of_annotation(field.annotation).form != "optional":
-            columns[field.name] = []
-    if any(len(column) != n for column in columns.values()) or not 0 <= n <= 1_000_000:
+    """A table of a dataclass, column by column."""
+    n, known = _scalar(group.attrs["length"], Kind("scalar", int)), fields_of(kind.type)
+    columns = {each.name: _read_column(group[each.name], each.annotation, each.label) for each in known} if n else {}
+    if any(len(column) != n for column in columns.values()):
         raise ValueError(f"a table of {n} rows with columns of {[len(column) for column in columns.values()]}")
-    columns |= {field.name: [None] * n for field in fields_of(kind.type) if field.name not in columns}
     return [kind.type(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
 
 
@@ -173,16 +148,6 @@ def _numbers(dataset: Any, number: type, shape: tuple[int, ...] | None = None) -
     return values
 
 
-def _split(values: Any, counts: list[int]) -> list[Any]:
-    """Consecutive parts of so many values each, which must be all of them."""
-    if any(count < 0 for count in counts) or sum(counts) != len(values):
-        raise ValueError(f"{len(values)} values in parts of {sum(counts)}")
-    if isinstance(values, np.ndarray):
-        return np.split(values, np.cumsum(counts)[:-1]) if counts else []
-    rest = iter(values)
-    return [tuple(islice(rest, count)) for count in counts]
-
-
 def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
     """One part of a file of a kind; DataError where it is absent."""
     with opened(path, kind) as file:
@@ -195,6 +160,17 @@ def read_optional_part(path: Path | str, kind: str, name: str, annotation: type[
     with opened(path, kind) as file:
         part: T | None = read_value(file, name, annotation) if name in file else None
         return part
+
+
+def reader(kind: str, name: str, annotation: type[T] | str) -> Callable[[Path | str], T]:
+    """The reader of one part of a file of a kind; annotation: "module:name" where the module is loaded for it alone."""
+
+    def read(path: Path | str) -> T:
+        known: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
+        part: T = read_part(path, kind, name, known)
+        return part
+
+    return read
 
 
 def described(path: Path | str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +17,8 @@ from elastid.nonlinear.gear_result import GearResult
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.files import write_rows, write_text
 from elastid.store.kinds import from_json, json_value, or_text
-from elastid.store.reading import read_part
-from elastid.store.values import write_artefact
+from elastid.store.reading import read_part, reader
+from elastid.store.values import write_artefact, writer
 from elastid.use.map import WorkspaceMap
 from elastid.validation.comparison import Comparison
 from elastid.validation.results import Validation
@@ -28,9 +29,21 @@ if TYPE_CHECKING:
     from elastid.use.loops.result import Loops
 
 FIT, GEARS, VALIDATION, MAP = "fit", "gears", "validation", "map"
-TUNE, LOOPS = "tune", "loops"
 # Version of the form of compare.json.
 _SCHEMA = 1
+
+
+read_fit, read_validation = reader(FIT, "fit", Result), reader(VALIDATION, "validation", Validation)
+write_gears, write_tune, write_loops = writer(GEARS, "gears"), writer("tune", "tune"), writer("loops", "loops")
+write_map, read_map = writer(MAP, "map"), reader(MAP, "map", WorkspaceMap)
+# These bring the simulation, which a fit does without.
+read_tune: Callable[[Path | str], TunedMove] = reader("tune", "tune", "elastid.use.command.tune:TunedMove")
+read_loops: Callable[[Path | str], Loops] = reader("loops", "loops", "elastid.use.loops.result:Loops")
+
+
+def read_gears(path: Path | str | None) -> GearResult | None:
+    """The effects in gears.h5; None without a file: of a study that did not ask for them."""
+    return None if path is None else read_part(path, GEARS, "gears", GearResult)
 
 
 @frozen_value
@@ -66,21 +79,6 @@ def write_fit(path: Path | str, result: Result, stamp: Stamp = NO_STAMP) -> None
     write_artefact(path, FIT, stamp, parts)
 
 
-def read_fit(path: Path | str) -> Result:
-    """The result in fit.h5."""
-    return read_part(path, FIT, "fit", Result)
-
-
-def write_gears(path: Path | str, gears: GearResult, stamp: Stamp = NO_STAMP) -> None:
-    """gears.h5: parameters and levels with their covariance, and a sheet for each gear."""
-    write_artefact(path, GEARS, stamp, {"gears": (gears, GearResult)})
-
-
-def read_gears(path: Path | str | None) -> GearResult | None:
-    """The effects in gears.h5; None without a file: of a study that did not ask for them."""
-    return None if path is None else read_part(path, GEARS, "gears", GearResult)
-
-
 def write_validation(
     path: Path | str, validation: Validation, stamp: Stamp = NO_STAMP, twin: TwinFindings = NO_TWIN
 ) -> None:
@@ -89,24 +87,9 @@ def write_validation(
     write_artefact(path, VALIDATION, stamp, parts)
 
 
-def read_validation(path: Path | str) -> Validation:
-    """The validation in validation.h5."""
-    return read_part(path, VALIDATION, "validation", Validation)
-
-
 def read_twin(path: Path | str, kind: str) -> TwinFindings:
     """The twin in a file of a kind (validation, friction)."""
     return read_part(path, kind, "twin", TwinFindings)
-
-
-def write_map(path: Path | str, workspace: WorkspaceMap, stamp: Stamp = NO_STAMP) -> None:
-    """map.h5: postures and quantities of a map, with their standard deviations."""
-    write_artefact(path, MAP, stamp, {"map": (workspace, WorkspaceMap)})
-
-
-def read_map(path: Path | str) -> WorkspaceMap:
-    """The map in map.h5."""
-    return read_part(path, MAP, "map", WorkspaceMap)
 
 
 def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
@@ -117,34 +100,6 @@ def write_map_table(path: Path, workspace: WorkspaceMap) -> None:
     numbers = [column for _, columns in each for column in columns]
     columns = [workspace.asked + 1, *workspace.angles.T, *workspace.position.T, workspace.limiting_springs, *numbers]
     write_rows(path, [heads, *zip(*(np.asarray(column).tolist() for column in columns), strict=True)])
-
-
-def write_tune(path: Path | str, tuned: TunedMove, stamp: Stamp = NO_STAMP) -> None:
-    """tune.h5: the references of a move, its limits, and the error of its tool."""
-    from elastid.use.command.tune import TunedMove  # brings the simulation, which a fit does without
-
-    write_artefact(path, TUNE, stamp, {"tune": (tuned, TunedMove)})
-
-
-def read_tune(path: Path | str) -> TunedMove:
-    """The move in tune.h5."""
-    from elastid.use.command.tune import TunedMove
-
-    return read_part(path, TUNE, "tune", TunedMove)
-
-
-def write_loops(path: Path | str, loops: Loops, stamp: Stamp = NO_STAMP) -> None:
-    """loops.h5: today's and the designed controller with their sensitivities, margins, bands and steps."""
-    from elastid.use.loops.result import Loops
-
-    write_artefact(path, LOOPS, stamp, {"loops": (loops, Loops)})
-
-
-def read_loops(path: Path | str) -> Loops:
-    """The loops in loops.h5."""
-    from elastid.use.loops.result import Loops
-
-    return read_part(path, LOOPS, "loops", Loops)
 
 
 def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:

@@ -3,17 +3,16 @@
 A dataclass is a group, numbers and texts in it are attributes, arrays datasets with unit, meaning and dimension scales.
 None is absent, and so is an empty tuple or mapping that is the default.  A tuple of numbers or texts is a dataset.  A
 tuple of dataclasses is a table, with a column for each field; where these hold arrays, it is a group with an entry for
-each instead.  A mapping is a group of `names` and `values`.  In a table, a column of tuples is a group of their
-`values` in a row and the `count` of each, one of arrays that differ in shape their `values` and `shape` (-1 where there
-is no dimension), and one of values that may be None those that are `known`.
+each instead.  A mapping is a group of `names` and `values`.  A column of anything but numbers, texts, arrays of one
+shape and dataclasses is JSON, a text for each row.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
@@ -24,8 +23,8 @@ from h5py import h5ds
 
 from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, LargeArray, release, unit_of_name
 from elastid.base.escape import group_name
-from elastid.store.artefacts import TEXT, Stamp, created
-from elastid.store.kinds import Kind, fields_of, has_own_groups, kind_of_annotation, text_of
+from elastid.store.artefacts import NO_STAMP, TEXT, Stamp, created
+from elastid.store.kinds import Kind, fields_of, has_own_groups, json_value, kind_of_annotation, text_of
 
 # Texts along a group of named entries, whose own names are escaped: none of them is this.
 NAMES = "%names"
@@ -160,35 +159,13 @@ def _write_column(group: Any, name: str, values: Sequence[Any], annotation: Any,
     if kind.form == "array" and len({each.shape for each in values}) < 2:
         data = np.stack(values) if values else np.zeros(0, kind.type)
         return _described(group.create_dataset(name, data=data), name, label, above)
-    if kind.form == "optional":
-        known = [each is not None for each in values]
-        if not any(known):
-            return None
-        inner = group.create_group(name)
-        inner.create_dataset("known", data=np.array(known, bool))
-        _write_column(inner, "values", [each for each in values if each is not None], kind.parts[0], label, above)
-        return None
-    inner = group.create_group(name)
     if kind.form == "fields":
+        inner = group.create_group(name)
         inner.attrs["length"] = len(values)
         columns = [(each, [getattr(value, each.name) for value in values]) for each in fields_of(kind.type) if values]
         axes = [_write_column(inner, each.name, c, each.annotation, each.label, above) for each, c in columns]
         return axes[0] if axes else None
-    if kind.form == "record":
-        for i, part in enumerate(kind.parts):
-            _write_column(inner, str(i), [value[i] for value in values], part, label, above)
-    elif kind.form == "array":
-        depth = max(each.ndim for each in values)
-        shapes = [each.shape + (-1,) * (depth - each.ndim) for each in values]
-        inner.create_dataset("shape", data=np.array(shapes, np.int64))
-        inner.create_dataset("values", data=np.concatenate([each.ravel() for each in values]))
-    else:
-        inner.create_dataset("count", data=np.array([len(value) for value in values], np.int64))
-        if kind.form == "mapping":
-            inner.create_dataset("names", data=list(chain.from_iterable(values)), dtype=TEXT)
-            values = [tuple(value.values()) for value in values]
-        row = list(chain.from_iterable(values))
-        write_value(inner, "values", tuple(row), tuple[kind.parts[0], ...], label, above)  # type: ignore[name-defined]
+    group.create_dataset(name, data=[json.dumps(json_value(each, float)) for each in values], dtype=TEXT)
     return None
 
 
@@ -255,3 +232,12 @@ def write_artefact(
     with created(path, kind, stamp) as file:
         for name, (value, annotation) in parts.items():
             write_value(file, name, value, annotation, Label(entry=entries.get(name, "")))
+
+
+def writer(kind: str, name: str, annotation: Any = None) -> Callable[..., None]:
+    """The writer (path, value, stamp) of files of a kind with one part."""
+
+    def write(path: Path | str, value: Any, stamp: Stamp = NO_STAMP) -> None:
+        write_artefact(path, kind, stamp, {name: (tuple(value) if isinstance(value, list) else value, annotation)})
+
+    return write

@@ -1,4 +1,4 @@
-"""A CSV file of static load tests -> entries of `loads.tests`, with the line and column of every cell."""
+"""A CSV file of static load tests -> entries of `loads.tests`, with the line of each."""
 
 from __future__ import annotations
 
@@ -38,8 +38,11 @@ def with_load_file(source: YamlSource, folder: Path) -> YamlSource:
     if not isinstance(listed, list):
         return source
     robot = source.data.get("robot")
-    tests, places = _tests(path, len(listed), _joints(robot))
-    data = {**source.data, "loads": {**loads, "tests": [*listed, *tests]}}
+    tests = _tests(path, _joints(robot))
+    places: dict[KeyPath, tuple[Place, Place]] = {
+        ("loads", "tests", i): (place, place) for i, (place, _) in enumerate(tests, start=len(listed))
+    }
+    data = {**source.data, "loads": {**loads, "tests": [*listed, *(test for _, test in tests)]}}
     return YamlSource(data, {**source.places, **places}, source.text)
 
 
@@ -52,9 +55,8 @@ def _joints(robot: Any) -> tuple[str, ...]:
     return tuple(str(joint.get("name")) for joint in joints if joint.get("motor") is not None)
 
 
-def _tests(
-    path: Path, first: int, joints: Sequence[str]
-) -> tuple[list[dict[str, Any]], dict[KeyPath, tuple[Place, Place]]]:
+def _tests(path: Path, joints: Sequence[str]) -> list[tuple[Place, dict[str, Any]]]:
+    """The line of each test, and its keys."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
@@ -68,28 +70,23 @@ def _tests(
             "files/table", "a file of load tests has a row of names and a row for each test", f"{path}:1:1"
         )
     (line, heads), *rest = rows
-    columns = [_column(path, line, _start(heads, i), head, joints) for i, head in enumerate(heads)]
-    tests, places = [], dict[KeyPath, tuple[Place, Place]]()
-    for i, (number, row) in enumerate(rest, start=first):
+    columns = [_column(f"{path}:{line}:1", head, joints) for head in heads]
+    tests = []
+    for number, row in rest:
         if len(row) != len(heads):
             raise StudyError(
                 "files/table", f"{len(row)} cells, and {len(heads)} names in line {line}", f"{path}:{number}:1"
             )
         cells = {
-            column: (f"{cell.strip()}{unit and f' {unit}'}", Place(1, number, _start(row, at), str(path)))
-            for at, (cell, (column, unit)) in enumerate(zip(row, columns, strict=True))
+            column: f"{cell.strip()}{unit and f' {unit}'}"
+            for cell, (column, unit) in zip(row, columns, strict=True)
             if cell.strip()
         }
-        tests.append(_test(cells, joints, ("loads", "tests", i), places, Place(1, number, 1, str(path))))
-    return tests, places
+        tests.append((Place(1, number, 1, str(path)), _test(cells, joints)))
+    return tests
 
 
-def _start(row: Sequence[str], at: int) -> int:
-    """The column, from 1, at which a cell starts."""
-    return 1 + sum(len(cell) + 1 for cell in row[:at])
-
-
-def _column(path: Path, line: int, column: int, head: str, joints: Sequence[str]) -> tuple[str, str]:
+def _column(place: str, head: str, joints: Sequence[str]) -> tuple[str, str]:
     """Name and unit of a column."""
     match = _HEAD.match(head.strip())
     name, unit = (match["name"], match["unit"] or "") if match else (head.strip(), "")
@@ -101,36 +98,20 @@ def _column(path: Path, line: int, column: int, head: str, joints: Sequence[str]
         raise StudyError(
             "files/table",
             f"no column of load tests is called '{name}'; {did_you_mean(name, [*known, *joints])}",
-            f"{path}:{line}:{column}",
+            place,
         )
     return name, unit
 
 
-def _test(
-    cells: Mapping[str, tuple[str, Place]], joints: Sequence[str], path: KeyPath,
-    places: dict[KeyPath, tuple[Place, Place]], start: Place,
-) -> dict[str, Any]:  # fmt: skip
-    """The keys of a test; their places are added to `places`."""
-    test: dict[str, Any] = {}
-    places[path] = start, start
-
-    def give(key: str, names: Sequence[str]) -> None:
-        given = [cells.get(name, ("0", start)) for name in names]
-        values = [_value(text) if key not in _TEXTS else text for text, _ in given]
-        test[key] = values if len(names) > 1 else values[0]
-        places[*path, key] = given[0][1], given[0][1]
-        for i, (_, place) in enumerate(given if len(names) > 1 else []):
-            places[*path, key, i] = place, place
-
-    for key in _SINGLE:
-        if key in cells:
-            give(key, (key,))
+def _test(cells: Mapping[str, str], joints: Sequence[str]) -> dict[str, Any]:
+    """The keys of a test."""
+    test: dict[str, Any] = {key: _value(cells[key]) for key in _SINGLE if key in cells}
     for key, names in _KEYS.items():
         if key not in test and any(name in cells for name in names):
-            give(key, names)
+            values = [cells.get(name, "0") if key in _TEXTS else _value(cells.get(name, "0")) for name in names]
+            test[key] = values if len(names) > 1 else values[0]
     if "configuration" not in test and any(f"joint {name}" in cells for name in joints):
-        give("angles", [f"joint {name}" for name in joints])
-        test["angles"] = test["angles"] if isinstance(test["angles"], list) else [test["angles"]]
+        test["angles"] = [_value(cells.get(f"joint {name}", "0")) for name in joints]
     return test
 
 

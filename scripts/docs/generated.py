@@ -192,9 +192,7 @@ listing is of small runs of one motor, as ``elastid inspect FILE`` prints it: th
 their lengths, the meaning, the unit in brackets. Every file carries ``format``, the version of its layout, and
 ``provenance``: hashes of all that the result depends on, the seed and the versions of the software. In front of the
 HDF5 data stands the SHA-256 of it, so that a bit that flips on a disk is found; ``checksums.sha256`` has those of the
-other files. ``net_records.h5``, where friction was taken out of the torque, is laid out as ``records.h5``: whole
-periods, ``u`` without the friction and ``y`` with the images of that torque; it carries the inputs of the ``frf.h5``
-beside it, and is worked out again where it does not.
+other files.
 """
 _SUMMARY = """
 The end of a fit for other programs. ``schema`` is the version of this form, ``status`` says how the fit ended and

@@ -113,7 +113,7 @@ def test_a_run_ends_with_the_table_and_writes_nowhere_else(
     written = tree(here)
     assert all(name.startswith("runs/tiny/") for name in written)
     stages = [stage for stage in stages_of(SIMULATED).values() if not stage.needs]
-    files = [name for stage in stages for name in stage.leaves if "." in name]
+    files = [name for stage in stages for name in stage.leaves if "." in name and "*" not in name]
     assert {f"runs/tiny/{name}" for name in (*files, "run.log")} <= written.keys()
     for name in ("plan", "records", "frf", "fit", "validation"):
         assert cli.run_command(["inspect", f"runs/tiny/{name}.h5"]) == 0

@@ -55,7 +55,6 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({"temperature": "yes"}, "friction.law.temperature: no log has a temperature; add a channel of role t"),
         ({"constant": ""}, "experiment.recorded.channels[0].quantity: a current needs torque_constant (N*m/A)"),
         ({"passes": "{count: 9}"}, "friction.passes: speeds, count and window are of passes that are still to be made"),
         ({"thermometer": CONTROLLER}, "controller: no channel has role reference, so that the motion that"),
@@ -64,7 +63,6 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
             "controller.position_gain: 2 gains for 1 driven joints; give one for all, or one for each",
         ),
         ({"thermometer": REFERENCE + CONTROLLER.replace("30", "-1")}, "a loop that holds a joint has a positive one"),
-        ({"files": "      - {path: log.csv, joint: 2}"}, "files[0].joint: no driven joint is called '2'"),
         ({"files": "      - {path: log.csv, load: full}"}, "files[0].load: no load is called 'full'; there are empty"),
         ({"files": "      - {path: log.csv, speed: -1}"}, "speed is -1; it must be positive: passes go there and back"),
     ],

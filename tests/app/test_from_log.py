@@ -8,7 +8,6 @@ import pytest
 from plants.measured import BENCH, EMPS, KUKA, measured
 
 from elastid.app import cli
-from elastid.store.friction_study import read_friction_records
 from elastid.study import load_with_logs
 
 REAL = {
@@ -94,27 +93,3 @@ def test_real_logs_become_studies_that_check_accepts(name: str, tmp_path: Path) 
     study = load_with_logs(tmp_path / "new" / "study.yml").study
     assert study.kind == kind
     assert motion in [c.channel for c in study.experiment.channels if c.role == "y"]
-
-
-@pytest.mark.parametrize("unit", ["s", "ms", ""])
-def test_torques_and_angles_in_files_of_their_own_are_one_measurement(unit: str, motion: Path, tmp_path: Path) -> None:
-    """In whatever order they are given; in step by times in s, else row by row."""
-    rows, names = np.loadtxt(motion, delimiter=";", skiprows=1), ["time", "tau 1", "q 1", "tau 2", "q 2"]
-    rows[:, 0] *= 1e-3 if unit == "s" else 1
-    for path, columns in (("q.csv", [0, 2, 4]), ("tau.csv", [0, 1, 3])):
-        kept = columns if unit else columns[1:]
-        first = 200 if unit == "s" and path == "q.csv" else 0  # starts 1 s later
-        heading = ",".join(names[i] for i in kept)
-        np.savetxt(tmp_path / path, rows[first:, kept], "%.8g", ",", header=heading, comments="")
-    logs = [str(tmp_path / name) for name in ("q.csv", "tau.csv")]
-    assert cli.run_command(["new", str(tmp_path / "new"), "--from", *logs]) == 0
-    study, both = tmp_path / "new" / "study.yml", rows[200 if unit == "s" else 0 :]
-    if not unit:
-        study.write_text(study.read_text().replace("rate_hz: unknown", "rate_hz: 200"))
-    assert cli.run_command(["check", str(study)]) == 0
-    assert cli.run_command(["run", str(study), "measure", "--run", str(tmp_path / "run"), "-q"]) == 0
-    recorded = read_friction_records(tmp_path / "run" / "records.h5").records
-    assert [record.joint for record in recorded] == ["1", "2"]
-    for record, torque, angle in zip(recorded, (1, 3), (2, 4), strict=True):
-        assert np.allclose(record.torque[500:-500], both[500:-500, torque], atol=0.01)
-        assert np.allclose(record.position[500:-500], np.deg2rad(both[500:-500, angle]), atol=1e-4)

@@ -19,7 +19,7 @@ def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
     """M and the torques of gravity and motion, armatures, spring and damping of the joints apart; places of a site."""
     path = tmp_path / "crane.xml"
     path.write_text(ARM)
-    robot, left_out = read_mjcf(path)
+    robot = read_mjcf(path)
     model = mujoco.MjModel.from_xml_path(str(path))
     model.dof_armature[:], model.dof_damping[:], model.jnt_stiffness[:] = 0, 0, 0
     data, rng = mujoco.MjData(model), np.random.default_rng(1)
@@ -44,21 +44,19 @@ def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
     assert turn is not None
     assert turn.inertia * turn.ratio**2 == pytest.approx(12.0)
     assert turn.ratio == -60.0
-    assert left_out == ()
 
 
 def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque(tmp_path: Path) -> None:
     """Beside the armature, before the gear; a force's range, a control's where it is a force, and the joint's own."""
     path = tmp_path / "crane.xml"
     path.write_text(ARM.replace('armature="12"', 'armature="12" damping="7.2" stiffness="5"'))
-    robot, left_out = read_mjcf(path)
+    robot = read_mjcf(path)
     x, turn, _ = robot.driven
     assert (x.motor.viscous, turn.motor.viscous) == (4.0, pytest.approx(7.2 / 60**2))
     assert [joint.viscous for joint in robot.joints] == [0.0, 0.0, 0.0, 0.0]
     assert [joint.limits.torque for joint in robot.driven] == [7.0, 60 * 3.0, np.inf]
-    assert left_out == ("stiffness of joint turn, which is driven",)
     path.write_text(ARM.replace('axis="1 0.2 0"', 'axis="1 0.2 0" actuatorfrcrange="-5 5"').replace("-3 3", "-30 30"))
-    assert [joint.limits.torque for joint in read_mjcf(path)[0].driven] == [5.0, 60 * 0.5 * 8, np.inf]
+    assert [joint.limits.torque for joint in read_mjcf(path).driven] == [5.0, 60 * 0.5 * 8, np.inf]
 
 
 def _takes_data() -> bool:

@@ -49,7 +49,7 @@ def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     names = {stage.function: name for name, stage in stages_of(SIMULATED).items()}
 
     def written_down(text: str) -> Callable[..., object]:
-        def stage(**_: object) -> Artefacts:
+        def stage(*_: object) -> Artefacts:
             done.append(names[text])
             return Artefacts({})
 

@@ -1,4 +1,4 @@
-"""Every row of the table names a function whose arguments are the values that it declares."""
+"""The rows of the table agree with one another."""
 
 from elastid.app.stage_table import NAMES, STAGES
 
@@ -10,6 +10,6 @@ def test_no_kind_of_study_has_two_stages_of_a_name() -> None:
         assert len(set(names)) == len(names)
         for stage in STAGES:
             if kind in stage.kinds:
-                earlier = [source.stage for source in stage.sources if source.stage in names]
+                earlier = [source for source in stage.sources if source in names]
                 assert all(names.index(name) < names.index(stage.name) for name in earlier)
     assert NAMES[:3] == ("design", "measure", "estimate")

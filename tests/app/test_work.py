@@ -1,14 +1,10 @@
-"""A stage is handed what its row declares, and its stamp is the hash of that and of everything that is packaged."""
+"""A stage sees the keys that its row declares, and its stamp is the hash of that and of everything that is packaged."""
 
-import inspect
-import json
-import pickle
 import shutil
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import asdict, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any
 
 import pytest
@@ -16,13 +12,11 @@ import pytest
 import elastid
 from elastid.app import work
 from elastid.app.scaffold import new
-from elastid.app.stage_table import STAGES, Stage, stages_of_study
-from elastid.app.work import StudyFiles, code_hash, handed_values, stamps
+from elastid.app.stage_table import Stage, stages_of_study
+from elastid.app.work import code_hash, stamps
 from elastid.study import LoadedStudy, load
 
 PACKAGE = Path(elastid.__file__).parent
-# Properties of Study that rows read, and the sections of which they are made.
-DERIVED = {"seeded_fit": ("fit", "seed"), "places": ("robot", "experiment"), "friction_joints": ("robot", "friction")}
 TEMPLATES = ("serial", "parallel-linkage", "recorded", "frf", "friction")
 
 
@@ -52,19 +46,6 @@ def test_a_byte_of_any_packaged_file_changes_the_hash_of_the_code(tmp_path: Path
     content = path.read_bytes()
     path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]) if content else b"x")
     assert code_hash(root) != before
-
-
-@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.function)
-def test_a_stage_takes_the_values_of_its_row_and_nothing_else(stage: Stage) -> None:
-    """By keyword; none of them is a study or a run, through which it would reach the rest."""
-    parameters = inspect.signature(resolve_name(stage.function)).parameters
-    declared = {value.argument for value in stage.values} | {source.argument for source in stage.sources} | {"work"}
-    declared |= {"files"} if stage.files is not None else set()
-    optional = {name for name, parameter in parameters.items() if parameter.default is not inspect.Parameter.empty}
-    assert declared <= set(parameters)
-    assert set(parameters) - declared <= optional  # of stages that another kind of study has
-    assert all(parameter.kind is inspect.Parameter.KEYWORD_ONLY for parameter in parameters.values())
-    assert not {"Study", "LoadedStudy", "Run"} & {str(parameter.annotation) for parameter in parameters.values()}
 
 
 def keys(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -98,20 +79,11 @@ def changed(value: Any, path: tuple[Any, ...]) -> Any:
     return other
 
 
-def is_declared(stage: Stage, path: tuple[Any, ...]) -> bool | None:
-    """True if a row reads a key as it stands, False if it does not, None if it may through a property of the study."""
-    through_property = False
-    for value in stage.values:
-        names = tuple(value.name.split("."))
-        through_property |= path[0] in DERIVED.get(value.name, ())
-        if path[: len(names)] == names and (len(path) == len(names) or path[len(names)] not in value.without):
-            return True
-    return None if through_property else False
-
-
-def as_json(loaded: LoadedStudy, stage: Stage) -> str:
-    handed = handed_values(loaded, stage)
-    return json.dumps({name: value for name, value in handed.items() if name != "files"}, default=asdict)
+def is_declared(stage: Stage, path: tuple[Any, ...]) -> bool:
+    """True if a row reads a key."""
+    dotted = [".".join(map(str, path[:n])) for n in range(1, len(path) + 1)]
+    declared = {"experiment", *stage.keys.split()}
+    return bool(declared & {*dotted}) and not declared & {f"-{key}" for key in dotted}
 
 
 def is_plain(path: tuple[Any, ...]) -> bool:
@@ -124,7 +96,7 @@ def is_plain(path: tuple[Any, ...]) -> bool:
 def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(
     studies: dict[str, LoadedStudy], template: str
 ) -> None:
-    """For every key of the study: handed over and in the stamp where it is declared, in neither where it is not."""
+    """For every key of the study: seen and in the stamp where it is declared, in neither where it is not."""
     loaded = studies[template]
     stages, before = stages_of_study(loaded.study), stamps(loaded)
     tried = [path for path in keys(loaded.study) if is_plain(path)]
@@ -136,20 +108,11 @@ def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(
         except (ValueError, KeyError, TypeError):  # a section that is made again refuses such a value
             continue
         for name, stage in stages.items():
-            same = as_json(other, stage) == as_json(loaded, stage)
-            if (declared := is_declared(stage, path)) is not None:
-                assert same is not declared, (path, name)
-            sources = [source for source in stage.sources if source.stage in stages]
-            upstream = any(after[s.stage].inputs != before[s.stage].inputs for s in sources)
+            same = stage.sees(other.study) == stage.sees(loaded.study)
+            assert same is not is_declared(stage, path), (path, name)
+            sources = [source for source in stage.sources if source in stages]
+            upstream = any(after[source].inputs != before[source].inputs for source in sources)
             assert (after[name].inputs != before[name].inputs) is (not same or upstream), (path, name)
-
-
-def test_only_declared_files_of_the_study_are_reached(tmp_path: Path) -> None:
-    """In workers, too."""
-    files = pickle.loads(pickle.dumps(StudyFiles(tmp_path, ("logs/a.csv",))))
-    assert files / "logs/a.csv" == tmp_path / "logs" / "a.csv"
-    with pytest.raises(LookupError, match="must name it under files"):
-        files / "robot.yml"
 
 
 def test_the_content_of_a_log_changes_the_stamp_of_its_records(studies: dict[str, LoadedStudy]) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.artefacts import STAMP
 from plants.random_plants import ALL_PERIODS, N, record_of, two_modes
 
 from elastid.app.stages.estimate import estimate_configuration
@@ -68,7 +67,7 @@ def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) 
         write_records(path, records())
         tracemalloc.start()
         for name in read_configurations(path):
-            estimate_configuration(path, ALL_PERIODS, lines, None, None, STAMP, (name, None))
+            estimate_configuration(path, ALL_PERIODS, lines, None, None, name)
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return most

@@ -42,16 +42,6 @@ def refusals(study: Path, *overrides: str) -> list[str]:
             "estimator.method arithmetic takes 2 to 2",
         ),
         (
-            [
-                "experiment.experiments=1",
-                "experiment.realisations=1",
-                "excitation.phases=schroeder",
-                "estimator.method=auto",
-            ],
-            "experiment.experiments",
-            "neighbouring lines do not separate 2 motors",
-        ),
-        (
             ["robot.bodies.0.joints.0.limits={angle: [-0.45, 2]}", f"{SIMULATED}.carrier={{amplitude: 0.1}}"],
             "experiment.configurations.c[0]",
             "with the carrier's 0.1 rad to either side is outside its limits [-0.45, 2] rad",

@@ -7,7 +7,6 @@ logs. What is there is whole: a killed command leaves nothing that the next has 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,18 +126,6 @@ def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> Non
     folder.mkdir(parents=True, exist_ok=True)
     with text_file(folder / f"{run.name}.csv") as file:
         np.savetxt(file, rows, fmt="%.12g", delimiter=",", header=",".join(["time_s", *headings]), comments="")
-
-
-def wait_until_whole(path: Path) -> None:
-    """Wait until a file or folder no longer grows, so that no log is read while it is written."""
-    size = -1
-    while size != (now := _size(path)):
-        size = now
-        time.sleep(POLL_S)
-
-
-def _size(path: Path) -> int:
-    return sum(each.stat().st_size for each in path.iterdir()) if path.is_dir() else path.stat().st_size
 
 
 def require_one_robot_in_any_posture(study: Study, path: str) -> None:

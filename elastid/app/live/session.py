@@ -16,7 +16,6 @@ from elastid.app.live.folder import (
     POLL_S,
     LiveFolder,
     require_one_robot_in_any_posture,
-    wait_until_whole,
     write_simulated_log,
 )
 from elastid.app.run import Run, carry_out, logged_in, run_all
@@ -30,7 +29,7 @@ from elastid.base.workers import lasting_workers
 from elastid.design.next_experiment import Goal, Known, NextExperiment, next_experiment, read_goal
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, LevelSpec, unit_time_s
-from elastid.experiment.plan.movement import reference
+from elastid.experiment.plan.movement import Reference, reference
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
 from elastid.experiment.simulated.rig import SimulatedRig
@@ -192,11 +191,12 @@ class Session:
             if words := self._refusal(proposal, plans, result):
                 return words
             plan = proposal.plan
-            self._say_plan(proposal, step)
+            self.run.console.say(
+                f"live: x{step} at {degrees(plan.configurations[0].angles.tolist())}, {len(plan.experiments)} runs of "
+                f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
+            )
             write_plan(path, plan, self.stamp, peaks=proposal.limit_use)
-        model = model_of(problem.robot.carrying(True))
-        carrier = problem.simulated.carrier
-        self.folder.write_references(plan, reference(plan, carrier, feed_forward_of(model), plan.configurations[0]))
+        self.folder.write_references(plan, _reference(problem, plan))
         return plan
 
     def _seed(self, step: int) -> int:
@@ -209,9 +209,8 @@ class Session:
         if stamp is None or stamp.inputs != self.stamp.inputs:
             raise StudyError(
                 "live/study",
-                f"{path} was planned for another study, other data or other options, or for logs that "
-                f"{'a robot measures' if self.asked.simulate else 'are simulated'}; give another folder with --run, or "
-                f"remove {path.parent} to begin again",
+                f"{path} was planned for another study, other data or other options, simulated or not; give another "
+                f"folder with --run, or remove {path.parent} to begin again",
             )
 
     def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
@@ -231,8 +230,7 @@ class Session:
             width = 100 * share * self.goal.widths[name]
             return (
                 f"whatever is measured further, {name} stays at {width:.2g} % (goal {100 * self.goal.widths[name]:.3g} "
-                "%): measure parts of the robot and state it in robot.tolerances, add candidates, log more places "
-                "(experiment.simulated.outputs), or fix a parameter that is correlated with it"
+                "%): state robot.tolerances more narrowly, log more places, or fix a parameter correlated with it"
             )
         if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
             return ""
@@ -263,11 +261,10 @@ class Session:
                 f"live: run {self.folder.path / 'references'}/x{step}-*.csv and put the logs of the whole runs into "
                 f"{logs} under the same names; columns: {', '.join(c.channel for c in self.folder.channels)}"
             )
-        model, carrier = model_of(problem.robot.carrying(True)), problem.simulated.carrier
-        given = reference(plan, carrier, feed_forward_of(model), plan.configurations[0])
+        given, swings = _reference(problem, plan), problem.simulated.carrier is not None
         for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
             path = self._awaited(run)
-            planned = PlannedRun(plan, run, given, rehearsal, problem.robot, carrier is not None)
+            planned = PlannedRun(plan, run, given, rehearsal, problem.robot, swings)
             if words := contradiction(planned, *self.folder.signals(plan, run)):
                 raise DataError(
                     "live/logs",
@@ -276,12 +273,16 @@ class Session:
                 )
 
     def _awaited(self, run: Experiment) -> Path:
-        """The log of a run once it is there, and whole."""
-        while (path := self.folder.log(run)) is None:
+        """The log of a run once it is there, and no longer grows."""
+        last = -1
+        while True:
+            path = self.folder.log(run)
+            parts = [] if path is None else [path, *path.iterdir()] if path.is_dir() else [path]
+            size = sum(each.stat().st_size for each in parts)
+            if path is not None and (self.asked.simulate or size == last):
+                return path
+            last = size
             time.sleep(POLL_S)
-        if not self.asked.simulate:
-            wait_until_whole(path)
-        return path
 
     def _runs(self, plans: Sequence[Plan]) -> Iterator[Run]:
         """Runs of all logs so far, from one start of the fit and, since that may end in a false valley, from all."""
@@ -304,15 +305,6 @@ class Session:
                 break
         return result
 
-    def _say_plan(self, proposal: NextExperiment, step: int) -> None:
-        plan = proposal.plan
-        for words in proposal.refused:
-            self.run.console.detail(f"live: not {words}")
-        self.run.console.say(
-            f"live: x{step} at {degrees(plan.configurations[0].angles.tolist())}, {len(plan.experiments)} runs of "
-            f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
-        )
-
     def _report(self, plans: Sequence[Plan], result: Result, used: Mapping[str, float]) -> None:
         spent = sum(plan.robot_time_s for plan in plans)
         reached = sum(share <= 1 for share in used.values())
@@ -328,11 +320,16 @@ class Session:
 
     def _reached(self, plans: Sequence[Plan]) -> str:
         spent, whole = sum(plan.robot_time_s for plan in plans), planned_time_s(self.run)
-        count = f"{len(plans)} experiment" + "s" * (len(plans) > 1)
         return (
-            f"the goal is reached after {count} and {spent:.4g} s of the robot's time, {100 * spent / whole:.0f} % of "
-            f"the {whole:.4g} s of the study's own plan"
+            f"the goal is reached after {len(plans)} experiments and {spent:.4g} s of the robot's time, "
+            f"{100 * spent / whole:.0f} % of the {whole:.4g} s of the study's own plan"
         )
+
+
+def _reference(problem: DesignProblem, plan: Plan) -> Reference:
+    """The movement of the robot in the configuration of a plan."""
+    forward = feed_forward_of(model_of(problem.robot.carrying(True)))
+    return reference(plan, problem.simulated.carrier, forward, plan.configurations[0])
 
 
 def _contradiction(step: int, result: Result) -> str:

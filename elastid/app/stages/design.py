@@ -16,50 +16,35 @@ from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import DesignSpec
-from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.movement import Reference, reference
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.plant import feed_forward_of, model_of
-from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.fit.spec import FitSpec
-from elastid.frf.spec import Friction
-from elastid.model.spec import ModelSpec
-from elastid.record import Configuration, Motion
+from elastid.record import Configuration
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp
 from elastid.store.measured import read_responses, write_movement, write_plan, write_torque
 from elastid.store.results import read_fit
+from elastid.study import Study
 from elastid.study.checks.experiment import responses_file
 
 
-def design(
-    *,
-    seed: int,
-    robot: Robot,
-    excitation: MultisineSpec | None,
-    experiment: ExperimentSpec,
-    design: DesignSpec | None,
-    model: ModelSpec,
-    fit: FitSpec,
-    quantity: Motion,
-    friction: Friction,
-    left_out: tuple[str, ...],
-    files: Path,
-    work: Work,
-) -> Artefacts:
+def design(study: Study, work: Work) -> Artefacts:
     """plan.h5 with its forecast, and references/*.csv for a robot controller, within the robot's limits.
 
     <configuration>-movement.csv: a whole run with its ramps.  <experiment>.csv: one period of torque to inject.
     Raises StudyError for a design without a solution, DataError for an earlier result that cannot be read.
     """
+    robot, excitation, spec = study.as_robot(), study.excitation, study.design
     if excitation is None:
         raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
-    measured, fitted_values, like = _earlier_measurements(design, files)
-    study = robot, excitation, experiment, fit, quantity, seed, design, left_out
-    problem = DesignProblem(*study, measured, fitted_values, like, model, friction=friction)
-    carrier = experiment.as_simulated().carrier
+    measured, fitted_values, like = _earlier_measurements(spec, work.base)
+    problem = DesignProblem(
+        *(robot, excitation, study.experiment, study.fit, study.estimator.quantity, study.seed, spec),
+        *(study.validation.left_out, measured, fitted_values, like, study.model), friction=study.estimator.friction,
+    )  # fmt: skip
+    carrier = study.experiment.as_simulated().carrier
     with work.execution() as execution:
         designed = design_experiments(problem, execution)
         movement = partial(_reference, designed.plan, carrier, robot)

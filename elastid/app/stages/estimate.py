@@ -1,9 +1,4 @@
-"""estimate: records, or responses of other programs -> frf.h5, one response for each configuration.
-
-Where friction was taken out of the torque, the records without it stay beside frf.h5, in net_records.h5: the motions
-under friction cost most of the stage, and later stages read the same records again. Layout and units are those of
-records.h5, of whole periods; u is the torque without friction, and y has the images of that torque.
-"""
+"""estimate: records, or responses of other programs -> frf.h5, one response for each configuration."""
 
 from __future__ import annotations
 
@@ -11,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -22,72 +16,49 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.plan.plan import checked_configurations
-from elastid.experiment.specs.channels import Places
-from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
+from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.recorded import ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.find import find_friction
 from elastid.nonlinear.friction import FrictionTakenOut
-from elastid.nonlinear.take_out import estimate_without_friction, net_records, on_shafts, shaft_couplings
+from elastid.nonlinear.take_out import estimate_without_friction, on_shafts, shaft_couplings
 from elastid.record import Configuration, Record
 from elastid.recorded.files.formats import naming
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Response, in_quantity
 from elastid.robot import Robot
-from elastid.store.artefacts import Stamp, kind_of, read_stamp
+from elastid.store.artefacts import kind_of
 from elastid.store.measured import (
     read_configurations,
     read_plan,
     read_records,
     read_responses,
-    write_records,
     write_responses,
 )
+from elastid.study import Study
 
-NET_RECORDS = "net_records.h5"
 
-
-def estimate(
-    *, robot: Robot | None, estimator: EstimatorSpec, measure_file: Path, work: Work, design_file: Path | None = None
-) -> Artefacts:
+def estimate(study: Study, work: Work) -> Artefacts:
     """frf.h5 from records.h5; each process has one configuration in memory at a time."""
-    lines = None if design_file is None else read_plan(design_file).lines
+    robot, estimator, records = study.robot, study.estimator, work.sources["measure"]
+    lines = read_plan(work.sources["design"]).lines if "design" in work.sources else None
     E = shaft_couplings(robot)
-    friction = find_friction_of_run(measure_file, estimator, lines, E, Execution(work.jobs))
+    friction = find_friction_of_run(records, estimator, lines, E, Execution(work.jobs))
     if friction is not None:
         work.console.notes(note for note in friction.notes if note.severity == "warning")
-    names = read_configurations(measure_file)
-    net_files: Sequence[Path | None] = [None] * len(names)
-    if friction is not None and friction.shapes:
-        work.parts.mkdir(parents=True, exist_ok=True)
-        net_files = [work.parts / f"{i}.h5" for i in range(len(names))]
-    estimate_one = partial(estimate_configuration, measure_file, estimator, lines, friction, robot, work.stamp)
+    names = read_configurations(records)
+    estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot)
     with work.execution() as execution:
-        estimates = execution.ordered(estimate_one, list(zip(names, net_files, strict=True)))
+        estimates = execution.ordered(estimate_one, names)
     responses = [response for response, _ in estimates]
     reported = {note for _, notes in estimates for note in notes}  # when the records were measured
     notes = [note for response in responses for note in response.notes if note not in reported]
-    return _artefacts(responses, notes, friction, [path for path in net_files if path is not None])
+    return _artefacts(responses, notes, friction)
 
 
-def net_records_of(frf_file: Path) -> Path | None:
-    """The records without friction beside a frf.h5 of the same run; None where they are missing, damaged or foreign."""
-    path = frf_file.with_name(NET_RECORDS)
-    net, own = read_stamp(path), read_stamp(frf_file)
-    return path if net is not None and own is not None and own.is_of(net) else None
-
-
-def import_responses(
-    *,
-    robot: Robot | None,
-    places: Places,
-    experiment: ExperimentSpec,
-    estimator: EstimatorSpec,
-    files: Path,
-    work: Work,
-) -> Artefacts:
+def import_responses(study: Study, work: Work) -> Artefacts:
     """frf.h5 from files of other programs, or of another run."""
-    responses = list(imported_responses(robot, places, experiment, estimator, files))
+    responses = list(imported_responses(study, work.base))
     return _artefacts(responses, [note for response in responses for note in response.notes])
 
 
@@ -97,20 +68,14 @@ def estimate_configuration(
     lines: IntArray | None,
     friction: FrictionTakenOut | None,
     robot: Robot | None,
-    stamp: Stamp,
-    item: tuple[str, Path | None],
+    configuration: str,
 ) -> tuple[Response, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read.
 
-    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.  item: the name of
-    the configuration, and a file for its records without friction.
+    friction: taken out of the records' torque before.  robot: with the gears of the motors, or None.
     """
-    configuration, net_file = item
-    records, E = tuple(read_records(path, configuration)), shaft_couplings(robot)
-    net = tuple(net_records(records, friction, E))
-    if net_file is not None:
-        write_records(net_file, net, stamp)
-    response = estimate_without_friction(records, friction, spec, lines, E, robot, net)
+    records = tuple(read_records(path, configuration))
+    response = estimate_without_friction(records, friction, spec, lines, shaft_couplings(robot), robot)
     repairs: Counter[str] = Counter()
     for record in records:
         repairs.update(record.repairs)
@@ -147,16 +112,7 @@ def _artefacts(
     responses: Sequence[Response],
     notes: Sequence[Note],
     friction: FrictionTakenOut | None = None,
-    net_files: Sequence[Path] = (),
 ) -> Artefacts:
-    """frf.h5, after the records without friction of all configurations, or without those of an earlier run."""
-
-    def write_net(path: Path, stamp: Stamp) -> None:
-        if net_files:
-            write_records(path, chain.from_iterable(map(read_records, net_files)), stamp)
-        else:
-            path.unlink(missing_ok=True)
-
     def report(console: Console) -> None:
         console.notes(notes)
         counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
@@ -166,23 +122,21 @@ def _artefacts(
                 console.say(f"estimate: {note.text}")
 
     frf: Write = lambda path, stamp: write_responses(path, responses, stamp, friction)  # noqa: E731
-    return Artefacts({NET_RECORDS: write_net, "frf.h5": frf}, report)
+    return Artefacts({"frf.h5": frf}, report)
 
 
-def imported_responses(
-    robot: Robot | None, places: Places, experiment: ExperimentSpec, estimator: EstimatorSpec, base: Path
-) -> Iterator[Response]:
+def imported_responses(study: Study, base: Path) -> Iterator[Response]:
     """One response for each file of the experiment, in their order, in the estimator's quantity and band.
 
     Raises StudyError where channels or configuration and file do not fit, DataError where a file cannot be used.
     """
-    spec = experiment.responses
+    spec, estimator = study.experiment.responses, study.estimator
     assert spec is not None  # the kind of the experiment is `responses`
-    configurations = {c.name: c for c in checked_configurations(experiment, places)}
+    configurations = {c.name: c for c in checked_configurations(study.experiment, study.places)}
     for file in spec.files:
         path, configuration = base / file.path, configurations[file.configuration]
         if kind_of(path) == "frf":
-            response = in_quantity(_of_another_run(path, file, configuration, robot), estimator.quantity)
+            response = in_quantity(_of_another_run(path, file, configuration, study.robot), estimator.quantity)
             if spec.is_held:
                 text = "hold is not taken out of it: the study that estimated it says in experiment.recorded.hold"
                 response = replace(response, notes=(*response.notes, Note("responses/hold", text, str(path))))
@@ -195,7 +149,7 @@ def imported_responses(
                 )
             with naming(path, f"its values are no frequency response; look at them with `elastid inspect {path}`"):
                 table = read_table(path, spec, file.response)
-                response = link_side_response(table, spec, configuration, places, estimator.quantity)
+                response = link_side_response(table, spec, configuration, study.places, estimator.quantity)
         if estimator.band_hz is not None:
             low, high = estimator.band_hz
             inside = (response.freq_hz >= low) & (response.freq_hz <= high)
@@ -205,15 +159,13 @@ def imported_responses(
         yield response
 
 
-def tool_responses(
-    tool: ToolSpec | None, robot: Robot, experiment: ExperimentSpec, estimator: EstimatorSpec, files: Path
-) -> list[Response]:
+def tool_responses(tool: ToolSpec | None, study: Study, base: Path) -> list[Response]:
     """The responses by forces at the tool, whatever rig measured the others."""
     if tool is None:
         return []
-    own = replace(experiment, simulated=None, recorded=None, responses=tool.responses)
-    measured = imported_responses(robot, robot, own, replace(estimator, band_hz=None), files)
-    return [replace(G, motors=tool.motors, loop=tool.loop) for G in measured]
+    experiment = replace(study.experiment, simulated=None, recorded=None, responses=tool.responses)
+    own = replace(study, experiment=experiment, estimator=replace(study.estimator, band_hz=None))
+    return [replace(G, motors=tool.motors, loop=tool.loop) for G in imported_responses(own, base)]
 
 
 def _of_another_run(path: Path, file: ResponseFileSpec, configuration: Configuration, robot: Robot | None) -> Response:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import contents, robot_files, truth
@@ -14,75 +13,54 @@ from elastid.app.stages.measure import tests_of
 from elastid.app.summaries import as_json, failure, interrupted, modes_of, summary
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import FitError, MisfitError
-from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
-from elastid.fit.load_tests import LoadsSpec
 from elastid.fit.parameter_choice import AT_TOOL
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import Interrupted
-from elastid.fit.spec import FitSpec
-from elastid.frf.spec import EstimatorSpec
-from elastid.model.spec import ModelSpec
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.report.content import ParameterRow, gear_line, gear_table, parameter_rows
 from elastid.report.overview import OPEN_GEARS, next_steps, numbers_answer, residual_sentence, verdict_sentence
-from elastid.robot import Robot
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
+from elastid.study import Study
 from elastid.validation.agreement import agreement
 
 TRUSTED = ("converged", "noise_unknown", "at_bound")
 
 
-def fit(
-    *,
-    name: str,
-    robot: Robot,
-    experiment: ExperimentSpec,
-    model: ModelSpec,
-    seeded_fit: FitSpec,
-    seed: int,
-    loads: LoadsSpec | None,
-    tool: ToolSpec | None,
-    estimator: EstimatorSpec,
-    files: Path,
-    left_out: tuple[str, ...],
-    estimate_file: Path,
-    work: Work,
-) -> Artefacts:
+def fit(study: Study, work: Work) -> Artefacts:
     """fit.h5, summary.json and identified_robot.yml; without a result a summary with the reason, and FitError.
 
     An interrupted fit leaves its finished starts in fit.partial, from where the next is resumed.
     """
-    responses, friction = read_responses(estimate_file), read_friction(estimate_file)
-    fitted = [response for response in responses if response.configuration.name not in left_out]
-    tests = tests_of(loads, robot, experiment, responses, seed)
+    robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.left_out
+    responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
+    fitted, tests = study.fitted(responses), tests_of(study, responses)
     tapped = [
         replace(G, configuration=replace(G.configuration, name=G.configuration.name + AT_TOOL))
-        for G in tool_responses(tool, robot, experiment, estimator, files)
+        for G in tool_responses(study.tool, study, work.base)
         if G.configuration.name not in left_out
     ]
     unfinished = work.checkpoint()
     try:
         with work.execution(unfinished) as execution:
-            result = identify([*fitted, *tapped], robot, seeded_fit, model=model, execution=execution, loads=tests)
+            result = identify([*fitted, *tapped], robot, spec, model=study.model, execution=execution, loads=tests)
     except FitError as error:
-        return Artefacts({"summary.json": as_json(failure(name, seeded_fit.starts, str(error)))}, error=error)
+        return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     except Interrupted as stop:
         words = f"fit: stopped, {unfinished.words or 'no start'} done and kept"
-        content = interrupted(name, seeded_fit, robot, tuple(experiment.configurations), stop.ends)
-        return Artefacts({"summary.json": as_json(content)}, lambda c: c.say(words), stop)
+        return Artefacts({"summary.json": as_json(interrupted(study, stop.ends))}, lambda c: c.say(words), stop)
     result = replace(result, notes=(*result.notes, *(note for response in tapped for note in response.notes)))
-    model_of_all = FittedRobot.of(result, robot, responses, model)
+    model_of_all = FittedRobot.of(result, robot, responses, study.model)
     agreements = [
         agreement(m, G, m.configuration.name in left_out, peaks=False)
         for m, G in zip(responses, model_of_all.responses, strict=True)
     ]
     notes = [note for response in responses for note in response.notes]
-    rows = fitted_rows(robot, experiment, seeded_fit, result, friction)
-    content = summary(name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
+    rows = fitted_rows(study, result, friction)
+    content = summary(study.name, robot, result, rows, modes_of(model_of_all), agreements, notes, friction)
 
     def report(console: Console) -> None:
         console.notes(result.notes, on_page=True)
@@ -93,17 +71,16 @@ def fit(
             console.say(f"fit: {result.tool.words}")
 
     names = [response.configuration.name for response in responses]
-    robots = {file: text(robot_file) for file, robot_file in robot_files(name, robot, result, friction, names)}
+    robots = {file: text(robot_file) for file, robot_file in robot_files(study.name, robot, result, friction, names)}
     result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp)}
     return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
 
 
-def fitted_rows(
-    robot: Robot, experiment: ExperimentSpec, spec: FitSpec, result: Result, friction: FrictionTakenOut | None
-) -> tuple[ParameterRow, ...]:
+def fitted_rows(study: Study, result: Result, friction: FrictionTakenOut | None) -> tuple[ParameterRow, ...]:
     """A row for each parameter, with its truth where the rig is simulated."""
-    true = truth(robot, experiment.simulated, spec.parameters, friction)
-    contained = contents(robot, experiment.simulated is not None, friction, result.parameters.free)
+    robot, simulated = study.as_robot(), study.experiment.simulated
+    true = truth(robot, simulated, study.fit.parameters, friction)
+    contained = contents(robot, simulated is not None, friction, result.parameters.free)
     return parameter_rows(result, true, contained)
 
 
@@ -131,8 +108,7 @@ def conclude(run: Run) -> None:
     result = with_gears(linear, opened)
     estimated = run.path("estimate").exists()  # a kept fit does not need it
     friction = read_friction(run.path("estimate")) if estimated else None
-    study = run.study
-    rows = fitted_rows(study.as_robot(), study.experiment, study.fit, result, friction)
+    rows = fitted_rows(run.study, result, friction)
     run.console.table(result_table(result.display, rows))
     if opened is not None and not opened.refused:
         run.console.table(gear_table(opened))

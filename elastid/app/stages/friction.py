@@ -24,7 +24,6 @@ from elastid.design.friction import design_friction
 from elastid.experiment.plan.friction import FrictionPlan, pass_reference
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.plant import true_robot
-from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_study.extended_kalman_filter import (
     FilterNoise,
@@ -37,33 +36,25 @@ from elastid.friction_study.extended_kalman_filter import (
 from elastid.friction_study.joint_levels import find_joint_levels
 from elastid.friction_study.laws import NOT_ASKED
 from elastid.friction_study.result import JointFriction, JointLevels, held_spring, identify_friction
-from elastid.friction_study.spec import FilterSpec, FrictionSpec, LoadSpec
+from elastid.friction_study.spec import FilterSpec
 from elastid.record import FrictionRecord, FrictionRecords
 from elastid.recorded.friction_logs import read_friction_logs
 from elastid.report.friction_content import FrictionContent, part_words, refusals
 from elastid.report.page.page_of_friction import write_page_of_friction
-from elastid.robot import Joint, Robot
+from elastid.robot import Robot
 from elastid.robot.friction_numbers import with_laws
 from elastid.store import friction_study as stored
 from elastid.store.artefacts import Stamp
 from elastid.store.measured import write_pass_reference, write_torque_reference
 from elastid.store.results import read_twin
-from elastid.study.sections import ReportSpec
+from elastid.study import Study
 from elastid.validation.friction_twin import friction_balances, friction_runs, predict_logs
 from elastid.validation.twin import NO_PREDICTION, TwinFindings, describe_balance
 
 
-def design_motions(
-    *,
-    seed: int,
-    robot: Robot,
-    friction_joints: tuple[Joint, ...],
-    experiment: ExperimentSpec,
-    friction: FrictionSpec,
-    work: Work,
-) -> Artefacts:
+def design_motions(study: Study, work: Work) -> Artefacts:
     """plan.h5 of a friction study, and references/<motion>.csv for a robot controller, within the robot's limits."""
-    plan = design_friction(friction, friction_joints, experiment, robot, seed)
+    plan = design_friction(study.as_friction(), study.friction_joints, study.experiment, study.as_robot(), study.seed)
 
     def report(console: Console) -> None:
         console.notes(plan.notes)
@@ -92,11 +83,10 @@ def _write_motions(plan: FrictionPlan, folder: Path, stamp: Stamp) -> None:
             write_torque_reference(path, motion.torque, plan.rate_hz)
 
 
-def simulate_motions(
-    *, seed: int, robot: Robot, experiment: ExperimentSpec, design_file: Path, work: Work
-) -> Artefacts:
+def simulate_motions(study: Study, work: Work) -> Artefacts:
     """records.h5 of the simulated rig, which carries out the motions of a friction study, each in a process."""
-    rig = SimulatedFrictionRig(robot, experiment, stored.read_friction_plan(design_file), seed)
+    plan = stored.read_friction_plan(work.sources["design"])
+    rig = SimulatedFrictionRig(study.as_robot(), study.experiment, plan, study.seed)
     write = stored.write_friction_records
     records, report = measure_parts(
         work, rig.motions, rig.measure, lambda path: stored.read_friction_records(path).records, write, "motions"
@@ -105,18 +95,11 @@ def simulate_motions(
     return Artefacts(files, report)
 
 
-def import_motions(
-    *,
-    robot: Robot,
-    friction_joints: tuple[Joint, ...],
-    experiment: ExperimentSpec,
-    loads: tuple[LoadSpec, ...],
-    files: Path,
-    work: Work,
-) -> Artefacts:
+def import_motions(study: Study, work: Work) -> Artefacts:
     """records.h5 of the logs of a friction study."""
-    joints, payloads = [joint.name for joint in friction_joints], {load.name: load.payload for load in loads}
-    logs = read_friction_logs(robot, experiment, files, joints, payloads)
+    joints = [joint.name for joint in study.friction_joints]
+    payloads = {load.name: load.payload for load in study.as_friction().loads}
+    logs = read_friction_logs(study.as_robot(), study.experiment, work.base, joints, payloads)
     notes = (*logs.notes, *(note for record in logs.records for note in record.notes))
     parts: dict[str, Write] = {
         "records.h5": lambda p, stamp: stored.write_friction_records(p, logs.records, stamp, logs.warm_ups, logs.notes)
@@ -124,13 +107,11 @@ def import_motions(
     return Artefacts(parts, partial(report_count, notes, len(logs.records)))
 
 
-def levels(
-    *, robot: Robot, friction_joints: tuple[Joint, ...], left_out: tuple[str, ...], measure_file: Path, work: Work
-) -> Artefacts:
+def levels(study: Study, work: Work) -> Artefacts:
     """levels.h5: friction at each speed, load and temperature, and the regression of each joint's motions."""
-    measured, _ = stored.read_friction_records(measure_file).divided(left_out)
-    joints = [joint for joint in friction_joints if joint.name in measured.joints]
-    joint_levels = find_joint_levels(robot, joints, measured)
+    measured, _ = stored.read_friction_records(work.sources["measure"]).divided(study.validation.left_out)
+    joints = [joint for joint in study.friction_joints if joint.name in measured.joints]
+    joint_levels = find_joint_levels(study.as_robot(), joints, measured)
 
     def report(console: Console) -> None:
         said = [note for record in measured.records for note in record.notes]
@@ -141,24 +122,15 @@ def levels(
     return Artefacts({"levels.h5": lambda path, stamp: stored.write_levels(path, joint_levels, stamp)}, report)
 
 
-def friction(
-    *,
-    name: str,
-    robot: Robot,
-    experiment: ExperimentSpec,
-    friction: FrictionSpec,
-    left_out: tuple[str, ...],
-    measure_file: Path,
-    levels_file: Path,
-    work: Work,
-) -> Artefacts:
+def friction(study: Study, work: Work) -> Artefacts:
     """friction.h5, summary.json, identified_robot.yml; without a result a summary with the reason, and FitError."""
-    joint_levels = stored.read_levels(levels_file)
-    measured, others = stored.read_friction_records(measure_file).divided(left_out)
-    simulated, recorded = experiment.simulated, experiment.recorded
+    name, robot, left_out = study.name, study.as_robot(), study.validation.left_out
+    joint_levels = stored.read_levels(work.sources["levels"])
+    measured, others = stored.read_friction_records(work.sources["measure"]).divided(left_out)
+    simulated, recorded = study.experiment.simulated, study.experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
     try:
-        result = identify_friction(robot, joint_levels, measured, friction, truth)
+        result = identify_friction(robot, joint_levels, measured, study.as_friction(), truth)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failed_friction(name, str(error)))}, error=error)
     # Along the first log of each group of joints that moved together.
@@ -187,23 +159,15 @@ def friction(
     )
 
 
-def report_friction(
-    *,
-    name: str,
-    text: str,
-    report: ReportSpec,
-    friction_file: Path,
-    work: Work,
-    design_file: Path | None = None,
-    follow_file: Path | None = None,
-) -> Artefacts:
+def report_friction(study: Study, work: Work) -> Artefacts:
     """The page and figures of a friction study."""
-    plan = None if design_file is None else stored.read_friction_plan(design_file)
-    filters = () if follow_file is None else stored.read_filter(follow_file)
-    result, twin = stored.read_friction_result(friction_file), read_twin(friction_file, stored.FRICTION)
-    left_out = stored.read_left_out(friction_file)
-    content = FrictionContent(name, result, text, work.stamp.shown, plan, filters, twin, left_out)
-    return page_artefacts(write_page_of_friction, content, report, work)
+    files, stamp = work.sources, work.stamp
+    plan = stored.read_friction_plan(files["design"]) if "design" in files else None
+    filters = stored.read_filter(files["follow"]) if "follow" in files else ()
+    result, twin = stored.read_friction_result(files["friction"]), read_twin(files["friction"], stored.FRICTION)
+    left_out = stored.read_left_out(files["friction"])
+    content = FrictionContent(study.name, result, stamp.study, stamp.shown, plan, filters, twin, left_out)
+    return page_artefacts(write_page_of_friction, content, study, work)
 
 
 def conclude(run: Run) -> None:
@@ -247,15 +211,14 @@ def _level_words(joint: JointLevels) -> str:
 _PARTS = {"cos": "gravity.cos", "sin": "gravity.sin", "constant": "offset"}
 
 
-def follow_friction(
-    *, robot: Robot, filter: FilterSpec, measure_file: Path, friction_file: Path, work: Work
-) -> Artefacts:
+def follow_friction(study: Study, work: Work) -> Artefacts:
     """filter.h5: of each joint the followed numbers over time with their bands, and the consistency of the filter."""
-    measured, result = stored.read_friction_records(measure_file), stored.read_friction_result(friction_file)
-    followed, notes = [], []
+    measured = stored.read_friction_records(work.sources["measure"])
+    result = stored.read_friction_result(work.sources["friction"])
+    followed, notes, spec = [], list[Note](), study.filter or FilterSpec()
     for joint in result.joints:
         try:
-            followed.append(_followed(robot, joint, _records_of(measured, joint.joint), filter))
+            followed.append(_followed(study.as_robot(), joint, _records_of(measured, joint.joint), spec))
         except StudyError as error:
             notes.append(Note("filter/record", str(error)))
     if not followed:

@@ -20,12 +20,10 @@ from elastid.app.summaries import as_json, listed, section
 from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
-from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
-from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
 from elastid.nonlinear.gear_sheet import open_gears
@@ -37,38 +35,26 @@ from elastid.robot.simplified import with_straight_springs
 from elastid.store.kinds import json_value
 from elastid.store.measured import read_friction, read_plan, read_responses
 from elastid.store.results import read_fit, write_gears
+from elastid.study import Study
 
 
-def gears(
-    *,
-    name: str,
-    robot: Robot,
-    experiment: ExperimentSpec,
-    model: ModelSpec,
-    seeded_fit: FitSpec,
-    estimator: EstimatorSpec,
-    gears: GearsSpec,
-    left_out: tuple[str, ...],
-    measure_file: Path,
-    estimate_file: Path,
-    fit_file: Path,
-    work: Work,
-    design_file: Path | None = None,
-) -> Artefacts:
+def gears(study: Study, work: Work) -> Artefacts:
     """gears.h5; summary.json and identified_robot.yml of the fit are written again with what was found."""
-    every, result, friction = read_responses(estimate_file), read_fit(fit_file), read_friction(estimate_file)
-    responses = [response for response in every if response.configuration.name not in left_out]
-    planned = None if design_file is None else read_plan(design_file).lines
-    records = [RecordsOnShafts(measure_file, response.configuration.name, None) for response in responses]
+    robot, model, files_of = study.as_robot(), study.model, work.sources
+    every, friction = read_responses(files_of["estimate"]), read_friction(files_of["estimate"])
+    responses, result = study.fitted(every), read_fit(files_of["fit"])
+    planned = read_plan(files_of["design"]).lines if "design" in files_of else None
+    records = [RecordsOnShafts(files_of["measure"], response.configuration.name, None) for response in responses]
     with work.execution() as execution:
-        start = on_straight_springs(robot, responses, result, model, seeded_fit, execution)
-        opened = open_gears(records, responses, *start, estimator, gears, execution, model, planned)
+        start = on_straight_springs(robot, responses, result, model, study.seeded_fit, execution)
+        spec = study.gears or GearsSpec()
+        opened = open_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
     final = with_gears(result, opened)
-    rows = fitted_rows(robot, experiment, seeded_fit, final, friction)
-    content = with_gear_section(_summary(fit_file.with_name("summary.json")), result, rows, opened)
+    rows = fitted_rows(study, final, friction)
+    content = with_gear_section(_summary(files_of["fit"].with_name("summary.json")), result, rows, opened)
     names = [response.configuration.name for response in every]
     files: dict[str, Write] = {"summary.json": as_json(content)}
-    files |= {file: text(each) for file, each in robot_files(name, robot, final, friction, names, opened)}
+    files |= {file: text(each) for file, each in robot_files(study.name, robot, final, friction, names, opened)}
     files["gears.h5"] = lambda path, stamp: write_gears(path, opened, stamp)
 
     def report(console: Console) -> None:

@@ -17,32 +17,31 @@ from elastid.base.errors import Note
 from elastid.experiment.plan.plan import Rig
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.channels import Places
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.fit.load_tests import LoadsSpec, LoadTest
+from elastid.fit.load_tests import LoadTest
 from elastid.fit.problem.static_loads import PlacedTest, load_of, placed_tests
 from elastid.linear.loaded import LoadedRobot
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, FrictionRecord, Record
 from elastid.recorded.rig import RecordedRig
 from elastid.response import Response
-from elastid.robot import Robot
 from elastid.robot.robot import with_frames
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import remove_leftovers
 from elastid.store.measured import read_plan, read_records, write_records
+from elastid.study import Study
 
 R = TypeVar("R", Record, FrictionRecord)
 
 
-def simulate(*, seed: int, robot: Robot, experiment: ExperimentSpec, design_file: Path, work: Work) -> Artefacts:
+def simulate(study: Study, work: Work) -> Artefacts:
     """records.h5 of the simulated rig, which carries out the plan."""
-    return _measure(SimulatedRig(robot, experiment, read_plan(design_file), seed), work)
+    plan = read_plan(work.sources["design"])
+    return _measure(SimulatedRig(study.as_robot(), study.experiment, plan, study.seed), work)
 
 
-def import_logs(*, places: Places, experiment: ExperimentSpec, files: Path, work: Work) -> Artefacts:
+def import_logs(study: Study, work: Work) -> Artefacts:
     """records.h5 of the logs that the study names."""
-    rig = RecordedRig(places, experiment, files)
+    rig = RecordedRig(study.places, study.experiment, work.base)
     return _measure(rig, work, rig.is_large)
 
 
@@ -102,40 +101,34 @@ def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
     console.say(f"measure: {count} records")
 
 
-def tests_of(
-    loads: LoadsSpec | None, robot: Robot, experiment: ExperimentSpec, responses: Sequence[Response], seed: int
-) -> tuple[PlacedTest, ...]:
+def tests_of(study: Study, responses: Sequence[Response]) -> tuple[PlacedTest, ...]:
     """Load tests of a study in the configurations of its responses or experiment; none without the section.
 
     On a simulated rig a test without a deflection is measured, with the error that it states; the same seed gives the
     same readings.
     """
-    if loads is None:
+    if study.loads is None:
         return ()
-    named = named_configurations(experiment)
+    experiment = study.experiment
+    named = {
+        name: Configuration(name, np.array(angles, dtype=float), carries=name not in experiment.without_payload)
+        for name, angles in experiment.configurations.items()
+    }
     named |= {response.configuration.name: response.configuration for response in responses}
-    tests = placed_tests(loads.tests, named)
+    tests = placed_tests(study.loads.tests, named)
     if experiment.simulated is None or all(each.test.deflection is not None for each in tests):
         return tests
-    truth = true_robot(robot, experiment.simulated.truth)
+    truth = true_robot(study.as_robot(), experiment.simulated.truth)
     own = tuple(load_of(each, truth) for each in tests)
     model = formulate(
         with_frames(truth, (name for load in own for name in (load.frame, load.read_at))), experiment.simulated.model
     )
     exact, _ = LoadedRobot.of(model, own, [model.theta] * len(own), ()).deflections([model.theta] * len(own))
-    draws = np.random.SeedSequence([seed, len(tests)]).spawn(len(tests))
+    draws = np.random.SeedSequence([study.seed, len(tests)]).spawn(len(tests))
     return tuple(
         each if each.test.deflection is not None else replace(each, test=_measured(each.test, y, draw))
         for each, y, draw in zip(tests, exact, draws, strict=True)
     )
-
-
-def named_configurations(experiment: ExperimentSpec) -> dict[str, Configuration]:
-    """The configurations of an experiment by name."""
-    return {
-        name: Configuration(name, np.array(angles, dtype=float), carries=name not in experiment.without_payload)
-        for name, angles in experiment.configurations.items()
-    }
 
 
 def _measured(test: LoadTest, exact: FloatArray, draw: np.random.SeedSequence) -> LoadTest:

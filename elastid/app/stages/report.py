@@ -14,70 +14,51 @@ from elastid.app.identified_robot import contents, truth
 from elastid.app.summaries import modes_of
 from elastid.app.work import Artefacts, Work, Write
 from elastid.base.execution import Execution
-from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.fit.spec import FitSpec
-from elastid.frf.spec import EstimatorSpec
-from elastid.modal.spec import ModalSpec
-from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.content import ReportContent, dense_models
 from elastid.report.page.page import write_report
-from elastid.robot import Robot
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.measured import read_forecast, read_friction, read_peaks, read_plan, read_responses, write_modes
 from elastid.store.results import read_comparison, read_fit, read_gears, read_twin, read_validation
-from elastid.study.sections import ReportSpec
+from elastid.study import Study
 
 
-def report(
-    *,
-    name: str,
-    robot: Robot,
-    experiment: ExperimentSpec,
-    model: ModelSpec,
-    seeded_fit: FitSpec,
-    text: str,
-    report: ReportSpec,
-    estimate_file: Path,
-    fit_file: Path,
-    validate_file: Path,
-    work: Work,
-    design_file: Path | None = None,
-    gears_file: Path | None = None,
-) -> Artefacts:
+def report(study: Study, work: Work) -> Artefacts:
     """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
     from elastid.validation.measured_modes import measured_modes  # SciPy's linear algebra
 
-    responses, result = read_responses(estimate_file), read_fit(fit_file)
-    validation, friction = read_validation(validate_file), read_friction(estimate_file)
-    fitted, gears = FittedRobot.of(result, robot, responses, model), read_gears(gears_file)
+    files, robot, simulated = work.sources, study.as_robot(), study.experiment.simulated
+    plan, estimates, validated = files.get("design"), files["estimate"], files["validate"]
+    responses, result = read_responses(estimates), read_fit(files["fit"])
+    validation, friction = read_validation(validated), read_friction(estimates)
+    fitted, gears = FittedRobot.of(result, robot, responses, study.model), read_gears(files.get("gears"))
     final = with_gears(result, gears)
     content = ReportContent(
-        *(name, validation.verdict, final, tuple(zip(responses, fitted.responses, strict=True)), validation),
-        *(modes_of(fitted), text, work.stamp.shown),
-        truth=truth(robot, experiment.simulated, seeded_fit.parameters, friction),
-        plan=read_plan(design_file) if design_file is not None else None,
-        forecast=read_forecast(design_file) if design_file is not None else None,
-        limit_use=read_peaks(design_file) if design_file is not None else None,
+        *(study.name, validation.verdict, final, tuple(zip(responses, fitted.responses, strict=True)), validation),
+        *(modes_of(fitted), work.stamp.study, work.stamp.shown),
+        truth=truth(robot, simulated, study.fit.parameters, friction),
+        plan=None if plan is None else read_plan(plan),
+        forecast=None if plan is None else read_forecast(plan),
+        limit_use=None if plan is None else read_peaks(plan),
         robot=robot,
-        comparison=read_comparison(work.parts.with_name("compare.json"), read_stamp(estimate_file) or Stamp()),
+        comparison=read_comparison(work.parts.with_name("compare.json"), read_stamp(estimates) or Stamp()),
         model_std=fitted.response_std,
         dense=dense_models(fitted),
         friction=friction,
-        twin=read_twin(validate_file, "validation"),
-        contents=contents(robot, experiment.simulated is not None, friction, result.parameters.free),
+        twin=read_twin(validated, "validation"),
+        contents=contents(robot, simulated is not None, friction, result.parameters.free),
         gears=gears,
         measured_modes=measured_modes(fitted),
     )
     lines = [f"report: {note}" for note in content.missing_modes]
-    return page_artefacts(write_report, content, report, work, lines=lines)
+    return page_artefacts(write_report, content, study, work, lines=lines)
 
 
 def page_artefacts(
     write_page: Callable[[Any, Path, Collection[str], Execution], Path],
     content: Any,
-    spec: ReportSpec,
+    study: Study,
     work: Work,
     further: Mapping[str, Write] = MappingProxyType({}),
     lines: Sequence[str] = (),
@@ -87,7 +68,7 @@ def page_artefacts(
 
     def write(path: Path, stamp: Stamp) -> None:
         with work.execution() as execution:
-            pages.append(write_page(content, path.parent, spec.formats, execution))
+            pages.append(write_page(content, path.parent, study.report.formats, execution))
 
     def report(console: Console) -> None:
         for line in (*lines, *(f"report: {page}" for page in pages)):
@@ -96,18 +77,7 @@ def page_artefacts(
     return Artefacts({**further, "report.html": write}, report)
 
 
-def report_responses(
-    *,
-    name: str,
-    experiment: ExperimentSpec,
-    estimator: EstimatorSpec,
-    modal: ModalSpec,
-    text: str,
-    report: ReportSpec,
-    estimate_file: Path,
-    files: Path,
-    work: Work,
-) -> Artefacts:
+def report_responses(study: Study, work: Work) -> Artefacts:
     """The page, figures, modes.csv and modes.h5 of responses without a robot."""
     # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
     from elastid.modal.estimate import modes_of_responses
@@ -117,15 +87,17 @@ def report_responses(
     from elastid.report.page.page import write_page_of_responses
     from elastid.targets.csv import write_modes_csv
 
-    responses, friction = read_responses(estimate_file), read_friction(estimate_file)
+    estimates, modal = work.sources["estimate"], study.modal
+    responses, friction = read_responses(estimates), read_friction(estimates)
     modes = modes_of_responses(responses, modal)
     # Friction that was taken out, or asked for by name; `auto` finds none in most structures, which is no news.
-    if friction is not None and estimator.friction == "auto" and not friction.shapes:
+    if friction is not None and study.estimator.friction == "auto" and not friction.shapes:
         friction = None
-    geometry = modal.geometry or geometry_of_files(experiment.responses, files)
+    geometry = modal.geometry or geometry_of_files(study.experiment.responses, work.base)
     of_band = [np.isin(G.freq_hz, own.at_hz) for G, own in zip(responses, modes, strict=True)]
     shown = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
-    content = ResponsesContent(name, shown, modes, text, work.stamp.shown, friction, geometry)
+    stamp = work.stamp
+    content = ResponsesContent(study.name, shown, modes, stamp.study, stamp.shown, friction, geometry)
     lines = []
     for own in modes:
         frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in own.freq_hz)
@@ -137,4 +109,4 @@ def report_responses(
         "modes.csv": lambda path, stamp: write_modes_csv(path, modes),
         "modes.h5": lambda path, stamp: write_modes(path, modes, stamp),
     }
-    return page_artefacts(write_page_of_responses, content, report, work, tables, lines)
+    return page_artefacts(write_page_of_responses, content, study, work, tables, lines)

@@ -11,25 +11,22 @@ from typing import TypeAlias
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings
-from elastid.app.stages.estimate import net_records_of, tool_responses
+from elastid.app.stages.estimate import tool_responses
 from elastid.app.summaries import as_json, validation_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
-from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
-from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
-from elastid.model.spec import ModelSpec
 from elastid.nonlinear.friction import FrictionTakenOut
 from elastid.nonlinear.gear_result import GearResult, with_gears
 from elastid.nonlinear.take_out import net_records, shaft_couplings
 from elastid.response import Response
-from elastid.robot import Robot
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
 from elastid.store.results import read_fit, read_gears, write_validation
+from elastid.study import Study
 from elastid.validation import elastic_twin
 from elastid.validation.agreement import cost_p, explain_cost
 from elastid.validation.agreement import validate as validate_responses
@@ -38,61 +35,46 @@ from elastid.validation.comparison import describe_folds, divide, gather_folds
 from elastid.validation.predicted import PredictedResponse, predict_response
 from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
-from elastid.validation.spec import ValidationSpec
 from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
 
 
 @dataclass(frozen=True)
 class Validated:
-    """The values of a study that its validation reads, and its fitted robot; gears: for the twin in time alone."""
+    """A study and its fitted robot; gears: for the twin in time alone."""
 
-    name: str
-    robot: Robot
-    model: ModelSpec
-    fit: FitSpec
-    spec: ValidationSpec
-    estimator: EstimatorSpec
+    study: Study
     fitted: FittedRobot
-    responses: Sequence[Response]
     friction: FrictionTakenOut | None
     gears: GearResult | None = None
 
+    @property
+    def responses(self) -> tuple[Response, ...]:
+        """Measured responses."""
+        return self.fitted.measured
 
-def validate(
-    *,
-    name: str,
-    robot: Robot,
-    experiment: ExperimentSpec,
-    model: ModelSpec,
-    seeded_fit: FitSpec,
-    estimator: EstimatorSpec,
-    validation: ValidationSpec,
-    tool: ToolSpec | None,
-    estimate_file: Path,
-    fit_file: Path,
-    files: Path,
-    work: Work,
-    measure_file: Path | None = None,
-    gears_file: Path | None = None,
-) -> Artefacts:
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Configurations that were not fitted."""
+        return self.study.validation.left_out
+
+
+def validate(study: Study, work: Work) -> Artefacts:
     """validation.h5 and validation.json: prediction errors of the fitted model, on left-out configurations if any.
 
-    measure_file: None where no records are kept, which are then not replayed.
+    Without records, which may not be kept, nothing is replayed.
     """
-    responses, result = read_responses(estimate_file), read_fit(fit_file)
-    fitted = FittedRobot.of(result, robot, responses, model)
-    friction = read_friction(estimate_file)
-    gears = read_gears(gears_file)
-    own = Validated(name, robot, model, seeded_fit, validation, estimator, fitted, responses, friction, gears)
-    unfinished = work.checkpoint()
-    if measure_file is None and experiment.responses is None:
+    responses, result = read_responses(work.sources["estimate"]), read_fit(work.sources["fit"])
+    fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
+    gears = read_gears(work.sources.get("gears"))
+    own = Validated(study, fitted, read_friction(work.sources["estimate"]), gears)
+    unfinished, records = work.checkpoint(), work.sources.get("measure")
+    if records is None and study.experiment.responses is None:
         work.console.say("validate: records.h5 is not there as it was measured; nothing is replayed in time")
     with work.execution(unfinished) as execution:
-        net = net_records_of(estimate_file)
-        replays, twin = replayed_in_time(own, measure_file, work.console, execution, net)
+        replays, twin = replayed_in_time(own, records, work.console, execution)
         judged = _validation(own, replays, execution)
-    at_tool = at_tool_predicted(own, tool_responses(validation.tool, robot, experiment, estimator, files))
-    tapped = at_tool_predicted(own, tool_responses(tool, robot, experiment, estimator, files), is_fitted=True)
+    at_tool = at_tool_predicted(own, tool_responses(study.validation.tool, study, work.base))
+    tapped = at_tool_predicted(own, tool_responses(study.tool, study, work.base), is_fitted=True)
     judged = replace(judged, predictions=(*_left_out_predicted(own), *at_tool, *tapped))
     balances = twin.balances
 
@@ -108,7 +90,7 @@ def validate(
 
     return Artefacts(
         {
-            "validation.json": as_json(validation_summary(name, judged, twin)),
+            "validation.json": as_json(validation_summary(study.name, judged, twin)),
             "validation.h5": lambda path, stamp: write_validation(path, judged, stamp, twin),
         },
         report,
@@ -116,26 +98,19 @@ def validate(
 
 
 def replayed_in_time(
-    own: Validated,
-    records: Path | None,
-    console: Console,
-    execution: Execution,
-    net: Path | None = None,
+    own: Validated, records: Path | None, console: Console, execution: Execution
 ) -> tuple[tuple[Replay, ...], TwinFindings]:
-    """The records through the fitted robot, its torques part by part, and its motion; nothing without records.
-
-    net: the same records without friction; None where they are worked out again.
-    """
+    """The records through the fitted robot, its torques part by part, and its motion; nothing without records."""
     if records is None:
         return (), NO_TWIN
-    in_time = _records_in_time(own, (records, net), console, execution)
+    in_time = _records_in_time(own, records, console, execution)
     balances = tuple(balance for _, of_motors in in_time for balance in of_motors)
     return tuple(each for each, _ in in_time), TwinFindings(balances, _twin_runs(own, records))
 
 
 def _validation(own: Validated, replays: tuple[Replay, ...], execution: Execution) -> Validation:
     """Prediction errors and the reasons for the cost."""
-    left_out, responses, result = own.spec.left_out, own.responses, own.fitted.result
+    left_out, responses, result = own.left_out, own.responses, own.fitted.result
     modelled = own.fitted.responses
     measured = [response.configuration.name for response in responses]
     shifts = {name: own.fitted.response_shifts(name) for name in left_out if name in measured}
@@ -154,7 +129,7 @@ def _left_out_predicted(own: Validated) -> tuple[PredictedResponse, ...]:
     return tuple(
         predict_response(own.fitted.result, Ghat, G)
         for Ghat, G in pairs
-        if Ghat.configuration.name in own.spec.left_out and own.fitted.result.robot is not None
+        if Ghat.configuration.name in own.left_out and own.fitted.result.robot is not None
     )
 
 
@@ -165,16 +140,17 @@ def at_tool_predicted(
     tool = own.fitted.result.tool
     counted = is_fitted and tool is not None and not tool.disagrees
     return tuple(
-        predict_response(own.fitted.result, G, is_fitted=counted and G.configuration.name not in own.spec.left_out)
+        predict_response(own.fitted.result, G, is_fitted=counted and G.configuration.name not in own.left_out)
         for G in measured
     )
 
 
 def _folds(own: Validated, responses: Sequence[Response], execution: Execution) -> tuple[Fold, ...]:
-    parts = divide([r.configuration.name for r in responses], own.spec.folds) if own.spec.folds else ()
+    study, folds = own.study, own.study.validation.folds
+    parts = divide([r.configuration.name for r in responses], folds) if folds else ()
     if not parts:
         return ()
-    variant = ComparedVariant(own.name, own.robot, own.fit, own.model)
+    variant = ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
     tasks = [RefitTask(variant, part) for part in parts]
     names = [f"refit-{i}" for i in range(len(tasks))]
     return gather_folds(parts, in_order(execution.resumed(partial(refit, responses), tasks, names)))
@@ -184,16 +160,14 @@ def _folds(own: Validated, responses: Sequence[Response], execution: Execution) 
 _InTime: TypeAlias = tuple[Replay, tuple[TorqueBalance, ...]]
 
 
-def _records_in_time(
-    own: Validated, paths: tuple[Path, Path | None], console: Console, execution: Execution
-) -> list[_InTime]:
+def _records_in_time(own: Validated, path: Path, console: Console, execution: Execution) -> list[_InTime]:
     """Replay of every configuration of records.h5; each process has a few records in memory at a time.
 
     The torque is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
     """
-    fitted, names = own.fitted, read_configurations(paths[0])
+    fitted, names = own.fitted, read_configurations(path)
     try:
-        rigid = elastic_twin.rigid_linearisation(fitted, own.model)
+        rigid = elastic_twin.rigid_linearisation(fitted, own.study.model)
     except StudyError as error:
         console.say(f"validate: the torque is not divided into parts: {error}")
         rigid = None
@@ -205,7 +179,8 @@ def _records_in_time(
         for response in fitted.measured
         if (name := response.configuration.name) in names
     ]
-    return execution.ordered(partial(_in_time, paths, own.friction, shaft_couplings(own.robot), own.estimator), models)
+    E = shaft_couplings(own.study.robot)
+    return execution.ordered(partial(_in_time, path, own.friction, E, own.study.estimator), models)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,21 +195,11 @@ class _Models:
 
 
 def _in_time(
-    paths: tuple[Path, Path | None],
-    friction: FrictionTakenOut | None,
-    E: FloatArray | None,
-    spec: EstimatorSpec,
-    models: _Models,
+    path: Path, friction: FrictionTakenOut | None, E: FloatArray | None, spec: EstimatorSpec, models: _Models
 ) -> _InTime:
-    """paths: of the records, and of those without friction, if there are any."""
-    records_file, net_file = paths
-    records = read_records(records_file, models.configuration)
+    records = read_records(path, models.configuration)
     first = next(records)
-    nets = (
-        net_records(chain([first], records), friction, E)
-        if net_file is None
-        else read_records(net_file, models.configuration)
-    )
+    nets = net_records(chain([first], records), friction, E)
     net = next(nets)
     freq_hz, parts = models.freq_hz, models.parts
     balances = () if parts is None else elastic_twin.elastic_balances(first, net, parts, freq_hz, spec)
@@ -246,15 +211,15 @@ def _in_time(
 def _twin_runs(own: Validated, path: Path) -> tuple[TwinRun, ...]:
     """A simulation along the first record of the first configuration that was left out, or else of the first of all."""
     names = read_configurations(path)
-    chosen = next((name for name in own.spec.left_out if name in names), names[0])
+    chosen = next((name for name in own.left_out if name in names), names[0])
     result = with_gears(own.fitted.result, own.gears)
     responses = [each for each in own.responses if each.configuration.name == chosen]
     if not responses:
         return ()
-    ((robot, _),) = robots_by_group(result, own.robot, [chosen]).values()
+    ((robot, _),) = robots_by_group(result, own.study.as_robot(), [chosen]).values()
     numbers = dict(zip(result.parameters.names, result.theta_of(chosen).tolist(), strict=True))
     moved = with_findings(robot, own.friction, own.gears)
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
-    twin = elastic_twin.FittedTwin(moved, numbers.get(DELAY, 0.0), own.model)
+    twin = elastic_twin.FittedTwin(moved, numbers.get(DELAY, 0.0), own.study.model)
     return elastic_twin.elastic_runs(record, twin, band_hz)

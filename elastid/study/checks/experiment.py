@@ -25,7 +25,7 @@ _SIMULATED: KeyPath = ("experiment", "simulated")
 
 def check_count(study: Study) -> Iterator[Problem]:
     """Problems unless a realisation has at most as many experiments as motors, and enough for the estimator."""
-    experiment, excitation, estimator = study.experiment, study.excitation, study.estimator
+    experiment, estimator = study.experiment, study.estimator
     given, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
     if given is None or experiment.simulated is None:
         return
@@ -35,15 +35,6 @@ def check_count(study: Study) -> Iterator[Problem]:
             path,
             f"{given} experiments in each of {experiment.realisations} realisations; estimator.method "
             f"{estimator.method} takes {needed} to {n_u} for {n_u} motors",
-        )
-    if excitation is None or given >= n_u or excitation.orthogonal == "zippered":
-        return
-    if not excitation.is_new_in_every_realisation:
-        yield Problem(
-            path,
-            f"with {excitation.phases} phases all motors move in proportion in each of {given} experiments, so that "
-            f"neighbouring lines do not separate {n_u} motors; take random phases, orthogonal: zippered, or {n_u} "
-            "experiments",
         )
 
 

@@ -88,13 +88,9 @@ def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem
 
 
 def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
-    """Logs exist and are sampled at a known rate; each joint has its torque and position; names are known."""
+    """Logs exist and names are known; `measure` says at once what rate, channels and joints lack."""
     yield from check_files(study, recorded.files, _RECORDED, base)
     yield from check_channels(study, recorded.channels, _RECORDED)
-    if recorded.rate_hz == "unknown":
-        message = "friction depends on velocities, which need the sampling rate; give it in Hz"
-        yield Problem((*_RECORDED, "rate_hz"), message)
-    yield from _check_logged_joints(study, recorded)
     yield from _check_controller(study, recorded)
     if isinstance(study.as_friction().passes, PassesSpec):
         message = "speeds, count and window are of passes that are still to be made; logs have passes: detect"
@@ -102,14 +98,6 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
     yield from _check_left_out(study, recorded)
-    measured = any(channel.role == "t" for channel in recorded.channels)
-    stated = any(file.temperature is not None for file in recorded.files)
-    if study.as_friction().law.temperature == "yes" and not (measured or stated):
-        yield Problem(
-            ("friction", "law", "temperature"),
-            "no log has a temperature; add a channel of role t and quantity temperature, give files[].temperature, or "
-            "leave this key to auto",
-        )
 
 
 def _check_left_out(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
@@ -119,22 +107,6 @@ def _check_left_out(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     if set(left_out) >= set(recorded.log_names):
         message = "every log is left out; leave at least one to identify from"
         yield Problem(("validation", "left_out"), message)
-
-
-def _check_logged_joints(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
-    asked = study.as_friction().joints
-    for joint in study.friction_joints if asked else ():
-        torque = any(channel.role == "u" and channel.at == f"motor {joint.name}" for channel in recorded.channels)
-        places = (f"motor {joint.name}", f"joint {joint.name}")
-        position = any(each.quantity == "position" and each.at in places for each in recorded.channels)
-        if not (torque and position):
-            missing = "role u" if not torque else "role y and quantity position"
-            yield Problem(
-                (*_RECORDED, "channels"),
-                f"no channel of {missing} is at motor {joint.name}, whose friction is asked for; add it, or leave the "
-                "joint out of friction.joints",
-                at_key=True,
-            )
 
 
 def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
@@ -153,11 +125,7 @@ def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]
 
 
 def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem]:
-    driven = [joint.name for joint in study.as_robot().driven]
     loads = [load.name for load in study.as_friction().loads]
-    if file.joint and file.joint not in driven:
-        message = f"no driven joint is called '{file.joint}'; {did_you_mean(file.joint, driven)}"
-        yield Problem((*path, "joint"), message)
     if file.load and file.load not in loads:
         yield unknown((*path, "load"), "load", file.load, loads)
     recorded = study.experiment.as_recorded()
@@ -174,6 +142,3 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
             "each joint moves the others through the robot"
         )
         yield Problem((*path, "purpose"), message)
-    if file.ambient is not None and file.purpose != "warm_up":
-        message = "the room's temperature is that of a warm-up; take temperature for that of the joint, or leave it out"
-        yield Problem((*path, "ambient"), message)

@@ -3,20 +3,15 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import SLOPE
 from elastid.app.inspection import described
 from elastid.app.run import Run, run_all
-from elastid.app.stages.estimate import (
-    NET_RECORDS,
-    net_records_of,
-)
 from elastid.base.display import digits, number
 from elastid.robot.friction_numbers import friction_numbers
-from elastid.store.measured import read_friction, read_records
+from elastid.store.measured import read_friction
 from elastid.store.results import read_validation
 from elastid.study import load, load_robot
 
@@ -56,22 +51,3 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.Captur
     assert f"motor 1  {level:.4g}" in described(run.path("estimate"))
     explained = [replay.fit_percent.mean(axis=0).min() for replay in read_validation(run.path("validate")).replays]
     assert min(explained) > 99
-    validated_from_kept_records(run)
-
-
-def validated_from_kept_records(run: Run) -> None:
-    """Records without friction are those that would be worked out again: where the file is damaged, foreign or gone."""
-    kept, judged = run.folder / NET_RECORDS, run.folder / "validation.json"
-    before, content = judged.read_bytes(), kept.read_bytes()
-    assert net_records_of(run.path("estimate")) == kept
-    damaged = content[:-100] + bytes([content[-100] ^ 1]) + content[-99:]
-    for other in (damaged, run.path("measure").read_bytes(), b"", None):
-        kept.unlink()
-        if other is not None:
-            kept.write_bytes(other)
-        assert net_records_of(run.path("estimate")) is None
-        run_all(run, ["validate"])
-        assert judged.read_bytes() == before
-        kept.write_bytes(content)
-    for record, net in zip(read_records(run.path("measure")), read_records(kept), strict=True):
-        assert np.std(record.u - net.u) == pytest.approx(0.01, rel=0.1)  # Coulomb friction alone

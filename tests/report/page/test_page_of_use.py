@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,11 @@ import numpy as np
 import pytest
 from plants.predicted_arm import result
 
-from elastid.report.page.page_of_use import MapContent, write_page_of_map
+from elastid.report.answers import answer_of_map
+from elastid.report.figures.use import workspace_figure
+from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.store.results import read_map, write_map, write_map_table
 from elastid.use.map import WorkspaceMap, map_workspace
-
-MADE_BY = {"made by": "a test"}
 
 
 @pytest.fixture(scope="module")
@@ -37,13 +38,14 @@ def test_a_map_is_read_as_it_was_written_and_its_table_has_its_numbers(workspace
     np.testing.assert_array_equal([table["deflection_low"], table["deflection_high"]], [low, high])
 
 
-def test_the_verdict_names_the_softest_posture_and_its_spring(workspace: WorkspaceMap) -> None:
-    """Of which the table has the first row; gains are half of the parts."""
-    content = MapContent(workspace, "map", MADE_BY)
+def test_the_answer_names_the_softest_posture_and_its_spring(workspace: WorkspaceMap) -> None:
+    """Of which the table has the first row."""
+    answer = answer_of_map(workspace)
     soft = int(np.argmax(workspace["softest_compliance"].value))
-    assert workspace.limiting_springs[soft] in content.verdict
-    assert content.softest[0]["posture"] == str(soft + 1)
-    assert {row["name"] for row in content.springs} == {"k_1", "k_2"}
+    assert workspace.limiting_springs[soft] in " ".join(answer.sentences)
+    softest, springs = answer.tables
+    assert softest.rows[0][0] == str(soft + 1)
+    assert {row[0] for row in springs.rows} == {"k_1", "k_2"}
 
 
 @pytest.mark.slow
@@ -51,7 +53,8 @@ def test_a_click_a_slider_and_the_table_choose_a_posture(
     workspace: WorkspaceMap, tmp_path: Path, visit: Callable[..., Any]
 ) -> None:
     """With the numbers of the map; names are no markup, and the page asks the network for nothing."""
-    page = visit(write_page_of_map(workspace, tmp_path, MADE_BY))
+    figure, data = partial(workspace_figure, workspace), map_data(workspace)
+    page = visit(write_page_of_answer(answer_of_map(workspace), figure, tmp_path / "map.html", "a test", data))
     assert page.title() == "Map of <b>arm</b>"
     first = page.text_content("#name")
     page.click("button.open >> nth=3")

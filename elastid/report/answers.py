@@ -1,0 +1,223 @@
+"""Answers of commands that use a fit: a map of the workspace, a move, joint loops."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.display import Display, degrees, number, percent
+from elastid.report.answer import Answer
+from elastid.report.figures.use import SHOWN
+from elastid.use.command.moves import KINDS
+from elastid.use.command.tune import TunedMove
+from elastid.use.loops.result import Loops, LoopState
+from elastid.use.loops.sensitivity import LIMIT_DB, Margins
+from elastid.use.map import WorkspaceMap
+
+# Of the softest postures in a table.
+LISTED = 10
+_GAINS = ("position_gain", "velocity_gain", "integral_time", "low_pass_hz")
+
+
+def answer_of_map(m: WorkspaceMap) -> Answer:
+    """Where the robot is soft, which springs limit it, the gain of each that were stiffer, and the softest postures."""
+    own, order = m["softest_compliance"], m.softest
+    soft, stiff = int(order[0]), int(order[-1])
+    where = ", ".join(number(float(c), 3) for c in m.position[soft])
+    part, force = float(m.share[soft].max(initial=0.0)), ", ".join(f"{each:g}" for each in m.load)
+    softest = [
+        (
+            str(int(m.asked[i]) + 1), degrees(m.angles[i].tolist(), m.sliding), _shown(own.value[i], "m/N"),
+            f"{100 * float(own.relative_std[i]):.2g} %", ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
+            _shown(m["frequency_1"].value[i], "Hz"), _shown(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
+            percent(float(m.share[i].max(initial=0.0))),
+        )
+        for i in order[:LISTED].tolist()
+    ]  # fmt: skip
+    limiting, tenth = np.array(m.limiting_springs), order[: max(1, len(m) // 10)]
+    springs = [
+        (float(m.share[tenth, i].mean()) / 2, name, float(np.mean(limiting == name)), float(m.share[:, i].mean()))
+        for i, name in enumerate(m.springs)
+    ]
+    lost = f"; {len(m.refused)} have no equilibrium under gravity and are left out" if m.refused else ""
+    return Answer(
+        f"Map of {m.name}",
+        (
+            ("Where is it soft?", (
+                f"{len(m)} postures: {_shown(own.value[stiff], 'm/N')} to {_shown(own.value[soft], 'm/N')} in the "
+                f"softest direction (std {100 * float(own.relative_std.max()):.2g} % or less), softest in posture "
+                f"{m.asked[soft] + 1} with {m.frame} at ({where}) m{lost}.",
+            )),
+            ("What limits it, and what helps?", (
+                f"There {m.limiting_springs[soft]} gives {100 * part:.0f} %, and twice as stiff it would take "
+                f"{50 * part:.0f} % off.",
+            )),
+            ("What next?", ("Put a cut along the stiff direction, in postures with a large limiting depth.",)),
+        ),
+        (
+            Display(
+                "The softest postures",
+                ("posture", "joints", "softest compliance", "std", "direction x, y, z", "first frequency",
+                 "depth of cut", "limited by", "to"),
+                softest,
+            ),
+            Display(
+                "Springs", ("spring", "limits", "part", "gain"),
+                [(name, percent(limits), percent(mean), percent(g)) for g, name, limits, mean in sorted(springs)[::-1]],
+            ),
+        ),
+        (
+            "Limits: in so many of all postures a spring gives most in the softest direction. Part: of the static "
+            "compliance there, on average. Gain: one twice as stiff takes so much off in the softest tenth of the "
+            f"postures. Load ({force}) N; cutting coefficient {1e-6 * m.cutting_coefficient:g} N/mm².",
+        ),
+    )  # fmt: skip
+
+
+def _shown(value: float, unit: str) -> str:
+    shown, factor = SHOWN[unit]
+    return f"{number(factor * float(value), 3)} {shown}" if np.isfinite(value) else "no limit"
+
+
+def answer_of_move(tuned: TunedMove) -> Answer:
+    """The time of a move, its exactness against rigid feedforward, its use of the motors' limits."""
+    rigid, own, drawn = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.draws)
+    used = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
+    kind, i = np.unravel_index(int(np.argmax(used)), used.shape)
+    most = f"the {list(KINDS)[kind]} of motor {tuned.joints[i]} is used most, {percent(used[kind, i], 3)} of it"
+    kept = f"Yes: of all limits {most}." if used.any() else "No limit is given."
+    exact = (
+        f"{tuned.duration:.4g} s: {tuned.frame} stays within {number(1e3 * own.largest, 3)} mm of its path on the "
+        f"{tuned.judge}, with rigid feedforward within {number(1e3 * rigid.largest, 3)} mm; its vibration after the "
+        f"move is {number(rigid.residual / max(own.residual, 1e-12), 3)} times smaller."
+    )
+    on_draws = (
+        f"On {tuned.draws} robots drawn from the fit, lengths and zeros within their tolerances, the largest error is "
+        f"at most {number(1e3 * float(own.high.max()), 3)} mm (95 %), and torques take at most "
+        f"{100 * (tuned.most / tuned.limits[3]).max():.0f} % of their limits."
+        if own.high is not None and drawn
+        else ""
+    )
+    advice = f"{tuned.advice}." if tuned.advice else "Give the drives tune.csv, or a file of the folder tune."
+    errors = [(o.name, *(number(1e3 * v, 3) for v in (o.largest, o.rms, o.static, o.residual))) for o in tuned.outcomes]
+    limits = []
+    for joint, unit, motor in zip(tuned.joints, tuned.units, range(len(tuned.joints)), strict=True):
+        cells = [f"{joint} ({unit})"]
+        for name, limit in zip(KINDS, tuned.limits[:, motor], strict=True):
+            value = number(float(np.abs(getattr(tuned, name)[:, motor]).max()), 3)
+            cells.append(f"{value} of {number(float(limit), 3)}" if np.isfinite(limit) else value)
+        limits.append((*cells, *[number(float(tuned.most[motor]), 4)] * drawn))
+    return Answer(
+        f"Move of {tuned.name}",
+        (
+            ("How exactly does the tool follow?", tuple(filter(None, (exact, on_draws)))),
+            ("Do the motors keep their limits?", (kept,)),
+            ("What next?", (advice[0].upper() + advice[1:],)),
+        ),
+        (
+            Display("Error of the tool in mm", ("command", "largest", "rms", "at rest after it", "vibration"), errors),
+            Display("Limits of the motors", ("motor", *KINDS, *["torque on draws"] * drawn), limits),
+        ),
+        (
+            f"Judged in position loops of {tuned.bandwidth_hz:.3g} Hz. Grey: the move; {1e3 * tuned.margin_s:.0f} ms "
+            "before and after it the motors wind the springs up and unwind them. Link side, SI: largest value and "
+            "limit of the robot's file.",
+        ),
+    )
+
+
+def answer_of_loops(loops: Loops) -> Answer:
+    """Both controllers in words, what limits the designed one, and all margins."""
+    designed, today = loops.designed, loops.today
+    worst = int(np.argmax(designed.peak_db))
+    lines = [f"{designed.name}: {_state_words(designed)}."]
+    lines.append(f"Its gain is limited in posture {designed.postures[worst]}: {designed.limited_by[worst]}.")
+    if loops.count:
+        kept = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
+        lines.append(f"{kept:.3g} % of {loops.count} draws keep {LIMIT_DB:g} dB in all postures.")
+    rows, bandwidth = gain_rows(loops), designed.bandwidth_hz.min(axis=0)
+    gains = [
+        (
+            str(row[0]), *(number(float(each), 4) for each in row[1:5]),
+            ", ".join(number(float(each), 3) for each in row[5::3] if each != ""), number(float(f_B), 3),
+        )
+        for row, f_B in zip(rows[1:], bandwidth, strict=True)
+    ]  # fmt: skip
+    heads = ("axis", "bandwidth in Hz", "gain margin in dB", "phase margin in deg", "delay margin in ms")
+    return Answer(
+        f"Joint loops of {loops.name}",
+        (
+            ("How fast may the loops be?", tuple(lines)),
+            ("How good are today's?", (f"{_state_words(today)}." if today else "The study states no controller.",)),
+            ("What next?", ("Run a study with the section of loops.yml before the robot does.",)),
+        ),
+        (
+            Display(
+                "Sensitivity", ("controller", "posture", "peak in dB", "95 % of draws", "limited by"),
+                [tuple(row) for row in loops.peak_cells],
+            ),
+            Display("What is left to the edge", ("controller", *heads), _margins(loops)),
+            Display("Gains", ("axis", "K_p 1/s", "K_v", "T_i s", "low pass Hz", "notches Hz", "bandwidth Hz"), gains),
+        ),
+        (
+            f"Bands: 95 % of {loops.count} robots drawn from the fit, over all postures. Sensitivity: largest singular "
+            "value, torques of the axes compared by their inertias. Dots: measured from the records, without a model. "
+            "Margins: the smallest over the postures, each axis while all others are closed. Below: the section of a "
+            "study, link side, SI.",
+        ),
+    )  # fmt: skip
+
+
+def gain_rows(loops: Loops) -> list[list[str | float]]:
+    """loops.csv: a row for each axis, link side, SI."""
+    gains, most = loops.controller.gains, max((_notches(loops, joint) for joint in loops.joints), key=len)
+    heads: list[str | float] = ["joint", *_GAINS]
+    for i in range(len(most)):
+        heads += [f"notch {i + 1} freq_hz", f"notch {i + 1} width", f"notch {i + 1} depth"]
+    rows = [heads]
+    for i, joint in enumerate(loops.joints):
+        row: list[str | float] = [joint, *(float(getattr(gains, name)[i]) for name in _GAINS)]
+        row += [value for own in _notches(loops, joint) for value in own]
+        rows.append([*row, *[""] * (len(heads) - len(row))])
+    return rows
+
+
+def _notches(loops: Loops, joint: str) -> list[tuple[float, float, float]]:
+    gains = loops.controller.gains
+    assert gains is not None
+    return [(own.freq_hz, own.width, own.depth) for own in gains.notches if own.joint == joint]
+
+
+def _margins(loops: Loops) -> list[tuple[str, ...]]:
+    """Cells of each axis of each controller, the smallest over the postures, then as measured."""
+    known: list[tuple[str, tuple[str, ...], FloatArray | None, Margins]] = [
+        (state.name, state.axes, state.bandwidth_hz, state.margins) for state in loops.states
+    ]
+    known += [(f"measured, {own.configuration}", own.axes, None, own.margins) for own in loops.measured]
+    rows = []
+    for name, axes, bandwidth_hz, own in known:
+        for i, axis in enumerate(axes):
+            numbers = [np.nan if bandwidth_hz is None else bandwidth_hz[:, i].min()]
+            numbers += [20 * np.log10(own.rise[:, i].min()), np.degrees(own.phase[:, i].min())]
+            cells = (number(float(each), 3) for each in (*numbers, 1e3 * own.delay[:, i].min()))
+            rows.append((name, axis, *cells))
+    return rows
+
+
+def unstable(state: LoopState) -> list[str]:
+    """The postures in which a loop is unstable."""
+    return [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]
+
+
+def _state_words(state: LoopState) -> str:
+    """Stability, bandwidths, peak and margins over all postures."""
+    if lost := unstable(state):
+        return f"unstable in posture {', '.join(lost)}"
+    least = state.bandwidth_hz.min(axis=0)
+    each = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))
+    rise, phase = 20 * np.log10(state.margins.rise.min()), np.degrees(state.margins.phase.min())
+    gain = f"{rise:.3g} dB" if np.isfinite(rise) else "infinite"
+    return (
+        f"bandwidth in Hz {each}; sensitivity peak {number(float(state.peak_db.max()), 3)} dB; gain margin {gain}, "
+        f"phase margin {phase:.3g} deg, delay margin {1e3 * state.margins.delay.min():.3g} ms"
+    )
