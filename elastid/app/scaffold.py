@@ -180,7 +180,7 @@ def new(folder: Path, template: str) -> Path:
     Raises StudyError where the folder holds anything already.
     """
     _check_new(folder)
-    study = _write(folder, _template(template))
+    study = _write(folder, _template(template) | _schema())
     if template in EXAMPLE_LOGS:
         EXAMPLE_LOGS[template](folder)
     return study
@@ -206,7 +206,7 @@ def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ())
         from elastid.app.from_log import texts_from_logs
 
         texts = texts_from_logs(folder, records, robot) | {k: v for k, v in texts.items() if k != "study.yml"}
-    return _write(folder, texts)
+    return _write(folder, {**texts, **_schema()})
 
 
 def _check_new(folder: Path) -> None:
@@ -217,10 +217,18 @@ def _check_new(folder: Path) -> None:
 
 
 def demo(folder: Path) -> Path:
-    """The demo's study in its run folder, its robot in it, to copy and edit; existing files are kept."""
+    """The demo's study in its run folder, its robot in it, to copy and edit; existing files are kept.
+
+    Without a schema beside it, which takes longer to make than any stage.
+    """
     texts = _template("serial")
-    robot = indent(texts.pop("robot.yml"), "  ")
-    return _write(folder, {"study.yml": texts["study.yml"].replace("robot: robot.yml\n", f"robot:\n{robot}")})
+    _, _, study = texts["study.yml"].partition("\n")
+    robot = indent(texts["robot.yml"], "  ")
+    return _write(folder, {"study.yml": study.replace("robot: robot.yml\n", f"robot:\n{robot}")})
+
+
+def _schema() -> dict[str, str]:
+    return {SCHEMA_NAME: json.dumps(make_schema(), indent=1) + "\n"}
 
 
 def _template(name: str) -> dict[str, str]:
@@ -231,7 +239,7 @@ def _template(name: str) -> dict[str, str]:
 
 def _write(folder: Path, texts: Mapping[str, str]) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in ({**texts, SCHEMA_NAME: json.dumps(make_schema(), indent=1) + "\n"}).items():
+    for name, text in texts.items():
         if not (folder / name).exists():
             # Not through a link to a file that is yet to be made.
             with open(folder / name, "x", encoding="utf-8", newline="\n", opener=unlinked) as file:
