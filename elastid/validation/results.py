@@ -101,8 +101,10 @@ def _minimum(freq_hz: FloatArray, p: FloatArray, line: int) -> float:
     before = above[above < line][-1] if np.any(above < line) else -1
     reach = max(1, min(line - before, above[above > line][0] - line) - 1)
     near = slice(line - reach, line + reach + 1)
-    parabola = np.polynomial.Polynomial.fit(freq_hz[near] ** 2, p[near], 2)
-    return float(np.sqrt(np.clip(parabola.deriv().roots()[0].real, *freq_hz[near][[0, -1]] ** 2)))
+    low, middle, high = freq_hz[[near.start, line, near.stop - 1]] ** 2
+    x = (freq_hz[near] ** 2 - middle) / (high - low)
+    a, b, _ = np.linalg.lstsq(np.vander(x, 3), p[near] / p[line])[0].tolist()
+    return math.sqrt(min(max(middle - b / (2 * a) * (high - low), low), high) if a > 0 else middle)
 
 
 @frozen_value
