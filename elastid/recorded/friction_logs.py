@@ -291,11 +291,9 @@ class _LogReader:
         """True if it moves by more than its controller's errors."""
         if joint.name not in positions or ("u", f"motor {joint.name}", "") not in signals:
             return False
-        travel = float(np.ptp(positions[joint.name]))
-        return self.file.purpose in STILL or joint.name == self.file.joint or travel > self._held(joint)
-
-    def _held(self, joint: Joint) -> float:
-        return LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
+        held = LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
+        moves = float(np.ptp(positions[joint.name])) > held
+        return self.file.purpose in STILL or joint.name == self.file.joint or moves
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)

@@ -49,7 +49,7 @@ FORMATS = (
     Format("ROS bag", ros_bag.recognises, guarded(ros_bag.opened), "copy it again with all files of its folder"),
     Format("TDMS", starts_with(b"TDSm"), guarded(foreign.opened_tdms), "copy it or export it again"),
     Format("Parquet", starts_with(b"PAR1"), guarded(foreign.opened_parquet), "copy it or export it again"),
-    Format("MATLAB 7.3", hdf5.recognises_matlab, hdf5.opened_matlab, "copy it or save it again"),
+    Format("MATLAB 7.3", hdf5.recognises_matlab, partial(hdf5.opened, is_matlab=True), "copy it or save it again"),
     Format("HDF5", hdf5.recognises, hdf5.opened, "copy it or export it again"),
     Format("MATLAB", foreign.is_matlab, guarded(foreign.opened_matlab), "copy it or save it again with -v7"),
     Format("text", text.recognises, text.opened, "copy it or export it again"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,24 +26,17 @@ def recognises_matlab(path: Path, head: bytes) -> bool:
     return head.startswith(b"MATLAB") and recognises(path, head)
 
 
-def opened(path: Path, text: TextFormatSpec) -> AbstractContextManager[ArrayLog]:
-    """All datasets, read when they are used."""
-    return _opened(path, separator="/", is_transposed=False)
-
-
-def opened_matlab(path: Path, text: TextFormatSpec) -> AbstractContextManager[ArrayLog]:
-    """All variables and members of structs; MATLAB stores column-major, so that axes arrive reversed."""
-    return _opened(path, separator=".", is_transposed=True)
-
-
 @contextmanager
-def _opened(path: Path, separator: str, is_transposed: bool) -> Iterator[ArrayLog]:
-    """An HDF5 file of another program that holds its own data; those of elastid are read by its store."""
+def opened(path: Path, text: TextFormatSpec, is_matlab: bool = False) -> Iterator[ArrayLog]:
+    """All datasets of another program's file, read when they are used; it holds its own data.
+
+    MATLAB stores column-major, so that axes arrive reversed; members of structs are behind a dot.
+    """
     import h5py
 
     with h5py.File(path, "r") as file:
         require_own_data(file)
-        yield ArrayLog(path, dict(_datasets(file, separator, is_transposed)))
+        yield ArrayLog(path, dict(_datasets(file, "." if is_matlab else "/", is_matlab)))
 
 
 def _datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "") -> Iterator[tuple[str, StoredArray]]:

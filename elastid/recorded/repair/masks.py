@@ -1,8 +1,8 @@
 """Samples that are no measured ones: what other repetitions contradict becomes missing (NaN).
 
 A repetition whose torques stand still where those of others move, as at a stop, is left out.  A channel that hangs
-repeats its last value exactly, and one that drops out leaps to exactly 0 and back, where others do neither.  A spike is
-one sample or two (Hampel's rule across periods):
+repeats its last value exactly where others move, and one that drops out is exactly 0 where they are far from it.  A
+spike is one sample or two (Hampel's rule across periods):
 
     e = x - median of the periods,   d = |e - running median of e| > 8 sigma
 
@@ -41,9 +41,7 @@ class StillLimits:
     min_run: int = 20
     min_range: float = 0.25
     min_steps: float = 4.0
-    # A leap to 0, over the step that 99 % of the samples stay below; longest one as a part of the repetition.
-    leap: float = 10.0
-    max_dropout: float = 0.1
+    leap: float = 10.0  # of other repetitions from a 0, over the step that 99 % of the samples stay below
     min_moving_share: float = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
     max_still: float = 0.1  # part of a repetition in which torques may stand still
 
@@ -99,7 +97,7 @@ def without_standstill(signals: FloatArray, L: int, log: Log) -> Repaired:
     for c, x in enumerate(signals.T):
         lost = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
         least = STILL.leap * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if lost else 0.0
-        lost = [(a, b) for a, b in lost if _is_dropout(x, a, b, least, L)]
+        lost = [(a, b) for a, b in lost if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > least]
         stuck = runs(hold[:, c] & ~alike, STILL.min_run - 1).tolist()
         moving = max(STILL.min_range * float(np.nanstd(x)), STILL.min_steps * step(x)) if stuck else 0.0
         # The first value may be a measured one.
@@ -115,14 +113,6 @@ def without_standstill(signals: FloatArray, L: int, log: Log) -> Repaired:
 def _elsewhere(x: FloatArray, start: int, end: int, L: int) -> list[FloatArray]:
     """The samples of the other repetitions at the phases from a start to an end."""
     return [x[a : a + end - start] for a in range(start % L, len(x) - end + start + 1, L) if a != start]
-
-
-def _is_dropout(x: FloatArray, start: int, end: int, least: float, L: int) -> bool:
-    """True of zeros in x (n,) between two values of one sign beyond `least`, where no other repetition has any."""
-    before, after = float(x[start - 1]), float(x[end])
-    is_leap = before * after > 0 and min(abs(before), abs(after)) > least
-    is_short = end - start <= STILL.max_dropout * L
-    return is_leap and is_short and all(other.all() for other in _elsewhere(x, start, end, L))
 
 
 def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log) -> Repaired:
