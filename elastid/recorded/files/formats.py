@@ -76,19 +76,15 @@ def _points() -> tuple[EntryPoint, ...]:
 def _registered(point: EntryPoint) -> Format:
     try:
         registered = point.load()
+        problem = f"is {type(registered).__name__} and not an elastid.recorded.files.formats.Format"
     except Exception as error:
-        raise StudyError(
-            "install/missing-package",
-            f"the reader {point.name} ({point.value}) of another package cannot be loaded ({error}); update that "
-            "package, or uninstall it",
-        ) from error
-    if not isinstance(registered, Format):
-        raise StudyError(
-            "install/missing-package",
-            f"the reader {point.name} ({point.value}) of another package is {type(registered).__name__} and not an "
-            "elastid.recorded.files.formats.Format; update that package, or uninstall it",
-        )
-    return registered
+        registered, problem = None, f"cannot be loaded ({error})"
+    if isinstance(registered, Format):
+        return registered
+    raise StudyError(
+        "install/missing-package",
+        f"the reader {point.name} ({point.value}) of another package {problem}; update that package, or uninstall it",
+    )
 
 
 def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
@@ -127,7 +123,7 @@ def values_of(log: Log, channels: Sequence[ChannelSpec], first: int, end: int) -
     if isinstance(log, ArrayLog):
         return log.values(channels, slice(first, end))
     if isinstance(log, text.TextLog):
-        log = replace(log, number_lines=log.number_lines[: log.first + log.format.interleaved * end])
+        log = replace(log, number_lines=log.number_lines[: log.first + end])
     return log.values(channels)[first:end]
 
 
