@@ -135,11 +135,10 @@ class SameExcitationLimits:
     (tests/recorded/test_several_files.py).
     """
 
-    # Share of an input's power that the first log does not explain, and how many times its noise that must be.
-    max_unexplained_share: float = 0.1
+    # Share of an input's power that the first log does not explain, and amplitude over that of the first, less 1, since
+    # friction that warms up changes torques by a few per cent; how many times its noise the former must be.
+    max_change: float = 0.1
     min_times_noise: float = 4.0
-    # Amplitude of a log over that of the first, less 1; friction that warms up changes torques by a few per cent.
-    max_amplitude_change: float = 0.1
     max_lag: float = 0.05  # samples: logs that are closer to step are left as they are
 
 
@@ -206,9 +205,9 @@ def _other_excitation(a: FloatArray, b: FloatArray, noise: float) -> str:
     power, gain = float(b @ b), float(a @ b) / max(float(a @ a), 1e-300)
     left = float(np.sum((b - gain * a) ** 2))
     least = SAME_EXCITATION.min_times_noise * len(a) * noise if np.isfinite(noise) else 0.5 * power
-    if left > max(SAME_EXCITATION.max_unexplained_share * power, least):
+    if left > max(SAME_EXCITATION.max_change * power, least):
         return f"{left / power:.0%} of the power of the second log is another excitation than that of the first"
-    if abs(gain - 1) > SAME_EXCITATION.max_amplitude_change and (gain - 1) ** 2 * float(a @ a) > least:
+    if abs(gain - 1) > SAME_EXCITATION.max_change and (gain - 1) ** 2 * float(a @ a) > least:
         return f"the excitation of the second log is {gain:.3g} times that of the first"
     return ""
 

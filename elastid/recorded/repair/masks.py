@@ -29,8 +29,8 @@ MASKED, STOPPED = "samples taken as missing", "stops"
 
 
 @dataclass(frozen=True)
-class StillLimits:
-    """Limits that distinguish rest, a channel that hangs, and one that drops out, from motion."""
+class MaskLimits:
+    """Limits that distinguish rest, a channel that hangs, one that drops out, and a spike from a signal."""
 
     windows: int = 20  # of a repetition, samples of one at least
     min_window: int = 8
@@ -43,13 +43,9 @@ class StillLimits:
     min_steps: float = 4.0
     leap: float = 10.0  # of other repetitions from a 0, over the step that 99 % of the samples stay below
     min_moving_share: float = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
-    max_still: float = 0.1  # part of a repetition in which torques may stand still
+    max_still: float = 0.1  # part of a repetition that may be missing, or in which torques may stand still
 
-
-@dataclass(frozen=True)
-class SpikeLimits:
-    """Limits that distinguish a spike from a signal."""
-
+    # Of spikes.
     min_sigmas: float = 8.0
     min_periods: int = 3
     # Spikes of more than this part of a channel are no single ones.
@@ -66,18 +62,18 @@ class SpikeLimits:
     min_over_usual: float = 3.0
 
 
-STILL, SPIKE = StillLimits(), SpikeLimits()
+LIMITS = MaskLimits()
 
 
 def rest_before(torques: FloatArray) -> int:
     """Samples of torques (n, d), NaN where missing, before the first window in which one of them moves."""
-    width = max(STILL.min_window, len(torques) // STILL.start_windows)
+    width = max(LIMITS.min_window, len(torques) // LIMITS.start_windows)
     if len(torques) < 3 * width:
         return 0
     scatter = np.stack([_scatter(x[: len(x) // width * width].reshape(-1, width)) for x in torques.T])
     # The largest may be a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
-    moves = np.any((scatter > STILL.max_still_share * usual) & (usual > 0), axis=0)
+    moves = np.any((scatter > LIMITS.max_still_share * usual) & (usual > 0), axis=0)
     return int(np.argmax(moves)) * width
 
 
@@ -96,10 +92,10 @@ def without_standstill(signals: FloatArray, L: int, log: Log) -> Repaired:
     alike = hold.all(axis=1)
     for c, x in enumerate(signals.T):
         lost = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
-        least = STILL.leap * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if lost else 0.0
+        least = LIMITS.leap * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if lost else 0.0
         lost = [(a, b) for a, b in lost if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > least]
-        stuck = runs(hold[:, c] & ~alike, STILL.min_run - 1).tolist()
-        moving = max(STILL.min_range * float(np.nanstd(x)), STILL.min_steps * step(x)) if stuck else 0.0
+        stuck = runs(hold[:, c] & ~alike, LIMITS.min_run - 1).tolist()
+        moving = max(LIMITS.min_range * float(np.nanstd(x)), LIMITS.min_steps * step(x)) if stuck else 0.0
         # The first value may be a measured one.
         lost += [(a + 1, b + 1) for a, b in stuck if min(map(np.ptp, _elsewhere(x, a, b + 1, L)), default=0) > moving]
         if lost:
@@ -120,15 +116,15 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
 
     torques: their columns.  The first repetition may hold the start; the last ones are cut off where they all stop.
     """
-    P, width = len(signals) // L, min(L, max(STILL.min_window, L // STILL.windows))
+    P, width = len(signals) // L, min(L, max(LIMITS.min_window, L // LIMITS.windows))
     u = signals[: P * L, list(torques)].T.reshape(-1, P, L)[:, :, : L // width * width]
     scatter = _scatter(u.reshape(*u.shape[:2], -1, width)).sum(axis=0)
     if P < 2:
         return Repaired(signals)
     # The largest may be that of the start, or hold a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
-    moving = usual > STILL.min_moving_share * np.median(usual)
-    bad = (scatter < STILL.max_still_share * usual)[:, moving].sum(axis=1) > STILL.max_still * moving.sum()
+    moving = usual > LIMITS.min_moving_share * np.median(usual)
+    bad = (scatter < LIMITS.max_still_share * usual)[:, moving].sum(axis=1) > LIMITS.max_still * moving.sum()
     bad[:1] = False
     if not bad.any():
         return Repaired(signals)
@@ -149,7 +145,7 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
 
 def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     """Signals (P L, c), finite, NaN at spikes of one or two samples; unchanged for fewer than three repetitions."""
-    if len(signals) // L < SPIKE.min_periods:
+    if len(signals) // L < LIMITS.min_periods:
         return Repaired(signals)
     good = np.ones(len(signals), dtype=np.bool_)
     apart = [x - expected(x, L, sign, good, robust=True) for x in signals.T]
@@ -176,7 +172,7 @@ def _without(
         if spikes.size == 0:
             continue
         text = f"{log.names[c]}: {spikes.size} of {len(x)} samples differ from {reference}"
-        if spikes.size > SPIKE.max_share * len(x):
+        if spikes.size > LIMITS.max_share * len(x):
             findings.append(Finding("spikes left", spikes.size, f"{text}: too many for spikes, left unchanged"))
             continue
         result[spikes, c], values[c] = np.nan, usual
@@ -189,26 +185,26 @@ def _spikes(x: FloatArray, e: FloatArray) -> tuple[IntArray, FloatArray]:
     """Samples (k,) of the spikes, and their usual values (k,)."""
     from scipy.ndimage import median_filter
 
-    d = np.abs(e - median_filter(e, SPIKE.median_window, mode="mirror"))
+    d = np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror"))
     sigma = STD_OVER_MAD * float(np.median(d))
     if sigma == 0:  # most samples agree exactly: from the smaller 99 %
         sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
-    least = max(SPIKE.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x))
-    parts = d[: len(d) // SPIKE.parts * SPIKE.parts].reshape(SPIKE.parts, -1)
-    beyond_usual = SPIKE.min_over_usual * float(np.median(np.quantile(parts, SPIKE.usual_share, axis=1)))
+    least = max(LIMITS.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x))
+    parts = d[: len(d) // LIMITS.parts * LIMITS.parts].reshape(LIMITS.parts, -1)
+    beyond_usual = LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
     spikes, usual = [np.arange(0)], [x[:0]]
     for first, end in runs(np.asarray(d > least)):
-        run, n = np.arange(first, end), SPIKE.neighbours
+        run, n = np.arange(first, end), LIMITS.neighbours
         # Near an end a spike cannot be distinguished from a bend.
-        if len(run) > SPIKE.max_run or first <= n or end > len(e) - n:
+        if len(run) > LIMITS.max_run or first <= n or end > len(e) - n:
             continue
         around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
         local, scatter = _parabola(e, run)
         distance = np.abs(e[run] - local).max()
-        if d[run].max() > SPIKE.min_ratio * around.max() and distance > max(least, SPIKE.min_ratio * scatter):
+        if d[run].max() > LIMITS.min_ratio * around.max() and distance > max(least, LIMITS.min_ratio * scatter):
             spikes.append(run)
             usual.append(x[run] - e[run] + local)
-    if sum(map(len, spikes)) <= SPIKE.max_share * len(x):
+    if sum(map(len, spikes)) <= LIMITS.max_share * len(x):
         kept = [i for i, run in enumerate(spikes) if d[run].max(initial=0.0) > beyond_usual or not run.size]
         spikes, usual = [spikes[i] for i in kept], [usual[i] for i in kept]
     return np.concatenate(spikes), np.concatenate(usual)
@@ -216,7 +212,7 @@ def _spikes(x: FloatArray, e: FloatArray) -> tuple[IntArray, FloatArray]:
 
 def _parabola(e: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
     """The parabola through the neighbours of a run, at the run, and the largest distance of those from it."""
-    first, last, n = int(run[0]), int(run[-1]), SPIKE.neighbours
+    first, last, n = int(run[0]), int(run[-1]), LIMITS.neighbours
     sides = np.r_[max(0, first - 1 - n) : max(0, first - 1), last + 2 : min(len(e), last + 2 + n)]
     middle = (first + last) / 2
     powers = np.vander((sides - middle) / n, 3)

@@ -16,6 +16,7 @@ from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.recorded.repair import Finding, Log, Repaired, expected, runs
 from elastid.recorded.repair.converter import find_clipping, find_steps
+from elastid.recorded.repair.masks import LIMITS as MASKS
 from elastid.recorded.repair.masks import without_spikes, without_standstill, without_stops
 from elastid.recorded.repair.periodicity import LIMITS as REPETITION
 from elastid.recorded.repair.periodicity import grid_samples
@@ -32,8 +33,6 @@ _CUBIC_SAMPLES = 2
 class MissingLimits:
     """Limits of the filling of gaps."""
 
-    # A repetition that lacks more than this part of a channel is filled but does not count as a measurement.
-    max_missing_of_repetition: float = 0.1
     max_missing_share: float = 1 / 3  # a channel that lacks more than this part is refused
     # Without a period: samples of a gap at most, and the part of a channel that may be missing.
     max_gap: int = 2
@@ -62,8 +61,9 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
         text = f"{text}, the first is {log.time_of(missing[0])}: filled from the same phase of the other periods"
         findings.append(Finding(FILLED, missing.size, text))
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    left_out = np.flatnonzero(lacking > LIMITS.max_missing_of_repetition)
-    limit = f"{LIMITS.max_missing_of_repetition:.0%}"
+    # A repetition that lacks more of a channel is filled but does not count as a measurement.
+    left_out = np.flatnonzero(lacking > MASKS.max_still)
+    limit = f"{MASKS.max_still:.0%}"
     if P - len(left_out) < 2:
         raise DataError(
             "records/missing-samples",
