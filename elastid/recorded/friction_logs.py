@@ -34,8 +34,7 @@ from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, disturbances, link_side, to_joints
 from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.converter import step
-from elastid.recorded.repair.masks import despiked_without_period
+from elastid.recorded.repair.masks import despiked_without_period, step
 from elastid.recorded.repair.missing import CUT, bridged_gaps, pieces_between_gaps
 from elastid.recorded.rig import repaired_signals
 from elastid.robot import Joint, Robot

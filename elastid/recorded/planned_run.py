@@ -18,7 +18,7 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.record import drive_unit
 from elastid.recorded.repair import Log
-from elastid.recorded.repair.converter import find_clipping
+from elastid.recorded.repair.masks import find_clipping
 from elastid.robot import Robot
 
 

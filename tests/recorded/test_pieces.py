@@ -20,7 +20,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 from elastid.recorded import pieces as in_pieces
-from elastid.recorded.pieces import pieces
+from elastid.recorded.rig import pieces
 from elastid.store.measured import read_records, write_records
 
 PERIODS = 40

@@ -15,9 +15,8 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.recorded.repair import Finding, Log, Repaired, expected, runs
-from elastid.recorded.repair.converter import find_clipping, find_steps
 from elastid.recorded.repair.masks import LIMITS as MASKS
-from elastid.recorded.repair.masks import without_spikes, without_standstill, without_stops
+from elastid.recorded.repair.masks import find_clipping, find_steps, without_spikes, without_standstill, without_stops
 from elastid.recorded.repair.periodicity import LIMITS as REPETITION
 from elastid.recorded.repair.periodicity import grid_samples
 from elastid.recorded.repair.time_stamps import at_times, resampled
