@@ -124,6 +124,7 @@ def without_standstill(signals: FloatArray, L: int, log: Log) -> Repaired:
     for c, x in enumerate(signals.T):
         lost = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
         least = LIMITS.leap * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if lost else 0.0
+        lost = [(a, b) for a, b in lost if min(abs(x[a - 1]), abs(x[b])) > least]  # of many zeros few are leapt to
         lost = [(a, b) for a, b in lost if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > least]
         stuck = runs(hold[:, c] & ~alike, LIMITS.min_run - 1).tolist()
         moving = max(LIMITS.min_range * float(np.nanstd(x)), LIMITS.min_steps * step(x)) if stuck else 0.0
