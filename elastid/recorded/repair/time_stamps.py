@@ -329,19 +329,7 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
         )
     time_s = time_s - time_s[0]
     steps = TimeSteps.of(time_s)
-    _check_span(time_s, steps, rate_hz, log)
-    grid = even_grid(time_s)
-    if grid is not None:
-        rows, own_hz = grid
-        if abs(own_hz / rate_hz - 1) <= CLOCK.max_error:
-            return _with_gaps(signals, rows, log)
-        time_s = rows / own_hz
-    return _at_instants(time_s, signals, rate_hz, log, steps)
-
-
-def _check_span(time_s: FloatArray, steps: TimeSteps, rate_hz: float, log: Log) -> None:
-    ratio = steps.mean_hz / rate_hz
-    if not 1 / CLOCK.max_ratio < ratio < CLOCK.max_ratio:
+    if not 1 / CLOCK.max_ratio < steps.mean_hz / rate_hz < CLOCK.max_ratio:
         after = log.time_of(int(np.argmax(np.diff(time_s))))
         raise DataError(
             "records/clock",
@@ -349,6 +337,13 @@ def _check_span(time_s: FloatArray, steps: TimeSteps, rate_hz: float, log: Log) 
             f"{rate_hz:g}; give the time in s, correct rate_hz, or cut a jump off with samples",
             log.where,
         )
+    grid = even_grid(time_s)
+    if grid is not None:
+        rows, own_hz = grid
+        if abs(own_hz / rate_hz - 1) <= CLOCK.max_error:
+            return _with_gaps(signals, rows, log)
+        time_s = rows / own_hz
+    return _at_instants(time_s, signals, rate_hz, log, steps)
 
 
 def _with_gaps(signals: FloatArray, rows: IntArray, log: Log) -> Repaired:
