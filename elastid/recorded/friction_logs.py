@@ -196,8 +196,7 @@ class _LogReader:
     ) -> tuple[Repaired, int | None, float]:
         """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
         if self.file.purpose == "at_rest":
-            roles = {role: [i for i, c in enumerate(gathered.channels) if c.role == role] for role in ("r", "u", "y")}
-            return repaired_signals(gathered, roles, recorded, log)
+            return repaired_signals(gathered, recorded, log)
         bridged = bridged_gaps(gathered.signals, log)
         torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
         of_torques = replace(log, names=tuple(log.names[i] for i in torques))

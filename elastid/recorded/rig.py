@@ -13,7 +13,7 @@ first; the record keeps where a log starts, since each has a transient and a dri
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -151,7 +151,7 @@ class RecordedRig:
             str(self.base / file.path), tuple(c.full_name for c in channels), known_hz, gathered.first, gathered.rows
         )
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
-        repaired, N, rate_hz = repaired_signals(gathered, roles, recorded, log, is_one_of_several)
+        repaired, N, rate_hz = repaired_signals(gathered, recorded, log, is_one_of_several)
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
         notes = [replace(note, place=where) for note in gathered.notes]
         notes += [finding.note(where) for finding in findings]
@@ -204,11 +204,7 @@ def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
 
 
 def repaired_signals(
-    gathered: GatheredChannels,
-    roles: Mapping[str, Sequence[int]],
-    recorded: RecordedSpec,
-    log: Log,
-    is_one_of_several: bool = False,
+    gathered: GatheredChannels, recorded: RecordedSpec, log: Log, is_one_of_several: bool = False
 ) -> tuple[Repaired, int | None, float]:
     """The repaired signals, the samples of their period (None without one), and their rate."""
     period, half_wave = gathered.period, recorded.half_wave
@@ -216,7 +212,7 @@ def repaired_signals(
         return repair_without_period(gathered.signals, log), None, gathered.rate_hz
     N = grid_samples(period, half_wave)
     check = partial(check_repeat, N=N, half_wave=half_wave, log=log, is_one_of_several=is_one_of_several)
-    repaired = repair(gathered.signals, roles, period, half_wave, log, check)
+    repaired = repair(gathered.signals, _columns_of_roles(gathered.channels), period, half_wave, log, check)
     return repaired, N, gathered.rate_hz if period == N else gathered.rate_hz * N / period
 
 
