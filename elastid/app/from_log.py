@@ -32,7 +32,7 @@ from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.repair.periodicity import find_period, repetition
-from elastid.recorded.repair.time_stamps import STAMPS, even_grid
+from elastid.recorded.repair.time_stamps import CLOCK, even_grid
 from elastid.recorded.responses.table import is_universal_file, uff_places
 from elastid.robot import Robot
 from elastid.study.checks.recorded import TIME_UNITS, is_time, time_of
@@ -130,7 +130,7 @@ def _clock(log: Log) -> Clock:
         t = np.asarray(time_of(log, name))
         if len(t) > 2 and (np.all(np.diff(t) > 0) if is_time(name) else is_clock(t) and np.any(np.diff(t) != 1)):
             steps = np.diff(t)  # gaps left out, their mean is that of a clock that jitters or is rounded
-            usual = 1 / float(np.mean(steps[steps < STAMPS.min_gap * np.median(steps)]))
+            usual = 1 / float(np.mean(steps[steps < CLOCK.min_gap * np.median(steps)]))
             low, high = 20.0, 200e3  # of logs of machines
             unit = next((u for u, s in TIME_UNITS.items() if low <= usual / s <= high), "s")
             grid = even_grid(t - t[0])

@@ -180,17 +180,11 @@ def _of_a_family(members: Sequence[int], labels: Sequence[str], channels: Sequen
     sizes = [TABLE.get(unit, ("", 1.0)) for unit in units]
     for place, i in enumerate(members):
         others = {size for j, size in enumerate(sizes) if j != place}
-        if (
-            len(members) > 2
-            and len(others) == 1
-            and sizes[place] not in others
-            and sizes[place][0] == sizes[place - 1][0]
-        ):
+        is_odd = len(others) == 1 and sizes[place] not in others and sizes[place][0] == sizes[place - 1][0]
+        if len(members) > 2 and is_odd:
             j = 0 if place else 1
-            text = (
-                f"{channels[i].name_in_file} is stated in {units[place]}, {channels[members[j]].name_in_file} and the"
-            )
-            yield Doubt(i, "unit", f"{text} others in {units[j]}; a log has one unit for all joints")
+            text = f"{channels[i].name_in_file} is stated in {units[place]}, {channels[members[j]].name_in_file}"
+            yield Doubt(i, "unit", f"{text} and the others in {units[j]}; a log has one unit for all joints")
     own = [re.sub(r"\D", "", channels[i].at) for i in members]
     if len(members) > 1 and sorted(own) == sorted(labels) and len({*own}) == len(own):
         for i, label, number in zip(members, labels, own, strict=True):

@@ -152,15 +152,8 @@ def correlation(x: FloatArray, y: FloatArray) -> float:
     return float(x @ y) / size if size > 0 else 0.0
 
 
-@dataclass(frozen=True)
-class DriveLimits:
-    """Limits of the notes on torques."""
-
-    # Sine of the angle between two signals without their means, up to which they are one but for rounding.
-    max_difference: float = 1e-9
-
-
-LIMITS = DriveLimits()
+# Sine of the angle between two signals without their means, up to which they are one but for rounding.
+MAX_DIFFERENCE = 1e-9
 
 
 def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, where: str) -> list[Note]:
@@ -211,7 +204,7 @@ def same_signal_notes(channels: Sequence[ChannelSpec], signals: FloatArray, wher
         if channels[a].role != channels[b].role:
             continue
         factor = moving[:, a] @ moving[:, b] / size[a] ** 2
-        if np.linalg.norm(moving[:, b] - factor * moving[:, a]) <= LIMITS.max_difference * size[b]:
+        if np.linalg.norm(moving[:, b] - factor * moving[:, a]) <= MAX_DIFFERENCE * size[b]:
             text = (
                 f"{channels[b].full_name} holds the samples of {channels[a].full_name}: one of the two is not the "
                 "signal of its motor; check channel and column in the study, and the wiring of the logger"

@@ -34,8 +34,7 @@ from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, disturbances, link_side, to_joints
 from elastid.recorded.repair import Finding, Log, Repaired
-from elastid.recorded.repair.converter import step
-from elastid.recorded.repair.masks import despiked_without_period
+from elastid.recorded.repair.masks import despiked_without_period, step
 from elastid.recorded.repair.missing import CUT, bridged_gaps, pieces_between_gaps
 from elastid.recorded.rig import repaired_signals
 from elastid.robot import Joint, Robot
@@ -44,13 +43,23 @@ from elastid.robot.simplified import with_point_mass
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of motions and temperatures of joints."""
+    """Limits of motions and temperatures of joints, and of warm-ups (of 12 clean logs none is refused)."""
 
     # Travel below which a joint is held by its controller, in m where it slides and in rad.
     held_travel_m: float = 1e-3
     held_travel_rad: float = 5e-3
     impossible_degc: float = 150.0
     min_part_s: float = 2.0  # of a motion between two gaps; shorter ones are hardly more than their ends
+    # Of warm-ups.
+    step_s: float = 10.0  # of constant power, at least: several cycles of a motion
+    max_steps: int = 500  # of one log
+    min_steps: int = 30  # of all logs together; five minutes warm no gear
+    groups: int = 24  # of test passes, as of a designed warm-up of two hours with tests each five minutes
+    min_groups: int = 6  # in which a speed must occur: a level's course has three numbers
+    max_return: float = 0.99  # share of the travel from the first to the last position: above, no way back
+    per_count: float = 2.0  # readings for each count of a coarse thermometer: within one they are no noise
+    min_readings: int = 10
+    start_std: float = 1.0  # K, of the temperature at the start, before readings are fitted
 
 
 LIMITS = JointLimits()
@@ -187,8 +196,7 @@ class _LogReader:
     ) -> tuple[Repaired, int | None, float]:
         """Signals without gaps and spikes, samples of their period at rest (None without one), and their rate."""
         if self.file.purpose == "at_rest":
-            roles = {role: [i for i, c in enumerate(gathered.channels) if c.role == role] for role in ("r", "u", "y")}
-            return repaired_signals(gathered, roles, recorded, log)
+            return repaired_signals(gathered, recorded, log)
         bridged = bridged_gaps(gathered.signals, log)
         torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
         of_torques = replace(log, names=tuple(log.names[i] for i in torques))
@@ -291,11 +299,9 @@ class _LogReader:
         """True if it moves by more than its controller's errors."""
         if joint.name not in positions or ("u", f"motor {joint.name}", "") not in signals:
             return False
-        travel = float(np.ptp(positions[joint.name]))
-        return self.file.purpose in STILL or joint.name == self.file.joint or travel > self._held(joint)
-
-    def _held(self, joint: Joint) -> float:
-        return LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
+        held = LIMITS.held_travel_m if joint.slides else LIMITS.held_travel_rad
+        moves = float(np.ptp(positions[joint.name])) > held
+        return self.file.purpose in STILL or joint.name == self.file.joint or moves
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)
@@ -330,24 +336,6 @@ def _signal(signals: Signals, role: str, joint: str, quantity: str = "") -> Floa
     return signals.get(at_motor, signals.get(at_joint))
 
 
-@dataclass(frozen=True)
-class WarmUpLogLimits:
-    """Limits of logs of warm-ups.  False alarms of 12 logs: 0 refusals."""
-
-    step_s: float = 10.0  # of constant power, at least: several cycles of a motion
-    max_steps: int = 500  # of one log
-    min_steps: int = 30  # of all logs together; five minutes warm no gear
-    groups: int = 24  # of test passes, as of a designed warm-up of two hours with tests each five minutes
-    min_groups: int = 6  # in which a speed must occur: a level's course has three numbers
-    max_return: float = 0.99  # share of the travel from the first to the last position: above, no way back
-    per_count: float = 2.0  # readings for each count of a coarse thermometer: within one they are no noise
-    min_readings: int = 10
-    start_std: float = 1.0  # K, of the temperature at the start, before readings are fitted
-
-
-WARM_UP = WarmUpLogLimits()
-
-
 @frozen_value
 class Heat:
     """Heat in one log: power (n,), W, between time_s (n + 1,), readings (n + 1,), degC, of a step of `count`."""
@@ -362,25 +350,23 @@ def heat_of(record: FrictionRecord) -> Heat:
     """The log in steps; DataError where the joint never returns, or its torque does no work on it."""
     q, u, rate_hz = record.position, record.torque, record.rate_hz
     where = f"{record.place}: warm-up of joint {record.joint}"
-    if abs(q[-1] - q[0]) > WARM_UP.max_return * np.ptp(q):
-        raise DataError(
-            "friction/warm-up",
-            f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} and never returns, so that the work "
-            "of gravity cannot be distinguished from heat; log a motion to and fro",
-            where,
-        )
-    n = max(1, min(WARM_UP.max_steps, int(len(q) / rate_hz / WARM_UP.step_s)))
+    n = max(1, min(LIMITS.max_steps, int(len(q) / rate_hz / LIMITS.step_s)))
     edges = np.linspace(0, len(q) - 1, n + 1).round().astype(int)
     # A held torque acts until the next sample, a band-limited one changes on the way.
     acting = u[:-1] if record.hold == "zero-order" else (u[:-1] + u[1:]) / 2
-    work = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges]
-    if work[-1] <= 0:
-        raise DataError(
-            "friction/warm-up",
-            f"its torque takes {-work[-1]:.4g} J out of the motion: friction would drive the joint; correct "
-            "the sign of torque or position",
-            where,
+    work, text = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges], ""
+    if abs(q[-1] - q[0]) > LIMITS.max_return * np.ptp(q):
+        text = (
+            f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} and never returns, so that the work of gravity "
+            "cannot be distinguished from heat; log a motion to and fro"
         )
+    elif work[-1] <= 0:
+        text = (
+            f"its torque takes {-work[-1]:.4g} J out of the motion: friction would drive the joint; correct the sign "
+            "of torque or position"
+        )
+    if text:
+        raise DataError("friction/warm-up", text, where)
     T = record.temperature
     readings = np.full(n + 1, np.nan) if T is None else _means(T, edges)
     power = np.diff(work) / (np.diff(edges) / rate_hz)
@@ -396,10 +382,10 @@ def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
 
 def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
     """Test passes: of each speed that is stated, or occurs throughout the log, the first pass in each of its parts."""
-    least = 1 if record.speed is not None else WARM_UP.min_groups
+    least = 1 if record.speed is not None else LIMITS.min_groups
     passes = detect_passes(record, has_gravity)
     speeds = alike_speeds(np.array([each.speed for each in passes], dtype=np.float64)).tolist()
-    length = max(record.duration_s / WARM_UP.groups, 1e-9)
+    length = max(record.duration_s / LIMITS.groups, 1e-9)
     firsts: dict[float, dict[int, FrictionRecord]] = {}
     for speed, each in zip(speeds, passes, strict=True):
         firsts.setdefault(speed, {}).setdefault(int((each.start_s - record.start_s) / length), each)
@@ -430,27 +416,25 @@ def warm_up_log(
         power = np.concatenate([power, np.zeros(1 - first), heat.power])
         time_s, readings = np.append(time_s, heat.time_s[first:]), np.append(readings, heat.readings[first:])
     span = float(time_s[-1] - time_s[0])
-    least = WARM_UP.min_steps * WARM_UP.step_s
+    least = LIMITS.min_steps * LIMITS.step_s
+    read, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
     if span < least:
-        raise DataError(
-            "friction/warm-up",
-            f"{span:.4g} s are no warm-up: gears take 10 to 60 minutes; log {least:g} s at least, better two "
-            "hours, or take purpose: motion",
-            place,
+        text = (
+            f"{span:.4g} s are no warm-up: gears take 10 to 60 minutes; log {least:g} s at least, better two hours, or "
+            "take purpose: motion"
         )
-    read, count = np.isfinite(readings), max(heat.count for heat in heats)
+    elif read.any() and np.ptp(readings[read]) < max(count, 1e-9):
+        text = (
+            f"the thermometer reads {readings[read][0]:.4g} degC throughout, while {power.mean():.3g} W warm the "
+            "joint; it is stuck or elsewhere: leave its channel out, test passes show the heat as well"
+        )
+    if text:
+        raise DataError("friction/warm-up", text, place)
     if not read.any():
         return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
-    if np.ptp(readings[read]) < max(count, 1e-9):
-        raise DataError(
-            "friction/warm-up",
-            f"the thermometer reads {readings[read][0]:.4g} degC throughout, while {power.mean():.3g} W warm "
-            "the joint; it is stuck or elsewhere: leave its channel out, test passes show the heat as well",
-            place,
-        )
     noise = float(np.std(np.diff(readings[read], 2)) / np.sqrt(6))  # of white noise on a slow signal
     std, at_start = max(noise, count / np.sqrt(12)), float(readings[read][0])
     if noise < count / np.sqrt(12):  # readings of one count have one error
-        most = max(WARM_UP.min_readings, int(WARM_UP.per_count * np.ptp(readings[read]) / count))
+        most = max(LIMITS.min_readings, int(LIMITS.per_count * np.ptp(readings[read]) / count))
         readings = np.where(np.cumsum(read) % max(1, read.sum() // most) == 0, readings, np.nan)
-    return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(WARM_UP.start_std, 3 * std))
+    return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(LIMITS.start_std, 3 * std))

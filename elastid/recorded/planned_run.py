@@ -18,7 +18,7 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.record import drive_unit
 from elastid.recorded.repair import Log
-from elastid.recorded.repair.converter import find_clipping
+from elastid.recorded.repair.masks import find_clipping
 from elastid.robot import Robot
 
 
@@ -68,8 +68,12 @@ def contradiction(run: PlannedRun, r: FloatArray, u: FloatArray, y: FloatArray) 
 
     r, u, y (n, n_u): injected torque, acting torque and position of the motors over the whole run, link side, SI.
     """
-    if words := _length(run.plan, len(r)):
-        return words
+    n, hz = run.plan.run_samples, run.plan.rate_hz
+    if len(r) != n:
+        return (
+            f"it has {len(r)} samples, and the planned run has {n} ({n / hz:g} s at {hz:g} Hz, from standstill to "
+            "standstill): log each sample of the whole run, and no more"
+        )
     missing = [name for name, signal in (("r", r), ("u", u), ("y", y)) if not np.isfinite(signal).all()]
     if missing:
         return f"{missing[0]} has samples that are no finite numbers; measure it again"
@@ -86,22 +90,6 @@ def contradiction(run: PlannedRun, r: FloatArray, u: FloatArray, y: FloatArray) 
     )
 
 
-def _length(plan: Plan, n: int) -> str:
-    if n == plan.run_samples:
-        return ""
-    return (
-        f"it has {n} samples, and the planned run has {plan.run_samples} ({plan.run_samples / plan.rate_hz:g} s at "
-        f"{plan.rate_hz:g} Hz, from standstill to standstill): log each sample of the whole run, and no more"
-    )
-
-
-def _correlation(a: FloatArray | ComplexArray, b: FloatArray | ComplexArray) -> FloatArray:
-    """Correlations (n_a, n_b) of the columns of a and b; 0 where one is still."""
-    size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
-    product = np.real(np.swapaxes(a.conj(), 0, 1) @ b)
-    return np.asarray(np.divide(product, size, out=np.zeros_like(product), where=size > 0))
-
-
 def _in_step(plan: Plan, r: FloatArray, planned: FloatArray) -> tuple[str, FloatArray]:
     """Why the injected torque begins at another time than planned, empty where it does not; and it, in step."""
     spectrum = np.fft.rfft(r, 2 * len(r), axis=0) * np.fft.rfft(planned, 2 * len(r), axis=0).conj()
@@ -115,7 +103,8 @@ def _in_step(plan: Plan, r: FloatArray, planned: FloatArray) -> tuple[str, Float
 def _unlike(run: PlannedRun, what: str, signal: FloatArray, expected: FloatArray, same: float, size: float) -> str:
     """A channel that fits the plan of another motor, does not follow its own, or has another size."""
     X, planned, names = run.lines(signal), run.lines(expected), run.plan.inputs
-    C, gain = _correlation(X, planned), np.linalg.norm(X, axis=0) / np.linalg.norm(planned, axis=0)
+    own, sizes = np.linalg.norm(X, axis=0), np.linalg.norm(planned, axis=0)
+    C, gain = np.real(X.conj().T @ planned) / np.maximum(np.outer(own, sizes), 1e-300), own / sizes
     for i, place in enumerate(names):
         other = int(np.argmax(np.abs(C[i])))
         if other != i and abs(C[i, other]) > max(LIMITS.exchanged, abs(C[i, i]) + LIMITS.exchanged_lead):

@@ -1,16 +1,30 @@
-"""A folder of lab logs as a rig: their channels as records in SI, on the link side, checked before use."""
+"""A folder of lab logs as a rig: their channels as records in SI, on the link side, checked before use.
+
+A record may have several parts: of a log that is too large for memory, or of several logs of one experiment.
+
+A large log is measured in pieces of whole periods (without one, of any length), kept in files, each repaired and
+checked as a log of its own.  Where they are not in step (a clock that differs, a piece that is refused) the log must be
+measured as a whole.
+
+Logs of one experiment may hold further periods, or repeats, of one excitation, which brings each into step with the
+first; the record keeps where a log starts, since each has a transient and a drift of its own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
-from elastid.base.errors import DataError, StudyError
+from elastid.base import arrays
+from elastid.base.arrays import FloatArray, LargeArray
+from elastid.base.errors import DataError, Note, StudyError
 from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -20,17 +34,18 @@ from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.evidence import drive_notes, same_signal_notes
 from elastid.recorded.files.formats import is_log, is_single, naming, rows_of
 from elastid.recorded.link_side import (
+    UNWRAPPED,
     channel_refusals,
     disturbances,
     hold_samples,
     link_side_factor,
     to_joints,
 )
-from elastid.recorded.pieces import end_notes, joined, joined_periods, may_be_large, pieces
 from elastid.recorded.repair import Log, Repaired, counts
 from elastid.recorded.repair.masks import STOPPED
 from elastid.recorded.repair.missing import repair, repair_without_period
 from elastid.recorded.repair.periodicity import check_repeat, grid_samples, unstated_period_notes
+from elastid.recorded.repair.time_stamps import CLOCK, RESAMPLED, at_times, delay
 
 
 @dataclass(frozen=True)
@@ -136,7 +151,7 @@ class RecordedRig:
             str(self.base / file.path), tuple(c.full_name for c in channels), known_hz, gathered.first, gathered.rows
         )
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
-        repaired, N, rate_hz = repaired_signals(gathered, roles, recorded, log, is_one_of_several)
+        repaired, N, rate_hz = repaired_signals(gathered, recorded, log, is_one_of_several)
         signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
         notes = [replace(note, place=where) for note in gathered.notes]
         notes += [finding.note(where) for finding in findings]
@@ -189,11 +204,7 @@ def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
 
 
 def repaired_signals(
-    gathered: GatheredChannels,
-    roles: Mapping[str, Sequence[int]],
-    recorded: RecordedSpec,
-    log: Log,
-    is_one_of_several: bool = False,
+    gathered: GatheredChannels, recorded: RecordedSpec, log: Log, is_one_of_several: bool = False
 ) -> tuple[Repaired, int | None, float]:
     """The repaired signals, the samples of their period (None without one), and their rate."""
     period, half_wave = gathered.period, recorded.half_wave
@@ -201,7 +212,7 @@ def repaired_signals(
         return repair_without_period(gathered.signals, log), None, gathered.rate_hz
     N = grid_samples(period, half_wave)
     check = partial(check_repeat, N=N, half_wave=half_wave, log=log, is_one_of_several=is_one_of_several)
-    repaired = repair(gathered.signals, roles, period, half_wave, log, check)
+    repaired = repair(gathered.signals, _columns_of_roles(gathered.channels), period, half_wave, log, check)
     return repaired, N, gathered.rate_hz if period == N else gathered.rate_hz * N / period
 
 
@@ -229,3 +240,215 @@ def _check_channels(channels: tuple[ChannelSpec, ...], robot: Places) -> None:
     for channel in channels:
         link_side_factor(channel, robot)
     to_joints(channels, robot)
+
+
+# A log of fewer values is measured as a whole.
+MIN_VALUES = 1 << 22
+# A median over fewer periods cannot distinguish a spike from a signal.
+_MIN_PERIODS = 8
+
+
+def may_be_large(path: Path) -> bool:
+    """True if its signals may be too many for memory: a value takes a byte of the file at least, unless compressed."""
+    return path.stat().st_size >= MIN_VALUES
+
+
+def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
+    """First and last sample of pieces of whole periods N (None: of any length); none where the log fits into memory."""
+    if n * n_channels < MIN_VALUES:
+        return ()
+    if N is None:
+        count = -(-n * n_channels // arrays.PIECE_VALUES)
+        return tuple(pairwise(i * n // count for i in range(count + 1)))
+    # The first piece, which is repaired in full, is a short one; repairs take several times its memory.
+    periods, rest = max(_MIN_PERIODS, arrays.PIECE_VALUES // 4 // (N * n_channels)), n // N - _MIN_PERIODS
+    starts = (_MIN_PERIODS + i * periods for i in range(max(1, rest // periods)))
+    return tuple(pairwise(N * p for p in (0, *starts, n // N))) if rest >= _MIN_PERIODS else ()
+
+
+def _lags(difference: FloatArray, mean: FloatArray) -> bool:
+    """True if a mean period differs from another one (N,) by a lag that counts, and that its noise does not explain."""
+    slope = (np.roll(mean, -1) - np.roll(mean, 1)) / 2
+    along, steepness = float(difference @ slope), float(slope @ slope)
+    is_long = abs(along) > SAME_EXCITATION.max_lag * steepness
+    return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)  # 6 of its deviations
+
+
+def joined(
+    measure: Callable[[int, int], Record],
+    bounds: Sequence[tuple[int, int]],
+    dtype: np.dtype[Any],
+) -> Record | None:
+    """The record of all pieces, its signals in files; None where they are not in step.
+
+    measure: the record of the samples from a first to before a last one.  dtype: of the numbers in the files.
+    """
+    n, first = bounds[-1][1], measure(*bounds[0])
+    period = _mean_period(_driver(first), first.period_samples) if first.is_periodic else None
+    given = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
+    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in given.items()}
+    notes, left_out = dict[Note, None](), list[int]()
+    repairs: Counter[str] = Counter()
+    for start, end in bounds:
+        part = measure(start, end) if start else first
+        if part.n_samples != end - start or not _is_in_step(part, period):
+            return None
+        for role, signal in signals.items():
+            signal[start:end] = getattr(part, role)
+            arrays.release(signal)
+        notes |= dict.fromkeys(part.notes)
+        repairs.update(part.repairs)
+        left_out += [start // part.repeat_samples + p for p in part.left_out]
+    large = {role: LargeArray(x.shape, x.dtype, partial(_rows, x)) for role, x in signals.items()}
+    period_samples = first.period_samples if first.is_periodic else n
+    record = replace(first, **large, period_samples=period_samples)  # type: ignore[arg-type]
+    return replace(record, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))
+
+
+def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
+    rows = np.array(signal[first:last])
+    arrays.release(signal)
+    return rows
+
+
+def end_notes(lost: int, n: int, repeat: int, place: str) -> tuple[Note, ...]:
+    """A note on the samples of a log of n that are lost after its last whole repetition, if there are any."""
+    text = f"the last {lost} of {n} samples are no whole period of {repeat} samples and are left out"
+    return (Note("records/repaired", text, place),) if lost > 0 else ()
+
+
+def _driver(record: Record) -> FloatArray:
+    return record.u if record.r is None else record.r
+
+
+def _is_in_step(part: Record, first: FloatArray | None) -> bool:
+    """True if a piece joins the first one, whose mean period is `first` (None without a period)."""
+    if first is None:
+        # An angle whose turns were taken out of one piece does not continue in the next.
+        return all(note.code != UNWRAPPED for note in part.notes)
+    if RESAMPLED in part.repairs:
+        return False
+    mean, N = _mean_period(_driver(part), len(first)), len(first)
+    delays = [delay(a, b, N) for a, b in zip(first.T, mean.T, strict=True)]
+    # The lag of a slow excitation is uncertain.
+    return all(
+        abs(lag) <= SAME_EXCITATION.max_lag or (abs(lag) < 1 and not _lags(b - a, a))
+        for a, b, (lag, correlation) in zip(first.T, mean.T, delays, strict=True)
+        if correlation >= CLOCK.min_correlation
+    )
+
+
+def _mean_period(signals: FloatArray, N: int) -> FloatArray:
+    return np.asarray(signals[: len(signals) // N * N].reshape(-1, N, signals.shape[1]).mean(axis=0))
+
+
+@dataclass(frozen=True)
+class SameExcitationLimits:
+    """Limits of the judgement that two logs hold one excitation.
+
+    Of 300 pairs of clean logs with noise of up to 0.6 of the excitation none is refused
+    (tests/recorded/test_several_files.py).
+    """
+
+    # Share of an input's power that the first log does not explain, and amplitude over that of the first, less 1, since
+    # friction that warms up changes torques by a few per cent; how many times its noise the former must be.
+    max_change: float = 0.1
+    min_times_noise: float = 4.0
+    max_lag: float = 0.05  # samples: logs that are closer to step are left as they are
+
+
+SAME_EXCITATION = SameExcitationLimits()
+_ADVICE = "give each an experiment (same phases) or a realisation (other phases) of its own"
+
+
+def joined_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
+    """The record of all periods of some records, each of one log, in step with the first.
+
+    Raises DataError that names two logs where they do not hold the same excitation at the same rate.
+    """
+    first = _moved(records[0], 0.0)
+    both = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
+    every = [first, *(_brought_into_step(first, *each) for each in zip(records[1:], both, strict=True))]
+    starts = np.cumsum([0, *(each.n_repeats for each in every)]).tolist()
+    r = [each.r for each in every if each.r is not None]
+    repairs = sum((Counter(each.repairs) for each in every), Counter())
+    counts = ", ".join(f"{each.n_periods} of {path}" for each, path in zip(every, paths, strict=True))
+    text = f"the periods of one excitation are those of {len(every)} logs: {counts}"
+    note = Note("records/repaired", text, f"record {first.name}", severity="information")
+    return replace(
+        first,
+        u=np.concatenate([each.u for each in every]),
+        y=np.concatenate([each.y for each in every]),
+        r=np.concatenate(r) if len(r) == len(every) else None,
+        starts=tuple(starts[1:-1]),
+        notes=(*dict.fromkeys(note for each in every for note in each.notes), note),
+        repairs=dict(repairs),
+        left_out=tuple(start + p for start, each in zip(starts, every, strict=False) for p in each.left_out),
+    )
+
+
+def _brought_into_step(first: Record, record: Record, both: str) -> Record:
+    """A record that begins at the phase of the first, and has its means; DataError for another excitation."""
+    N = first.period_samples
+    if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > CLOCK.max_error:
+        raise DataError(
+            "records/disagree",
+            f"{both}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
+            f"{record.rate_hz:g} Hz; {_ADVICE}",
+        )
+    is_known = first.r is not None and record.r is not None
+    (a, of_a), (b, of_b) = (
+        _mean_with_variance(x.r if is_known and x.r is not None else x.u, N) for x in (first, record)
+    )
+    delays = [delay(own, other, N) for own, other in zip(a.T, b.T, strict=True)]
+    best = max(range(len(delays)), key=lambda i: delays[i][1])
+    lag = delays[best][0]
+    turns = np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)
+    b = np.fft.irfft(np.fft.rfft(b, axis=0) * turns[:, None], N, axis=0)
+    for i, place in enumerate(first.inputs):
+        noise = of_a[i] + of_b[i]
+        # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
+        if refused := _other_excitation(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
+            raise DataError("records/disagree", f"{both}, but at {place} {refused}; {_ADVICE}")
+    aligned = _moved(record, lag)
+    u, y = (x.mean(axis=0) - own.mean(axis=0) for x, own in ((first.u, aligned.u), (first.y, aligned.y)))
+    return replace(aligned, u=aligned.u + u, y=aligned.y + y)
+
+
+def _other_excitation(a: FloatArray, b: FloatArray, noise: float) -> str:
+    """Why b (N,) is no repetition of a (N,), of which noise is the variance of the difference, NaN if unknown."""
+    power, gain = float(b @ b), float(a @ b) / max(float(a @ a), 1e-300)
+    left = float(np.sum((b - gain * a) ** 2))
+    least = SAME_EXCITATION.min_times_noise * len(a) * noise if np.isfinite(noise) else 0.5 * power
+    if left > max(SAME_EXCITATION.max_change * power, least):
+        return f"{left / power:.0%} of the power of the second log is another excitation than that of the first"
+    if abs(gain - 1) > SAME_EXCITATION.max_change and (gain - 1) ** 2 * float(a @ a) > least:
+        return f"the excitation of the second log is {gain:.3g} times that of the first"
+    return ""
+
+
+def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatArray]:
+    """Mean period (N, c) of signals, without the mean of it, and its variance (c,), NaN where there is one period."""
+    X = signals[: len(signals) // N * N].reshape(-1, N, signals.shape[1])
+    X = X[1:] if len(X) > 2 else X  # the first holds the transient
+    P, mean = len(X), X.mean(axis=0)
+    variance = np.mean((X - mean) ** 2, axis=(0, 1)) / (P - 1) if P > 1 else np.full(X.shape[2], np.nan)
+    return mean - mean.mean(axis=0), np.asarray(variance)
+
+
+def _moved(record: Record, lag: float) -> Record:
+    """Whole periods from a lag of samples on, no half ones; a lone period is continued by itself."""
+    N, L = record.period_samples, record.repeat_samples
+    is_whole = abs(lag - round(lag)) <= SAME_EXCITATION.max_lag
+    start = float(round(lag) % N) if is_whole else lag % N
+    periods = max(1, int((record.n_samples - start) // N))
+    left_out = {int(p - start // L) - i for p in record.left_out for i in (range(2) if start % L else range(1))}
+    left_out = {p for p in left_out if 0 <= p < periods * N // L}
+    times = np.arange(periods * N, dtype=np.float64) + start
+    is_inside = is_whole and times[-1] < record.n_samples
+
+    def moved(x: FloatArray) -> FloatArray:
+        return x[int(start) :][: len(times)] if is_inside else at_times(x, times, float(N))
+
+    r = None if record.r is None else moved(record.r)
+    return replace(record, u=moved(record.u), y=moved(record.y), r=r, left_out=tuple(sorted(left_out)))

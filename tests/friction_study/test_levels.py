@@ -94,16 +94,6 @@ def test_slopes_of_two_directions_are_no_offset() -> None:
     assert set(alike.direction) == {0.0}
 
 
-def test_the_law_through_the_levels_is_the_true_one() -> None:
-    law = StaticLaw.of(find_levels(passes(4, repeat=2), True, 2 * np.pi / RATIO), LawSpec(exponent="no"))
-    numbers = law.intervals
-    truth = {"coulomb": F_C, "stiction": F_S, "stribeck_velocity": NU_S, "viscous": VISCOUS}
-    assert set(numbers) == set(truth)
-    for name, value in truth.items():
-        assert abs(numbers[name][0] - value) < 3.5 * numbers[name][1]
-        assert numbers[name][0] == pytest.approx(value, rel=0.03)
-
-
 @pytest.mark.parametrize(
     ("wrong", "code"),
     [

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from elastid.friction_study.levels import Levels, Pass, PassRegression, find_levels, passes_of
+from elastid.friction_study.levels import Pass, PassRegression, passes_of
 from elastid.record import FrictionRecord
 
 RATE, SPEED, COUNT = 1000.0, 0.4, 2e-5
@@ -91,30 +88,3 @@ def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts() -> None:
     (held,), (read,) = passes_of(one), passes_of(replace(one, torque_delay_s=0.0))
     np.testing.assert_allclose((held.acceleration - read.acceleration)[20:-20], 0.01, rtol=0.02)
     np.testing.assert_allclose((held.velocity - read.velocity)[20:-20], 5e-3 * read.acceleration[20:-20], rtol=0.02)
-
-
-N = 400
-
-
-def arm_passes(speeds: Sequence[float], seed: int = 0, gravity: float = 20.0, uneven: float = 0.0) -> list[Pass]:
-    """There and back at each speed about a horizontal arm: Coulomb 10 Nm, viscous 5 Nms/rad, noise 0.3 Nm."""
-    rng, found = np.random.default_rng(seed), []
-    for k, speed in enumerate(speeds):
-        for s in (1.0, -1.0):
-            q = s * (np.arange(N) / N - 0.5) * 0.4
-            v = np.full(N, s * speed)
-            u = s * (10 + 5 * speed) + uneven * speed + gravity * np.cos(q) + 0.3 * rng.standard_normal(N)
-            found.append(Pass("joint 1", f"p{k}", q, v, np.zeros(N), u))
-    return found
-
-
-def codes(levels: Levels) -> list[str]:
-    return [note.code for note in levels.notes]
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10_000), st.floats(0, 100), st.sampled_from([0.0, 3.0]))
-def test_clean_passes_raise_no_alarm(seed: int, gravity: float, uneven: float) -> None:
-    """Whatever gravity, and friction that differs between the directions."""
-    speeds = np.random.default_rng(seed).permutation(np.geomspace(0.05, 2.0, 8))
-    assert codes(find_levels(arm_passes(speeds.tolist(), seed, gravity, uneven), True)) == []

@@ -19,8 +19,8 @@ from elastid.frf import spectra as frf_spectra
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
-from elastid.recorded import pieces as in_pieces
-from elastid.recorded.pieces import pieces
+from elastid.recorded import rig
+from elastid.recorded.rig import pieces
 from elastid.store.measured import read_records, write_records
 
 PERIODS = 40
@@ -33,7 +33,7 @@ def large(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (arrays, frf_spectra):
         monkeypatch.setattr(module, "MIN_LARGE_VALUES", 8000)
         monkeypatch.setattr(module, "PIECE_VALUES", 6400)
-    monkeypatch.setattr(in_pieces, "MIN_VALUES", 8000)
+    monkeypatch.setattr(rig, "MIN_VALUES", 8000)
 
 
 def _write(base: Path, log: dict[str, np.ndarray], periods: int = PERIODS, extra: int = 0) -> ExperimentSpec:

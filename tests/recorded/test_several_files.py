@@ -19,8 +19,7 @@ from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
-from elastid.recorded.pieces import joined_periods
-from elastid.recorded.rig import RecordedRig
+from elastid.recorded.rig import RecordedRig, joined_periods
 from elastid.response import Response
 
 N, RATE = 240, 100.0

@@ -77,15 +77,7 @@ class TextFormatSpec:
         "without it.")] = 0
     comment: Annotated[str, Key("Character that begins a line that is skipped.", "where notes in the file begin with % "
         "or //, as in exports of some data loggers.")] = "#"
-    interleaved: Annotated[int, Key("Rows of the file that make one sample; columns of the second row are numbered "
-        "after those of the first.", "7 for a log with the numbers of seven joints one below the other; its channels "
-        "are `column 1` to `column 7`.")] = 1
     # fmt: on
-
-    def __post_init__(self) -> None:
-        """ValueError for less than a row a sample."""
-        if self.interleaved < 1:
-            raise ValueError(f"interleaved is {self.interleaved}; a sample has one row at least")
 
 
 @section

@@ -20,7 +20,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files import foreign, hdf5, ros_bag, text
+from elastid.recorded.files import foreign, ros_bag, text
 from elastid.recorded.files.log import ArrayLog, Log
 from elastid.recorded.files.reader_process import guarded
 
@@ -49,8 +49,10 @@ FORMATS = (
     Format("ROS bag", ros_bag.recognises, guarded(ros_bag.opened), "copy it again with all files of its folder"),
     Format("TDMS", starts_with(b"TDSm"), guarded(foreign.opened_tdms), "copy it or export it again"),
     Format("Parquet", starts_with(b"PAR1"), guarded(foreign.opened_parquet), "copy it or export it again"),
-    Format("MATLAB 7.3", hdf5.recognises_matlab, hdf5.opened_matlab, "copy it or save it again"),
-    Format("HDF5", hdf5.recognises, hdf5.opened, "copy it or export it again"),
+    Format(
+        "MATLAB 7.3", foreign.is_matlab_hdf5, partial(foreign.opened_hdf5, is_matlab=True), "copy it or save it again"
+    ),
+    Format("HDF5", foreign.is_hdf5, foreign.opened_hdf5, "copy it or export it again"),
     Format("MATLAB", foreign.is_matlab, guarded(foreign.opened_matlab), "copy it or save it again with -v7"),
     Format("text", text.recognises, text.opened, "copy it or export it again"),
 )
@@ -76,19 +78,15 @@ def _points() -> tuple[EntryPoint, ...]:
 def _registered(point: EntryPoint) -> Format:
     try:
         registered = point.load()
+        problem = f"is {type(registered).__name__} and not an elastid.recorded.files.formats.Format"
     except Exception as error:
-        raise StudyError(
-            "install/missing-package",
-            f"the reader {point.name} ({point.value}) of another package cannot be loaded ({error}); update that "
-            "package, or uninstall it",
-        ) from error
-    if not isinstance(registered, Format):
-        raise StudyError(
-            "install/missing-package",
-            f"the reader {point.name} ({point.value}) of another package is {type(registered).__name__} and not an "
-            "elastid.recorded.files.formats.Format; update that package, or uninstall it",
-        )
-    return registered
+        registered, problem = None, f"cannot be loaded ({error})"
+    if isinstance(registered, Format):
+        return registered
+    raise StudyError(
+        "install/missing-package",
+        f"the reader {point.name} ({point.value}) of another package {problem}; update that package, or uninstall it",
+    )
 
 
 def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
@@ -127,7 +125,7 @@ def values_of(log: Log, channels: Sequence[ChannelSpec], first: int, end: int) -
     if isinstance(log, ArrayLog):
         return log.values(channels, slice(first, end))
     if isinstance(log, text.TextLog):
-        log = replace(log, number_lines=log.number_lines[: log.first + log.format.interleaved * end])
+        log = replace(log, number_lines=log.number_lines[: log.first + end])
     return log.values(channels)[first:end]
 
 

@@ -119,11 +119,7 @@ class ArrayLog:
         lengths = [len(signal) for signal in signals]
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
-            raise DataError(
-                "records/channels",
-                f"the channels differ in length: {table} samples; all must come from one recording",
-                self.path,
-            )
+            raise self._refusal(f"the channels differ in length: {table} samples; all must come from one recording")
         return signals
 
     def stored(self, channel: ChannelSpec) -> StoredArray:
@@ -136,13 +132,8 @@ class ArrayLog:
         if name not in self.arrays:
             raise DataError("records/channels", missing_channel(self.path, channel, shapes))
         if name not in shapes:
-            array = self.arrays[name]
-            raise DataError(
-                "records/channels",
-                f"channel {name} is no signal but {array.dtype} of shape {array.shape}; "
-                f"there are {', '.join(shapes) or 'none'}",
-                self.path,
-            )
+            what = f"no signal but {self.arrays[name].dtype} of shape {self.arrays[name].shape}"
+            raise self._refusal(f"channel {name} is {what}; there are {', '.join(shapes) or 'none'}")
         return name, self.arrays[name]
 
     def _signal(self, channel: ChannelSpec, part: slice, stored: dict[str, FloatArray]) -> FloatArray:
@@ -156,11 +147,7 @@ class ArrayLog:
             # A piece may hold fewer samples than signals.
             return self._column(channel, name, values.reshape(len(values), -1))
         if values.ndim > 2:
-            raise DataError(
-                "records/channels",
-                f"channel {name} has {values.ndim} axes {values.shape}; it must have 1 or 2",
-                self.path,
-            )
+            raise self._refusal(f"channel {name} has {values.ndim} axes {values.shape}; it must have 1 or 2")
         # Samples outnumber signals: a matrix with its samples along a row is transposed.
         matrix = np.atleast_2d(values).T if values.ndim == 1 or values.shape[0] < values.shape[1] else values
         return self._column(channel, name, matrix)[part]
@@ -168,18 +155,13 @@ class ArrayLog:
     def _column(self, channel: ChannelSpec, name: str, matrix: FloatArray) -> FloatArray:
         n, columns = matrix.shape
         if channel.column is None and columns > 1:
-            raise DataError(
-                "records/channels",
-                f"channel {name} holds {columns} signals of {n} samples; give column: 1 to {columns}",
-                self.path,
-            )
+            raise self._refusal(f"channel {name} holds {columns} signals of {n} samples; give column: 1 to {columns}")
         if channel.column is not None and channel.column > columns:
-            raise DataError(
-                "records/channels",
-                f"channel {name} has no column {channel.column}; it has {columns}, the first is column 1",
-                self.path,
-            )
+            raise self._refusal(f"channel {name} has no column {channel.column} of {columns}, the first is column 1")
         return matrix[:, (channel.column or 1) - 1]
+
+    def _refusal(self, text: str) -> DataError:
+        return DataError("records/channels", text, self.path)
 
 
 def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple[int, ...]]) -> str:

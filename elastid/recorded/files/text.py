@@ -57,7 +57,7 @@ class TextLog:
     def named_columns(self) -> list[tuple[str, tuple[int, ...]]]:
         """Columns by heading, which may occur twice."""
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
-        return [(name, ((len(self.number_lines) - self.first) // self.format.interleaved,)) for name in names]
+        return [(name, (len(self.number_lines) - self.first,)) for name in names]
 
     def values(self, channels: Sequence[ChannelSpec]) -> FloatArray:
         """Values (n_samples, n_c) of the channels; DataError for a heading or column that is not in the file."""
@@ -65,20 +65,6 @@ class TextLog:
 
     def columns(self, wanted: Sequence[int]) -> FloatArray:
         """Columns (n_samples, len(wanted)), counted from 0; DataError with the line of a text that is not a number."""
-        n = self.format.interleaved
-        if n == 1:
-            return self._table(wanted)
-        table = self._table(range(self.n_columns // n))
-        if len(table) % n:
-            raise DataError(
-                "records/text",
-                f"its {len(table)} rows are no whole number of samples of {n} rows; correct "
-                "text.interleaved, or cut the file after a whole sample",
-                self.path,
-            )
-        return np.asarray(table.reshape(len(table) // n, -1)[:, list(wanted)])
-
-    def _table(self, wanted: Sequence[int]) -> FloatArray:
         needed = sorted(set(wanted))
         try:
             data: FloatArray = np.loadtxt(
@@ -182,9 +168,9 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
             path,
         )
     n_columns = len(_fields(numbers[first], text))
-    headings = _headings(lines[:first], text, n_columns) if text.interleaved == 1 else ()
+    headings = _headings(lines[:first], text, n_columns)
     units = _units(lines[:first], text, headings)
-    yield TextLog(path, text, numbers, headings, first, n_columns * text.interleaved, units)
+    yield TextLog(path, text, numbers, headings, first, n_columns, units)
 
 
 def guess_format(path: Path) -> TextFormatSpec:
@@ -216,8 +202,7 @@ def otherwise_written(path: Path, text: TextFormatSpec) -> str:
 
 def described_format(text: TextFormatSpec) -> str:
     """A format as a study states it."""
-    rows = f", interleaved: {text.interleaved}" if text.interleaved > 1 else ""
-    return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'{rows}}}"
+    return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"
 
 
 def _decoded(raw: bytes) -> str:

@@ -1,8 +1,8 @@
-"""Samples that are no measured ones: what other repetitions contradict becomes missing (NaN).
+r"""Samples that are no measured ones: what other repetitions contradict becomes missing (NaN).
 
 A repetition whose torques stand still where those of others move, as at a stop, is left out.  A channel that hangs
-repeats its last value exactly, and one that drops out leaps to exactly 0 and back, where others do neither.  A spike is
-one sample or two (Hampel's rule across periods):
+repeats its last value exactly where others move, and one that drops out is exactly 0 where they are far from it.  A
+spike is one sample or two (Hampel's rule across periods):
 
     e = x - median of the periods,   d = |e - running median of e| > 8 sigma
 
@@ -10,6 +10,13 @@ only where e is as far from the parabola through its neighbours, six times as fa
 those, and d six times as large as at its neighbours and three times as at all but 2 % of the samples of most parts of
 the log: drift, transients, steps and bursts of oscillation are no spikes, nor is what recurs, as the pulse of a
 controller at an encoder's count.
+
+Limits and steps of a converter are reported: clipping at the highest or lowest value, and quantisation with its noise.
+
+.. math:: \sigma_q = q / \sqrt{12}
+
+Where other noise is below half a step the error repeats with the signal, so that the scatter from period to period
+does not show it (Widrow and Kollar, Quantization Noise, 2008).
 """
 
 from __future__ import annotations
@@ -19,18 +26,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.statistics import STD_OVER_MAD
-from elastid.recorded.repair import Finding, Log, Repaired, expected, runs
-from elastid.recorded.repair.converter import step
+from elastid.recorded.repair import Finding, Log, Repaired, expected, flat, in_runs, runs
 
 MASKED, STOPPED = "samples taken as missing", "stops"
 
 
 @dataclass(frozen=True)
-class StillLimits:
-    """Limits that distinguish rest, a channel that hangs, and one that drops out, from motion."""
+class MaskLimits:
+    """Limits that distinguish rest, a channel that hangs, drops out or is clipped, steps and spikes from a signal."""
 
     windows: int = 20  # of a repetition, samples of one at least
     min_window: int = 8
@@ -41,17 +47,11 @@ class StillLimits:
     min_run: int = 20
     min_range: float = 0.25
     min_steps: float = 4.0
-    # A leap to 0, over the step that 99 % of the samples stay below; longest one as a part of the repetition.
-    leap: float = 10.0
-    max_dropout: float = 0.1
+    leap: float = 10.0  # of other repetitions from a 0, over the step that 99 % of the samples stay below
     min_moving_share: float = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
-    max_still: float = 0.1  # part of a repetition in which torques may stand still
+    max_still: float = 0.1  # part of a repetition that may be missing, or in which torques may stand still
 
-
-@dataclass(frozen=True)
-class SpikeLimits:
-    """Limits that distinguish a spike from a signal."""
-
+    # Of spikes.
     min_sigmas: float = 8.0
     min_periods: int = 3
     # Spikes of more than this part of a channel are no single ones.
@@ -67,19 +67,44 @@ class SpikeLimits:
     parts: int = 20
     min_over_usual: float = 3.0
 
+    # Of missing samples.
+    max_missing_share: float = 1 / 3  # a channel that lacks more than this part is refused
+    # Without a period: samples of a gap at most, and the part of a channel that may be missing.
+    max_gap: int = 2
+    max_interpolated_share: float = 0.01
 
-STILL, SPIKE = StillLimits(), SpikeLimits()
+    # Of clipping and quantisation.
+    min_noise_share: float = 2e-3  # noise of steps is reported from this part of the signal on
+    min_repeats: float = 3.0  # a signal of steps takes few values: on average each at least so many times
+    min_values: int = 4  # fewer are levels that a torque was given: of a hammer, a binary or a ternary sequence
+    step_tolerance: float = 0.02  # distance of a value from a whole number of steps, in steps, at most
+    # Steps of more than this part of the span make flat peaks that cannot be distinguished from clipped ones.
+    max_step_share: float = 0.01
+    min_equal: int = 2  # so many equal samples in a row are no peak
+    min_departure: float = 0.05  # between two visits to a limit the signal leaves it by this part of its span
+    min_places: int = 3  # a single peak of a period may be flat; a limit is met at several places of a period
+    # Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
+    min_clipped_share: float = 0.002
+    max_clipped_share: float = 0.05
+    # A rounded signal that turns exceeds its limit by so many steps of rounding at most, by a parabola through at least
+    # so many samples on each side.
+    max_rounding: float = 2.0
+    min_side_samples: int = 3
+    equal_tolerance: float = 1e-9  # values this close, as a part of the span, are equal
+
+
+LIMITS = MaskLimits()
 
 
 def rest_before(torques: FloatArray) -> int:
     """Samples of torques (n, d), NaN where missing, before the first window in which one of them moves."""
-    width = max(STILL.min_window, len(torques) // STILL.start_windows)
+    width = max(LIMITS.min_window, len(torques) // LIMITS.start_windows)
     if len(torques) < 3 * width:
         return 0
     scatter = np.stack([_scatter(x[: len(x) // width * width].reshape(-1, width)) for x in torques.T])
     # The largest may be a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
-    moves = np.any((scatter > STILL.max_still_share * usual) & (usual > 0), axis=0)
+    moves = np.any((scatter > LIMITS.max_still_share * usual) & (usual > 0), axis=0)
     return int(np.argmax(moves)) * width
 
 
@@ -98,10 +123,11 @@ def without_standstill(signals: FloatArray, L: int, log: Log) -> Repaired:
     alike = hold.all(axis=1)
     for c, x in enumerate(signals.T):
         lost = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
-        least = STILL.leap * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if lost else 0.0
-        lost = [(a, b) for a, b in lost if _is_dropout(x, a, b, least, L)]
-        stuck = runs(hold[:, c] & ~alike, STILL.min_run - 1).tolist()
-        moving = max(STILL.min_range * float(np.nanstd(x)), STILL.min_steps * step(x)) if stuck else 0.0
+        least = LIMITS.leap * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if lost else 0.0
+        lost = [(a, b) for a, b in lost if min(abs(x[a - 1]), abs(x[b])) > least]  # of many zeros few are leapt to
+        lost = [(a, b) for a, b in lost if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > least]
+        stuck = runs(hold[:, c] & ~alike, LIMITS.min_run - 1).tolist()
+        moving = max(LIMITS.min_range * float(np.nanstd(x)), LIMITS.min_steps * step(x)) if stuck else 0.0
         # The first value may be a measured one.
         lost += [(a + 1, b + 1) for a, b in stuck if min(map(np.ptp, _elsewhere(x, a, b + 1, L)), default=0) > moving]
         if lost:
@@ -117,28 +143,20 @@ def _elsewhere(x: FloatArray, start: int, end: int, L: int) -> list[FloatArray]:
     return [x[a : a + end - start] for a in range(start % L, len(x) - end + start + 1, L) if a != start]
 
 
-def _is_dropout(x: FloatArray, start: int, end: int, least: float, L: int) -> bool:
-    """True of zeros in x (n,) between two values of one sign beyond `least`, where no other repetition has any."""
-    before, after = float(x[start - 1]), float(x[end])
-    is_leap = before * after > 0 and min(abs(before), abs(after)) > least
-    is_short = end - start <= STILL.max_dropout * L
-    return is_leap and is_short and all(other.all() for other in _elsewhere(x, start, end, L))
-
-
 def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log) -> Repaired:
     """Signals (n, c), NaN in each repetition of L samples whose torques stand still for a part.
 
     torques: their columns.  The first repetition may hold the start; the last ones are cut off where they all stop.
     """
-    P, width = len(signals) // L, min(L, max(STILL.min_window, L // STILL.windows))
+    P, width = len(signals) // L, min(L, max(LIMITS.min_window, L // LIMITS.windows))
     u = signals[: P * L, list(torques)].T.reshape(-1, P, L)[:, :, : L // width * width]
     scatter = _scatter(u.reshape(*u.shape[:2], -1, width)).sum(axis=0)
     if P < 2:
         return Repaired(signals)
     # The largest may be that of the start, or hold a spike.
     usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
-    moving = usual > STILL.min_moving_share * np.median(usual)
-    bad = (scatter < STILL.max_still_share * usual)[:, moving].sum(axis=1) > STILL.max_still * moving.sum()
+    moving = usual > LIMITS.min_moving_share * np.median(usual)
+    bad = (scatter < LIMITS.max_still_share * usual)[:, moving].sum(axis=1) > LIMITS.max_still * moving.sum()
     bad[:1] = False
     if not bad.any():
         return Repaired(signals)
@@ -159,7 +177,7 @@ def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log)
 
 def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     """Signals (P L, c), finite, NaN at spikes of one or two samples; unchanged for fewer than three repetitions."""
-    if len(signals) // L < SPIKE.min_periods:
+    if len(signals) // L < LIMITS.min_periods:
         return Repaired(signals)
     good = np.ones(len(signals), dtype=np.bool_)
     apart = [x - expected(x, L, sign, good, robust=True) for x in signals.T]
@@ -186,7 +204,7 @@ def _without(
         if spikes.size == 0:
             continue
         text = f"{log.names[c]}: {spikes.size} of {len(x)} samples differ from {reference}"
-        if spikes.size > SPIKE.max_share * len(x):
+        if spikes.size > LIMITS.max_share * len(x):
             findings.append(Finding("spikes left", spikes.size, f"{text}: too many for spikes, left unchanged"))
             continue
         result[spikes, c], values[c] = np.nan, usual
@@ -199,26 +217,26 @@ def _spikes(x: FloatArray, e: FloatArray) -> tuple[IntArray, FloatArray]:
     """Samples (k,) of the spikes, and their usual values (k,)."""
     from scipy.ndimage import median_filter
 
-    d = np.abs(e - median_filter(e, SPIKE.median_window, mode="mirror"))
+    d = np.abs(e - median_filter(e, LIMITS.median_window, mode="mirror"))
     sigma = STD_OVER_MAD * float(np.median(d))
     if sigma == 0:  # most samples agree exactly: from the smaller 99 %
         sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
-    least = max(SPIKE.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x))
-    parts = d[: len(d) // SPIKE.parts * SPIKE.parts].reshape(SPIKE.parts, -1)
-    beyond_usual = SPIKE.min_over_usual * float(np.median(np.quantile(parts, SPIKE.usual_share, axis=1)))
+    least = max(LIMITS.min_sigmas * sigma, 2 * step(x), 1e-9 * np.ptp(x))
+    parts = d[: len(d) // LIMITS.parts * LIMITS.parts].reshape(LIMITS.parts, -1)
+    beyond_usual = LIMITS.min_over_usual * float(np.median(np.quantile(parts, LIMITS.usual_share, axis=1)))
     spikes, usual = [np.arange(0)], [x[:0]]
     for first, end in runs(np.asarray(d > least)):
-        run, n = np.arange(first, end), SPIKE.neighbours
+        run, n = np.arange(first, end), LIMITS.neighbours
         # Near an end a spike cannot be distinguished from a bend.
-        if len(run) > SPIKE.max_run or first <= n or end > len(e) - n:
+        if len(run) > LIMITS.max_run or first <= n or end > len(e) - n:
             continue
         around = np.concatenate([d[max(0, first - 2 * n) : first - 1], d[end + 1 : end + 1 + 2 * n]])
         local, scatter = _parabola(e, run)
         distance = np.abs(e[run] - local).max()
-        if d[run].max() > SPIKE.min_ratio * around.max() and distance > max(least, SPIKE.min_ratio * scatter):
+        if d[run].max() > LIMITS.min_ratio * around.max() and distance > max(least, LIMITS.min_ratio * scatter):
             spikes.append(run)
             usual.append(x[run] - e[run] + local)
-    if sum(map(len, spikes)) <= SPIKE.max_share * len(x):
+    if sum(map(len, spikes)) <= LIMITS.max_share * len(x):
         kept = [i for i, run in enumerate(spikes) if d[run].max(initial=0.0) > beyond_usual or not run.size]
         spikes, usual = [spikes[i] for i in kept], [usual[i] for i in kept]
     return np.concatenate(spikes), np.concatenate(usual)
@@ -226,10 +244,107 @@ def _spikes(x: FloatArray, e: FloatArray) -> tuple[IntArray, FloatArray]:
 
 def _parabola(e: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
     """The parabola through the neighbours of a run, at the run, and the largest distance of those from it."""
-    first, last, n = int(run[0]), int(run[-1]), SPIKE.neighbours
+    first, last, n = int(run[0]), int(run[-1]), LIMITS.neighbours
     sides = np.r_[max(0, first - 1 - n) : max(0, first - 1), last + 2 : min(len(e), last + 2 + n)]
     middle = (first + last) / 2
     powers = np.vander((sides - middle) / n, 3)
     coefficients = np.linalg.lstsq(powers, e[sides], rcond=None)[0]
     scatter = float(np.abs(e[sides] - powers @ coefficients).max())
     return np.asarray(np.vander((run - middle) / n, 3) @ coefficients), scatter
+
+
+CLIPPED = "samples at a limit"
+
+
+def step(x: FloatArray) -> float:
+    """The step q of a signal (n,), 0 where it has none: all finite values are whole steps apart, many of them equal."""
+    finite = x[np.isfinite(x)]
+    # Half of the samples may already have more values than all may.
+    if len(x) < LIMITS.min_repeats * len(np.unique(finite[: len(finite) // 2])):
+        return 0.0
+    values = np.unique(finite)
+    if len(values) < 2 or len(x) < LIMITS.min_repeats * len(values):
+        return 0.0
+    gaps = np.diff(values)
+    gaps = gaps[gaps > 1e-9 * np.abs(values).max()]
+    if gaps.size == 0:
+        return 0.0
+    # Many steps together give a more exact size than one.
+    q = float(gaps.sum() / np.round(gaps / gaps.min()).sum())
+    return q if np.all(np.abs(gaps / q - np.round(gaps / q)) < LIMITS.step_tolerance) else 0.0
+
+
+def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Finding, ...]:
+    """A finding for each channel of signals (n, c) with a noise of steps that counts relative to its repeating part."""
+    findings = []
+    for c, name in enumerate(log.names):
+        q = step(signals[:, c])
+        if q == 0 or np.ptp(signals[:, c]) < (LIMITS.min_values - 1.5) * q:
+            continue
+        X = flat(signals[:, c], L, sign)
+        size, noise = float(X.mean(axis=0).std()), q / np.sqrt(12)
+        if noise < LIMITS.min_noise_share * size:
+            continue
+        text = (
+            f"{name}: steps of {q:.4g} make noise of {noise:.3g}, {100 * noise / max(size, 1e-300):.2g} % of the "
+            "signal, which the scatter of the periods may not show"
+        )
+        findings.append(Finding("quantised channels", 1, text))
+    return tuple(findings)
+
+
+def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
+    """A finding for each channel of finite signals (n, c) that meets its limits; DataError above 5 % of its samples."""
+    findings = []
+    for c, name in enumerate(log.names):
+        x = signals[:, c]
+        at_limit = _at_limit(x)
+        if not at_limit.any():
+            continue
+        clipped = in_runs(at_limit, LIMITS.min_equal) & ~_dwells(x, at_limit)
+        share, n_clipped = float(clipped.mean()), int(clipped.sum())
+        if share < LIMITS.min_clipped_share or _visits(x, clipped) < LIMITS.min_places * max(1, len(x) // L):
+            continue
+        text = f"{name}: {n_clipped} of {len(x)} samples ({100 * share:.2g} %) are at its limits of "
+        text += f"{np.min(x):.4g} and {np.max(x):.4g}"
+        if share > LIMITS.max_clipped_share:
+            raise DataError(
+                "records/clipped", f"{text}: it is clipped; measure again with less torque or a wider range", log.where
+            )
+        findings.append(Finding(CLIPPED, n_clipped, f"{text}: clipped there, measure with less torque"))
+    return tuple(findings)
+
+
+def _at_limit(x: FloatArray) -> BoolArray:
+    """Flags (n,) of the samples at a limit, none set where they are too few to be reported or the steps too coarse."""
+    low, high = np.min(x), np.max(x)
+    near = LIMITS.equal_tolerance * (high - low)
+    # Exactly 0 is rest, not a limit: of the force of a hammer under a force window.
+    at_limit = (x != 0) & ((high - x <= near) | (x - low <= near))
+    is_limit = at_limit.mean() >= LIMITS.min_clipped_share and step(x) <= LIMITS.max_step_share * (high - low)
+    return np.asarray(at_limit & is_limit)
+
+
+def _dwells(x: FloatArray, at_limit: BoolArray) -> BoolArray:
+    """Flags (n,) of the runs in which a rounded signal turns: a parabola through the neighbours explains the limit."""
+    gaps = np.diff(np.sort(x))
+    gaps = gaps[gaps > LIMITS.equal_tolerance * float(np.ptp(x))]
+    rounding = float(gaps.min()) if gaps.size else 0.0
+    dwells = np.zeros(len(x), dtype=np.bool_)
+    for start, end in runs(at_limit):
+        reach = max(LIMITS.min_side_samples, int(end - start))
+        sides = np.r_[max(0, start - reach) : start, end : min(len(x), end + reach)]
+        if len(sides) < 2 * reach:
+            continue
+        t = (sides - (start + end - 1) / 2) / reach
+        peak = np.linalg.lstsq(np.vander(t, 3), x[sides] - x[start], rcond=None)[0][2]
+        dwells[start:end] = abs(peak) <= LIMITS.max_rounding * rounding
+    return dwells
+
+
+def _visits(x: FloatArray, clipped: BoolArray) -> int:
+    """Number of times that a signal comes to a limit from well away of it."""
+    span = np.ptp(x)
+    is_away = (np.max(x) - x > LIMITS.min_departure * span) & (x - np.min(x) > LIMITS.min_departure * span)
+    state = (clipped.astype(int) - is_away)[clipped | is_away]
+    return int(np.sum(np.diff(state) == 2))

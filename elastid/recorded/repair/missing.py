@@ -8,15 +8,21 @@ repeat is refused; limits and steps are reported of the samples as they were log
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.recorded.repair import Finding, Log, Repaired, expected, runs
-from elastid.recorded.repair.converter import find_clipping, find_steps
-from elastid.recorded.repair.masks import without_spikes, without_standstill, without_stops
+from elastid.recorded.repair.masks import (
+    LIMITS,
+    find_clipping,
+    find_steps,
+    without_spikes,
+    without_standstill,
+    without_stops,
+)
 from elastid.recorded.repair.periodicity import LIMITS as REPETITION
 from elastid.recorded.repair.periodicity import grid_samples
 from elastid.recorded.repair.time_stamps import at_times, resampled
@@ -26,21 +32,6 @@ INTERPOLATED = "missing samples interpolated"
 CUT = "logs cut at gaps"
 # Good samples on each side of a gap without a period that its cubic goes through.
 _CUBIC_SAMPLES = 2
-
-
-@dataclass(frozen=True)
-class MissingLimits:
-    """Limits of the filling of gaps."""
-
-    # A repetition that lacks more than this part of a channel is filled but does not count as a measurement.
-    max_missing_of_repetition: float = 0.1
-    max_missing_share: float = 1 / 3  # a channel that lacks more than this part is refused
-    # Without a period: samples of a gap at most, and the part of a channel that may be missing.
-    max_gap: int = 2
-    max_interpolated_share: float = 0.01
-
-
-LIMITS = MissingLimits()
 
 
 def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
@@ -62,8 +53,9 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
         text = f"{text}, the first is {log.time_of(missing[0])}: filled from the same phase of the other periods"
         findings.append(Finding(FILLED, missing.size, text))
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    left_out = np.flatnonzero(lacking > LIMITS.max_missing_of_repetition)
-    limit = f"{LIMITS.max_missing_of_repetition:.0%}"
+    # A repetition that lacks more of a channel is filled but does not count as a measurement.
+    left_out = np.flatnonzero(lacking > LIMITS.max_still)
+    limit = f"{LIMITS.max_still:.0%}"
     if P - len(left_out) < 2:
         raise DataError(
             "records/missing-samples",

@@ -23,9 +23,8 @@ from elastid.recorded.repair.time_stamps import CLOCK, at_times
 class RepetitionLimits:
     """Limits of the judgement that a signal repeats."""
 
-    # Correlation of a repetition at least, and where several periods show that the rest is noise.
+    # Correlation of a repetition at least; where several periods show that the rest is noise that of CLOCK.
     min_correlation: float = 0.95
-    min_noisy_correlation: float = 0.5
     # The rest is noise where so many periods have correlations that differ by no more than this part.
     min_noisy_periods: int = 4
     max_correlation_change: float = 0.1
@@ -37,11 +36,10 @@ class RepetitionLimits:
     max_unexplained_ratio: float = 1.2
     unexplained_margin: float = 0.01
     min_periods: float = 1.9  # so many periods of the log are two of them, of which the second may end early
-    # Larger shifts by lost samples, as a part of the period, have other causes; power that one must leave, at most.
+    # Larger shifts by lost samples, as a part of the period, have other causes.
     max_shift: float = 0.02
     max_lost: int = 50
     usual_change: float = 3.0  # of the median one, from one repetition to the next, no samples are lost
-    max_remaining_share: float = 0.5
     min_part_of_best: float = 0.8  # peaks with at least this part of the highest one are refined
 
 
@@ -65,7 +63,7 @@ class Repetition:
     @property
     def is_as_stated(self) -> bool:
         """True if the stated lag repeats the signals, as well as any other does."""
-        least = LIMITS.min_noisy_correlation if self.rest_is_noise else LIMITS.min_correlation
+        least = CLOCK.min_correlation if self.rest_is_noise else LIMITS.min_correlation
         return self.correlation >= least and _is_as_good(self.correlation, self.best_correlation)
 
     @property
@@ -174,7 +172,7 @@ def _anywhere(x: FloatArray) -> Repetition:
     highest = float(rho[start:].max())
     inner = rho[start + 1 : -1]
     peaks = start + 1 + np.flatnonzero((inner >= rho[start:-2]) & (inner > rho[start + 2 :]))
-    peaks = peaks[rho[peaks] > max(LIMITS.min_part_of_best * highest, LIMITS.min_noisy_correlation)]
+    peaks = peaks[rho[peaks] > max(LIMITS.min_part_of_best * highest, CLOCK.min_correlation)]
     if peaks.size == 0:
         return Repetition(0.0, 0.0, highest)
     best = max(highest, _refined(all_lags, int(peaks[np.argmax(rho[peaks])]))[1])
@@ -311,31 +309,23 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         return
     stated = "second half minus first" if half_wave else "one period to the next"
     problem = (
-        f"{path}: the excitation does not repeat with the period of {_span(N, log)} that the study states "
-        f"(correlation {result.correlation:.3f}, {stated})"
+        f"the excitation does not repeat with the period of {_span(N, log)} that the study states (correlation "
+        f"{result.correlation:.3f}, {stated})"
     )
     if lost is not None:
-        change, place = lost
-        what = f"{abs(change)} samples are {'lost' if change < 0 else 'there twice'} near {log.time_of(place)}"
-        raise DataError(
-            "records/period-mismatch",
-            f"{what}, before and after which it does; measure again, or cut the shorter part off with samples",
-            problem,
+        what = f"{abs(lost[0])} samples are {'lost' if lost[0] < 0 else 'there twice'} near {log.time_of(lost[1])}"
+        text = f"{what}, before and after which it does; measure again, or cut the shorter part off with samples"
+    elif result.best_samples:
+        lag = f"it repeats every {_span(result.best_samples, log)} (correlation {result.best_correlation:.3f})"
+        text = f"{lag}: correct the period or the rate"
+    elif not half_wave and repetition(excitation[: 2 * repeat], repeat, sign=-1).is_as_stated:
+        text = f"the second half of {_span(2 * N, log)} is minus the first: period_samples: {2 * N}, half_wave: true"
+    else:
+        text = (
+            f"nor at any other lag (best correlation {result.best_correlation:.3f}); with a period elastid needs a "
+            f"periodic excitation; {NO_LINES}"
         )
-    if result.best_samples:
-        raise DataError(
-            "records/period-mismatch",
-            f"{problem}; it repeats every {_span(result.best_samples, log)} (correlation "
-            f"{result.best_correlation:.3f}): correct the period or the rate",
-        )
-    if not half_wave and repetition(excitation[: 2 * repeat], repeat, sign=-1).is_as_stated:
-        advice = f"the second half of {_span(2 * N, log)} is minus the first: period_samples: {2 * N}, half_wave: true"
-        raise DataError("records/period-mismatch", f"{problem}; {advice}")
-    raise DataError(
-        "records/period-mismatch",
-        f"{problem}, nor at any other lag (best correlation {result.best_correlation:.3f}); with a period "
-        f"elastid needs a periodic excitation; {NO_LINES}",
-    )
+    raise DataError("records/period-mismatch", f"{problem}; {text}", path)
 
 
 def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] | None:
@@ -358,7 +348,7 @@ def _lost_samples(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
         others = sign * (others - others.mean(axis=1, keepdims=True))
         inner = np.einsum("nc,knc->k", part, others)
         rho = inner / np.maximum(np.linalg.norm(part) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
-        is_nearer = 1 - rho.max() < LIMITS.max_remaining_share * (1 - rho[reach])
+        is_nearer = 1 - rho.max() < CLOCK.max_remaining_share * (1 - rho[reach])
         lag = int(np.argmax(rho)) - reach if is_nearer else 0
         lags.append(lag if rho.max() > LIMITS.min_correlation else reach + 1)
     known = [lag for lag in lags if lag <= reach]

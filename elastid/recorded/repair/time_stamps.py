@@ -42,7 +42,7 @@ _TIMES_AT_ONCE = 4096
 
 @dataclass(frozen=True)
 class ClockLimits:
-    """Limits of delays, times and clocks."""
+    """Limits of delays, clocks and time stamps."""
 
     # Correlation at the best delay at least; below, the signals are not the same.
     min_correlation: float = 0.5
@@ -54,6 +54,16 @@ class ClockLimits:
     max_remaining_share: float = 0.5
     # A log may end this part of a period too early; the rest is taken from the period before.
     max_missing_end: float = 5e-3
+    # Deviations from an even grid, in samples, that do no harm.
+    max_deviation: float = 0.02
+    # Half the last digit of rounded stamps, and the tilt of the fitted line where halves are rounded up, then down.
+    max_rounding: float = 0.8
+    # Longer steps, in medians, are gaps.
+    min_gap: float = 1.9
+    # Knots per sample at rate_hz, at least; fewer leave too little of the band that the rate promises.
+    min_rate_share: float = 0.75
+    # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
+    max_ratio: float = 20.0
 
 
 CLOCK = ClockLimits()
@@ -223,23 +233,6 @@ _TOLERANCE = 1e-8  # below the noise of any sensor
 _DAMPING = 1e-3
 
 
-@dataclass(frozen=True)
-class TimeStampLimits:
-    """Limits of time stamps."""
-
-    # Deviations from an even grid, in samples, that do no harm.
-    max_deviation: float = 0.02
-    # Half the last digit of rounded stamps, and the tilt of the fitted line where halves are rounded up, then down.
-    max_rounding: float = 0.8
-    # Longer steps, in medians, are gaps.
-    min_gap: float = 1.9
-    # Knots per sample at rate_hz, at least; fewer leave too little of the band that the rate promises.
-    min_rate_share: float = 0.75
-    # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
-    max_ratio: float = 20.0
-
-
-STAMPS = TimeStampLimits()
 # Stamps to either side among which the last digit of one is nonzero.
 ALIKE = 10
 
@@ -277,11 +270,11 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
     median = float(np.median(steps))
     if median > 0:
         candidates.append(np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / median), 1).astype(np.int64))]))
-    rounding = STAMPS.max_rounding * _resolution(time_s)
+    rounding = CLOCK.max_rounding * _resolution(time_s)
     candidates.append(_rows_between_gaps(time_s, float(np.median(rounding))))
     for rows in candidates:
         step, start = np.polyfit(rows.astype(np.float64), time_s, 1)
-        allowed = np.maximum(STAMPS.max_deviation * step, rounding)
+        allowed = np.maximum(CLOCK.max_deviation * step, rounding)
         if step > 0 and np.all(np.abs(time_s - start - step * rows) <= allowed):
             return rows, 1 / float(step)
     return None
@@ -291,7 +284,7 @@ def _rows_between_gaps(time_s: FloatArray, rounding: float) -> IntArray:
     """Rows of stamps (n,) that are rounded to more than a sample, all of which are there but in long steps."""
     steps, n = np.diff(time_s), len(time_s)
     mean = float(np.mean(steps[steps <= np.quantile(steps, 0.98)]))
-    part = np.concatenate([[0], np.cumsum(steps > STAMPS.min_gap * mean + 2 * rounding)])
+    part = np.concatenate([[0], np.cumsum(steps > CLOCK.min_gap * mean + 2 * rounding)])
     rows = np.arange(n)
     if part[-1] == 0 or part[-1] > n // 10:
         return rows
@@ -336,19 +329,7 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
         )
     time_s = time_s - time_s[0]
     steps = TimeSteps.of(time_s)
-    _check_span(time_s, steps, rate_hz, log)
-    grid = even_grid(time_s)
-    if grid is not None:
-        rows, own_hz = grid
-        if abs(own_hz / rate_hz - 1) <= CLOCK.max_error:
-            return _with_gaps(signals, rows, log)
-        time_s = rows / own_hz
-    return _at_instants(time_s, signals, rate_hz, log, steps)
-
-
-def _check_span(time_s: FloatArray, steps: TimeSteps, rate_hz: float, log: Log) -> None:
-    ratio = steps.mean_hz / rate_hz
-    if not 1 / STAMPS.max_ratio < ratio < STAMPS.max_ratio:
+    if not 1 / CLOCK.max_ratio < steps.mean_hz / rate_hz < CLOCK.max_ratio:
         after = log.time_of(int(np.argmax(np.diff(time_s))))
         raise DataError(
             "records/clock",
@@ -356,6 +337,13 @@ def _check_span(time_s: FloatArray, steps: TimeSteps, rate_hz: float, log: Log) 
             f"{rate_hz:g}; give the time in s, correct rate_hz, or cut a jump off with samples",
             log.where,
         )
+    grid = even_grid(time_s)
+    if grid is not None:
+        rows, own_hz = grid
+        if abs(own_hz / rate_hz - 1) <= CLOCK.max_error:
+            return _with_gaps(signals, rows, log)
+        time_s = rows / own_hz
+    return _at_instants(time_s, signals, rate_hz, log, steps)
 
 
 def _with_gaps(signals: FloatArray, rows: IntArray, log: Log) -> Repaired:
@@ -374,11 +362,11 @@ def _gaps(lost: int, gaps: IntArray, log: Log) -> Finding:
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log, steps: TimeSteps) -> Repaired:
     """Resampled from instants (n,) in s, the first of which is 0."""
     own = np.diff(time_s)
-    gaps = np.flatnonzero(own > STAMPS.min_gap * steps.median)
+    gaps = np.flatnonzero(own > CLOCK.min_gap * steps.median)
     of_knots = np.delete(own, gaps)
     row = min(8, len(of_knots))  # steps, whose mean no knots are closer than
     knot_hz = 1 / float(np.convolve(of_knots, np.full(row, 1 / row), mode="valid").max())
-    if knot_hz < STAMPS.min_rate_share * rate_hz:
+    if knot_hz < CLOCK.min_rate_share * rate_hz:
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
         raise DataError(

@@ -109,20 +109,15 @@ def link_side_response(
     elif spec.relative_std is not None:
         variance = (spec.relative_std * np.abs(G)) ** 2
     u_places, y_places = (tuple(c.at for c in side) for side in (inputs, outputs))
+    # Angles contain images of the commands that are held.
+    rates, sampled = (tuple(_held_rate_hz(c, spec) for c in inputs), tuple(c.quantity == "position" for c in outputs))
     # Taken as exact: a file does not hold its degrees of freedom.
     noise = None if variance is None else Covariance(variance, float("inf"))
     return Response(
         freq_hz, G, u_places, y_places, quantity, configuration, noise=noise, notes=notes,
         sliding=robot.sliding((*u_places, *y_places)), input_units=input_units(inputs, robot),
-        hold=_images(inputs, outputs, spec),
+        hold=HeldTorque(rates, sampled) if any(rates) else None,
     )  # fmt: skip
-
-
-def _images(inputs: Sequence[ChannelSpec], outputs: Sequence[ChannelSpec], spec: ResponsesSpec) -> HeldTorque | None:
-    """The commands that are held, and the angles that contain images of them; None where none is held."""
-    rates = tuple(_held_rate_hz(channel, spec) for channel in inputs)
-    sampled = tuple(channel.quantity == "position" for channel in outputs)
-    return HeldTorque(rates, sampled) if any(rates) else None
 
 
 def _held_rate_hz(channel: ChannelSpec, spec: ResponsesSpec) -> float:

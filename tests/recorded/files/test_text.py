@@ -69,28 +69,6 @@ def test_columns_without_headings_are_named_as_inspect_names_them(tmp_path: Path
         read_channels(path, [ChannelSpec("u", "motor 1", "column 10", 3)], text)
 
 
-def test_samples_of_several_rows_are_put_together(tmp_path: Path) -> None:
-    """Seven joints below each other in one column, and two columns of three rows; half a sample is refused."""
-    path = tmp_path / "log.txt"
-    values = np.arange(35.0).reshape(5, 7)
-    np.savetxt(path, values.reshape(-1, 1))
-    text = TextFormatSpec("whitespace", interleaved=7)
-    assert contents(path, text) == {f"column {i}": (5,) for i in range(1, 8)}
-    channels = [ChannelSpec("u", "motor 1", f"column {i}") for i in (7, 2)]
-    np.testing.assert_array_equal(read_channels(path, channels, text), values[:, [6, 1]])
-    np.savetxt(path, np.arange(12.0).reshape(6, 2), header="a b")
-    table = read_channels(
-        path,
-        [ChannelSpec("u", "motor 1", f"column {i}") for i in range(1, 7)],
-        TextFormatSpec("whitespace", interleaved=3),
-    )
-    np.testing.assert_array_equal(table, np.arange(12.0).reshape(2, 6))
-    with refused("records/text", place="log.txt", holds=("6", "4")):
-        read_channels(path, channels, TextFormatSpec("whitespace", interleaved=4))
-    with pytest.raises(ValueError, match="interleaved is 0"):
-        TextFormatSpec(interleaved=0)
-
-
 def test_a_delimiter_of_several_characters_is_refused(tmp_path: Path) -> None:
     """It ended in `damaged, cut short or no text file`."""
     (tmp_path / "log.csv").write_text("1,,2\n3,,4\n")

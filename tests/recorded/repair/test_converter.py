@@ -8,7 +8,7 @@ from plants.refusals import refused
 from plants.waves import CLEAN, LOG, N
 
 from elastid.recorded.repair import Log
-from elastid.recorded.repair.converter import CLIPPED, find_clipping, find_steps, step
+from elastid.recorded.repair.masks import CLIPPED, find_clipping, find_steps, step
 
 
 def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:
