@@ -15,13 +15,14 @@ torque of the model, since that of a log contains what no response shows.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import DataError, StudyError
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.experiment.simulated.hardware import filter_motions, logged_quantity, sense
 from elastid.fit.fitted_robot import FittedRobot
@@ -33,8 +34,8 @@ from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Record, motion_unit
 from elastid.robot import Robot
-from elastid.robot.simplified import elastic_coordinates, stiffened, without_friction
-from elastid.simulation.closed_loop import Commands
+from elastid.robot.simplified import elastic_coordinates, stiffened
+from elastid.simulation.closed_loop import Commands, Trajectory
 from elastid.simulation.controller import rigid_path
 from elastid.validation.replay import last_period, settled_periods, signals_of
 from elastid.validation.twin import (
@@ -46,11 +47,13 @@ from elastid.validation.twin import (
     RIGID_BODY,
     TORQUE,
     VISCOUS,
+    Driven,
     SignalKind,
     TorqueBalance,
     TwinPlant,
     TwinRun,
     TwinSignal,
+    run_along,
     torque_balance,
     twin_signal,
 )
@@ -132,23 +135,13 @@ def elastic_runs(record: Record, twin: FittedTwin, band_hz: tuple[float, float])
     held_hz = 0.2 * band_hz[0]
     seconds = record.period_samples / record.rate_hz
     empty = TwinRun(record.name, "torque", held_hz, seconds, record.rate_hz)
-    outcomes: list[Record | str] = []
-    for robot in (twin.robot, without_friction(twin.robot)):
-        try:
-            outcomes.append(_under_torque(record, robot, twin.spec, held_hz))
-        except (DataError, StudyError) as error:
-            outcomes.append(str(error))
-    full, free = outcomes
-    if isinstance(full, str):
-        return (replace(empty, lost=full),)
-    compared = _compared(record, full, None if isinstance(free, str) else free, band_hz, twin.delay_s)
-    return (replace(empty, signals=compared, lost_without_friction=free if isinstance(free, str) else ""),)
+    driven_by, compared = partial(_by_torque, record, held_hz), partial(_compared, record, band_hz, twin.delay_s)
+    return (run_along(empty, twin.robot, record.configuration, twin.spec, driven_by, compared),)
 
 
-def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float) -> Record:
-    """The last period of the robot under the periodic torque of a record; DataError where it is lost."""
-    plant = TwinPlant.of(robot, record.rate_hz, record.configuration, spec)
-    model, q0, angles = plant.plant.model, plant.point.q, record.configuration.angles
+def _by_torque(record: Record, held_hz: float, plant: TwinPlant) -> Driven:
+    """The torque of the last period of a record, over and over, and the loop about its motion."""
+    model, angles, chain = plant.plant.model, record.configuration.angles, plant.plant.model.robot.chain
     N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
     left_out = {repetition // (2 if record.half_wave else 1) for repetition in record.left_out}
     last = max((p for p in range(record.n_periods) if p not in left_out), default=record.n_periods - 1)
@@ -156,27 +149,31 @@ def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float)
     position = np.tile(angles, (N, 1))
     for i, place in zip(motors, record.inputs, strict=True):
         if (place, "position") in zip(record.outputs, record.quantities, strict=True):
-            column = record.outputs.index(place)
-            position[:, i] = record.y[period, column] / robot.chain.gain("y", place)
+            position[:, i] = record.y[period, record.outputs.index(place)] / chain.gain("y", place)
     # As the loop differentiates what it reads, so that its torque is of the error alone.
     velocity = (position - np.roll(position, 1, axis=0)) * record.rate_hz
     if not record.is_periodic:
         velocity[0] = velocity[1]
     torque = np.tile(plant.point.u, (N, 1))
-    torque[:, motors] += _held(record, record.u[period]) / [robot.chain.gain("u", place) for place in record.inputs]
+    torque[:, motors] += _held(record, record.u[period]) / [chain.gain("u", place) for place in record.inputs]
     period_s = N / record.rate_hz
     # A critically damped loop leaves a thousandth of an error at the start after one and a half of its periods.
     lead = min(max(0, math.floor(LONGEST_S / period_s) - 1), math.ceil(1.5 / held_hz / period_s))
     lead = lead if record.is_periodic else 0  # periods before the one that is compared
     still = np.zeros(((lead + 1) * N, model.n_u))
     path, rate, driving = (np.tile(each, (lead + 1, 1)) for each in (position, velocity, torque))
-    commands = Commands(path, rate, driving, still, still)
-    (start,) = rigid_path(model, q0, angles, position[:1])
+    (start,) = rigid_path(model, plant.point.q, angles, position[:1])
     gains = plant.gains(np.isin(np.arange(model.n_u), motors), plant.holding_gains(held_hz))
-    moved = plant.moved(gains, commands, velocity[0], start)
-    y = sense(moved.q, moved.reading, model, q0, record.outputs, record.rate_hz, N)
-    y = filter_motions(robot, y, record.rate_hz) * [robot.chain.gain("y", place) for place in record.outputs]
-    u = moved.u[:, motors] * [robot.chain.gain("u", place) for place in record.inputs]
+    return Driven(Commands(path, rate, driving, still, still), gains, velocity[0], start)
+
+
+def _logged(record: Record, plant: TwinPlant, moved: Trajectory) -> Record:
+    """The last period of a trajectory as it would be logged."""
+    N, model, chain = record.period_samples, plant.plant.model, plant.plant.model.robot.chain
+    y = sense(moved.q, moved.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
+    y = filter_motions(model.robot, y, record.rate_hz) * [chain.gain("y", place) for place in record.outputs]
+    motors = [model.inputs.index(place) for place in record.inputs]
+    u = moved.u[:, motors] * [chain.gain("u", place) for place in record.inputs]
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, left_out=(), hold="zero-order", hold_samples=(),
         quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs),
@@ -194,26 +191,23 @@ def _held(record: Record, u: FloatArray) -> FloatArray:
 
 
 def _compared(
-    record: Record, full: Record, free: Record | None, band_hz: tuple[float, float], delay_s: float
-) -> tuple[TwinSignal, ...]:
+    record: Record, band_hz: tuple[float, float], delay_s: float, plant: TwinPlant, moved: Trajectory,
+    without: Trajectory | None,
+) -> Iterator[TwinSignal]:  # fmt: skip
     """Torques and motions of the last period, at the lines within the band."""
-    rate_hz, N = record.rate_hz, record.period_samples
-    lines = grid_lines("odd" if record.half_wave else "full", band_hz, rate_hz, N)
-    freq_hz = line_frequencies(lines, rate_hz, N)
-    late = np.exp(-2j * np.pi * freq_hz * delay_s)[:, None]
+    N = record.period_samples
+    lines = grid_lines("odd" if record.half_wave else "full", band_hz, record.rate_hz, N)
+    late = np.exp(-2j * np.pi * line_frequencies(lines, record.rate_hz, N) * delay_s)[:, None]
 
-    def in_time(log: Record, factor: ComplexArray | float) -> tuple[FloatArray, FloatArray]:
+    def in_time(log: Record, factor: ComplexArray | float) -> FloatArray:
         (Y,), (U,) = last_period(log, lines, "position")
-        return signals_of(factor * Y, lines, N), signals_of(U, lines, N)
+        return signals_of(np.hstack([U, factor * Y]), lines, N)
 
-    (y, u), (y_twin, u_twin) = in_time(record, 1.0), in_time(full, late)
-    y_free, u_free = (None, None) if free is None else in_time(free, late)
-    signals = []
-    for i, place in enumerate(record.inputs):
-        free_torque = None if u_free is None else u_free[:, i]
-        signals.append(twin_signal(TORQUE, place, record.units_of_inputs[i], u[:, i], u_twin[:, i], free_torque))
-    for i, place in enumerate(record.outputs):
-        kind: SignalKind = MOTION if place in record.inputs else LINK
-        unit = motion_unit("position", place in record.sliding)
-        signals.append(twin_signal(kind, place, unit, y[:, i], y_twin[:, i], None if y_free is None else y_free[:, i]))
-    return tuple(signals)
+    full, free = (None if run is None else in_time(_logged(record, plant, run), late) for run in (moved, without))
+    assert full is not None
+    kinds: list[SignalKind] = [TORQUE] * len(record.inputs)
+    kinds += [MOTION if place in record.inputs else LINK for place in record.outputs]
+    units = *record.units_of_inputs, *(motion_unit("position", place in record.sliding) for place in record.outputs)
+    rows = zip(kinds, (*record.inputs, *record.outputs), units, in_time(record, 1.0).T, strict=True)
+    for i, (kind, place, unit, measured) in enumerate(rows):
+        yield twin_signal(kind, place, unit, measured, full[:, i], None if free is None else free[:, i])

@@ -21,7 +21,7 @@ adds is what the model lacks at low frequencies, and is shown as error of the to
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final, Literal, TypeAlias
@@ -29,12 +29,14 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
+from elastid.base.errors import DataError, StudyError
 from elastid.experiment.simulated.plant import Plant, exact_plant
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
+from elastid.robot.simplified import without_friction
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, rigid_motion, tune
 
@@ -321,10 +323,44 @@ class TwinPlant:
         resting = self.holding_gains(5.0)
         return Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
 
-    def moved(self, gains: Gains, commands: Commands, velocity: FloatArray, q: FloatArray | None = None) -> Trajectory:
-        """Trajectory from q (n_q,), or the rest, motors at this velocity (n_u,); DataError where one is lost."""
-        q = self.point.q if q is None else q
-        return simulate(self.plant.loop, gains, commands, q, v0=rigid_motion(self.plant.model, q) @ velocity)
+    def moved(self, driven: Driven) -> Trajectory:
+        """Trajectory of the robot; DataError where a motor is lost."""
+        q = self.point.q if driven.q is None else driven.q
+        v = rigid_motion(self.plant.model, q) @ driven.velocity
+        return simulate(self.plant.loop, driven.gains, driven.commands, q, v0=v)
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """What moves a twin: commands and gains of its loops, from q (n_q,) or the rest, motors at a velocity (n_u,)."""
+
+    commands: Commands
+    gains: Gains
+    velocity: FloatArray
+    q: FloatArray | None = None
+
+
+def run_along(
+    empty: TwinRun, robot: Robot, start: Configuration, spec: ModelSpec, driven_by: Callable[[TwinPlant], Driven],
+    compared: Callable[[TwinPlant, Trajectory, Trajectory | None], Iterable[TwinSignal]],
+) -> TwinRun:  # fmt: skip
+    """The run of a robot along a log, with and without its friction, or why it is lost.
+
+    empty: the run without its results, at the rate of the log's samples.  driven_by: of the robot without friction.
+    compared: signals of the robot, its trajectory, and that without friction, if there is one.
+    """
+    try:
+        free, full = (TwinPlant.of(each, empty.rate_hz, start, spec) for each in (without_friction(robot), robot))
+        driven = driven_by(free)
+        moved = full.moved(driven)
+    except (DataError, StudyError) as error:
+        return replace(empty, lost=str(error))
+    without, lost = None, ""
+    try:
+        without = free.moved(driven)
+    except DataError as error:
+        lost = str(error)
+    return replace(empty, signals=tuple(compared(full, moved, without)), lost_without_friction=lost)
 
 
 @dataclass(frozen=True)
