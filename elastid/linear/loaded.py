@@ -31,7 +31,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.linear.equilibrium import equilibrium, free_coordinates
-from elastid.linear.linear_model import LinearModel, Slope, is_load
+from elastid.linear.linear_model import LinearModel, Slope, is_load, projected
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import direction, position, tree, turns
 from elastid.model.loop_closure import null_space
@@ -225,21 +225,15 @@ def acted_on(model: LinearModel, inputs: tuple[str, ...], motors: Motors, loop: 
     N = with_held_motors(model.B) if motors == "held" else np.eye(model.n)
     rows = [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
     slopes = {name: _on(slope, N, rows) for name, slope in model.slopes.items()}
-    M, D, K = (_square(N, A) for A in (model.M, D, K))
+    M, D, K = (projected(N, A) for A in (model.M, D, K))
     return replace(
         model, M=M, D=D, K=K, B=(model.C[rows] @ N).T, C=model.C @ N, T=model.tilt @ N, Z=np.asarray(model.Z) @ N,
         slopes=slopes, inputs=inputs, chain=(), motors=motors, loop=loop,
     )  # fmt: skip
 
 
-def _square(N: FloatArray, A: FloatArray) -> FloatArray:
-    """N^T A N, symmetric to the last bit."""
-    product = N.T @ A @ N
-    return np.asarray((product + product.T) / 2)
-
-
 def _on(slope: Slope, N: FloatArray, rows: list[int]) -> Slope:
-    M, D, K = (None if A is None or not np.any(N.T @ A) else _square(N, A) for A in (slope.M, slope.D, slope.K))
+    M, D, K = (None if A is None or not np.any(N.T @ A) else projected(N, A) for A in (slope.M, slope.D, slope.K))
     C, T = (None if part is None else part @ N for part in (slope.C, slope.T))
     B = None if C is None or not np.any(C[rows]) else C[rows].T
     return Slope(M, D, K, C, T, B)
