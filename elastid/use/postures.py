@@ -48,6 +48,12 @@ def limits_of(robot: Robot) -> FloatArray:
     return np.where(np.isfinite(limits), limits, np.array(whole))
 
 
+def beyond_limits(robot: Robot, angles: FloatArray) -> BoolArray:
+    """Which angles (Q, n_u) are beyond the limits of their joints, where these have some."""
+    low, high = np.array([joint.limits.angle for joint in robot.driven], float).T
+    return np.asarray((angles < low - 1e-9) | (angles > high + 1e-9))
+
+
 def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
     """Angles (count, n_u), uniform within the limits, of postures in which the loops close."""
     low, high = limits_of(robot).T
@@ -243,9 +249,8 @@ def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
     table = read_table(path)
     angles = table.angles(robot)
     if angles is not None:
-        low, high = np.array([joint.limits.angle for joint in robot.driven], dtype=float).T
-        beyond = np.any((angles < low - 1e-9) | (angles > high + 1e-9), axis=1)
-        return JointPath(angles, beyond=tuple((np.flatnonzero(beyond) + 1).tolist()))
+        beyond = np.flatnonzero(beyond_limits(robot, angles).any(axis=1)) + 1
+        return JointPath(angles, beyond=tuple(beyond.tolist()))
     angles, reached = follow_path(robot, frame, *table.poses(robot))
     if not reached.any():
         raise DataError(

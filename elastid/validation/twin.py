@@ -274,12 +274,12 @@ def describe_run(run: TwinRun) -> str:
     if run.lost:
         return f"Simulated forwards on {run.log}, driven by its {_DRIVES[run.drive]}, the twin is lost: {run.lost}."
     held = f", held on the log by a loop of {run.held_hz:.2g} Hz" if run.held_hz else ""
-    parts = [
-        f"{kind if len(signals) == 1 else kind + 's'} {_spread([s.error for s in signals])}"
-        f"{_without([s.error_without_friction for s in signals])}"
-        for kind in (MOTION, TORQUE, LINK)
-        if (signals := run.of(kind))
-    ]
+    parts = []
+    for kind in (MOTION, TORQUE, LINK):
+        if signals := run.of(kind):
+            without = [s.error_without_friction for s in signals if math.isfinite(s.error_without_friction)]
+            ends = f" (without friction {_spread(without)})" if without else ""
+            parts.append(f"{kind} {_spread([s.error for s in signals])}{ends}")
     text = (
         f"Simulated forwards over {run.seconds:.3g} s of {run.log}, driven by its {_DRIVES[run.drive]}{held}, the twin "
         f"is off by (rms error over rms signal): {'; '.join(parts)}."
@@ -293,11 +293,6 @@ def _spread(errors: Sequence[float]) -> str:
     """A share, or the range of several."""
     low, high = min(errors), max(errors)
     return f"{100 * high:.3g} %" if len(errors) == 1 else f"{100 * low:.3g} to {100 * high:.3g} %"
-
-
-def _without(errors: Sequence[float]) -> str:
-    known = [error for error in errors if math.isfinite(error)]
-    return f" (without friction {_spread(known)})" if known else ""
 
 
 @dataclass(frozen=True)
