@@ -220,22 +220,18 @@ class Execution:
             results = ((index, function(item)) for index, item in enumerate(items))
         return _counted(results, len(items), self.progress)
 
-    def resumed(
-        self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]
-    ) -> Iterator[tuple[int, Value]]:
-        """`unordered`, resumed: values in the checkpoint under the names come first, new ones are kept there."""
-        known = [index for index, name in enumerate(names) if name in self.checkpoint]
-        todo = sorted(set(range(len(items))) - set(known))
-        for index in known:
-            yield index, self.checkpoint[names[index]]
+    def resumed(self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]) -> list[Value]:
+        """`ordered`, resumed: values in the checkpoint under the names are known, new ones are kept there."""
+        found = {index: self.checkpoint[name] for index, name in enumerate(names) if name in self.checkpoint}
+        todo, known = [index for index in range(len(items)) if index not in found], len(found)
 
         def with_known(done: int, total: int) -> None:
-            self.progress(done + len(known), total + len(known))
+            self.progress(done + known, total + known)
 
         shown = replace(self, progress=with_known)
         for place, value in shown.unordered(function, [items[index] for index in todo]):
-            self.checkpoint[names[todo[place]]] = value
-            yield todo[place], value
+            found[todo[place]] = self.checkpoint[names[todo[place]]] = value
+        return [found[index] for index in range(len(items))]
 
 
 # Workers that may die in one work; half as many go on each time, since most die for lack of memory.
@@ -282,8 +278,3 @@ def _main_is_unguarded() -> bool:
 def ordered(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> list[Value]:
     """[function(item) for item in items], computed by several processes."""
     return Execution(jobs).ordered(function, items)
-
-
-def in_order(results: Iterable[tuple[int, Value]]) -> list[Value]:
-    """The values of (index, value), the first index first."""
-    return [value for _, value in sorted(results, key=lambda result: result[0])]

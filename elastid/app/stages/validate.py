@@ -16,7 +16,7 @@ from elastid.app.summaries import as_json, validation_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution, in_order
+from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.spec import FitSpec
@@ -177,7 +177,7 @@ def _folds(own: Validated, responses: Sequence[Response], execution: Execution) 
     variant = ComparedVariant(own.name, own.robot, own.fit, own.model)
     tasks = [RefitTask(variant, part) for part in parts]
     names = [f"refit-{i}" for i in range(len(tasks))]
-    return gather_folds(parts, in_order(execution.resumed(partial(refit, responses), tasks, names)))
+    return gather_folds(parts, execution.resumed(partial(refit, responses), tasks, names))
 
 
 # The records of one configuration replayed, and the torque of each motor in the first of them.
