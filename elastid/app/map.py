@@ -23,7 +23,7 @@ from elastid.report.figures.use import workspace_figure
 from elastid.report.page.page_of_use import write_page_of_map
 from elastid.store.results import write_map, write_map_table
 from elastid.use.compliance import Cut
-from elastid.use.map import WorkspaceMap, family_of_map, map_family
+from elastid.use.map import WorkspaceMap, family_of_map, map_workspace
 from elastid.use.postures import grid_postures, random_postures, read_path
 
 
@@ -42,10 +42,10 @@ class Postures:
     def angles(self, run: Run, family: Family) -> FloatArray:
         """Angles (Q, n_u) of the driven joints; says what cannot be reached."""
         if self.path is not None:
-            path = read_path(self.path, family.robot, family.frame)
-            for words in path.remarks:
+            angles, remarks = read_path(self.path, family.robot, family.frame)
+            for words in remarks:
                 run.console.warn(f"map: {words}")
-            return path.angles
+            return angles
         seed = run.study.seed or 0
         if self.grid is not None:
             return grid_postures(family.robot, family.frame, self.grid, seed)
@@ -61,7 +61,8 @@ def map_study(
         family = family_of_map(with_gears(fit, gears_of(run)), frame)
         angles = postures.angles(run, family)
         lines = None if not band_hz else np.geomspace(band_hz[0], band_hz[1], 300)
-        workspace = map_family(family, angles, cut, lines, run.study.name, postures.path is not None)
+        is_path = postures.path is not None
+        workspace = map_workspace(family, angles, cut, lines_hz=lines, name=run.study.name, is_path=is_path)
         files = {
             "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
             "map.csv": lambda path: write_map_table(path, workspace),
