@@ -18,8 +18,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY
 from elastid.record import Configuration
 from elastid.simulation.controller import Gains, filters_of
-from elastid.use.loops.cascade import Cascade
-from elastid.use.loops.design import design
+from elastid.use.loops.design import Cascade, design
 from elastid.use.loops.plants import Plants, PostureFamily, _sampled
 from elastid.use.loops.result import assess
 from elastid.use.loops.sensitivity import (
