@@ -28,8 +28,8 @@ from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears
 from elastid.study.source import read_source
 from elastid.validation.agreement import validate
+from elastid.validation.elastic_twin import describe_replays
 from elastid.validation.friction_twin import predict_logs
-from elastid.validation.replay import describe_replays
 from elastid.validation.spec import ValidationSpec
 from elastid.validation.twin import Prediction, describe_balance
 

@@ -35,8 +35,8 @@ from elastid.validation.agreement import cost_p, explain_cost
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.comparison import describe_folds, divide, gather_folds
+from elastid.validation.elastic_twin import describe_replays, replay
 from elastid.validation.predicted import PredictedResponse, predict_response
-from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
 from elastid.validation.spec import ValidationSpec
 from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
