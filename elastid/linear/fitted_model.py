@@ -173,16 +173,12 @@ class ResponseBand:
 
 
 @frozen_value
-class PostureModes:
-    """Oscillating modes by rising frequency with standard deviations: freq_hz, zeta (n_m,), shapes (n_q, n_m).
+class PostureModes(UncertainModes):
+    """Oscillating modes by rising frequency with standard deviations, and shapes (n_q, n_m).
 
     shapes: in `coordinates`, all of the robot's, largest entry 1.
     """
 
-    freq_hz: FloatArray
-    freq_std: FloatArray
-    zeta: FloatArray
-    zeta_std: FloatArray
     shapes: ComplexArray
     coordinates: tuple[str, ...]
     real_poles: FloatArray

@@ -31,8 +31,7 @@ class InverseLimits:
     steps: int = 60
     damping: float = 1e-3  # of the largest eigenvalue of J^T J
     step: float = 0.3  # rad or m
-    position: float = 1e-6  # m from the pose
-    angle: float = 1e-6  # rad
+    position: float = 1e-6  # m, or rad, from the pose
 
 
 INVERSE = InverseLimits()

@@ -161,7 +161,7 @@ def elastic_runs(record: Record, twin: FittedTwin, band_hz: tuple[float, float])
 
 def _by_torque(record: Record, held_hz: float, plant: TwinPlant) -> Driven:
     """The torque of the last period of a record, over and over, and the loop about its motion."""
-    model, angles, chain = plant.plant.model, record.configuration.angles, plant.plant.model.robot.chain
+    model, angles, chain = plant.model, record.configuration.angles, plant.model.robot.chain
     N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
     left_out = {repetition // (2 if record.half_wave else 1) for repetition in record.left_out}
     last = max((p for p in range(record.n_periods) if p not in left_out), default=record.n_periods - 1)
@@ -189,7 +189,7 @@ def _by_torque(record: Record, held_hz: float, plant: TwinPlant) -> Driven:
 
 def _logged(record: Record, plant: TwinPlant, moved: Trajectory) -> Record:
     """The last period of a trajectory as it would be logged."""
-    N, model, chain = record.period_samples, plant.plant.model, plant.plant.model.robot.chain
+    N, model, chain = record.period_samples, plant.model, plant.model.robot.chain
     y = sense(moved.q, moved.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
     y = filter_motions(model.robot, y, record.rate_hz) * [chain.gain("y", place) for place in record.outputs]
     motors = [model.inputs.index(place) for place in record.inputs]

@@ -194,7 +194,7 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
 
 def _driven(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> Driven:
     """Reference, torque and gains; those of joints that rest are the same under both drives."""
-    model, moving = free.plant.model, np.array(log.moving)
+    model, moving = free.model, np.array(log.moving)
     own = feed_forward(model, free.point.q, log.position - log.position[0], log.velocity, log.acceleration)
     lacking = np.where(moving, own - log.rigid, 0.0)
     still = np.zeros_like(own)
@@ -229,7 +229,7 @@ def _compared(
     for record, signals in zip(log.records, log.signals, strict=True):
         # Of a log that is not simulated to its end, without the rest.
         kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, n), signals.kept.step))
-        i, k = names.index(record.joint), plant.plant.model.index(f"joint {record.joint}")
+        i, k = names.index(record.joint), plant.model.index(f"joint {record.joint}")
         motor, turning = f"motor {record.joint}", motion_unit("position", record.slides)
         own, frictionless = (
             (None, None, None) if run is None else (run.reading[:, i], run.u[:, i], run.q[:, k])

@@ -30,14 +30,15 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError, StudyError
-from elastid.experiment.simulated.plant import Plant, exact_plant
+from elastid.experiment.simulated.plant import exact_plant
 from elastid.linear.equilibrium import OperatingPoint
+from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.robot.simplified import without_friction
-from elastid.simulation.closed_loop import Commands, Trajectory, simulate
+from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, rigid_motion, tune
 
 # Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
@@ -299,7 +300,8 @@ def _spread(errors: Sequence[float]) -> str:
 class TwinPlant:
     """A robot at rest where its log begins, as equations, with exact drives and encoders and without limits."""
 
-    plant: Plant
+    model: ElasticModel
+    loop: ClosedLoop
     point: OperatingPoint
 
     @classmethod
@@ -307,11 +309,11 @@ class TwinPlant:
         """Plant with as many steps a sample as its fastest pole takes; StudyError where it finds no rest."""
         plant, point = exact_plant(robot, spec, rate_hz, start)
         free = np.tile([-np.inf, np.inf], (plant.model.n_u, 1))
-        return cls(Plant(plant.model, replace(plant.loop, limits=free)), point)
+        return cls(plant.model, replace(plant.loop, limits=free), point)
 
     def holding_gains(self, bandwidth_hz: float) -> Gains:
         """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
-        return tune(self.plant.model, self.point.q, bandwidth_hz, 1.0)
+        return tune(self.model, self.point.q, bandwidth_hz, 1.0)
 
     def gains(self, moving: BoolArray, held: Gains) -> Gains:
         """Gains of `held` for motors that move (n_u,), of a loop of 5 Hz for the others."""
@@ -321,8 +323,8 @@ class TwinPlant:
     def moved(self, driven: Driven) -> Trajectory:
         """Trajectory of the robot; DataError where a motor is lost."""
         q = self.point.q if driven.q is None else driven.q
-        v = rigid_motion(self.plant.model, q) @ driven.velocity
-        return simulate(self.plant.loop, driven.gains, driven.commands, q, v0=v)
+        v = rigid_motion(self.model, q) @ driven.velocity
+        return simulate(self.loop, driven.gains, driven.commands, q, v0=v)
 
 
 @dataclass(frozen=True, eq=False)
