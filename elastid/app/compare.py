@@ -17,7 +17,7 @@ from elastid.app.run import Run, carry_out, logged_in
 from elastid.app.work import hash_of
 from elastid.base.display import number
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution, in_order
+from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, own_path
 from elastid.fit.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec
@@ -180,7 +180,7 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: _Responses)
     if n_finished := sum(key in finished for key in keys):
         run.console.say(f"compare: resumed, {n_finished} of {len(tasks)} fits are kept")
     with run.console.progress("compare") as progress:
-        results = in_order(Execution(run.jobs, progress, finished).resumed(partial(refit, responses), tasks, keys))
+        results = Execution(run.jobs, progress, finished).resumed(partial(refit, responses), tasks, keys)
     n = len(parts)
     return [results[i * n : (i + 1) * n] for i in range(len(models))]
 

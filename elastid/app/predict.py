@@ -27,9 +27,9 @@ from elastid.store.kinds import json_value
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears
 from elastid.study.source import read_source
-from elastid.validation.agreement import judged_elsewhere
+from elastid.validation.agreement import validate
+from elastid.validation.elastic_twin import describe_replays
 from elastid.validation.friction_twin import predict_logs
-from elastid.validation.replay import describe_replays
 from elastid.validation.spec import ValidationSpec
 from elastid.validation.twin import Prediction, describe_balance
 
@@ -146,8 +146,9 @@ def _elasticity(run: Run, path: Path) -> tuple[Prediction, dict[str, Any], Seque
     records = run.path("measure") if "measure" in run.stages else None
     own = Validated(replace(study, validation=ValidationSpec()), fitted, friction, gears)
     replays, twin = replayed_in_time(own, records, run.console, Execution(run.jobs))
-    shifts = [fitted.response_shifts(response.configuration.name) for response in responses]
-    judged = judged_elsewhere(responses, fitted.responses, shifts)
+    names = [response.configuration.name for response in responses]
+    shifts = {name: fitted.response_shifts(name) for name in names}
+    judged = validate(responses, fitted.responses, names, shifts=shifts)
     judged = replace(judged, replays=replays, replayed=describe_replays(replays) if replays else "")
     content = {**validation_summary(study.name, judged, twin), "with": str(path)}
     sentences = (judged.verdict, judged.replayed, *map(describe_balance, twin.balances), *twin.run_words)

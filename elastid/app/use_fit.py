@@ -40,7 +40,7 @@ from elastid.use.draws import draw_robots, estimated_robot
 from elastid.use.loops.plants import PostureFamily
 from elastid.use.loops.result import Asked, Loops, Today, design_loops
 from elastid.use.loops.sensitivity import MeasuredLoops, measured_loops, refusal
-from elastid.use.map import family_of_map, map_family
+from elastid.use.map import family_of_map, map_workspace
 from elastid.use.postures import grid_postures, random_postures, read_path
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -93,16 +93,16 @@ def map_study(
     def work(fit: Result) -> Used:
         family, seed = family_of_map(with_gears(fit, gears_of(run)), frame), run.study.seed
         if path is not None:
-            asked = read_path(path, family.robot, family.frame)
-            for words in asked.remarks:
+            angles, remarks = read_path(path, family.robot, family.frame)
+            for words in remarks:
                 run.console.warn(f"map: {words}")
-            angles = asked.angles
         elif grid is not None:
             angles = grid_postures(family.robot, family.frame, grid, seed)
         else:
             angles = random_postures(family.robot, random or 1000, seed)
         lines = None if not band_hz else np.geomspace(band_hz[0], band_hz[1], 300)
-        workspace = map_family(family, angles, cut, lines, run.study.name, path is not None)
+        is_path, name = path is not None, run.study.name
+        workspace = map_workspace(family, angles, cut, lines_hz=lines, name=name, is_path=is_path)
         files = {
             "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
             "map.csv": lambda path: write_map_table(path, workspace),

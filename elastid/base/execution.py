@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pickle
 import sys
-from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from concurrent.futures import CancelledError, as_completed
 from contextlib import closing, contextmanager
 from contextvars import ContextVar
@@ -18,7 +18,7 @@ from typing import Any, TypeAlias, TypeVar
 from urllib.parse import urlsplit
 
 from elastid.base.errors import ElastidError, StudyError
-from elastid.base.workers import outcomes
+from elastid.base.workers import Outcome, outcomes
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -69,27 +69,10 @@ def _is_address(address: str) -> bool:
         return False
 
 
-def survived_on_cluster(
-    address: str, function: Callable[[Item], Value], items: Sequence[Item]
-) -> Iterator[tuple[int, Value | None]]:
-    """(index, function(item)), or (index, None) where workers died at an item again and again.
-
-    The function goes with each item, so that no worker's death loses it.
-    """
-    from distributed import KilledWorker
-
-    with client_of(address) as client:
-        submit = client.get_executor(pure=False).submit
-        futures = {submit(function, item): index for index, item in enumerate(items)}
-        for future in as_completed(futures):
-            died = isinstance(future.exception(), KilledWorker)
-            yield futures[future], None if died else future.result()
-
-
 @contextmanager
 def client_of(address: str) -> Iterator[Any]:
-    """A Dask cluster; ElastidError without certificates, where no scheduler answers, or one item kills all workers."""
-    from distributed import Client, KilledWorker
+    """A Dask cluster; ElastidError without certificates, where no scheduler answers, and where it gets no worker."""
+    from distributed import Client
     from distributed.security import Security
 
     # Of an encrypted connection.
@@ -104,18 +87,56 @@ def client_of(address: str) -> Iterator[Any]:
     except Exception as error:  # of a scheme, too, for which a package is missing
         raise ElastidError("workers/cluster", f"no Dask scheduler answers at {address}: {error}") from error
     try:
+        client.wait_for_workers(1, timeout=WORKERS_S)
         yield client
-    except KilledWorker as error:
-        raise ElastidError(
-            "workers/died",
-            f"workers of the cluster at {address} died at the same item, perhaps for lack of memory; give them more",
-        ) from error
+    except TimeoutError as error:
+        raise ElastidError("workers/cluster", f"the cluster at {address} has no worker; start one") from error
     finally:
         client.close()
 
 
+def outcome_of(result: Callable[[], Any]) -> Outcome:
+    """The end of a task of a cluster: its value, its error, or the death of its workers."""
+    from distributed import KilledWorker
+
+    try:
+        return Outcome(result())
+    except (CancelledError, KilledWorker):
+        return Outcome(died=True)
+    except Exception as error:
+        return Outcome(error=error)
+
+
 def _applied(function: Callable[[Item], Value], item: Item) -> Value:
     return function(item)
+
+
+def _on_cluster(
+    address: str, function: Callable[[Item], Value], items: Mapping[int, Item], is_shared: bool
+) -> Generator[tuple[int, Outcome], None, None]:
+    """Outcomes from a cluster; is_shared: the function is sent to each worker once, and lost with the last of them."""
+    from distributed.comm import CommClosedError
+
+    with client_of(address) as client:
+        try:
+            work = client.scatter(function, broadcast=True, hash=False, timeout=WORKERS_S) if is_shared else function
+        except CommClosedError:  # of a worker that dies meanwhile
+            yield next(iter(items)), Outcome(died=True)
+            return
+        submit = client.get_executor(pure=False).submit
+        futures = {submit(_applied, work, item): index for index, item in items.items()}
+        for future in as_completed(futures):
+            yield futures[future], outcome_of(future.result)
+
+
+def _outcomes(
+    function: Callable[[Item], Value], items: Mapping[int, Item], jobs: int, is_shared: bool = True
+) -> Generator[tuple[int, Outcome], None, None]:
+    """Outcomes from the cluster, or from processes of this machine, as they finish."""
+    if address := SCHEDULER.get():
+        return _on_cluster(address, function, items, is_shared)
+    # Pickled here, so that an error of pickling is reported as such.
+    return outcomes(pickle.dumps(function), list(items.items()), min(jobs, len(items)))
 
 
 Progress: TypeAlias = Callable[[int, int], None]
@@ -132,9 +153,15 @@ def surviving(
 
     For long work: each worker is a pool of its own. On a cluster the scheduler has then tried the item several times.
     """
-    address = SCHEDULER.get()
-    results = survived_on_cluster(address, function, items) if address else _survived(function, items, jobs)
-    return _counted(results, len(items), progress)
+
+    def survived() -> Iterator[tuple[int, Value | None]]:
+        with closing(_outcomes(function, dict(enumerate(items)), jobs, is_shared=False)) as results:
+            for index, outcome in results:
+                if outcome.died and _main_is_unguarded():
+                    raise ElastidError("workers/died", _UNGUARDED)
+                yield index, None if outcome.died else outcome.result
+
+    return _counted(survived(), len(items), progress)
 
 
 def _counted(results: Iterable[Value], total: int, progress: Progress) -> Iterator[Value]:
@@ -187,77 +214,35 @@ class Execution:
         again. On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
         Raises ElastidError where workers die again and again.
         """
-        if address := SCHEDULER.get():
-            results = _by_cluster(address, function, items)
-        elif min(self.jobs, len(items)) <= 1:
-            results = ((index, function(item)) for index, item in enumerate(items))
+        if SCHEDULER.get() or min(self.jobs, len(items)) > 1:
+            results = _by_workers(function, items, self.jobs)
         else:
-            results = _by_processes(function, items, self.jobs)
+            results = ((index, function(item)) for index, item in enumerate(items))
         return _counted(results, len(items), self.progress)
 
-    def resumed(
-        self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]
-    ) -> Iterator[tuple[int, Value]]:
-        """`unordered`, resumed: values in the checkpoint under the names come first, new ones are kept there."""
-        known = [index for index, name in enumerate(names) if name in self.checkpoint]
-        todo = sorted(set(range(len(items))) - set(known))
-        for index in known:
-            yield index, self.checkpoint[names[index]]
+    def resumed(self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]) -> list[Value]:
+        """`ordered`, resumed: values in the checkpoint under the names are known, new ones are kept there."""
+        found = {index: self.checkpoint[name] for index, name in enumerate(names) if name in self.checkpoint}
+        todo, known = [index for index in range(len(items)) if index not in found], len(found)
 
         def with_known(done: int, total: int) -> None:
-            self.progress(done + len(known), total + len(known))
+            self.progress(done + known, total + known)
 
         shown = replace(self, progress=with_known)
         for place, value in shown.unordered(function, [items[index] for index in todo]):
-            self.checkpoint[names[todo[place]]] = value
-            yield todo[place], value
-
-
-def _scattered(client: Any, address: str, function: Callable[[Item], Value]) -> Any:
-    """The function at each worker; CancelledError where one dies meanwhile, ElastidError where there is none."""
-    from distributed.comm import CommClosedError
-
-    try:
-        return client.scatter(function, broadcast=True, hash=False, timeout=WORKERS_S)
-    except CommClosedError as error:
-        raise CancelledError from error
-    except TimeoutError as error:
-        raise ElastidError("workers/cluster", f"the cluster at {address} has no worker; start one") from error
-
-
-def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
-    """Values from a cluster; where all workers that have the function die, it goes to their successors."""
-    left, deaths = dict(enumerate(items)), 0
-    while left:
-        try:
-            with client_of(address) as client:
-                scattered = _scattered(client, address, function)
-                submit = client.get_executor(pure=False).submit
-                futures = {submit(_applied, scattered, item): index for index, item in left.items()}
-                for future in as_completed(futures):
-                    value = future.result()
-                    del left[futures[future]]
-                    yield futures[future], value
-        except CancelledError as error:
-            deaths += 1
-            if deaths == MOST_DEATHS:
-                raise ElastidError(
-                    "workers/died",
-                    f"all workers of the cluster at {address} died {deaths} times, perhaps for lack of memory; "
-                    "give them more",
-                ) from error
+            found[todo[place]] = self.checkpoint[names[todo[place]]] = value
+        return [found[index] for index in range(len(items))]
 
 
 # Workers that may die in one work; half as many go on each time, since most die for lack of memory.
 MOST_DEATHS = 4
 
 
-def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> Iterator[tuple[int, Value]]:
-    """Values from processes of this machine; the item of a worker that dies is done again, by half as many."""
-    # Pickled here, so that an error of pickling is reported as such.
-    work, left, deaths = pickle.dumps(function), dict(enumerate(items)), 0
+def _by_workers(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> Iterator[tuple[int, Value]]:
+    """Values from workers; the item of a worker that dies is done again, by half as many."""
+    left, deaths = dict(enumerate(items)), 0
     while left:
-        with closing(outcomes(work, list(left.items()), min(max(1, jobs >> deaths), len(left)))) as results:
+        with closing(_outcomes(function, left, max(1, jobs >> deaths))) as results:
             for index, outcome in results:
                 if outcome.died:
                     deaths += 1
@@ -270,19 +255,9 @@ def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs
         if deaths == MOST_DEATHS:
             raise ElastidError(
                 "workers/died",
-                f"worker processes died {deaths} times, perhaps for lack of memory; try again with fewer --jobs",
+                f"workers died {deaths} times, perhaps for lack of memory; try again with fewer --jobs, or give the "
+                "cluster more",
             )
-
-
-def _survived(
-    function: Callable[[Item], Value], items: Sequence[Item], jobs: int
-) -> Iterator[tuple[int, Value | None]]:
-    """Values from processes of this machine; an item at which a worker died is None."""
-    with closing(outcomes(pickle.dumps(function), enumerate(items), min(jobs, len(items)))) as results:
-        for index, outcome in results:
-            if outcome.died and _main_is_unguarded():
-                raise ElastidError("workers/died", _UNGUARDED)
-            yield index, None if outcome.died else outcome.result
 
 
 _UNGUARDED = (
@@ -303,8 +278,3 @@ def _main_is_unguarded() -> bool:
 def ordered(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> list[Value]:
     """[function(item) for item in items], computed by several processes."""
     return Execution(jobs).ordered(function, items)
-
-
-def in_order(results: Iterable[tuple[int, Value]]) -> list[Value]:
-    """The values of (index, value), the first index first."""
-    return [value for _, value in sorted(results, key=lambda result: result[0])]

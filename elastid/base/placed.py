@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import CancelledError
 from contextlib import ExitStack
 from functools import partial
 from itertools import pairwise
@@ -17,7 +16,7 @@ from typing import Any
 from weakref import finalize
 
 from elastid.base.errors import ElastidError
-from elastid.base.execution import MOST_DEATHS, SCHEDULER, WORKERS_S, Execution, client_of
+from elastid.base.execution import MOST_DEATHS, SCHEDULER, WORKERS_S, Execution, client_of, outcome_of
 from elastid.base.workers import Outcome, Worker, answers, end, new_worker
 
 Function = Callable[[Any], Any]
@@ -130,11 +129,6 @@ class _Cluster:
         self._stack, self._at = ExitStack(), dict[int, str]()
         self._items: dict[int, list[Any]] = {}
         self._client = self._stack.enter_context(client_of(address))
-        try:
-            self._client.wait_for_workers(1, timeout=WORKERS_S)
-        except TimeoutError as error:
-            self.close()
-            raise ElastidError("workers/cluster", f"the cluster at {address} has no worker; start one") from error
         self.count = len(self._client.nthreads())
 
     def place(self, number: int, items: Sequence[Any]) -> None:
@@ -152,13 +146,13 @@ class _Cluster:
 
     def ask(self, functions: Mapping[int, Function]) -> dict[int, Outcome]:
         futures = {i: self._submitted(i, _each, function, self._items[i]) for i, function in functions.items()}
-        return {i: _outcome(future.result) for i, future in futures.items()}
+        return {i: outcome_of(future.result) for i, future in futures.items()}
 
     def change(self, functions: Mapping[int, Sequence[Function]]) -> dict[int, Outcome]:
         for i, each in functions.items():
             pairs = zip(self._items[i], each, strict=True)
             self._items[i] = [self._submitted(i, _applied, item, self._sent(i, function)) for item, function in pairs]
-        return {i: _outcome(partial(_finished, self._items[i])) for i in functions}
+        return {i: outcome_of(partial(_finished, self._items[i])) for i in functions}
 
     def close(self) -> None:
         self._stack.close()
@@ -173,14 +167,3 @@ def _finished(futures: Sequence[Any]) -> None:
     for future in futures:
         if (error := future.exception()) is not None:
             raise error
-
-
-def _outcome(result: Callable[[], Any]) -> Outcome:
-    from distributed import KilledWorker
-
-    try:
-        return Outcome(result())
-    except (CancelledError, KilledWorker):
-        return Outcome(died=True)
-    except Exception as error:
-        return Outcome(error=error)

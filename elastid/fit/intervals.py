@@ -31,7 +31,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError, Note, StudyError, did_you_mean
-from elastid.base.execution import Execution, in_order
+from elastid.base.execution import Execution
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.assembly import RelinearisedOptimum
@@ -62,7 +62,7 @@ def bootstrap(
     sources = tuple(_source(part, weight, fit.theta(part, x)) for part, weight in pairs)
     static = None if fit.loads is None else fit.loads.predicted(fit.parameters, x)[0]
     names = [f"bootstrap-{i}" for i in range(repetitions)]
-    ends = in_order((execution or Execution()).resumed(partial(_repeat, fit, sources, static, x), draws, names))
+    ends = (execution or Execution()).resumed(partial(_repeat, fit, sources, static, x), draws, names)
     return np.array([end.x if end.converged else np.full(len(x), np.nan) for end in ends])
 
 
@@ -148,7 +148,7 @@ def profile_ends(
     A_inverse = np.asarray(np.linalg.pinv(best.hessian / 2, hermitian=True))
     free, labels = problem.parameters.free_names, [f"profile-{name}" for name in names]
     work = partial(_profile, problem, x, best.cost, A_inverse, variance)
-    found = in_order((execution or Execution()).resumed(work, [free.index(name) for name in names], labels))
+    found = (execution or Execution()).resumed(work, [free.index(name) for name in names], labels)
     rows = {profile.name: profile.interval for profile in found}
     return np.array([rows.get(name, (np.nan, np.nan)) for name in free])
 

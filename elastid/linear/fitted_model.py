@@ -115,8 +115,7 @@ class FittedModel:
     def uncertain_modes(self) -> UncertainModes:
         """Frequencies and damping ratios of `modes` with their deviations; infinite where they need infinite ones."""
         theta, natural = self.theta, self.modes()
-        omega = 2 * np.pi * natural.freq_hz
-        poles, phi = omega * (-natural.zeta + 1j * np.sqrt(np.maximum(1 - natural.zeta**2, 0.0))), natural.shapes
+        omega, poles, phi = 2 * np.pi * natural.freq_hz, natural.poles, natural.shapes
 
         def form(A: FloatArray) -> ComplexArray:
             return np.asarray(np.einsum("nm,nk,km->m", phi, A, phi))
@@ -174,16 +173,12 @@ class ResponseBand:
 
 
 @frozen_value
-class PostureModes:
-    """Oscillating modes by rising frequency with standard deviations: freq_hz, zeta (n_m,), shapes (n_q, n_m).
+class PostureModes(UncertainModes):
+    """Oscillating modes by rising frequency with standard deviations, and shapes (n_q, n_m).
 
     shapes: in `coordinates`, all of the robot's, largest entry 1.
     """
 
-    freq_hz: FloatArray
-    freq_std: FloatArray
-    zeta: FloatArray
-    zeta_std: FloatArray
     shapes: ComplexArray
     coordinates: tuple[str, ...]
     real_poles: FloatArray

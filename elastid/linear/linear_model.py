@@ -120,6 +120,14 @@ def is_load(place: str) -> bool:
     return place.startswith(("force ", "torque "))
 
 
+def projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Z^T matrix Z, symmetric to the last bit."""
+    if len(Z) == Z.shape[1]:
+        return matrix  # nothing is held: Z is the unit matrix
+    product = Z.T @ matrix @ Z
+    return np.asarray((product + product.T) / 2)
+
+
 @frozen_value
 class Slope:
     """d(M, D, K) / d theta_p of one parameter, each symmetric (n, n) or None where the parameter does not enter.

@@ -37,7 +37,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, check_theta
 from elastid.linear.equilibrium import OperatingPoint, equilibrium, free_coordinates
-from elastid.linear.linear_model import DELAY, LinearModel, Slope, elements
+from elastid.linear.linear_model import DELAY, LinearModel, Slope, elements, projected
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.loop_closure import RANK_TOLERANCE, motions, null_space
@@ -265,7 +265,7 @@ class Linearisation:
         absent = () if configuration.carries else model.of_payload
         of_name = {name: slope for name, slope in of_name.items() if name not in absent}
         places = model.inputs, tuple(outputs), quantity
-        M, D, K = (_projected(Z, matrix) for matrix in (M, D, K))
+        M, D, K = (projected(Z, matrix) for matrix in (M, D, K))
         B, C, T = Z.T @ model.B, C @ Z, T @ Z
         chain, sliding = elements(model.robot.chain), model.robot.sliding((*model.inputs, *outputs))
         gains = tuple(name for name in model.parameters if name in model.robot.gains)
@@ -314,14 +314,6 @@ def _places(n: int) -> IntArray:
     return places
 
 
-def _projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Z^T matrix Z, symmetric to the last bit."""
-    if len(Z) == Z.shape[1]:
-        return matrix  # no constraint: Z is the unit matrix
-    product = Z.T @ matrix @ Z
-    return (product + product.T) / 2
-
-
 def _slopes(model: ElasticModel, jacobian: FloatArray, Z: FloatArray) -> dict[str, Slope]:
     """Slopes by name of the parameters that enter; jacobian (3 n (n + 1) / 2, n_theta)."""
     triangles, places = jacobian.T.reshape(len(model.parameters), 3, -1), _places(model.n_q)
@@ -329,5 +321,5 @@ def _slopes(model: ElasticModel, jacobian: FloatArray, Z: FloatArray) -> dict[st
     slopes = {}
     for p in np.flatnonzero(np.any(enters, axis=1)):
         parts = zip(triangles[p], enters[p], strict=True)
-        slopes[model.parameters[p]] = Slope(*(_projected(Z, part[places]) if moves else None for part, moves in parts))
+        slopes[model.parameters[p]] = Slope(*(projected(Z, part[places]) if moves else None for part, moves in parts))
     return slopes

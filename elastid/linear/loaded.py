@@ -30,25 +30,15 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.linear.equilibrium import equilibrium, free_coordinates
-from elastid.linear.linear_model import LinearModel, Slope, is_load
+from elastid.linear.equilibrium import LIMITS, equilibrium, free_coordinates
+from elastid.linear.linear_model import LinearModel, Slope, is_load, projected
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import direction, position, tree, turns
 from elastid.model.loop_closure import null_space
 from elastid.record import Configuration, JointLoop, Motors
 
-
-@dataclass(frozen=True)
-class NewtonLimits:
-    """Numbers of Newton's method: a posture that is not found is no judgement of data."""
-
-    steps: int = 60
-    step: float = 0.3  # rad or m, as from an unloaded robot
-    converged: float = 1e-11  # rad or m: convergence is quadratic, the remaining error is far below
-    shortest: float = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
-
-
-NEWTON = NewtonLimits()
+_CONVERGED = 1e-11  # rad or m: convergence is quadratic, the remaining error is far below
+_SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,20 +123,20 @@ class LoadedRobot:
         """z (2 L, n_z) at rest and the slopes (2 L, n_z, n_z) of its forces; theta (2 L, n_theta)."""
         z = self.z.copy()
         r, K = self._at(self.statics, z, theta)
-        for _ in range(NEWTON.steps):
+        for _ in range(LIMITS.steps):
             step = -self._solved(K, r)[:, :, 0]
             free = step[:, : step.shape[1] - self.model.n_c]
             largest = np.abs(free).max(axis=1, initial=0.0)
             if not np.isfinite(step).all():
                 break
-            if largest.max() < NEWTON.converged:
+            if largest.max() < _CONVERGED:
                 return z + step, K
-            share = np.minimum(1.0, NEWTON.step / np.maximum(largest, 1e-300))
+            share = np.minimum(1.0, LIMITS.step / np.maximum(largest, 1e-300))
             size = _size(r, K)
             while True:
                 tried = z + share[:, None] * step
                 r, K = self._at(self.statics, tried, theta)
-                worse = (_size(r, K) > (1 - share / 10) * size) & (size > 1e-9) & (share > NEWTON.shortest)
+                worse = (_size(r, K) > (1 - share / 10) * size) & (size > 1e-9) & (share > _SHORTEST)
                 if not worse.any():
                     break
                 share = np.where(worse, share / 2, share)
@@ -225,21 +215,15 @@ def acted_on(model: LinearModel, inputs: tuple[str, ...], motors: Motors, loop: 
     N = with_held_motors(model.B) if motors == "held" else np.eye(model.n)
     rows = [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
     slopes = {name: _on(slope, N, rows) for name, slope in model.slopes.items()}
-    M, D, K = (_square(N, A) for A in (model.M, D, K))
+    M, D, K = (projected(N, A) for A in (model.M, D, K))
     return replace(
         model, M=M, D=D, K=K, B=(model.C[rows] @ N).T, C=model.C @ N, T=model.tilt @ N, Z=np.asarray(model.Z) @ N,
         slopes=slopes, inputs=inputs, chain=(), motors=motors, loop=loop,
     )  # fmt: skip
 
 
-def _square(N: FloatArray, A: FloatArray) -> FloatArray:
-    """N^T A N, symmetric to the last bit."""
-    product = N.T @ A @ N
-    return np.asarray((product + product.T) / 2)
-
-
 def _on(slope: Slope, N: FloatArray, rows: list[int]) -> Slope:
-    M, D, K = (None if A is None or not np.any(N.T @ A) else _square(N, A) for A in (slope.M, slope.D, slope.K))
+    M, D, K = (None if A is None or not np.any(N.T @ A) else projected(N, A) for A in (slope.M, slope.D, slope.K))
     C, T = (None if part is None else part @ N for part in (slope.C, slope.T))
     B = None if C is None or not np.any(C[rows]) else C[rows].T
     return Slope(M, D, K, C, T, B)

@@ -41,6 +41,12 @@ class Modes:
     __repr__, _repr_html_ = as_text, as_html
 
     @property
+    def poles(self) -> ComplexArray:
+        """lambda (n_m,) in 1/s of each mode, that with the positive imaginary part."""
+        swinging = 1j * np.sqrt(np.maximum(1 - self.zeta**2, 0.0))
+        return np.asarray(2 * np.pi * self.freq_hz * (swinging - self.zeta))
+
+    @property
     def display(self) -> Display:
         """Frequency and damping ratio of each mode."""
         rows = [(f"{f:.5g}", f"{100 * zeta:.4g}") for f, zeta in zip(self.freq_hz, self.zeta, strict=True)]
@@ -70,16 +76,16 @@ def modes(model: LinearModel, theta: FloatArray) -> Modes:
     oscillating = oscillating[np.argsort(np.abs(poles[oscillating]))]
     decaying, poles = poles[is_real].real, poles[oscillating]
     freq_hz, zeta = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)
-    return Modes(freq_hz, zeta, _normalised(shapes[:, oscillating]), decaying[np.argsort(np.abs(decaying))])
+    return Modes(freq_hz, zeta, normalised(shapes[:, oscillating]), decaying[np.argsort(np.abs(decaying))])
 
 
 def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
     """Shapes (n, n_m) of a model as they are in all coordinates of the robot (n_q, n_m), the largest entry 1."""
     assert model.Z is not None  # set when it is made
-    return _normalised(model.Z @ shapes)
+    return normalised(model.Z @ shapes)
 
 
-def _normalised(shapes: ComplexArray) -> ComplexArray:
+def normalised(shapes: ComplexArray) -> ComplexArray:
     """Columns whose largest entry is 1."""
     if not shapes.size:
         return shapes

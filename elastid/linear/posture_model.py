@@ -22,7 +22,7 @@ from elastid.base.errors import StudyError
 from elastid.base.statistics import Spread, propagate
 from elastid.linear.fitted_model import Axes, FrameStiffness, PostureModes, ResponseBand
 from elastid.linear.linear_model import LinearModel, StateSpace, state_space
-from elastid.linear.modes import Modes, modes
+from elastid.linear.modes import Modes, modes, normalised
 from elastid.linear.response.transfer import checked_frequencies, frequency_response
 from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER, HeldTorque, JointLoop, Motors
@@ -226,26 +226,22 @@ class PostureModel:
 
         def packed(x: FloatArray) -> FloatArray:
             own = nominal if x is self.estimated.x else self._modes_at(x)
-            poles = _poles(own)
-            order = [int(np.argmin(np.abs(poles - pole))) for pole in _poles(nominal)] if len(poles) else []
+            poles = own.poles
+            order = [int(np.argmin(np.abs(poles - pole))) for pole in nominal.poles] if len(poles) else []
             if len(order) < count:  # nothing swings with numbers so far off
                 return np.full((2, count), np.nan)
             return np.vstack([own.freq_hz[order], own.zeta[order]])
 
         spread = self._spread(packed) if count else None
         freq_std, zeta_std = np.zeros((2, count)) if spread is None else spread.std
+        Z = np.asarray(self.linear.Z) @ self.moving
         return PostureModes(
-            nominal.freq_hz, freq_std, nominal.zeta, zeta_std, self._shapes(nominal), self.coordinates,
+            nominal.freq_hz, freq_std, nominal.zeta, zeta_std, normalised(Z @ nominal.shapes), self.coordinates,
             nominal.real_poles, "linearisation" if spread is None else spread.by,
         )  # fmt: skip
 
     def _modes_at(self, x: FloatArray) -> Modes:
         return modes(self.as_linear(x, with_integral=False), np.zeros(0))
-
-    def _shapes(self, own: Modes) -> ComplexArray:
-        shapes = np.asarray(self.linear.Z) @ self.moving @ own.shapes
-        largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
-        return np.asarray(shapes / largest) if shapes.size else shapes
 
     def stiffness(self) -> FrameStiffness:
         """Static stiffness and compliance (6, 6) of the frame, in its axes, with standard deviations.
@@ -309,7 +305,3 @@ class PostureModel:
     def to_control(self) -> Any:
         """The model as `control.StateSpace`: its response is that of `response` to rounding."""
         return self.state_space().to_control()
-
-
-def _poles(own: Modes) -> ComplexArray:
-    return np.asarray(2 * np.pi * own.freq_hz * (-own.zeta + 1j * np.sqrt(np.maximum(1 - own.zeta**2, 0.0))))

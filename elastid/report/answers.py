@@ -170,22 +170,15 @@ def answer_of_loops(loops: Loops) -> Answer:
 
 def gain_rows(loops: Loops) -> list[list[str | float]]:
     """loops.csv: a row for each axis, link side, SI."""
-    gains, most = loops.controller.gains, max((_notches(loops, joint) for joint in loops.joints), key=len)
-    heads: list[str | float] = ["joint", *_GAINS]
-    for i in range(len(most)):
-        heads += [f"notch {i + 1} freq_hz", f"notch {i + 1} width", f"notch {i + 1} depth"]
-    rows = [heads]
-    for i, joint in enumerate(loops.joints):
-        row: list[str | float] = [joint, *(float(getattr(gains, name)[i]) for name in _GAINS)]
-        row += [value for own in _notches(loops, joint) for value in own]
-        rows.append([*row, *[""] * (len(heads) - len(row))])
+    own, axes = loops.gains, np.array(loops.gains.axes, int)
+    notches = [own.notches[axes == i].ravel().tolist() for i in range(len(loops.joints))]
+    most = max(map(len, notches))
+    parts = (f"notch {i // 3 + 1} {('freq_hz', 'width', 'depth')[i % 3]}" for i in range(most))
+    columns = own.position_gain, own.velocity_gain, 1 / own.position_gain, own.low_pass_hz
+    rows: list[list[str | float]] = [["joint", *_GAINS, *parts]]
+    for joint, numbers, further in zip(loops.joints, np.transpose(columns).tolist(), notches, strict=True):
+        rows.append([joint, *numbers, *further, *[""] * (most - len(further))])
     return rows
-
-
-def _notches(loops: Loops, joint: str) -> list[tuple[float, float, float]]:
-    gains = loops.controller.gains
-    assert gains is not None
-    return [(own.freq_hz, own.width, own.depth) for own in gains.notches if own.joint == joint]
 
 
 def _margins(loops: Loops) -> list[tuple[str, ...]]:

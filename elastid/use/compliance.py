@@ -91,20 +91,20 @@ class Answers:
 
 def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut: Cut) -> Answers:
     """All quantities of postures (P,) on lines (F,), and a curve on lines (L,), in the axes of the base."""
-    static = _Static(robots)
-    principal, axes = np.linalg.eigh(static.C)
+    dynamic, at_rest = _Dynamic.of(robots), np.zeros(len(robots.M))
+    flexibility, C = (part.real for part in dynamic.solved(at_rest))
+    principal, axes = np.linalg.eigh((C + C.transpose(0, 2, 1)) / 2)
     principal, axes = principal[:, ::-1], axes[:, :, ::-1]
     values: dict[str, FloatArray] = {"softest_compliance": principal[:, 0]}
-    std: dict[str, FloatArray] = {"softest_compliance": static.std(axes[:, :, 0], axes[:, :, 0])}
+    std: dict[str, FloatArray] = {"softest_compliance": dynamic.std(at_rest, axes[:, :, 0], axes[:, :, 0])}
     for i, name in enumerate("xyz"):
-        unit = np.broadcast_to(np.eye(3)[i], (len(static.C), 3))
-        values[f"compliance_{name}"], std[f"compliance_{name}"] = static.C[:, i, i], static.std(unit, unit)
+        unit = np.broadcast_to(np.eye(3)[i], (len(C), 3))
+        values[f"compliance_{name}"], std[f"compliance_{name}"] = C[:, i, i], dynamic.std(at_rest, unit, unit)
     load = np.array(cut.load)
-    moved = static.C @ load
+    moved = C @ load
     values["deflection"] = np.linalg.norm(moved, axis=1)
     along = moved / np.maximum(values["deflection"], 1e-300)[:, None]
-    std["deflection"] = static.std(along, np.broadcast_to(load, along.shape))
-    dynamic = _Dynamic.of(robots)
+    std["deflection"] = dynamic.std(at_rest, along, np.broadcast_to(load, along.shape))
     for i in range(3):
         values[f"frequency_{i + 1}"], std[f"frequency_{i + 1}"] = dynamic.frequency(i)
     lines = dynamic.lines(lines_hz)
@@ -126,30 +126,12 @@ def answers(robots: Linearised, lines_hz: FloatArray, curve_hz: FloatArray, cut:
     with np.errstate(divide="ignore"):
         values["depth_of_cut"] = np.where(least < 0, -1 / (2 * cut.cutting_coefficient * least), np.inf)
         size = np.where(least < 0, values["depth_of_cut"] / -least, np.nan)
-    std["depth_of_cut"] = size * dynamic.std(chatter_hz, n.astype(complex), f.astype(complex))
-    u = static.flexibility @ axes[:, :, :1]
+    std["depth_of_cut"] = size * dynamic.std(chatter_hz, n, f)
+    u = flexibility @ axes[:, :, :1]
     energy = robots.strain_c * (robots.strain_b @ u)[:, :, 0] ** 2
     shares = energy / np.maximum(principal[:, :1], 1e-300)
     curve = dynamic.along(curve_hz, axes[:, :, 0])
     return Answers(values, std, axes, shares, chatter_hz, *curve)
-
-
-class _Static:
-    """C (P, 3, 3) and K^-1 J^T (P, n, 3) of the translations."""
-
-    def __init__(self, robots: Linearised) -> None:
-        self.robots, self.J = robots, robots.J[:, :3]
-        self.flexibility = np.linalg.solve(robots.K, self.J.transpose(0, 2, 1))
-        C = self.J @ self.flexibility
-        self.C = (C + C.transpose(0, 2, 1)) / 2
-
-    def std(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """Std of a^T C b (P,), a and b (P, 3)."""
-        robots = self.robots
-        u, v = ((self.flexibility @ each[:, :, None])[:, :, 0] for each in (a, b))
-        slope = -_form(robots.dK, u, v)
-        slope += _form(robots.dJ[:, :, :3], a, v) + _form(robots.dJ[:, :, :3], b, u)
-        return np.asarray(np.linalg.norm(slope @ robots.of_x, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +201,7 @@ class _Dynamic:
         G = np.asarray(((1 / (s[:, :, None] - self.poles[:, None])) @ self.residues).reshape(*s.shape, 3, 3))
         check = np.argmax(np.abs(G[:, :, 0, 0]), axis=1)
         row = np.arange(len(G))
-        exact = self._solved(s[row, check])[1]
+        exact = self.solved(lines_hz[row, check])[1]
         lost = np.abs(exact - G[row, check]).max(axis=(1, 2)) > 1e-6 * np.abs(exact).max(axis=(1, 2))
         for p in np.flatnonzero(lost):
             Z = s[p, :, None, None] ** 2 * self.robots.M[p] + s[p, :, None, None] * self.robots.D[p] + self.robots.K[p]
@@ -243,19 +225,17 @@ class _Dynamic:
         moved = (G.conj()[:, None] * slope).real / size[:, None]
         return size, np.linalg.norm(moved.transpose(0, 2, 1) @ robots.of_x, axis=2)
 
-    def _solved(self, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """X = Z^-1 J^T (P, n, 3) and G (P, 3, 3), at one s (P,) of each posture."""
-        robots, s = self.robots, s[:, None, None]
+    def solved(self, freq_hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """X = Z^-1 J^T (P, n, 3) and G (P, 3, 3), at one line (P,) of each posture, 0 for rest."""
+        robots, s = self.robots, 2j * np.pi * freq_hz[:, None, None]
         J = robots.J[:, :3]
         X = np.linalg.solve(s**2 * robots.M + s * robots.D + robots.K, J.transpose(0, 2, 1).astype(complex))
         return np.asarray(X), np.asarray(J @ X)
 
-    def std(self, freq_hz: FloatArray, a: ComplexArray, b: ComplexArray) -> FloatArray:
+    def std(self, freq_hz: FloatArray, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
         """Std of Re a^T G b (P,) at one line (P,), a and b (P, 3)."""
-        robots, s = self.robots, np.asarray(2j * np.pi * freq_hz)
-        X = self._solved(s)[0]
+        robots, X, k = self.robots, self.solved(freq_hz)[0], 2j * np.pi * freq_hz[:, None]
         u, v = ((X @ each[:, :, None])[:, :, 0] for each in (a, b))
-        k = s[:, None]
         slope = -(k**2 * _form(robots.dM, u, v) + k * _form(robots.dD, u, v) + _form(robots.dK, u, v))
         slope += _form(robots.dJ[:, :, :3], a, v) + _form(robots.dJ[:, :, :3], b, u)
         return np.asarray(np.linalg.norm(slope.real @ robots.of_x, axis=1))

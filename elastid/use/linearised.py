@@ -61,7 +61,7 @@ class ManyPostures:
     family: Family
 
     def at(self, angles: FloatArray) -> Iterator[Linearised]:
-        """Linearisations of angles (P, n_u), in pieces of at most CHUNK postures."""
+        """Linearisations of angles (P, n_u), in pieces of at most CHUNK postures; no matrices where none is found."""
         for first in range(0, len(angles), CHUNK):
             piece = angles[first : first + CHUNK]
             yield self._serial(piece) if self.is_serial else self._each(piece)
@@ -141,12 +141,12 @@ class ManyPostures:
         stable = np.linalg.eigvalsh(K)[:, 0] > 0
         deflected = np.abs(q[:, : rigid.shape[1]] - rigid).max(axis=1)
         found = stable & ~np.isin(np.arange(len(q)), open_) & (deflected < LIMITS.deflection) & are_closed(robot, rigid)
-        poses = self._poses(q[:, : len(self.family.robot.joints)])
-        J, dJ = poses.turned @ J, poses.turned[:, None] @ dJ
+        position, turned = self._poses(q)
+        J, dJ = turned @ J, turned[:, None] @ dJ
         of_x = self._moved[1][: slopes.shape[1]]
         b = b.reshape(len(q), n, -1).transpose(0, 2, 1)[:, :, free]
         M, D, K, J, dM, dD, dK, dJ = (array[found] for array in (M, D, K, J, dM, dD, dK, dJ))
-        return Linearised(M, D, K, J, dM, dD, dK, dJ, of_x, found, poses.position[found], c[found], b[found])
+        return Linearised(M, D, K, J, dM, dD, dK, dJ, of_x, found, position[found], c[found], b[found])
 
     def _matrices(self, stacked: FloatArray, free: IntArray) -> list[FloatArray]:
         """M, D, K (P, k, n, n) and J (P, k, 6, n) of what can move, from the columns (P, k, ...) of all."""
@@ -155,11 +155,11 @@ class ManyPostures:
         square = [part.reshape(*stacked.shape[:2], n, n)[:, :, free[:, None], free] for part in parts[:3]]
         return [*square, parts[3].reshape(*stacked.shape[:2], n, 6).swapaxes(2, 3)[..., free]]
 
-    def _poses(self, q: FloatArray) -> _Poses:
-        poses = frame_poses(self.family.model.robot_at(self.family.theta), q, self.family.frame)
-        R = poses.rotation
-        zero = np.zeros_like(R)
-        return _Poses(poses.position, np.block([[R, zero], [zero, R]]))
+    def _poses(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Position (P, 3) of the frame at q (P, n_q), and turns (P, 6, 6) from its own axes to those of the base."""
+        family = self.family
+        poses = frame_poses(family.model.robot_at(family.theta), q[:, : len(family.robot.joints)], family.frame)
+        return poses.position, np.asarray(np.kron(np.eye(2), poses.rotation), float)
 
     def _each(self, angles: FloatArray) -> Linearised:
         """Posture by posture, where loops close or tangents follow the load."""
@@ -173,17 +173,15 @@ class ManyPostures:
             except StudyError:
                 continue
             found[i] = True
-            pose = self._poses(point.q[None, : len(family.robot.joints)])
+            (place,), (R,) = self._poses(point.q[None])
             c, b = (part.full() for part in family.model.strain(point.q, family.theta))
             A = model.matrices(family.estimated.x)
             slopes = [*self._slopes(model)]
-            R = pose.turned[0]
             moves = np.asarray(model.linear.Z) @ model.moving
             matrices = A.M, A.D, A.K, R @ A.J, *slopes[:3], R @ slopes[3]
-            kept.append((*matrices, pose.position[0], c[:, 0], b @ moves))
-        if not kept:
-            return _nothing(self._moved[1], found)
-        M, D, K, J, dM, dD, dK, dJ, position, c, b = (np.array(part) for part in zip(*kept, strict=True))
+            kept.append((*matrices, place, c[:, 0], b @ moves))
+        stacked = zip(*kept, strict=True) if kept else [()] * 11
+        M, D, K, J, dM, dD, dK, dJ, position, c, b = (np.array(part) for part in stacked)
         return Linearised(M, D, K, J, dM, dD, dK, dJ, self._moved[1], found, position, c, b)
 
     def _slopes(self, model: PostureModel) -> Iterator[FloatArray]:
@@ -197,24 +195,7 @@ class ManyPostures:
         yield np.array([model.ports.at_frame @ (no_place if s.C is None else s.C) @ N for s in slopes])
 
 
-@dataclass(frozen=True, eq=False)
-class _Poses:
-    """turned (P, 6, 6): from the frame's own axes to those of the base."""
-
-    position: FloatArray
-    turned: FloatArray
-
-
 def _mapped(function: ca.Function, q: FloatArray) -> list[FloatArray]:
     """Outputs (P, size) of q (P, n)."""
     outputs = function.map(len(q))(q.T)
     return [each.full().T for each in (outputs if isinstance(outputs, tuple) else (outputs,))]
-
-
-def _nothing(of_x: FloatArray, found: BoolArray) -> Linearised:
-    none, n_k = np.zeros((0, 1, 1)), len(of_x)
-    slopes = np.zeros((0, n_k, 1, 1))
-    J, dJ = np.zeros((0, 6, 1)), np.zeros((0, n_k, 6, 1))
-    return Linearised(
-        none, none, none, J, slopes, slopes, slopes, dJ, of_x, found, np.zeros((0, 3)), np.zeros((0, 0)), none
-    )

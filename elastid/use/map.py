@@ -95,7 +95,7 @@ class WorkspaceMap:
 
 
 def map_workspace(
-    result: Result,
+    fitted: Result | Family,
     angles: FloatArray,
     cut: Cut | None = None,
     *,
@@ -106,27 +106,10 @@ def map_workspace(
 ) -> WorkspaceMap:
     """The map of postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
 
-    frame: by default `tool`, else the last one.  lines_hz (F,): by default LINES of them over the modes.
+    fitted: or its equations (`family_of_map`), built before.  frame: by default `tool`, else the last one.
+    lines_hz (F,): by default LINES of them over the modes.
     """
-    cut = cut or Cut()
-    family = family_of_map(result, frame)
-    return map_family(family, angles, cut, lines_hz, name or family.robot.name, is_path)
-
-
-def family_of_map(result: Result, frame: str | None = None) -> Family:
-    """The equations of a map: without multipliers where elastic rods alone close loops, the same numbers sooner."""
-    asked = Asked(frame=frame)
-    family = result.family(asked)
-    if family.model.n_c:
-        minimal = replace(result, equations=ModelSpec("minimal")).family(asked)
-        return minimal if minimal.model.n_c == 0 else family
-    return family
-
-
-def map_family(
-    family: Family, angles: FloatArray, cut: Cut, lines_hz: FloatArray | None, name: str, is_path: bool = False
-) -> WorkspaceMap:
-    """Map of a family."""
+    cut, family = cut or Cut(), fitted if isinstance(fitted, Family) else family_of_map(fitted, frame)
     many = ManyPostures(family)
     lines = default_lines(many, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
@@ -150,7 +133,7 @@ def map_family(
         for key, (unit, text) in QUANTITIES.items()
     )
     return WorkspaceMap(
-        name, family.frame, tuple(joint.name for joint in family.robot.driven), angles[found],
+        name or family.robot.name, family.frame, tuple(joint.name for joint in family.robot.driven), angles[found],
         np.flatnonzero(found), tuple(np.flatnonzero(~found).tolist()),
         np.concatenate(position), np.concatenate([a.axes for a in own]),
         family.model.springs, np.concatenate([a.shares for a in own]),
@@ -158,6 +141,16 @@ def map_family(
         np.concatenate([a.magnitude_std for a in own]), quantities, cut.load, cut.cutting_coefficient, is_path,
         tuple(joint.slides for joint in family.robot.driven),
     )  # fmt: skip
+
+
+def family_of_map(result: Result, frame: str | None = None) -> Family:
+    """The equations of a map: without multipliers where elastic rods alone close loops, the same numbers sooner."""
+    asked = Asked(frame=frame)
+    family = result.family(asked)
+    if family.model.n_c:
+        minimal = replace(result, equations=ModelSpec("minimal")).family(asked)
+        return minimal if minimal.model.n_c == 0 else family
+    return family
 
 
 def default_lines(many: ManyPostures, angles: FloatArray) -> FloatArray:

@@ -31,8 +31,7 @@ class InverseLimits:
     steps: int = 60
     damping: float = 1e-3  # of the largest eigenvalue of J^T J
     step: float = 0.3  # rad or m
-    position: float = 1e-6  # m from the pose
-    angle: float = 1e-6  # rad
+    position: float = 1e-6  # m, or rad, from the pose
 
 
 INVERSE = InverseLimits()
@@ -46,6 +45,12 @@ def limits_of(robot: Robot) -> FloatArray:
     given = [joint.limits.angle for joint in robot.driven]
     limits = np.array([each if own is None else own for own, each in zip(given, whole, strict=True)], float)
     return np.where(np.isfinite(limits), limits, np.array(whole))
+
+
+def beyond_limits(robot: Robot, angles: FloatArray) -> BoolArray:
+    """Which angles (Q, n_u) are beyond the limits of their joints, where these have some."""
+    low, high = np.array([joint.limits.angle for joint in robot.driven], float).T
+    return np.asarray((angles < low - 1e-9) | (angles > high + 1e-9))
 
 
 def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
@@ -166,31 +171,6 @@ def rotation_vectors(R: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class JointPath:
-    """Postures (Q, n_u) along a path.
-
-    unreached: numbers of the rows, counted from 1, that no posture reaches.  beyond: of those beyond the limits of the
-    joints, which are kept: some robots' files are stricter than the robots.
-    """
-
-    angles: FloatArray
-    unreached: tuple[int, ...] = ()
-    beyond: tuple[int, ...] = ()
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences on rows that are left out, and on rows that are kept beyond the limits."""
-        unreached = "are out of reach of the frame within the limits of the joints, and left out"
-        said = ((self.unreached, unreached), (self.beyond, "are beyond the limits of the joints, and kept"))
-        return tuple(
-            f"{len(rows)} of the path's postures "
-            f"(row {', '.join(map(str, rows[:5]))}{', ...' * (len(rows) > 5)}) {words}"
-            for rows, words in said
-            if rows
-        )
-
-
-@dataclass(frozen=True)
 class Table:
     """Numbers (Q, n) of a CSV file under their heads (n,); lines (Q,): of each row in the file, counted from 1."""
 
@@ -234,18 +214,19 @@ class Table:
         return position, Rotation.from_rotvec(self.values[:, [words[f"r{axis}"] for axis in "xyz"]]).as_matrix()
 
 
-def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
+def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[str, ...]]:
     """A CSV file with a column for each driven joint, in rad (or deg: `1 deg`), or with poses of the frame.
 
     Poses: columns x, y, z in m, and rx, ry, rz, the rotation vector in rad, where the orientation counts.
+    Angles (Q, n_u), and sentences on rows out of reach, which are left out, and beyond the limits of the joints, which
+    are kept: some robots' files are stricter than the robots.
     DataError for other columns and for cells that are no numbers.
     """
     table = read_table(path)
     angles = table.angles(robot)
     if angles is not None:
-        low, high = np.array([joint.limits.angle for joint in robot.driven], dtype=float).T
-        beyond = np.any((angles < low - 1e-9) | (angles > high + 1e-9), axis=1)
-        return JointPath(angles, beyond=tuple((np.flatnonzero(beyond) + 1).tolist()))
+        beyond = np.asarray(beyond_limits(robot, angles).any(axis=1))
+        return angles, _remark(beyond, "are beyond the limits of the joints, and kept")
     angles, reached = follow_path(robot, frame, *table.poses(robot))
     if not reached.any():
         raise DataError(
@@ -254,7 +235,15 @@ def read_path(path: Path, robot: Robot, frame: str) -> JointPath:
             "robot's base",
             path,
         )
-    return JointPath(angles[reached], tuple((np.flatnonzero(~reached) + 1).tolist()))
+    words = "are out of reach of the frame within the limits of the joints, and left out"
+    return angles[reached], _remark(~reached, words)
+
+
+def _remark(where: BoolArray, words: str) -> tuple[str, ...]:
+    """A sentence on rows (Q,), counted from 1; none where there are none."""
+    rows = [str(row + 1) for row in np.flatnonzero(where)]
+    more = ", ..." * (len(rows) > 5)
+    return (f"{len(rows)} of the path's postures (row {', '.join(rows[:5])}{more}) {words}",) if rows else ()
 
 
 def read_table(path: Path) -> Table:

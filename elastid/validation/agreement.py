@@ -58,16 +58,15 @@ def validate(
 ) -> Validation:
     """Judge the modelled FRFs, one for each measured one on the same lines; left_out: configurations not fitted.
 
-    cost_p: P(as large a cost of the fit) by noise alone, which is judged with the residuals; NaN where it is unknown.
-    shifts: as `agreement`, of configurations that were not fitted.
-    Raises StudyError where left_out names a configuration that was not measured, or all of them.
+    All are left out of a fit to other data.  cost_p: P(as large a cost of the fit) by noise alone, which is judged with
+    the residuals; NaN where it is unknown.  shifts: as `agreement`, of configurations that were not fitted.
+    Raises StudyError where left_out names a configuration that was not measured.
     """
     names = [response.configuration.name for response in measured]
-    if not set(left_out) < set(names):
+    if unknown := set(left_out) - set(names):
         raise StudyError(
             "validation/left-out",
-            f"of the configurations that were measured ({', '.join(names)}) some but not all are left out, to fit the "
-            f"others; not {', '.join(left_out)}",
+            f"{', '.join(sorted(unknown))} was not measured; there are {', '.join(names)}",
             "validation.left_out",
         )
     agreements = tuple(
@@ -75,15 +74,6 @@ def validate(
         for name, Ghat, G in zip(names, measured, modelled, strict=True)
     )
     return Validation(agreements, _verdict(agreements, cost_p))
-
-
-def judged_elsewhere(
-    measured: Sequence[Response], modelled: Sequence[Response], shifts: Sequence[ComplexArray]
-) -> Validation:
-    """The modelled FRFs of a fit to other data; shifts: of each, as `agreement`."""
-    pairs = zip(measured, modelled, shifts, strict=True)
-    agreements = tuple(agreement(Ghat, G, True, shift) for Ghat, G, shift in pairs)
-    return Validation(agreements, _verdict(agreements, math.nan))
 
 
 def agreement(

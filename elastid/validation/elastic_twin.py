@@ -1,4 +1,4 @@
-r"""The twin of an elastic study: a multisine's torque part by part, and a record simulated forwards.
+r"""The twin of an elastic study: a multisine's torque part by part, a record simulated forwards, and one replayed.
 
 .. math:: \hat U = G_m^{-1} Y_m, \qquad G_m: \text{torques of the motors to their own motion}
 
@@ -10,33 +10,54 @@ Signals are compared at all lines between the lowest and the highest of the resp
 Below them the twin is held on the log by a loop of a fifth of the lowest line; an error at that line is changed by 4 %
 in its amplitude, higher ones by less. The torque between samples is that of the record's hold; its mean is the holding
 torque of the model, since that of a log contains what no response shows.
+
+A record replayed: the motion of the fitted model under the measured torque, compared with the measured motion.
+
+.. math:: \hat Y(k) = G(j\omega_k)\, U(k), \qquad
+          fit_i = 100\,\% \left(1 - \sqrt{\textstyle\sum_k |Y_i - \hat Y_i|^2 / \sum_k |Y_i|^2}\right)
+
+at every line of the period, excited or not, between the lowest and the highest line of the response: motion below it
+(drift, gravity, a slow carrier) is beyond a free model, and above it there is only noise. Outputs are compared in the
+quantity of the response, accelerations as a rule. For a period of the steady state this is exact.
+
+A record with one period that counts begins and ends in different states, so it is not periodic. To first order in the
+leakage below and above the band,
+
+.. math:: \hat Y(k) = G U + (j\omega)^m \left(C Z^{-1} [(j\omega M + D)\, \delta q + M\, \delta v]
+          + c_0 + j\omega c_1\right)
+
+with 2 n + 2 n_y real numbers from least squares: the difference of the states between the ends, and the aliases of that
+of the outputs. (Pintelon and Schoukens, System Identification, 2nd ed., section 6.3; m = 2 for accelerations.)
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import DataError, StudyError
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.experiment.simulated.hardware import filter_motions, logged_quantity, sense
 from elastid.fit.fitted_robot import FittedRobot
+from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import RecordSpectra, period_spectra, unit_scale
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.record import Record, motion_unit
+from elastid.record import MOTION_ORDER, Motion, Record, motion_unit
 from elastid.robot import Robot
-from elastid.robot.simplified import elastic_coordinates, stiffened, without_friction
-from elastid.simulation.closed_loop import Commands
+from elastid.robot.simplified import elastic_coordinates, stiffened
+from elastid.simulation.closed_loop import Commands, Trajectory
 from elastid.simulation.controller import rigid_path
-from elastid.validation.replay import last_period, settled_periods, signals_of
+from elastid.validation.results import Replay
 from elastid.validation.twin import (
     DRY,
     ELASTICITY,
@@ -46,11 +67,13 @@ from elastid.validation.twin import (
     RIGID_BODY,
     TORQUE,
     VISCOUS,
+    Driven,
     SignalKind,
     TorqueBalance,
     TwinPlant,
     TwinRun,
     TwinSignal,
+    run_along,
     torque_balance,
     twin_signal,
 )
@@ -132,23 +155,13 @@ def elastic_runs(record: Record, twin: FittedTwin, band_hz: tuple[float, float])
     held_hz = 0.2 * band_hz[0]
     seconds = record.period_samples / record.rate_hz
     empty = TwinRun(record.name, "torque", held_hz, seconds, record.rate_hz)
-    outcomes: list[Record | str] = []
-    for robot in (twin.robot, without_friction(twin.robot)):
-        try:
-            outcomes.append(_under_torque(record, robot, twin.spec, held_hz))
-        except (DataError, StudyError) as error:
-            outcomes.append(str(error))
-    full, free = outcomes
-    if isinstance(full, str):
-        return (replace(empty, lost=full),)
-    compared = _compared(record, full, None if isinstance(free, str) else free, band_hz, twin.delay_s)
-    return (replace(empty, signals=compared, lost_without_friction=free if isinstance(free, str) else ""),)
+    driven_by, compared = partial(_by_torque, record, held_hz), partial(_compared, record, band_hz, twin.delay_s)
+    return (run_along(empty, twin.robot, record.configuration, twin.spec, driven_by, compared),)
 
 
-def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float) -> Record:
-    """The last period of the robot under the periodic torque of a record; DataError where it is lost."""
-    plant = TwinPlant.of(robot, record.rate_hz, record.configuration, spec)
-    model, q0, angles = plant.plant.model, plant.point.q, record.configuration.angles
+def _by_torque(record: Record, held_hz: float, plant: TwinPlant) -> Driven:
+    """The torque of the last period of a record, over and over, and the loop about its motion."""
+    model, angles, chain = plant.model, record.configuration.angles, plant.model.robot.chain
     N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
     left_out = {repetition // (2 if record.half_wave else 1) for repetition in record.left_out}
     last = max((p for p in range(record.n_periods) if p not in left_out), default=record.n_periods - 1)
@@ -156,27 +169,31 @@ def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float)
     position = np.tile(angles, (N, 1))
     for i, place in zip(motors, record.inputs, strict=True):
         if (place, "position") in zip(record.outputs, record.quantities, strict=True):
-            column = record.outputs.index(place)
-            position[:, i] = record.y[period, column] / robot.chain.gain("y", place)
+            position[:, i] = record.y[period, record.outputs.index(place)] / chain.gain("y", place)
     # As the loop differentiates what it reads, so that its torque is of the error alone.
     velocity = (position - np.roll(position, 1, axis=0)) * record.rate_hz
     if not record.is_periodic:
         velocity[0] = velocity[1]
     torque = np.tile(plant.point.u, (N, 1))
-    torque[:, motors] += _held(record, record.u[period]) / [robot.chain.gain("u", place) for place in record.inputs]
+    torque[:, motors] += _held(record, record.u[period]) / [chain.gain("u", place) for place in record.inputs]
     period_s = N / record.rate_hz
     # A critically damped loop leaves a thousandth of an error at the start after one and a half of its periods.
     lead = min(max(0, math.floor(LONGEST_S / period_s) - 1), math.ceil(1.5 / held_hz / period_s))
     lead = lead if record.is_periodic else 0  # periods before the one that is compared
     still = np.zeros(((lead + 1) * N, model.n_u))
     path, rate, driving = (np.tile(each, (lead + 1, 1)) for each in (position, velocity, torque))
-    commands = Commands(path, rate, driving, still, still)
-    (start,) = rigid_path(model, q0, angles, position[:1])
+    (start,) = rigid_path(model, plant.point.q, angles, position[:1])
     gains = plant.gains(np.isin(np.arange(model.n_u), motors), plant.holding_gains(held_hz))
-    moved = plant.moved(gains, commands, velocity[0], start)
-    y = sense(moved.q, moved.reading, model, q0, record.outputs, record.rate_hz, N)
-    y = filter_motions(robot, y, record.rate_hz) * [robot.chain.gain("y", place) for place in record.outputs]
-    u = moved.u[:, motors] * [robot.chain.gain("u", place) for place in record.inputs]
+    return Driven(Commands(path, rate, driving, still, still), gains, velocity[0], start)
+
+
+def _logged(record: Record, plant: TwinPlant, moved: Trajectory) -> Record:
+    """The last period of a trajectory as it would be logged."""
+    N, model, chain = record.period_samples, plant.model, plant.model.robot.chain
+    y = sense(moved.q, moved.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
+    y = filter_motions(model.robot, y, record.rate_hz) * [chain.gain("y", place) for place in record.outputs]
+    motors = [model.inputs.index(place) for place in record.inputs]
+    u = moved.u[:, motors] * [chain.gain("u", place) for place in record.inputs]
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, left_out=(), hold="zero-order", hold_samples=(),
         quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs),
@@ -194,26 +211,150 @@ def _held(record: Record, u: FloatArray) -> FloatArray:
 
 
 def _compared(
-    record: Record, full: Record, free: Record | None, band_hz: tuple[float, float], delay_s: float
-) -> tuple[TwinSignal, ...]:
+    record: Record, band_hz: tuple[float, float], delay_s: float, plant: TwinPlant, moved: Trajectory,
+    without: Trajectory | None,
+) -> Iterator[TwinSignal]:  # fmt: skip
     """Torques and motions of the last period, at the lines within the band."""
-    rate_hz, N = record.rate_hz, record.period_samples
-    lines = grid_lines("odd" if record.half_wave else "full", band_hz, rate_hz, N)
-    freq_hz = line_frequencies(lines, rate_hz, N)
-    late = np.exp(-2j * np.pi * freq_hz * delay_s)[:, None]
+    N = record.period_samples
+    lines = grid_lines("odd" if record.half_wave else "full", band_hz, record.rate_hz, N)
+    late = np.exp(-2j * np.pi * line_frequencies(lines, record.rate_hz, N) * delay_s)[:, None]
 
-    def in_time(log: Record, factor: ComplexArray | float) -> tuple[FloatArray, FloatArray]:
+    def in_time(log: Record, factor: ComplexArray | float) -> FloatArray:
         (Y,), (U,) = last_period(log, lines, "position")
-        return signals_of(factor * Y, lines, N), signals_of(U, lines, N)
+        return signals_of(np.hstack([U, factor * Y]), lines, N)
 
-    (y, u), (y_twin, u_twin) = in_time(record, 1.0), in_time(full, late)
-    y_free, u_free = (None, None) if free is None else in_time(free, late)
-    signals = []
-    for i, place in enumerate(record.inputs):
-        free_torque = None if u_free is None else u_free[:, i]
-        signals.append(twin_signal(TORQUE, place, record.units_of_inputs[i], u[:, i], u_twin[:, i], free_torque))
-    for i, place in enumerate(record.outputs):
-        kind: SignalKind = MOTION if place in record.inputs else LINK
-        unit = motion_unit("position", place in record.sliding)
-        signals.append(twin_signal(kind, place, unit, y[:, i], y_twin[:, i], None if y_free is None else y_free[:, i]))
-    return tuple(signals)
+    full, free = (None if run is None else in_time(_logged(record, plant, run), late) for run in (moved, without))
+    assert full is not None
+    kinds: list[SignalKind] = [TORQUE] * len(record.inputs)
+    kinds += [MOTION if place in record.inputs else LINK for place in record.outputs]
+    units = *record.units_of_inputs, *(motion_unit("position", place in record.sliding) for place in record.outputs)
+    rows = zip(kinds, (*record.inputs, *record.outputs), units, in_time(record, 1.0).T, strict=True)
+    for i, (kind, place, unit, measured) in enumerate(rows):
+        yield twin_signal(kind, place, unit, measured, full[:, i], None if free is None else free[:, i])
+
+
+def replay(
+    records: Iterable[Record], model: LinearModel, theta: FloatArray, band_hz: tuple[float, float], spec: EstimatorSpec
+) -> Replay:
+    """The records of one configuration through its model at theta (n_theta,); records are read one at a time.
+
+    model: with the records' inputs and outputs in their order; model.quantity is compared.  spec: which periods count.
+    Raises StudyError where band_hz holds no line.
+    """
+
+    @cache
+    def response(is_half: bool, rate_hz: float, N: int) -> tuple[IntArray, ComplexArray]:
+        lines = grid_lines("odd" if is_half else "full", band_hz, rate_hz, N)
+        return lines, frequency_response(model, theta, line_frequencies(lines, rate_hz, N))
+
+    pieces = [
+        _replayed(record, model, theta, spec, *response(record.half_wave, record.rate_hz, record.period_samples))
+        for record in records
+    ]
+    worst = min(pieces, key=lambda piece: float(piece.fit_percent.min()))
+    return replace(
+        worst,
+        records=tuple(name for piece in pieces for name in piece.records),
+        fit_percent=np.concatenate([piece.fit_percent for piece in pieces]),
+        reachable_percent=np.concatenate([piece.reachable_percent for piece in pieces]),
+    )
+
+
+def describe_replays(replays: Sequence[Replay]) -> str:
+    """Median and worst output of all configurations, as a sentence."""
+    worst = min(replays, key=lambda each: each.worst)
+    row, column = np.unravel_index(int(np.argmin(worst.fit_percent)), worst.fit_percent.shape)
+    fits = np.concatenate([each.fit_percent.ravel() for each in replays])
+    reachable = worst.reachable_percent[row, column]
+    noise = f"; {reachable:.3g} % is reachable given the noise" if np.isfinite(reachable) else ""
+    return (
+        f"Replayed with the measured torque, the model explains {np.median(fits):.3g} % of the {worst.quantity} in the "
+        "excited band (median of outputs and records; 100 % less the rms error over the rms motion), at worst "
+        f"{worst.fit_percent[row, column]:.3g} % ({worst.outputs[column]}, record {worst.records[row]}{noise}). An "
+        "unexplained part that repeats is friction, other nonlinearity, or an error of the model."
+    )
+
+
+def _replayed(
+    record: Record, model: LinearModel, theta: FloatArray, spec: EstimatorSpec, lines: IntArray, G: ComplexArray
+) -> Replay:
+    """One record, through G (F, n_y, n_u) at lines (F,)."""
+    freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
+    if settled_periods(record, spec) > 1:
+        spectra = trusted(period_spectra(RecordSpectra(record), lines, model.quantity), spec)
+        Y, U = spectra.Y, spectra.U
+    else:
+        Y, U = last_period(record, lines, model.quantity)
+    Yhat, P = (G @ U[..., None])[..., 0], len(Y)
+    if P == 1:
+        Yhat = Yhat + _end_effects(Y[0] - Yhat[0], model, theta, freq_hz)
+    E = Y - Yhat
+    # The part that differs from period to period is not known of a single one.
+    changing = (E - E.mean(axis=0)) * np.sqrt(P / (P - 1)) if P > 1 else np.full_like(E, np.nan)
+    measured, error, noise = (_rms(X) for X in (Y, E, changing))
+    scale, N = np.where(measured == 0, np.nan, measured), record.period_samples
+    return Replay(
+        configuration=record.configuration.name,
+        records=(record.name,),
+        outputs=record.outputs,
+        quantity=model.quantity,
+        units=tuple(motion_unit(model.quantity, place in record.sliding) for place in record.outputs),
+        band_hz=(float(freq_hz[0]), float(freq_hz[-1])),
+        fit_percent=np.nan_to_num(100 * (1 - error / scale))[None],
+        reachable_percent=(100 * (1 - noise / scale))[None],
+        shown=record.name,
+        rate_hz=record.rate_hz,
+        rate_is_known=record.rate_is_known,
+        measured=signals_of(Y[-1], lines, N),
+        replayed=signals_of(Yhat[-1], lines, N),
+    )
+
+
+def settled_periods(record: Record, spec: EstimatorSpec) -> int:
+    """Number of periods that count: neither dropped by the study nor left out by the repair of the log."""
+    dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
+    return len(set(range(dropped, record.n_samples // record.repeat_samples)) - set(record.left_out))
+
+
+def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
+    """Y (1, F, n_y), U (1, F, n_u) of the last period of a record that was not left out."""
+    periods = range(record.n_samples // record.repeat_samples)
+    last = [max((p for p in periods if p not in record.left_out), default=len(periods) - 1)]
+    freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
+    spectra, n_y = RecordSpectra(record), len(record.outputs)
+    Y, U = (spectra.amplitudes(role, lines)[last] for role in ("y", "u"))
+    scale = unit_scale(record, freq_hz, quantity)
+    return Y * scale[:, :n_y], U * scale[:, n_y:]
+
+
+def _end_effects(E: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
+    """The part of E (F, n_y) that states differing between the ends explain; zero where there are too few lines."""
+    M, D, _ = model.matrices(theta)
+    F, n_y = E.shape
+    s = 2j * np.pi * freq_hz[:, None, None]
+    states = [f"state {i}" for i in range(2 * model.n)]
+    held = replace(model, B=np.hstack([M, D]), inputs=tuple(states), hold=None)
+    T = frequency_response(held, theta, freq_hz)
+    of_M, of_D = T[:, :, : model.n], T[:, :, model.n :]
+    alias = np.broadcast_to(np.eye(n_y), (F, n_y, n_y)) * s ** MOTION_ORDER[model.quantity]
+    terms = np.concatenate([s * of_M + of_D, of_M, alias, s * alias], axis=2)
+    if 2 * F * n_y < 3 * terms.shape[2]:
+        return np.zeros_like(E)
+    A = terms.reshape(F * n_y, -1)
+    A = np.concatenate([A.real, A.imag])
+    size = np.linalg.norm(A, axis=0)
+    size[size == 0] = 1.0
+    x = np.linalg.lstsq(A / size, np.concatenate([E.real.ravel(), E.imag.ravel()]), rcond=None)[0] / size
+    return np.asarray(terms @ x)
+
+
+def _rms(X: ComplexArray) -> FloatArray:
+    """Root mean square (n_y,) over time of signals with the amplitudes X (P, F, n_y)."""
+    return np.asarray(np.sqrt(np.sum(np.abs(X) ** 2, axis=1).mean(axis=0) / 2))
+
+
+def signals_of(X: ComplexArray, lines: IntArray, N: int) -> FloatArray:
+    """One period (N, n_y) in time of the amplitudes X (F, n_y) at DFT lines (F,)."""
+    spectrum = np.zeros((N // 2 + 1, X.shape[1]), dtype=np.complex128)
+    spectrum[lines] = X * N / 2
+    return np.fft.irfft(spectrum, n=N, axis=0)

@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.recorded import CascadeSpec
 from elastid.friction_study.joint_levels import find_joint_levels, motion_log, motion_logs
@@ -29,11 +29,11 @@ from elastid.friction_study.motion import PARTS, MotionFriction, motion_parts, r
 from elastid.friction_study.motion_signals import MotionSignals
 from elastid.friction_study.motion_terms import columns_of, full_rate_columns
 from elastid.friction_study.result import JointFriction
+from elastid.model.formulation import EXACT
 from elastid.record import Configuration, FrictionRecord, FrictionRecords, drive_unit, motion_unit
 from elastid.robot import Robot
-from elastid.robot.simplified import without_friction
 from elastid.simulation.closed_loop import Commands, Trajectory
-from elastid.simulation.controller import Gains, feed_forward
+from elastid.simulation.controller import feed_forward, gains_of
 from elastid.validation.twin import (
     DRY,
     GRAVITY,
@@ -45,6 +45,7 @@ from elastid.validation.twin import (
     TORQUE,
     VISCOUS,
     Drive,
+    Driven,
     Prediction,
     SignalKind,
     TorqueBalance,
@@ -52,6 +53,7 @@ from elastid.validation.twin import (
     TwinPlant,
     TwinRun,
     TwinSignal,
+    run_along,
     torque_balance,
     twin_signal,
 )
@@ -183,24 +185,15 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
     held_hz = HELD_HZ if controller is None else 0.0
     empty = TwinRun(log.records[0].name, drive, held_hz, len(log.position) / log.rate_hz, log.rate_hz)
     start = Configuration(log.records[0].name, log.position[0])
-    try:
-        free, full = (TwinPlant.of(each, log.rate_hz, start) for each in (without_friction(robot), robot))
-        commands, gains = _commands(log, free, controller)
-        moved = full.moved(gains, commands, log.velocity[0])
-    except (DataError, StudyError) as error:
-        return replace(empty, lost=str(error))
-    without, lost = None, ""
-    try:
-        without = free.moved(gains, commands, log.velocity[0])
-    except DataError as error:
-        lost = str(error)
-    rate_hz, signals = log.rate_hz / int(log.signals[0].kept.step), _compared(robot, log, (full, moved), without)
-    return replace(empty, rate_hz=rate_hz, signals=tuple(signals), lost_without_friction=lost)
+    run = run_along(
+        empty, robot, start, EXACT, lambda free: _driven(log, free, controller), partial(_compared, robot, log)
+    )  # fmt: skip
+    return replace(run, rate_hz=log.rate_hz / int(log.signals[0].kept.step)) if run.signals else run
 
 
-def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tuple[Commands, Gains]:
+def _driven(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> Driven:
     """Reference, torque and gains; those of joints that rest are the same under both drives."""
-    model, moving = free.plant.model, np.array(log.moving)
+    model, moving = free.model, np.array(log.moving)
     own = feed_forward(model, free.point.q, log.position - log.position[0], log.velocity, log.acceleration)
     lacking = np.where(moving, own - log.rigid, 0.0)
     still = np.zeros_like(own)
@@ -212,11 +205,7 @@ def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tup
         position = log.position
         velocity = np.diff(position, axis=0, prepend=position[:1]) * log.rate_hz
     else:
-        n_u = len(moving)
-        kd = np.broadcast_to(np.array(controller.velocity_gain, dtype=np.float64), (n_u,))
-        kp = kd * np.array(controller.position_gain, dtype=np.float64)
-        ki = 0.0 if controller.integral_time is None else 1 / controller.integral_time
-        held = Gains(kp, kd, np.full(n_u, ki))
+        held = gains_of(model, free.point.q, controller.spec)
         position, known = log.position.copy(), np.zeros_like(own)
         for record, i in zip(log.records, np.flatnonzero(moving), strict=True):
             assert record.reference is not None
@@ -225,20 +214,21 @@ def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tup
                 known[:, i] = record.disturbance[: len(position)]
         velocity = controller.velocity_feed_forward * np.gradient(position, 1 / log.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
-        error = kp * (position[0] - log.position[0]) + kd * (velocity[0] - log.velocity[0])
+        error = held.kp * (position[0] - log.position[0]) + held.kd * (velocity[0] - log.velocity[0])
         acting = known + np.where(held.ki > 0, log.torque[0] - known[0] - error, 0.0)
     commands = Commands(position, velocity, np.where(moving, acting, own), lacking, still)
-    return commands, free.gains(moving, held)
+    return Driven(commands, free.gains(moving, held), log.velocity[0])
 
 
-def _compared(robot: Robot, log: _Log, full: tuple[TwinPlant, Trajectory], free: Trajectory | None) -> list[TwinSignal]:
+def _compared(
+    robot: Robot, log: _Log, plant: TwinPlant, moved: Trajectory, free: Trajectory | None
+) -> Iterator[TwinSignal]:
     """Motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
-    plant, moved = full
-    names, compared, n = [joint.name for joint in robot.driven], list[TwinSignal](), len(moved.u)
+    names, n = [joint.name for joint in robot.driven], len(moved.u)
     for record, signals in zip(log.records, log.signals, strict=True):
         # Of a log that is not simulated to its end, without the rest.
         kept = replace(signals, kept=slice(signals.kept.start, min(signals.kept.stop, n), signals.kept.step))
-        i, k = names.index(record.joint), plant.plant.model.index(f"joint {record.joint}")
+        i, k = names.index(record.joint), plant.model.index(f"joint {record.joint}")
         motor, turning = f"motor {record.joint}", motion_unit("position", record.slides)
         own, frictionless = (
             (None, None, None) if run is None else (run.reading[:, i], run.u[:, i], run.q[:, k])
@@ -252,8 +242,7 @@ def _compared(robot: Robot, log: _Log, full: tuple[TwinPlant, Trajectory], free:
                 y, y_twin, y_free = (None if each is None else kept.filtered(each[:n]) for each in three)
                 assert y is not None
                 assert y_twin is not None
-                compared.append(twin_signal(kind, place, unit, y, y_twin, y_free))
-    return compared
+                yield twin_signal(kind, place, unit, y, y_twin, y_free)
 
 
 def predict_logs(

@@ -21,7 +21,7 @@ adds is what the model lacks at low frequencies, and is shown as error of the to
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final, Literal, TypeAlias
@@ -29,13 +29,16 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
-from elastid.experiment.simulated.plant import Plant, exact_plant
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.simulated.plant import exact_plant
 from elastid.linear.equilibrium import OperatingPoint
+from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.simulation.closed_loop import Commands, Trajectory, simulate
+from elastid.robot.simplified import without_friction
+from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, simulate
 from elastid.simulation.controller import Gains, rigid_motion, tune
 
 # Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
@@ -272,12 +275,12 @@ def describe_run(run: TwinRun) -> str:
     if run.lost:
         return f"Simulated forwards on {run.log}, driven by its {_DRIVES[run.drive]}, the twin is lost: {run.lost}."
     held = f", held on the log by a loop of {run.held_hz:.2g} Hz" if run.held_hz else ""
-    parts = [
-        f"{kind if len(signals) == 1 else kind + 's'} {_spread([s.error for s in signals])}"
-        f"{_without([s.error_without_friction for s in signals])}"
-        for kind in (MOTION, TORQUE, LINK)
-        if (signals := run.of(kind))
-    ]
+    parts = []
+    for kind in (MOTION, TORQUE, LINK):
+        if signals := run.of(kind):
+            without = [s.error_without_friction for s in signals if math.isfinite(s.error_without_friction)]
+            ends = f" (without friction {_spread(without)})" if without else ""
+            parts.append(f"{kind} {_spread([s.error for s in signals])}{ends}")
     text = (
         f"Simulated forwards over {run.seconds:.3g} s of {run.log}, driven by its {_DRIVES[run.drive]}{held}, the twin "
         f"is off by (rms error over rms signal): {'; '.join(parts)}."
@@ -293,16 +296,12 @@ def _spread(errors: Sequence[float]) -> str:
     return f"{100 * high:.3g} %" if len(errors) == 1 else f"{100 * low:.3g} to {100 * high:.3g} %"
 
 
-def _without(errors: Sequence[float]) -> str:
-    known = [error for error in errors if math.isfinite(error)]
-    return f" (without friction {_spread(known)})" if known else ""
-
-
 @dataclass(frozen=True)
 class TwinPlant:
     """A robot at rest where its log begins, as equations, with exact drives and encoders and without limits."""
 
-    plant: Plant
+    model: ElasticModel
+    loop: ClosedLoop
     point: OperatingPoint
 
     @classmethod
@@ -310,21 +309,55 @@ class TwinPlant:
         """Plant with as many steps a sample as its fastest pole takes; StudyError where it finds no rest."""
         plant, point = exact_plant(robot, spec, rate_hz, start)
         free = np.tile([-np.inf, np.inf], (plant.model.n_u, 1))
-        return cls(Plant(plant.model, replace(plant.loop, limits=free)), point)
+        return cls(plant.model, replace(plant.loop, limits=free), point)
 
     def holding_gains(self, bandwidth_hz: float) -> Gains:
         """Gains of a loop about the logged motion, damped critically, so that it adds no resonance."""
-        return tune(self.plant.model, self.point.q, bandwidth_hz, 1.0)
+        return tune(self.model, self.point.q, bandwidth_hz, 1.0)
 
     def gains(self, moving: BoolArray, held: Gains) -> Gains:
         """Gains of `held` for motors that move (n_u,), of a loop of 5 Hz for the others."""
         resting = self.holding_gains(5.0)
         return Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
 
-    def moved(self, gains: Gains, commands: Commands, velocity: FloatArray, q: FloatArray | None = None) -> Trajectory:
-        """Trajectory from q (n_q,), or the rest, motors at this velocity (n_u,); DataError where one is lost."""
-        q = self.point.q if q is None else q
-        return simulate(self.plant.loop, gains, commands, q, v0=rigid_motion(self.plant.model, q) @ velocity)
+    def moved(self, driven: Driven) -> Trajectory:
+        """Trajectory of the robot; DataError where a motor is lost."""
+        q = self.point.q if driven.q is None else driven.q
+        v = rigid_motion(self.model, q) @ driven.velocity
+        return simulate(self.loop, driven.gains, driven.commands, q, v0=v)
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """What moves a twin: commands and gains of its loops, from q (n_q,) or the rest, motors at a velocity (n_u,)."""
+
+    commands: Commands
+    gains: Gains
+    velocity: FloatArray
+    q: FloatArray | None = None
+
+
+def run_along(
+    empty: TwinRun, robot: Robot, start: Configuration, spec: ModelSpec, driven_by: Callable[[TwinPlant], Driven],
+    compared: Callable[[TwinPlant, Trajectory, Trajectory | None], Iterable[TwinSignal]],
+) -> TwinRun:  # fmt: skip
+    """The run of a robot along a log, with and without its friction, or why it is lost.
+
+    empty: the run without its results, at the rate of the log's samples.  driven_by: of the robot without friction.
+    compared: signals of the robot, its trajectory, and that without friction, if there is one.
+    """
+    try:
+        free, full = (TwinPlant.of(each, empty.rate_hz, start, spec) for each in (without_friction(robot), robot))
+        driven = driven_by(free)
+        moved = full.moved(driven)
+    except (DataError, StudyError) as error:
+        return replace(empty, lost=str(error))
+    without, lost = None, ""
+    try:
+        without = free.moved(driven)
+    except DataError as error:
+        lost = str(error)
+    return replace(empty, signals=tuple(compared(full, moved, without)), lost_without_friction=lost)
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,7 @@ from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance
-from elastid.use.compliance import Cut
-from elastid.use.map import family_of_map, map_family
+from elastid.use.map import family_of_map, map_workspace
 from elastid.use.postures import random_postures
 
 # What is measured over which sizes: records of a configuration, its lines, samples of a period; configurations, their
@@ -89,7 +88,7 @@ def of_map(postures: int, **fit: int) -> Callable[[], object]:
     """Compliance, modes and stability with their intervals at random postures."""
     family = family_of_map(of_identify(**fit)(), "6")
     angles = random_postures(family.robot, postures, 1)
-    return lambda: map_family(family, angles, Cut(), None, "arm")
+    return lambda: map_workspace(family, angles)
 
 
 def memory_mb(name: str) -> float:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.spec import EstimatorSpec
-from elastid.validation.replay import describe_replays, replay
+from elastid.validation.elastic_twin import describe_replays, replay
 
 fitted = FittedRobot.of(bench.result, bench.robot, [bench.response])
 model, theta = fitted.at("home"), fitted.theta_of("home")

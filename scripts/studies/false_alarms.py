@@ -54,7 +54,7 @@ from plants.clean_logs import PERIOD, RATE_HZ, Kind
 
 from elastid import verbs
 from elastid.base.errors import ElastidError, Note
-from elastid.base.execution import Execution, in_order
+from elastid.base.execution import Execution
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
@@ -220,7 +220,7 @@ def main() -> None:
             print(f"{code}: {each.name}: {text[:160]}", flush=True)
         if len(results) % 10 == 0:
             print(f"after {len(results)} sets:", dict(Counter(c for _, one in results for c in one.codes)), flush=True)
-    alarms = in_order(results)
+    alarms = [each for _, each in sorted(results, key=lambda result: result[0])]
     totals = Counter(code for each in alarms for code in each.codes)
     rows = rates(totals, len(alarms))
     too_often = MAX_RATE * len(alarms) if len(alarms) >= MIN_COUNTED else 1

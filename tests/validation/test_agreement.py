@@ -118,11 +118,9 @@ def measured_and_modelled(errors_db):
     )
 
 
-@pytest.mark.parametrize(("left_out", "message"), [(["c9"], ("c1", "c2", "c9")), (["c1", "c2"], ("c1", "c2"))])
-def test_left_out_configurations_that_make_no_sense_are_refused(left_out, message):
-    """One that was not measured, and all of them."""
-    with refused("validation/left-out", place="validation.left_out", holds=message):
-        validate(*measured_and_modelled([0.5, 0.5]), left_out=left_out)
+def test_a_left_out_configuration_that_was_not_measured_is_refused():
+    with refused("validation/left-out", place="validation.left_out", holds=("c1", "c2", "c9")):
+        validate(*measured_and_modelled([0.5, 0.5]), left_out=["c9"])
 
 
 @pytest.mark.parametrize(("sigmas", "says"), [(1.0, "no more than the noise"), (2.0, "more than the noise")])

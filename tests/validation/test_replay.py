@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel, state_space
 from elastid.record import Configuration, Record
-from elastid.validation.replay import describe_replays, replay
+from elastid.validation.elastic_twin import describe_replays, replay
 
 RATE_HZ, N = 500.0, 1000
 BAND_HZ = (2.0, 80.0)

@@ -16,7 +16,7 @@ from elastid.app.summaries import as_json, validation_summary
 from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution, in_order
+from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
@@ -32,8 +32,8 @@ from elastid.validation.agreement import cost_p, explain_cost
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.comparison import describe_folds, divide, gather_folds
+from elastid.validation.elastic_twin import describe_replays, replay
 from elastid.validation.predicted import PredictedResponse, predict_response
-from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
 from elastid.validation.twin import NO_TWIN, TorqueBalance, TwinFindings, TwinRun, describe_balance
 
@@ -153,7 +153,7 @@ def _folds(own: Validated, responses: Sequence[Response], execution: Execution) 
     variant = ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
     tasks = [RefitTask(variant, part) for part in parts]
     names = [f"refit-{i}" for i in range(len(tasks))]
-    return gather_folds(parts, in_order(execution.resumed(partial(refit, responses), tasks, names)))
+    return gather_folds(parts, execution.resumed(partial(refit, responses), tasks, names))
 
 
 # The records of one configuration replayed, and the torque of each motor in the first of them.

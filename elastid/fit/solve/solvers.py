@@ -36,7 +36,7 @@ from scipy.linalg import eigh
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import FitError
-from elastid.base.execution import Execution, in_order
+from elastid.base.execution import Execution
 from elastid.fit.problem.least_squares import (
     Ending,
     Evaluation,
@@ -333,7 +333,7 @@ def _solved(
 ) -> list[LocalOptimum]:
     """function of each item in order; on Ctrl-C what is done is kept in the exception."""
     try:
-        return in_order(execution.resumed(function, list(items.values()), list(items)))
+        return execution.resumed(function, list(items.values()), list(items))
     except KeyboardInterrupt:
         raise Interrupted(execution.checkpoint[name] for name in items if name in execution.checkpoint) from None
 

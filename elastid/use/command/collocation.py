@@ -49,7 +49,6 @@ class Planned:
 
     q: BSpline
     status: str
-    iterations: int
     violation: float
 
     @property
@@ -87,7 +86,7 @@ def plan(
         raise KeyboardInterrupt
     g = solution["g"].full()[:, 0]
     violation = float(np.maximum(problem.low - g, g - problem.high).max(initial=0.0))
-    return Planned(problem.spline(solution["x"].full()[:, 0]), status, int(solver.stats()["iter_count"]), violation)
+    return Planned(problem.spline(solution["x"].full()[:, 0]), status, violation)
 
 
 @dataclass(frozen=True, eq=False)

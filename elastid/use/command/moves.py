@@ -18,7 +18,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
 from elastid.robot import Robot
-from elastid.use.postures import Table, follow_path, read_table
+from elastid.use.postures import Table, beyond_limits, follow_path, read_table
 
 KINDS = {"velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "torque": "N*m"}
 
@@ -208,14 +208,13 @@ def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | N
 
 def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
     """DataError for the first row (of a table of joints) or angle (of poses) beyond the limits of a driven joint."""
-    low, high = np.array([joint.limits.angle for joint in robot.driven], float).T
-    for row, joint in np.argwhere((angles < low - 1e-9) | (angles > high + 1e-9)).tolist():
+    for row, i in np.argwhere(beyond_limits(robot, angles)).tolist():
         line = table.lines[row] if len(angles) == len(table.lines) else table.lines[-1]
-        name, unit = robot.driven[joint].name, robot.driven[joint].unit
+        name, unit, (low, high) = robot.driven[i].name, robot.driven[i].unit, robot.driven[i].limits.angle
         raise DataError(
             "use/unreachable",
-            f"joint {name} at {angles[row, joint]:.4g} {unit} is beyond its limits "
-            f"[{low[joint]:.4g}, {high[joint]:.4g}] {unit}; move the path, or name a column of degrees `{name} deg`",
+            f"joint {name} at {angles[row, i]:.4g} {unit} is beyond its limits "
+            f"[{low:.4g}, {high:.4g}] {unit}; move the path, or name a column of degrees `{name} deg`",
             f"{table.path}:{line}",
         )
 

@@ -21,8 +21,7 @@ from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
 from elastid.simulation.controller import Filters, Gains, filters_of, gains_of
-from elastid.use.loops.cascade import Cascade
-from elastid.use.loops.design import robust
+from elastid.use.loops.design import Cascade, robust
 from elastid.use.loops.plants import PlantMode, Plants, PostureFamily
 from elastid.use.loops.sensitivity import Closed, Margins, MeasuredLoops, Scene
 

@@ -15,7 +15,7 @@ from elastid.study import load_robot
 from elastid.use.command.equations import CommandedRobot
 from elastid.use.command.moves import MotionLimits, point_to_point
 from elastid.use.command.plans import best_plan, sampled
-from elastid.use.command.replay import DAMPING_RATIO, TwinLoop
+from elastid.use.command.tune import DAMPING_RATIO, TwinLoop
 
 LINKAGE = Path(__file__).parents[3] / "configs" / "robots" / "linkage_arm.yml"
 

@@ -12,8 +12,7 @@ from plants.refusals import refused
 
 from elastid.experiment.specs.simulated import ControllerSpec, GainsSpec
 from elastid.record import Configuration
-from elastid.use.loops.cascade import Cascade
-from elastid.use.loops.design import design, robust, room
+from elastid.use.loops.design import Cascade, design, robust, room
 from elastid.use.loops.plants import PostureFamily
 from elastid.use.loops.result import Asked, Today, design_loops
 from elastid.use.loops.sensitivity import LIMIT_DB, Scene
