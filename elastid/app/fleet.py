@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from elastid.app.console import Console
-from elastid.app.run import Run, logged_in, run_all
-from elastid.app.work import software
+from elastid.app.run import Run, logged_in, run_all, software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.execution import surviving
 from elastid.base.files import own_path, replacing

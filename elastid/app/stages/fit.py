@@ -7,11 +7,10 @@ from dataclasses import replace
 
 from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import contents, robot_files, truth
-from elastid.app.run import Run
+from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.stages.estimate import tool_responses
 from elastid.app.stages.measure import tests_of
 from elastid.app.summaries import as_json, failure, interrupted, modes_of, summary
-from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.errors import FitError, MisfitError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify

@@ -11,11 +11,10 @@ import numpy as np
 
 from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import robot_of_friction, with_identified_friction
-from elastid.app.run import Run
+from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.stages.measure import measure_parts, report_count
 from elastid.app.stages.report import page_artefacts
 from elastid.app.summaries import as_json, failed_friction, friction_study_summary
-from elastid.app.work import Artefacts, Work, Write, text
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
 from elastid.base.errors import FitError, MisfitError, Note, StudyError

@@ -11,9 +11,9 @@ from typing import TypeAlias
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings
+from elastid.app.run import Artefacts, Work
 from elastid.app.stages.estimate import tool_responses
 from elastid.app.summaries import as_json, validation_summary
-from elastid.app.work import Artefacts, Work
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
