@@ -49,7 +49,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     except Interrupted as stop:
-        words = f"fit: stopped, {unfinished.words or 'no start'} done and kept"
+        words = f"fit: stopped, {unfinished.words or 'nothing'} kept"
         return Artefacts({"summary.json": as_json(interrupted(study, stop.ends))}, lambda c: c.say(words), stop)
     result = replace(result, notes=(*result.notes, *(note for response in tapped for note in response.notes)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
