@@ -69,8 +69,9 @@ def export(run: Run, target: str, count: int = 1000) -> tuple[Path, ...]:
     """
     targets = _targets(run.study, count)
     if target not in targets:
-        known = did_you_mean(target, sorted(targets))
-        raise StudyError("export/target", f"study {run.study.name} of kind {run.study.kind}: {known}", f"--to {target}")
+        of_others = target in {*TARGETS, *RESPONSE_TARGETS, ROBOT, DRAWS, OBSERVER, COMPENSATION}
+        code, known = "study/stage" if of_others else "export/target", did_you_mean(target, sorted(targets))
+        raise StudyError(code, f"study {run.study.name} of kind {run.study.kind}: {known}", f"--to {target}")
     stages, write = targets[target]
     for stage in stages:
         run.require_stage(stage)
